@@ -116,7 +116,7 @@ def of_robot(robot: Robot) -> tuple[Model, Array]:
     kinds: list[tuple[Any, str]] = [(RotorInertia, "rotor"), (Viscous, "viscous"), (Coulomb, "coulomb")]
     terms = [kind(bodies.joints) for kind, _ in [*kinds, (Offset, "offset")]]
     values = [
-        getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[: len(robot.links)]
+        getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[:n]
     ]
     return Model((bodies, *terms)), np.array([*(one.value for one in bodies.parameters), *values])
 
@@ -186,7 +186,7 @@ def summary(rows: list[dict[str, Any]]) -> None:
                 robot, case, len(several), f"{_rms(mass):.2f} ({np.quantile(mass, 0.95):.2f})",
                 f"{100 * np.mean(mass < 1):.0f} %", f"{_rms(centre):.1f} ({np.quantile(centre, 0.95):.1f})",
                 f"{100 * np.mean(centre < 3):.0f} %",
-                f"mass {100 * held[0]:.0f} %, centre {100 * held[1:4].mean():.0f} %, inertia {100 * held[4:].mean():.0f} %",
+                ", ".join(f"{100 * part.mean():.0f} %" for part in (held[:1], held[1:4], held[4:])),
             )  # fmt: skip
             print(f"| {' | '.join(map(str, cells))} |")
 

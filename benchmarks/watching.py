@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -137,6 +137,7 @@ class Arm:
 
 def _paced(t: Array) -> tuple[Array, Array, Array]:
     """Return the path's own time and its derivatives: it stops for the rests, by ramps of half a cosine."""
+
     def part(u: Array) -> tuple[Array, Array, Array]:  # a period: moves, slows down, rests, speeds up
         moving = EVERY - REST - 2 * RAMP
         down, up = np.clip(u - moving, 0, RAMP), np.clip(u - moving - RAMP - REST, 0, RAMP)

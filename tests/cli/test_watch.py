@@ -24,13 +24,17 @@ def test_a_file_is_watched_to_its_end(slider: Path, tmp_path: Path) -> None:
     done = run("watch", slider, stream, "--once", "--out", tmp_path / "out", *SETTINGS)
     assert done.exit_code == 0, done.output
     said = done.stdout.splitlines()
-    assert said[0].startswith("Watching: a baseline of 25 s of motion without a change first, then changes with at most one")
+    assert said[0].startswith(
+        "Watching: a baseline of 25 s of motion without a change first, then changes with at most one"
+    )
     assert "the baseline since 0.0 s is complete" in said[1]
     assert "most likely friction of slider" in said[2]
-    assert "friction of slider changed" in said[3] and "+1." in said[3]
+    assert "friction of slider changed" in said[3]
+    assert "+1." in said[3]
     assert said[-1] == f"Changes: {tmp_path / 'out' / 'changes.jsonl'}"
     again = run("watch", slider, stream, "--once", "--out", tmp_path / "out", "--quiet", *SETTINGS)
-    assert again.exit_code == 0 and again.stdout.splitlines() == [said[-1]]
+    assert again.exit_code == 0
+    assert again.stdout.splitlines() == [said[-1]]
 
 
 def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:
@@ -42,8 +46,10 @@ def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:
     assert done.exit_code == 0, done.output
     events = {one["event"]: one for one in map(json.loads, done.stdout.splitlines())}
     assert list(events) == ["BaselineKnown", "Alarm", "Changed", "BadLines"]
-    assert events["BadLines"]["line"] == 3001 and events["BadLines"]["text"] == "no object"
-    assert events["Changed"]["kind"] == "friction" and events["Changed"]["joint"] == "slider"
+    assert events["BadLines"]["line"] == 3001
+    assert events["BadLines"]["text"] == "no object"
+    assert events["Changed"]["kind"] == "friction"
+    assert events["Changed"]["joint"] == "slider"
 
 
 def test_what_cannot_be_watched_is_said(slider: Path, tmp_path: Path) -> None:
@@ -57,4 +63,5 @@ def test_what_cannot_be_watched_is_said(slider: Path, tmp_path: Path) -> None:
         ((other, "--tolerance", -1), "watch: tolerance is -1"),
     ):
         done = run("watch", slider, *words, "--once")
-        assert done.exit_code == 1 and said in done.output, done.output
+        assert done.exit_code == 1, done.output
+        assert said in done.output

@@ -61,7 +61,8 @@ def test_a_saved_position_is_read_on_from(log: Path) -> None:
     one.close()
     add(log, b"2\n")
     other = FollowedFile(log, position)
-    assert other.found and other.read() == (b"22\n", False, False)
+    assert other.found
+    assert other.read() == (b"22\n", False, False)
     other.close()
 
 
@@ -86,7 +87,8 @@ def test_another_file_is_read_from_its_beginning(log: Path) -> None:
     log.unlink()
     log.write_bytes(b"other head\n")
     other = FollowedFile(log, position)
-    assert not other.found and other.read() == (b"other head\n", True, False)
+    assert not other.found
+    assert other.read() == (b"other head\n", True, False)
     other.close()
 
 

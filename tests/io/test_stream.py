@@ -48,7 +48,10 @@ def test_rows_become_samples_in_si(tmp_path: Path) -> None:
 
 
 def test_other_separators_and_decimal_commas(tmp_path: Path) -> None:
-    check(reader(tmp_path), ["# a comment", HEAD.replace(",", ";"), *(row.replace(",", ";").replace(".", ",") for row in ROWS)])
+    check(
+        reader(tmp_path),
+        ["# a comment", HEAD.replace(",", ";"), *(row.replace(",", ";").replace(".", ",") for row in ROWS)],
+    )
 
 
 def test_objects_may_be_nested(tmp_path: Path) -> None:
@@ -59,14 +62,17 @@ def test_objects_may_be_nested(tmp_path: Path) -> None:
 def test_lines_count_once_their_end_is_there() -> None:
     one, text = LineReader(), "".join(f"{row}\r\n" for row in ("\ufeffhead", "grün,1", "last")).encode()
     found = [line for k in range(len(text)) for line in one.push(text[k : k + 1])]
-    assert found == ["head", "grün,1", "last"] and one.tail == b""
-    assert one.push(b"half") == [] and one.tail == b"half"
+    assert found == ["head", "grün,1", "last"]
+    assert one.tail == b""
+    assert one.push(b"half") == []
+    assert one.tail == b"half"
 
 
 def test_a_line_without_an_end_does_not_fill_the_memory() -> None:
     one = LineReader()
     found = [line for _ in range(300) for line in one.push(b"x" * 10_000)]
-    assert found and len(one.tail) < 2_000_000
+    assert found
+    assert len(one.tail) < 2_000_000
 
 
 def test_what_is_no_number_is_a_sensor_that_says_nothing(tmp_path: Path) -> None:
@@ -79,7 +85,8 @@ def test_what_is_no_number_is_a_sensor_that_says_nothing(tmp_path: Path) -> None
 def test_lines_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
     one = reader(tmp_path)
     found = one.push([HEAD, "0,1", ROWS[0], '{"t": 0', "[1]", "x,1,1,1,1,1", ROWS[1], ""])
-    assert len(found.t) == 2 and found.bad is not None
+    assert len(found.t) == 2
+    assert found.bad is not None
     assert (found.bad.count, found.bad.line, found.bad.text) == (4, 2, "0,1")
 
 
@@ -102,7 +109,9 @@ def test_the_next_file_may_have_its_names_or_not(tmp_path: Path) -> None:
 
 def test_dates_count_from_the_first_midnight(tmp_path: Path) -> None:
     one = reader(tmp_path)
-    found = one.push([HEAD, *(f"2026-11-22T23:59:{s}+00:00,1,1,1,1," for s in ("59.5", "59.75")), "2026-11-23T00:00:00Z,1,1,1,1,"])
+    found = one.push(
+        [HEAD, *(f"2026-11-22T23:59:{s}+00:00,1,1,1,1," for s in ("59.5", "59.75")), "2026-11-23T00:00:00Z,1,1,1,1,"]
+    )
     np.testing.assert_allclose(found.t, [86_399.5, 86_399.75, 86_400.0])
 
 
@@ -111,7 +120,8 @@ def test_a_saved_reader_goes_on(tmp_path: Path) -> None:
     one.push([HEAD, ROWS[0]])
     state: dict[str, Any] = json.loads(json.dumps(one.state))
     other.restore(state)
-    assert other.push([ROWS[1].replace("1.5,1.0", "1.5,oops")]).t.tolist() == [0.01] and other.line == 3
+    assert other.push([ROWS[1].replace("1.5,1.0", "1.5,oops")]).t.tolist() == [0.01]
+    assert other.line == 3
 
 
 def test_several_files_for_a_recording_are_refused(tmp_path: Path) -> None:

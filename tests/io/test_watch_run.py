@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -36,7 +37,8 @@ def watched(slider: Path, stream: Path, out: Path, how: WatchSettings = HOW) -> 
 
 def same(one: Knowledge, other: Knowledge) -> None:
     assert (one.phase, len(one.windows), len(one.blocks)) == (other.phase, len(other.windows), len(other.blocks))
-    assert one.reference is not None and other.reference is not None
+    assert one.reference is not None
+    assert other.reference is not None
     np.testing.assert_array_equal(one.reference.value, other.reference.value)
     for a, b in zip(one.windows, other.windows, strict=True):
         np.testing.assert_array_equal(a.score, b.score)
@@ -47,7 +49,8 @@ def test_a_change_is_found_in_a_file(slider: Path, tmp_path: Path) -> None:
     stream.write_text("".join(f"{row}\n" for row in rows()))
     events, _ = watched(slider, stream, tmp_path / "out")
     (found,) = [one for one in events if isinstance(one, Changed)]
-    assert found.joint == "slider" and abs(found.since - CHANGE) <= 2.0
+    assert found.joint == "slider"
+    assert abs(found.since - CHANGE) <= 2.0
     said = [json.loads(line) for line in (tmp_path / "out" / EVENTS).read_text().splitlines()]
     assert said == [{"id": k, **json.loads(json.dumps(event_data(one)))} for k, one in enumerate(events, 1)]
 
@@ -59,7 +62,7 @@ def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(slider: Path, tmp_path
     expected, one = watched(slider, whole, tmp_path / "one")
     text = whole.read_bytes()
     found, cuts = list[Event](), [0, 7, 90_001, 150_000, 200_003, len(text)]
-    for start, stop in zip(cuts, cuts[1:], strict=False):
+    for start, stop in itertools.pairwise(cuts):
         with open(stream, "ab") as file:
             file.write(text[start:stop])
         events, other = watched(slider, stream, tmp_path / "other")
@@ -75,7 +78,17 @@ def test_a_killed_watch_goes_on(slider: Path, tmp_path: Path) -> None:
     whole.write_text("".join(f"{row}\n" for row in lines))
     expected, one = watched(slider, whole, tmp_path / "one")
     stream.write_text("")
-    command = [sys.executable, "-m", "dynident", "watch", str(slider), str(stream), "--out", str(out), *map(str, SETTINGS)]
+    command = [
+        sys.executable,
+        "-m",
+        "dynident",
+        "watch",
+        str(slider),
+        str(stream),
+        "--out",
+        str(out),
+        *map(str, SETTINGS),
+    ]
     for share, least in ((0.5, 1), (0.95, 2)):  # events until it is killed: the baseline, and each start
         child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         stream.write_text("".join(f"{row}\n" for row in lines[: int(share * len(lines))]) + lines[-1][:9])

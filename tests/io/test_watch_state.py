@@ -16,12 +16,21 @@ from dynident.regression import GroupKind
 def test_nouns_arrays_and_numbers_come_back(tmp_path: Path) -> None:
     alarm = Alarm(1.0, GroupKind.PAYLOAD, "wrist", 0.5, (0.25, float("nan")), 20.0)
     gram = Gram(np.arange(8.0).reshape(1, 2, 2, 2)[0], np.eye(2), np.array([np.inf]), np.zeros(0))
-    state = {"alarm": alarm, "gram": gram, "phase": Phase.SETTLE, "none": None, "many": (1, "two", -np.inf, True), "map": {"x": [gram]}}
+    state = {
+        "alarm": alarm,
+        "gram": gram,
+        "phase": Phase.SETTLE,
+        "none": None,
+        "many": (1, "two", -np.inf, True),
+        "map": {"x": [gram]},
+    }
     path = tmp_path / "state.npz"
     path.write_bytes(state_bytes(state))
     found = read_state(path)
-    assert repr(found["alarm"]) == repr(alarm) and found["phase"] is Phase.SETTLE
-    assert found["many"] == (1, "two", -np.inf, True) and found["none"] is None
+    assert repr(found["alarm"]) == repr(alarm)
+    assert found["phase"] is Phase.SETTLE
+    assert found["many"] == (1, "two", -np.inf, True)
+    assert found["none"] is None
     for one in (found["gram"], found["map"]["x"][0]):
         assert all(np.array_equal(getattr(one, name), getattr(gram, name)) for name in vars(gram))
         one.rows.resize(1)  # its own, to be written to

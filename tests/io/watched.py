@@ -29,4 +29,7 @@ def rows(seconds: float = 60.0, rate: float = 100.0) -> list[str]:
     rng = np.random.default_rng(0)
     force = 5.0 * ddx + rub * (8.0 * dx + 3.0 * np.sign(dx)) + 0.5 + 0.3 * rng.standard_normal(len(t))
     x = x + 1e-5 * rng.standard_normal(len(t))
-    return ["time,pos,force", *(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), x.tolist(), force.tolist(), strict=True))]
+    return [
+        "time,pos,force",
+        *(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), x.tolist(), force.tolist(), strict=True)),
+    ]

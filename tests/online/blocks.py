@@ -21,7 +21,9 @@ def candidates(tolerance: float = 0.0) -> Candidates:
         Group(kind, joint, np.eye(8)[:, ends[g] : ends[g + 1]], tuple(f"p{i}" for i in range(k)), ("",) * k)
         for g, (kind, joint, k) in enumerate(kinds)
     ]
-    rest = [Group(GroupKind.RESIDUAL, joint, np.eye(2)[:, [j]], ("left",), ("",)) for j, joint in ((0, "one"), (1, "two"))]
+    rest = [
+        Group(GroupKind.RESIDUAL, joint, np.eye(2)[:, [j]], ("left",), ("",)) for j, joint in ((0, "one"), (1, "two"))
+    ]
     return Candidates((*groups, *rest), np.ones(8), tolerance)
 
 

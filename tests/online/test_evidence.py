@@ -18,7 +18,8 @@ def test_evidence_is_minus_the_logarithm_of_the_tail_of_f() -> None:
 
 def test_evidence_grows_where_the_tail_underflows() -> None:
     found = evidence(np.array([1e4, 1e10, 1e14, 1e18, 1e22]), 2, 60.0)
-    assert (np.diff(found) > 0).all() and np.isfinite(found).all()
+    assert (np.diff(found) > 0).all()
+    assert np.isfinite(found).all()
     np.testing.assert_allclose(np.diff(found)[1:], 30 * np.log(1e4), rtol=1e-6, atol=1e-3)
 
 

@@ -33,7 +33,8 @@ def seen(q: Array, tau: Array, velocity: float | None = 3.0) -> tuple[list[Fault
 @pytest.mark.parametrize("velocity", [3.0, None])
 def test_sound_sensors_are_left_alone(count: float, rests: bool, velocity: float | None) -> None:
     events, rows = seen(*recorded(count, rests), velocity)
-    assert events == [] and rows.all()
+    assert events == []
+    assert rows.all()
 
 
 def test_samples_that_are_logged_several_times_are_no_fault() -> None:
@@ -45,10 +46,13 @@ def test_an_encoder_that_freezes_is_seen_within_a_tenth_of_a_second() -> None:
     q, tau = recorded()
     q[BEGIN:END, 1] = q[BEGIN, 1]
     (fault, back), rows = seen(q, tau)
-    assert isinstance(fault, Fault) and isinstance(back, Back)
+    assert isinstance(fault, Fault)
+    assert isinstance(back, Back)
     assert (fault.kind, fault.signal, fault.joint, fault.since) == (FaultKind.FROZEN, Signal.POSITION, "two", START)
-    assert START < fault.time < START + 0.1 and STOP < back.time < STOP + 0.1
-    assert not rows[BEGIN + 25 : END].any() and rows[END + 10 :].all()
+    assert START < fault.time < START + 0.1
+    assert STOP < back.time < STOP + 0.1
+    assert not rows[BEGIN + 25 : END].any()
+    assert rows[END + 10 :].all()
 
 
 def test_a_position_that_does_not_change_while_another_does_is_said() -> None:
@@ -56,8 +60,11 @@ def test_a_position_that_does_not_change_while_another_does_is_said() -> None:
     q, tau = recorded(2 * np.pi / 2**10)
     q[BEGIN:END, 1] = q[BEGIN, 1]
     (fault, back), rows = seen(q, tau)
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.STILL and isinstance(back, Back)
-    assert START + 5 <= fault.time < START + 9 and rows.all()
+    assert isinstance(fault, Fault)
+    assert fault.kind is FaultKind.STILL
+    assert isinstance(back, Back)
+    assert START + 5 <= fault.time < START + 9
+    assert rows.all()
 
 
 @pytest.mark.parametrize("signal", list(Signal))
@@ -65,23 +72,28 @@ def test_no_numbers_are_seen_after_three_samples(signal: Signal) -> None:
     q, tau = recorded()
     (q if signal is Signal.POSITION else tau)[BEGIN:END, 0] = np.nan
     (fault, back), rows = seen(q, tau)
-    assert isinstance(fault, Fault) and isinstance(back, Back)
+    assert isinstance(fault, Fault)
+    assert isinstance(back, Back)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.MISSING, signal, "one")
-    assert fault.time == T[BEGIN + 2] and not rows[BEGIN:END].any() and rows[: BEGIN].all()
+    assert fault.time == T[BEGIN + 2]
+    assert not rows[BEGIN:END].any()
+    assert rows[:BEGIN].all()
 
 
 def test_a_single_missing_number_is_only_left_out() -> None:
     q, tau = recorded()
     tau[[0, BEGIN], 0] = np.nan
     events, rows = seen(q, tau)
-    assert events == [] and np.flatnonzero(~rows).tolist() == [0, BEGIN]
+    assert events == []
+    assert np.flatnonzero(~rows).tolist() == [0, BEGIN]
 
 
 def test_a_torque_that_freezes_while_the_robot_moves_is_seen_in_about_a_second() -> None:
     q, tau = recorded()
     tau[BEGIN:END, 1] = 0.0
     (fault, back), _ = seen(q, tau)
-    assert isinstance(fault, Fault) and isinstance(back, Back)
+    assert isinstance(fault, Fault)
+    assert isinstance(back, Back)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.FROZEN, Signal.TORQUE, "two")
     assert START + 0.9 < fault.time < START + 2.5
 
@@ -103,8 +115,11 @@ def test_a_jump_is_seen_and_a_spike_is_not(velocity: float | None) -> None:
     assert seen(spike, tau, velocity)[0] == []
     q[BEGIN:, 0] += 0.5
     (fault,), rows = seen(q, tau, velocity)
-    assert isinstance(fault, Fault) and (fault.kind, fault.joint, fault.since) == (FaultKind.JUMP, "one", START)
-    assert fault.size == pytest.approx(0.5, abs=0.02) and fault.time < START + 0.02 and rows.all()
+    assert isinstance(fault, Fault)
+    assert (fault.kind, fault.joint, fault.since) == (FaultKind.JUMP, "one", START)
+    assert fault.size == pytest.approx(0.5, abs=0.02)
+    assert fault.time < START + 0.02
+    assert rows.all()
 
 
 def test_samples_may_come_one_by_one_and_the_sensors_be_saved() -> None:
@@ -122,4 +137,5 @@ def test_samples_may_come_one_by_one_and_the_sensors_be_saved() -> None:
             other = Sensors(("one", "two"), (3.0, None))
             other.restore(one.state)
             one = other
-    assert tuple(events) == whole.events and rows == whole.rows.tolist()
+    assert tuple(events) == whole.events
+    assert rows == whole.rows.tolist()

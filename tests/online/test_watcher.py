@@ -61,8 +61,11 @@ def test_a_change_is_found() -> None:
     one = watcher()
     assert types(one.push(*samples(0, 40))) == [BaselineKnown]
     alarm, changed = one.push(*samples(40, 55, rub=1.5))
-    assert isinstance(alarm, Alarm) and isinstance(changed, Changed)
-    assert alarm.time <= 44.0 and abs(changed.since - 40.0) <= 1.0 and changed.kind == "friction"
+    assert isinstance(alarm, Alarm)
+    assert isinstance(changed, Changed)
+    assert alarm.time <= 44.0
+    assert abs(changed.since - 40.0) <= 1.0
+    assert changed.kind == "friction"
     size = dict(zip(changed.names, zip(changed.size, changed.std, strict=True), strict=True))
     for (value, std), true in zip(size.values(), (4.0, 1.5), strict=True):
         assert abs(value - true) < 4 * std < 2.0
@@ -79,7 +82,8 @@ def test_it_does_not_matter_how_samples_come_or_whether_the_state_was_saved() ->
         state = one.state
         one = watcher()
         one.restore(state)
-    assert [repr(event) for event in events] == [repr(event) for event in expected] and len(expected) == 3
+    assert [repr(event) for event in events] == [repr(event) for event in expected]
+    assert len(expected) == 3
 
 
 def test_gaps_and_clocks_that_are_set_back_end_a_motion_and_no_more() -> None:
@@ -111,7 +115,10 @@ def test_a_dead_encoder_is_said_at_once_and_the_watch_goes_on() -> None:
     t, q, tau = samples(30, 40)
     q[500:700] = q[500]
     fault, back = one.push(t, q, tau)
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.FROZEN and fault.since == 35.0 and fault.time < 35.15
+    assert isinstance(fault, Fault)
+    assert fault.kind is FaultKind.FROZEN
+    assert fault.since == 35.0
+    assert fault.time < 35.15
     assert isinstance(back, Back)
     assert one.push(*samples(40, 60)) == ()
     assert Changed in types(one.push(*samples(60, 75, rub=1.5)))
@@ -140,5 +147,5 @@ def test_a_robot_that_does_not_move_at_first_is_waited_for() -> None:
 def test_shapes_and_settings_are_checked() -> None:
     with pytest.raises(InputError, match="do not match"):
         watcher().push([0.0], [[0.0, 1.0]], [[0.0, 1.0]])
-    with pytest.raises(ConfigError, match="watch: block is 0.1"):
+    with pytest.raises(ConfigError, match=r"watch: block is 0\.1"):
         WatchSettings(block=0.1)

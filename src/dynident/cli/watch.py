@@ -31,7 +31,9 @@ __all__ = ["watch"]
     "--baseline", type=float, default=600.0, show_default=True, metavar="S",
     help="Seconds at the start that show what is usual; nothing should change in them.",
 )  # fmt: skip
-@click.option("--block", type=float, default=5.0, show_default=True, metavar="S", help="Seconds that are looked at together.")
+@click.option(
+    "--block", type=float, default=5.0, show_default=True, metavar="S", help="Seconds that are looked at together."
+)
 @click.option(
     "--tolerance", type=float, default=0.05, show_default=True,
     help="Changes of the torque by this share of its noise are none.",

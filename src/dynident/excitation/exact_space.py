@@ -19,7 +19,7 @@ from dynident.excitation.capsules import Capsule, still_boxes
 from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.geometry import Geometry, Made, Mesh, Solid
 from dynident.excitation.obstacles import obstacle_name
-from dynident.excitation.pairing import USUAL, candidates, touching
+from dynident.excitation.pairing import CLEARANCE, always_near, candidates, spread
 from dynident.excitation.space import Box, Floor, Obstacle
 from dynident.models import RigidBodies
 from dynident.models.robot_file import ShapeKind
@@ -70,13 +70,18 @@ class ExactSpace:
 
 
 def exact_space(
-    geometry: Geometry, space: CapsuleSpace, lower: Array | None = None, upper: Array | None = None
+    geometry: Geometry,
+    space: CapsuleSpace,
+    lower: Array | None = None,
+    upper: Array | None = None,
+    clearance: float = CLEARANCE,
 ) -> ExactSpace | None:
     """Return the real shapes of an arm among the obstacles of ``space``; None where Pinocchio is not installed.
 
     A body of which only the joints are known has the capsules of ``space``. All pairs are watched but a body and the
-    next one, and those that touch in nearly all of 200 poses (``capsule_space``) between ``lower`` and ``upper`` (n),
-    or, where ``space`` does not watch the two bodies, so that no motion in it keeps them apart, in any.
+    next one, and those that are near each other in nearly all of 200 poses (``capsule_space``) between ``lower`` and
+    ``upper`` (n), or, where ``space`` does not watch the two bodies, so that no motion in it keeps them apart, nearer
+    than the ``clearance`` (m) in any.
     """
     if any(importlib.util.find_spec(name) is None for name in ("pinocchio", "coal")):
         return None
@@ -89,11 +94,11 @@ def exact_space(
     moving = [place for place, one in enumerate(solids) if one.body >= 0]
     near = [(one, len(solids) + other) for other in range(len(obstacles)) for one in moving]
     every = ExactSpace(geometry.bodies, solids, obstacles, (*met, *near))
-    share = touching(every, geometry.bodies, lower, upper, FEW)
+    distances = every.distances(spread(geometry.bodies, lower, upper, FEW))
+    meets = np.any(distances < clearance, axis=0).tolist()
     named = [frozenset((parts[one], parts[other])) for one, other in every.watched]
-    lost = _unwatched(space, own) & {one for one, touches in zip(named, share, strict=True) if touches}
-    most = np.where(np.arange(len(share)) < len(met), USUAL, 1.0)
-    kept = (share < most) & [one not in lost for one in named]
+    lost = _unwatched(space, own) & {one for one, near in zip(named, meets, strict=True) if near}
+    kept = ~always_near(distances, len(met), clearance) & [one not in lost for one in named]
     watched = tuple(pair for pair, stays in zip(every.watched, kept, strict=True) if stays)
     names = dict.fromkeys(pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays)
     return replace(every, watched=watched, left_out=tuple(names))

@@ -15,12 +15,23 @@ from dynident.excitation.geometry import Geometry
 from dynident.excitation.space import Box, Distances, Obstacle
 from dynident.models import RigidBodies
 
-__all__ = ["USUAL", "candidates", "capsule_space", "neighbours", "poses", "refuse_contact", "space_of", "touching"]
+__all__ = [
+    "CLEARANCE",
+    "always_near",
+    "candidates",
+    "capsule_space",
+    "neighbours",
+    "poses",
+    "refuse_contact",
+    "space_of",
+    "spread",
+]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 POSES = 600
-USUAL = 0.8  # share of the poses in which two links touch that are left out; with an obstacle, all poses
+CLEARANCE, BESIDE = 0.01, 0.01  # m: what is kept free, and more than that by which links are near each other
+USUAL = 0.9  # share of the poses in which links are near each other that are left out
 WHOLE = np.pi  # rad or m: the range of a joint without limits, to both sides
 
 
@@ -31,13 +42,15 @@ def capsule_space(
     lower: Array | None = None,
     upper: Array | None = None,
     own: Sequence[Box] = (),
+    clearance: float = CLEARANCE,
 ) -> CapsuleSpace:
     """Return the distances of an arm whose links have these capsules, with the pairs to be watched.
 
     These are all pairs of links, but not a body and the next one (of those that have capsules), and all pairs of a
-    moving link and an obstacle. Left out, and named, are links that touch in at least 80 % of 600 poses spread evenly
-    between ``lower`` and ``upper`` (n; None: of the file), which are parts of a joint, and what touches an obstacle in
-    all of them, as it stands on that. Boxes of its ``own`` are parts of links that stand still.
+    moving link and an obstacle. Left out, and named, are links that in at least 90 % of 600 poses are nearer than 10 mm
+    more than the ``clearance`` (m), because they are parts of a wrist, and what is nearer to an obstacle than the
+    clearance in all of them, because it stands there. The poses are spread evenly between ``lower`` and ``upper`` (n;
+    None: of the file). Boxes of its ``own`` are parts of links that stand still.
     """
     capsules, obstacles = tuple(capsules), (*own, *obstacles)
     # boxes of its own count as parts of the root link here
@@ -48,8 +61,7 @@ def capsule_space(
     moving = [place for place, one in enumerate(capsules) if one.body >= 0]
     encounters = _places([*on_own, *((one, other) for other in range(len(own), len(obstacles)) for one in moving)])
     every = CapsuleSpace(bodies, capsules, obstacles, meetings, encounters)
-    links = np.arange(len(every.pairs)) < len(meetings) + len(on_own)
-    kept = touching(every, bodies, lower, upper) < np.where(links, USUAL, 1.0)
+    kept = ~always_near(every.distances(spread(bodies, lower, upper)), len(meetings) + len(on_own), clearance)
     met, near = kept[: len(meetings)], kept[len(meetings) :]
     unwatched = meetings[~met], encounters[~near]
     return CapsuleSpace(bodies, capsules, obstacles, meetings[met], encounters[near], unwatched)
@@ -71,21 +83,24 @@ def space_of(
     obstacles: Sequence[Obstacle] = (),
     lower: Array | None = None,
     upper: Array | None = None,
+    clearance: float = CLEARANCE,
 ) -> CapsuleSpace:
-    """Return the distances of an arm with these shapes, by capsules and the boxes of links that stand still."""
-    return capsule_space(geometry.bodies, capsules_of(geometry), obstacles, lower, upper, own=still_boxes(geometry))
+    """Return the distances of an arm with these shapes, by capsules and the boxes of links that stand still; the pairs
+    are those of ``capsule_space``."""
+    capsules, own = capsules_of(geometry), still_boxes(geometry)
+    return capsule_space(geometry.bodies, capsules, obstacles, lower, upper, own, clearance)
 
 
-def touching(
-    space: Distances,
-    bodies: RigidBodies,
-    lower: Array | None = None,
-    upper: Array | None = None,
-    count: int = POSES,
-) -> Array:
-    """Return the share (P) of ``count`` poses in which each pair touches, spread evenly between ``lower`` and ``upper``
-    (n), of the file where None."""
-    return np.asarray((space.distances(poses(*_ranges(bodies, lower, upper), count)) < 0).mean(axis=0))
+def always_near(distances: Array, links: int, clearance: float) -> NDArray[np.bool_]:
+    """Return which pairs (P) are near each other by construction, from ``distances`` (N, P) in many poses; the first
+    ``links`` pairs are of two links."""
+    beside = np.mean(distances < clearance + BESIDE, axis=0) >= USUAL
+    return np.where(np.arange(distances.shape[1]) < links, beside, (distances < clearance).all(axis=0))
+
+
+def spread(bodies: RigidBodies, lower: Array | None, upper: Array | None, count: int = POSES) -> Array:
+    """Return ``count`` poses spread evenly between ``lower`` and ``upper`` (n), of the file where None."""
+    return poses(*_ranges(bodies, lower, upper), count)
 
 
 def poses(lower: Array, upper: Array, count: int) -> Array:

@@ -102,7 +102,8 @@ class ExcitationProject:
     def space(self) -> Space:
         """What the arm must keep clear of: itself and the obstacles; ConfigError where it has no known bodies."""
         if self.geometry is not None:
-            return space_of(self.geometry, self.obstacles, self.limits.lower, self.limits.upper)
+            lower, upper = self.limits.lower, self.limits.upper
+            return space_of(self.geometry, self.obstacles, lower, upper, self.request.clearance)
         if self.obstacles:
             raise ConfigError(
                 f"excitation: {self.known.model.name} is not made of a robot file, so that nothing can keep it clear "
@@ -113,10 +114,10 @@ class ExcitationProject:
     @cached_property
     def shapes(self) -> Distances | None:
         """The real shapes, which check the finished motion; None where Pinocchio and Coal are not installed."""
-        space = self.space
+        space, limits = self.space, self.limits
         if self.geometry is None or not isinstance(space, CapsuleSpace) or not space.pairs:
             return None
-        return exact_space(self.geometry, space)
+        return exact_space(self.geometry, space, limits.lower, limits.upper, self.request.clearance)
 
     def design(self, executor: Executor | None = None, progress: Progress | None = None) -> Design:
         """Return the most informative motion; raises the errors of ``dynident.excitation.design``."""

@@ -1,8 +1,8 @@
 """Samples from lines as they come: of a text file that grows, or of standard input.
 
-A line counts once its end is there. It is a row of a table (CSV and the like, with the names of the columns in the first
-line) or a JSON object; which, the first character says. A cell that is no number is a sensor that says nothing; a line
-that cannot be read at all is counted and left out.
+A line counts once its end is there. It is a row of a table (CSV and the like, with the names of the columns in the
+first line) or a JSON object; which, the first character says. A cell that is no number is a sensor that says nothing; a
+line that cannot be read at all is counted and left out.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from dynident.io.text import first_row, row_cells
 from dynident.models import Joint
 from dynident.online import BadLines
 
-__all__ = ["LineReader", "Samples", "SampleReader"]
+__all__ = ["LineReader", "SampleReader", "Samples"]
 
 Array = NDArray[np.float64]
 COMMENTS = ("#", "%")
@@ -64,8 +64,8 @@ class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
     ``names`` and ``separator`` are those of a table, once its first line is known; ``line`` and ``row`` count what was
-    read, ``zero`` (s) is the midnight from which dates are counted, ``fresh`` says that a file begins. Raises ConfigError where the configuration does not
-    fit the joints, or where a column is missing.
+    read, ``zero`` (s) is the midnight (UTC) from which dates are counted, ``fresh`` says that a file begins. Raises
+    ConfigError where the configuration does not fit the joints, or where a column is missing.
     """
 
     config: Config
@@ -170,17 +170,15 @@ class SampleReader:
 
     def _timed(self, cells: Mapping[str, Any]) -> list[float]:
         column = self.config.time.column
-        if column is None:
-            t = self.row / (self.config.time.rate or 1.0)
-        else:
-            t = self._time(cells.get(column))
+        t = self.row / (self.config.time.rate or 1.0) if column is None else self._time(cells.get(column))
         self.row += 1
         return [t, *(_number(cells.get(name)) for name in self._needed)]
 
     def _time(self, cell: Any) -> float:
         t = self._factor * _number(cell)
         if math.isnan(t) and isinstance(cell, str):
-            stamp = datetime.fromisoformat(cell.strip()).timestamp()  # ValueError where it is none
+            date = datetime.fromisoformat(cell.strip())  # ValueError where it is none
+            stamp = (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
             if math.isnan(self.zero):
                 self.zero = DAY * math.floor(stamp / DAY)
             t = stamp - self.zero

@@ -168,7 +168,7 @@ class Sensors:
         limit = np.where(np.isfinite(self.fastest), self.fastest * (t - last), LARGEST * self.pace)
         limit = np.maximum(limit, ABRUPT * np.sqrt(self.bend[:n]))
         late, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
-        for k in np.flatnonzero(self.jumped == CONFIRMED):
+        for k in np.flatnonzero(self.jumped == CONFIRMED).tolist():
             if abs(x[k] - self.left[k]) > abs(self.leap[k]) / 2:
                 at, leap = float(self.left_at[k]), float(self.leap[k])
                 yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], at, leap)
@@ -194,7 +194,7 @@ class Sensors:
         yield from self._failed(t, still & (self.fault == 0), 3, self.since)
 
     def _failed(self, t: float, which: NDArray[np.bool_], kind: int, since: Array) -> Iterator[Event]:
-        for k in np.flatnonzero(which):
+        for k in np.flatnonzero(which).tolist():
             self.fault[k], self.began[k], self.well[k] = kind, since[k], 0.0
             yield Fault(t, KINDS[kind - 1], *self._channel(k), float(since[k]))
         self._note()
@@ -202,7 +202,7 @@ class Sensors:
     def _recovered(self, t: float) -> Iterator[Event]:
         works = (self.missed == 0) & ((self.run == 0) | (self.fault == 1))
         self.well = np.where(self.fault > 0, np.where(works, self.well + 1, 0.0), 0.0)
-        for k in np.flatnonzero((self.well >= RECOVERED) | (works & (self.fault == 3))):
+        for k in np.flatnonzero((self.well >= RECOVERED) | (works & (self.fault == 3))).tolist():
             yield Back(t, *self._channel(k), float(self.began[k]))
             self.fault[k] = self.well[k] = self.run[k] = 0.0
         self._note()

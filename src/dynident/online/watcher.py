@@ -17,7 +17,7 @@ from dynident.online.candidates import Candidates
 from dynident.online.detector import Detector, Knowledge
 from dynident.online.events import ClockReset, Event, Gap, Unreadable
 from dynident.online.evidence import threshold
-from dynident.online.scores import Gram, Scorer
+from dynident.online.scores import Scorer
 from dynident.online.sensors import Sensors
 from dynident.online.tracker import Block, Tracker, smoothing_of
 from dynident.regression import Group, GroupKind, groups_of
@@ -83,6 +83,7 @@ class Watcher:
         self._detector = Detector(candidates, blocks, settle, self.threshold.evidence, sigma)
         limits = [model.limits.get(name) for name in self.joints]
         self._sensors = Sensors(self.joints, [None if one is None else one.velocity or None for one in limits])
+        self._made(0.01, np.full(len(self.joints), 0.05))  # a result that cannot be followed is said now
         self._tracker: Tracker | None = None
         self._smoothing: tuple[float, Array] | None = None
         self._known: Knowledge = self._detector.start()
@@ -136,7 +137,9 @@ class Watcher:
                     keep[k] = False
                     continue
             if self._back >= BACK or step > GAP * self._step:
-                events += self._checked(t[start:k][keep[start:k]], q[start:k][keep[start:k]], tau[start:k][keep[start:k]])
+                events += self._checked(
+                    t[start:k][keep[start:k]], q[start:k][keep[start:k]], tau[start:k][keep[start:k]]
+                )
                 if self._back >= BACK:
                     events.append(ClockReset(at, self._last))
                 elif step > BREAK:
@@ -180,14 +183,14 @@ class Watcher:
 
     def _begin(self) -> list[Event]:
         """Find out from the first seconds how much to smooth; wait for more where no joint moves in them."""
-        held, self._held = self._held, self._empty()
+        (t, q, tau), self._held = self._held, self._empty()
         try:
-            log = Log(*held, self.joints, "the first seconds of the stream")
+            log = Log(t, q, tau, self.joints, "the first seconds of the stream")
             self._smoothing = smoothing_of(self._found, log)
         except (ConfigError, InputError) as error:
-            return [Unreadable(float(held[0][-1]), len(held[0]), str(error))]
+            return [Unreadable(float(t[-1]), len(t), str(error))]
         self._tracker = self._made(*self._smoothing)
-        return self._scored(self._tracker.push(*held))
+        return self._scored(self._tracker.push(t, q, tau))
 
     def _made(self, step: float, bandwidth: Array) -> Tracker:
         lag = LAG * float(bandwidth.max()) + 2 * step

@@ -26,14 +26,13 @@ from dynident.validation import LogValidation
 __all__ = ["LoadedLog", "Payload", "find_payload"]
 
 Array = NDArray[np.float64]
-MOST = 20  # how many times the residual of a free fit, before the recordings are those of another arm
-WRONG = 20.0  # % of the torque that is left then, too
+MOST, WRONG = 5.0, 20.0  # times the error of the training, and %: with more left, a recording is of another arm
 SHOWN = (0.2, 0.03, 1.0)  # of mass, m, of mass (0.1 m)^2: a component with a larger standard error is not shown
 CLEAR = 2.0  # standard errors; and of the misfit per degree of freedom
 TELLING = (0.01, 0.003, 0.2)  # of mass, m, of mass (0.1 m)^2: an error by drift or gains that is worth a note
 MAINLY = 0.5  # share of the variance
 KIND = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-POSES = 200
+HELPS = 0.7  # of the standard error: what is left by a motion that is worth naming
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +103,7 @@ def find_payload(
     say("solving for the payload")
     basis = found.base.structural or structural_base_parameters(found.model)
     solution = solved(found.model, basis, found.estimate.value, mount, evidence, request)
-    logs = tuple(_loaded_logs(mount, solution, other, request))
+    logs = tuple(_loaded_logs(found, mount, solution, other, request))
     return _payload(found, other, mount, solution, request, logs, unloaded=bool(unloaded))
 
 
@@ -180,32 +179,36 @@ def _negative(mass: float, std: float, request: Request) -> str:
     return f"{said}less than when it was identified; if a tool was removed since, ask for the removed one (--removed)."
 
 
-def _loaded_logs(mount: Mount, solution: Solved, other: Identification, request: Request) -> Iterator[LoadedLog]:
+def _loaded_logs(
+    arm: Identification, mount: Mount, solution: Solved, other: Identification, request: Request
+) -> Iterator[LoadedLog]:
     """Yield what is left of the torque of each recording; InputError where that shows another arm."""
     basis: BaseParameters = solution.basis
-    arm = basis.to_standard(solution.beta + basis.to_base(solution.drift))
+    usual = max((one.errors.relative_error for one in arm.validations if one.role == "train"), default=0.0)
     carried = mount.turn @ solution.phi * (-1.0 if request.removed else 1.0)
+    alone = basis.to_standard(solution.beta + basis.to_base(solution.drift))
     whole = basis.to_standard(solution.beta + basis.to_base(solution.drift + solution.friction + carried))
+    factor = 1.0 + solution.gain_errors
     for one in other.validations:
         if one.signals is None:
             continue
-        motion, kept = one.motion, one.motion.mask
-        tau = motion.tau[kept]
-        size = float(np.linalg.norm(tau)) or np.inf
-
-        def left(theta: Array, factor: Array | float = 1.0 + solution.gain_errors) -> float:
-            predicted = other.model.torque(**motion.states(kept), theta=theta)  # noqa: B023
-            return 100.0 * float(np.linalg.norm(tau - factor * predicted)) / size  # noqa: B023
-
-        free = left(other.estimate.value, 1.0)
-        found = LoadedLog(one.name, left(arm), left(whole), free)
-        if found.with_payload > max(MOST * free, WRONG):
+        pairs = ((alone, factor), (whole, factor), (other.estimate.value, np.ones_like(factor)))
+        found = LoadedLog(one.name, *(_left(other.model, one, theta, gain) for theta, gain in pairs))
+        if found.with_payload > max(MOST * usual, WRONG):
             raise InputError(
                 f"{one.name}: the arm of the result with any payload leaves {found.with_payload:.3g} % of the torque, "
-                f"and a fit to this recording alone {free:.3g} %: it is of another arm, or its columns, units or gains "
-                "are others."
+                f"and a fit to this recording alone {found.free:.3g} %: it is of another arm, or its columns, units or "
+                "gains are others."
             )
         yield found
+
+
+def _left(model: Model, log: LogValidation, theta: Array, factor: Array) -> float:
+    """Return what is left of the torque (%) where it is ``factor`` (n) times that of the model."""
+    motion = log.motion
+    tau = motion.tau[motion.mask]
+    rest = tau - factor * model.torque(**motion.states(motion.mask), theta=theta)
+    return 100.0 * float(np.linalg.norm(rest)) / (float(np.linalg.norm(tau)) or np.inf)
 
 
 def _notes(
@@ -238,13 +241,17 @@ def _not_shown(
     if hidden and logs:
         poses, variance = together([one.motion for one in logs])["q"], _per_second(found.model, other, logs)
         ways = turnings(found.model, payload.mount, payload.value, information, variance, poses)
-    for k in hidden:
-        best = best_of(ways, k) if ways else None
-        std = float(body.std[k])
-        if best is None or best.std[k] > 0.7 * std:
-            yield NotShown(NAMES[k], std, UNITS[k])
-        else:
-            yield NotShown(NAMES[k], std, UNITS[k], best.joint, best.speed, float(best.std[k]))
+    told = [(k, _way_to_show(k, float(body.std[k]), ways)) for k in hidden]
+    yield from (note for k, note in told if KIND[k] < 2)
+    moments = sorted((note for k, note in told if KIND[k] == 2), key=lambda note: note.std)
+    yield from {note.joint: note for note in moments}.values()  # of the inertia the worst for each joint
+
+
+def _way_to_show(k: int, std: float, ways: Sequence[Turning]) -> NotShown:
+    best = best_of(ways, k) if ways else None
+    if best is None or best.std[k] > HELPS * std:
+        return NotShown(NAMES[k], std, UNITS[k])
+    return NotShown(NAMES[k], std, UNITS[k], best.joint, best.speed, float(best.std[k]))
 
 
 def _per_second(model: Model, other: Identification, logs: Sequence[LogValidation]) -> Array:

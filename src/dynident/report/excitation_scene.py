@@ -131,4 +131,4 @@ def _made(geometry: Geometry, space: CapsuleSpace) -> Iterator[str]:
         yield f"Meshes that could not be read: {names}."
     if space.left_out:
         named = ", ".join(f"{one} and {other}" for one, other in space.left_out)
-        yield f"Not watched, because they touch in nearly every pose: {named}."
+        yield f"Not watched, because they are close to each other in nearly every pose: {named}."

@@ -53,7 +53,7 @@ DAY = 86_400.0
 
 
 class Stamps:
-    """How stamps are shown: in seconds, or as times of day where the stream has dates, from the midnight ``zero`` (s)."""
+    """How stamps are shown: in seconds, or where the stream has dates as such, from the midnight ``zero`` (s)."""
 
     def __init__(self, zero: float = float("nan")) -> None:
         self.zero = zero

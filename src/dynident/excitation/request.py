@@ -38,8 +38,9 @@ class Request:
     """A motion of at most ``duration`` (s), recorded at ``rate`` (Hz) with torque noise ``sigma`` (n), N m or N.
 
     ``family``: "fourier" or "bspline"; ``period`` (s) of the series and its ``harmonics``; ``start`` (n) is the pose at
-    rest where it begins and ends (None: chosen); ``named`` parameters for the A-optimal criterion (none: all); ``prior`` (p, p) is
-    information on the parameters that is known before; ``starts`` of the search; ``clearance`` (m) is kept to all.
+    rest where it begins and ends (None: chosen); ``named`` parameters for the A-optimal criterion (none: all base
+    parameters); ``prior`` (p, p) is information on the parameters that is known before; ``starts`` of the search;
+    ``clearance`` (m) is kept to all.
     """
 
     sigma: Array

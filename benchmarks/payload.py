@@ -115,9 +115,7 @@ def of_robot(robot: Robot) -> tuple[Model, Array]:
     bodies, n = RigidBodies(urdf(robot.links), gravity=robot.gravity), len(robot.links)
     kinds: list[tuple[Any, str]] = [(RotorInertia, "rotor"), (Viscous, "viscous"), (Coulomb, "coulomb")]
     terms = [kind(bodies.joints) for kind, _ in [*kinds, (Offset, "offset")]]
-    values = [
-        getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[:n]
-    ]
+    values = [getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[:n]]
     return Model((bodies, *terms)), np.array([*(one.value for one in bodies.parameters), *values])
 
 

@@ -21,10 +21,12 @@ SOURCE = ROOT / "src"
 KERNEL = "src/dynident/kernel/README.md"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
-    "Your robot": ("recording", "gains", "recipes", "robots", "symptoms", "choosing", "export", "payload", "fleets", "supported"),
+    "Your robot": (
+        "recording", "gains", "recipes", "robots", "symptoms", "choosing", "export", "payload", "fleets", "supported",
+    ),
     "Methods": ("methods", "maximum_likelihood", "article", "notation"),
     "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
-}
+}  # fmt: skip
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

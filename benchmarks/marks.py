@@ -125,6 +125,10 @@ TABLES = {
         AT_ONCE,
         Row("regressor to triangular factors, 7 joints with friction", FACTORS, "Pinocchio, NumPy", count=20_000),
     )),
+    "design": Table("A motion of 7 joints that is designed", "ms of CPU", 1e3, (
+        Row("log det of the information of 69 base parameters on 200 points, with its gradient by 77 coefficients",
+            Work("design", "gradient", (7, 200), ("differences",)), "differences", (Mark(10, 10), Mark(30, 4))),
+    )),
     "online": Table("A stream of 7 joints with friction, 91 parameters", "µs a sample", 1e6, (
         online("derivatives with a fixed lag, sample by sample", "smoothed", 1),
         online("recursive least squares, sample by sample", "updated", 1),

@@ -22,15 +22,16 @@ KERNEL = "src/dynident/kernel/README.md"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
     "Your robot": (
-        "recording",
+        "experiment",
         "gains",
         "recipes",
         "robots",
         "symptoms",
         "choosing",
         "export",
-        "fleets",
+        "payload",
         "watching",
+        "fleets",
         "online",
         "supported",
     ),

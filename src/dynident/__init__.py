@@ -36,7 +36,9 @@ if TYPE_CHECKING:
         simulate,
     )
     from dynident.models.gallery import two_link_arm
+    from dynident.payload import find_payload
     from dynident.regression import ParallelFilter
+    from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
     from dynident.smoothers import Butterworth, Difference, Spline
     from dynident.splines import smooth
@@ -71,7 +73,9 @@ __all__ = [
     "check",
     "cramer_rao_bound",
     "errors",
+    "excite",
     "export_model",
+    "find_payload",
     "fleet",
     "identify",
     "load",
@@ -112,7 +116,9 @@ _MODULES = {
     "check": "dynident.io.shortcuts",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
+    "excite": "dynident.report.excite_run",
     "export_model": "dynident.io.model_files",
+    "find_payload": "dynident.payload",
     "fleet": "dynident.report.fleet_run",
     "identify": "dynident.io.shortcuts",
     "load": "dynident.io.saved",

@@ -192,7 +192,8 @@ bodies = RigidBodies({ARM!r})
 for n in (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17):
     q, dq, ddq = rng.standard_normal((3, n, len(bodies.joints)))
     theta = np.ones(len(bodies.parameters))
-    bodies.regressor(q, dq, ddq), bodies.torque(q, dq, ddq, theta), bodies.partials(q, dq, ddq, theta)
+    bodies.weighted_gradient(q, dq, ddq, bodies.regressor(q, dq, ddq))
+    bodies.torque(q, dq, ddq, theta), bodies.partials(q, dq, ddq, theta)
 print(kernel().level)
 """
 WIDTHS = {"least": LEVELS[architecture()][0][0], "best": ""}  # of DYNIDENT_KERNEL

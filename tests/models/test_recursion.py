@@ -63,15 +63,31 @@ def test_derivatives_are_those_of_the_torque():
             assert_same(found[which][:, :, k], slope, 1e-9)
 
 
+@few
+@given(seeds, sizes)
+def test_weighted_sums_change_as_the_torques(seed, count):
+    """Of each joint by its own row of weights."""
+    bodies, _ = random_bodies(seed, count)
+    state, mine = random_states(bodies, seed, 3), recursion_of(bodies)
+    weights = np.random.default_rng(seed).normal(size=mine.regressor(*state).shape)
+    expected = np.zeros((3, *state[0].shape))
+    for joint in range(weights.shape[1]):
+        for i, one in enumerate(full(bodies, row) for row in weights[:, joint]):
+            expected[:, i] += mine.partials(*(x[i : i + 1] for x in state), one)[:, 0, joint]
+    assert_same(mine.weighted_gradient(*state, weights), expected)
+
+
 def test_samples_in_parts_are_the_same(monkeypatch):
     bodies, theta = random_bodies(8, 5)
     state, mine, values = random_states(bodies, 9, 23), recursion_of(bodies), full(bodies, theta)
     whole = mine.regressor(*state), mine.torque(*state, values), mine.partials(*state, values)
+    slope = mine.weighted_gradient(*state, whole[0])
     for module in (newton_euler, recursion):
         monkeypatch.setattr(module, "AT_ONCE", 20)
     assert_same(mine.regressor(*state), whole[0], 1e-15)
     assert_same(mine.torque(*state, values), whole[1], 1e-15)
     assert_same(mine.partials(*state, values), whole[2], 1e-15)
+    assert_same(mine.weighted_gradient(*state, whole[0]), slope, 1e-15)
 
 
 def test_no_samples():

@@ -33,9 +33,11 @@ def level(request, monkeypatch):
 
 def everything(mine, state, values):
     joint, parameter = np.nonzero(mine.layout.support)
+    weights = np.random.default_rng(0).normal(size=(*state[0].shape, mine.layout.support.shape[1]))
     return [
         mine.regressor(*state), mine.entries(*state, joint, parameter), mine.torque(*state, values),
         mine.partials(*state, values), *mine.mass_and_bias(*state[:2], values),
+        mine.weighted_gradient(*state, weights),
     ]  # fmt: skip
 
 
@@ -107,3 +109,4 @@ def test_no_samples(level):
     none, mine = np.zeros((0, 3)), recursion_of(bodies, CompiledRecursion)
     assert mine.regressor(none, none, none).shape == (0, 3, 30)
     assert mine.torque(none, none, none, mine.layout.filled(theta)).shape == (0, 3)
+    assert mine.weighted_gradient(none, none, none, np.zeros((0, 3, 30))).shape == (3, 0, 3)

@@ -139,8 +139,10 @@ def test_bad_samples_are_refused_whole() -> None:
         stream.push(t[[0, 2, 0]], q[:3], tau[:3])
     with pytest.raises(InputError, match=r"does not follow that before it"):  # no spline goes through such a step
         stream.push(t[0] + np.array([0.0, 1e-12]), q[:2], tau[:2])
-    with pytest.raises(InputError, match="10 stamps for 9 positions and 10 torques"):
+    with pytest.raises(InputError, match=r"q and tau have shapes \(9, 2\) and \(10, 2\); they must be \(10, 2\)"):
         stream.push(t, q[1:], tau)
+    with pytest.raises(InputError, match=r"they must be \(10, 2\)"):
+        stream.push(t, q.T, tau.T)
     tau[3, 1] = np.nan
     with pytest.raises(InputError, match=r"tau of sample 3 is \[.*nan\]; leave out what is not finite"):
         stream.push(t, q, tau)

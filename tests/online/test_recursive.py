@@ -122,7 +122,7 @@ def test_one_memory_is_least_squares_with_weights_that_fade(size: int) -> None:
     X = (model.regressor(motion.q, motion.dq, motion.ddq) * fading[:, None, None]).reshape(-1, 4)
     expected = np.linalg.lstsq(X, (motion.tau * fading[:, None]).ravel())[0]
     np.testing.assert_allclose(fit.estimate().value, expected, rtol=0, atol=1e-11)
-    assert fit.rows == pytest.approx((fading**2).sum(), rel=1e-9)
+    assert fit.rows == pytest.approx((fading**2).sum(), rel=0.01)  # of the first few rows none is forgotten
 
 
 def test_forgetting_a_group_is_process_noise_in_what_the_others_leave_of_it() -> None:
@@ -163,6 +163,8 @@ def test_a_parameter_that_no_motion_shows_is_not_lost() -> None:
     late, after = fit.estimate(), np.diag(fit.state["R"])[:4]
     np.testing.assert_allclose(late.value, known.value, rtol=1e-9)
     np.testing.assert_allclose(after / before, 0.03, rtol=0.1)  # of the largest that they ever were
+    np.testing.assert_allclose(late.std / known.std, 1 / 0.03, rtol=0.15)
+    np.testing.assert_allclose(late.residual.sigma, SIGMA, rtol=0.15)
     fit.forget(1e6)
     np.testing.assert_allclose(np.diag(fit.state["R"])[:4], after, rtol=1e-6)
 

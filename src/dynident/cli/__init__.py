@@ -7,12 +7,14 @@ import click
 from dynident.cli.bound import bound
 from dynident.cli.check import check
 from dynident.cli.demo import demo
+from dynident.cli.excite import excite
 from dynident.cli.export import export
 from dynident.cli.failures import Commands
 from dynident.cli.fleet import fleet
 from dynident.cli.identify import identify
 from dynident.cli.init import init
 from dynident.cli.options import common, said
+from dynident.cli.payload import payload
 from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
@@ -52,6 +54,8 @@ def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (demo, reproduce, init, check, bound, identify, fleet, predict, watch, export, smooth, schema):
+for _command in (
+    demo, reproduce, init, excite, check, bound, identify, fleet, predict, payload, watch, export, smooth, schema,
+):  # fmt: skip
     common(_command)
     main.add_command(_command)

@@ -14,7 +14,7 @@ from dynident.cli.terminal import console, say_line, status, tell
 if TYPE_CHECKING:
     from dynident.bounds import TorqueNoise
 
-__all__ = ["bound"]
+__all__ = ["bound", "noise_given"]
 
 
 @click.command(short_help="Show the best accuracy that any method can reach.")
@@ -48,7 +48,7 @@ def bound(
     if json_file:
         probe_folder(json_file.parent)
     with result_folder(out) if out else nullcontext() as folder:
-        given = _noise("--sigma-q", sigma_q), _noise("--sigma-tau", sigma_tau)
+        given = noise_given("--sigma-q", sigma_q), noise_given("--sigma-tau", sigma_tau)
         with status() as say:
             project = read_project(config, say)
             refuse_inputs(*targets)
@@ -66,7 +66,7 @@ def bound(
         tell(screen, what, path)
 
 
-def _noise(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
+def noise_given(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
     """Return the value of an option: one number, numbers by joint, or None."""
     from dynident.errors import ConfigError
 

@@ -13,7 +13,19 @@ from click.shell_completion import CompletionItem
 from dynident.cli.voice import voice
 from dynident.io.opener import keep, set_memory
 
-__all__ = ["ALLOW_CODE", "CONFIG", "DIRECTORY", "FILE", "LOG", "LOGS", "RESULT", "ROBOT", "ROBOTS", "common"]
+__all__ = [
+    "ALLOW_CODE",
+    "CONFIG",
+    "DESIGNED",
+    "DIRECTORY",
+    "FILE",
+    "LOG",
+    "LOGS",
+    "RESULT",
+    "ROBOT",
+    "ROBOTS",
+    "common",
+]
 
 CONFIGS = (".yaml", ".yml")
 ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
@@ -75,6 +87,7 @@ FILE = _Path(dir_okay=False)
 LOG = _Path(LOGS)  # a ROS 2 bag is a folder
 CONFIG = _Path(CONFIGS, dir_okay=False)
 CHECKED = _Path((*CONFIGS, *ROBOTS), dir_okay=False)
+DESIGNED = _Path((*CONFIGS, *ROBOTS, ".json"), dir_okay=False)
 RESULT = _Path((".json",), dir_okay=False)
 ROBOT, LOG_NAME = _Name(ROBOTS), _Name(LOGS)
 ALLOW_CODE = click.option(

@@ -2,58 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Note, brief
+from dynident.errors import Note, Severity, brief
+from dynident.excitation.expected import Expected, expected, information_of, unexcited
+from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.limits import MotionLimits
-from dynident.excitation.request import Request
-from dynident.excitation.space import Space
-from dynident.excitation.trajectory import Trajectory
-from dynident.regression import BaseParameters
+from dynident.excitation.motion import Plan, best_motion, interior_of, motion_pieces
+from dynident.excitation.programme import home_of, slow_pieces
+from dynident.excitation.request import Programme, Request
+from dynident.excitation.request_checks import check_request, without_memory
+from dynident.excitation.search import Stage
+from dynident.excitation.space import Distances, Space
+from dynident.excitation.trajectory import Piece, Trajectory
+from dynident.excitation.verify import Verified, verify
+from dynident.models import Model
+from dynident.regression import BaseParameters, structural_base_parameters
 
-if TYPE_CHECKING:
-    from dynident.models import Model
-
-__all__ = ["Design", "Expected", "design"]
+__all__ = ["Design", "Interrupted", "design"]
 
 Array = NDArray[np.float64]
+OTHER = 0.79  # of the period: the validation motion has other speeds
+LONG = 1e4  # s: as long as the ways take
+QUICK = Plan(2, (Stage(1.0, 40), Stage(0.1, 40)))
 
 
-@dataclass(frozen=True, eq=False)
-class Expected:
-    """What a recording of a motion is expected to tell: of the base parameters ``basis`` (b) their ``value`` (b), the
-    standard errors ``std`` (b), infinite for those that stay open, log det and the condition number of the
-    information."""
+@dataclass(frozen=True)
+class Interrupted(Note):
+    """The search was stopped before its end; the motion is the best so far, within all limits."""
 
-    basis: BaseParameters
-    value: Array
-    std: Array
-    log_det: float
-    condition: float
-
-    __repr__ = brief
+    severity = Severity.INFO
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
     """A motion, another one for validation, and what the first is expected to tell.
 
-    ``request`` and ``limits`` as used; ``checked`` is what the independent check of both has found.
+    ``model``, ``theta`` (p), ``request`` and ``limits`` as used; ``checked`` is what the independent check of both
+    motions has found.
     """
 
     model: Model
+    theta: Array
     request: Request
     limits: MotionLimits
     space: Space
     trajectory: Trajectory
     validation: Trajectory
     expected: Expected
+    checked: tuple[Verified, Verified]
     notes: tuple[Note, ...] = ()
 
     __repr__ = brief
@@ -67,13 +69,67 @@ def design(
     request: Request,
     rng: np.random.Generator,
     *,
+    shapes: Distances | None = None,
     executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Design:
-    """Return the most informative motion that keeps to the limits; ``theta`` (p) gives the torque."""
-    raise NotImplementedError
+    """Return the most informative motion that keeps to the limits; ``theta`` (p) gives the torque.
+
+    ``shapes`` are the real shapes, for the last check, where ``space`` has simpler ones. The same generator gives the
+    same motion on any executor. Ctrl-C ends the search with the best motion so far. Raises ConfigError for a request
+    that contradicts itself, the model or the limits, InputError for a start in collision, where no motion is found, and
+    where one does not stand the last check.
+    """
+    say = progress or (lambda _: None)
+    model, theta, request, left = without_memory(model, np.asarray(theta, dtype=float), request)
+    check_request(model, theta, limits, space, request)
+    say("finding base parameters")
+    basis = structural_base_parameters(model)
+    feasible = Feasibility(model, theta, limits, space, request.clearance)
+    slow = slow_pieces(feasible, request, rng)
+    moving, interrupted = request.programme in (Programme.MOTION, Programme.ALL), False
+    pieces = slow
+    if moving:
+        rest = _beside(model, limits, request, slow)
+        interior = interior_of(feasible, space, rest, basis)
+        found = best_motion(interior, feasible, Plan(request.starts), rng, executor, say)
+        say("finding the ways to it and back")
+        pieces = (*slow, *motion_pieces(feasible, interior.family, found.x, rest, rng))
+        interrupted = found.interrupted
+    say("a second motion, for validation")
+    pair = Trajectory(limits.joints, pieces), _validation(feasible, space, request, basis, rng)
+    say("checking both")
+    first, second = (verify(one, model, theta, limits, space, request.clearance, shapes=shapes) for one in pair)
+    information = _information(model, pair[0], request)
+    told = expected(model, theta, information, basis, request.prior)
+    stopped = (Interrupted(),) if interrupted else ()
+    notes = (*left, *stopped, *unexcited(model, information, told, request.prior))
+    return Design(model, theta, request, limits, space, *pair, told, (first, second), notes)
 
 
-def expected(model: Model, theta: Array, parts: Sequence[Array], request: Request) -> Expected:
-    """Return what sampled motions (4, N, n) are expected to tell."""
-    raise NotImplementedError
+def _beside(model: Model, limits: MotionLimits, request: Request, slow: tuple[Piece, ...]) -> Request:
+    """Return what is asked of the motion where other pieces go before it: their information is known."""
+    if not slow:
+        return request
+    before = Trajectory(limits.joints, slow)
+    left = request.duration - before.duration
+    known = _information(model, before, request)
+    prior = known if request.prior is None else known + request.prior
+    return replace(request, duration=left, start=home_of(slow), prior=prior)
+
+
+def _validation(
+    feasible: Feasibility, space: Space, request: Request, basis: BaseParameters, rng: np.random.Generator
+) -> Trajectory:
+    """Return another motion, at other speeds: one period, from another start, with few steps."""
+    period = OTHER * min(request.period, request.duration)
+    other = replace(request, family="fourier", period=period, duration=LONG)
+    interior = interior_of(feasible, space, replace(other, duration=period), basis)
+    found = best_motion(interior, feasible, QUICK, rng)
+    return Trajectory(feasible.limits.joints, motion_pieces(feasible, interior.family, found.x, other, rng, most=1))
+
+
+def _information(model: Model, trajectory: Trajectory, request: Request) -> Array:
+    """Return the information (p, p) of a recording of a motion."""
+    states = trajectory.states(trajectory.times(request.rate))
+    return information_of(model, states, 1 / np.square(request.sigma))

@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.errors import brief
 from dynident.excitation.trajectory import Course
 
-__all__ = ["Family"]
+__all__ = ["Family", "Guard", "LinearCourse"]
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Guard:
+    """Finitely many linear constraints that keep a motion within limits at all times.
+
+    ``rows`` are four matrices (R, K), for q, dq, ddq and jerk. Where ``rows[d] @ x`` stays within middle +- ``share`` *
+    half, the derivative d of the motion of coefficients x stays within middle +- half, at all times.
+    """
+
+    rows: tuple[Array, Array, Array, Array]
+    share: float
+
+    __repr__ = brief
 
 
 class Family(Protocol):
     """Motions q(t) = sum_k B_k(t) x_k, for each joint with its own K coefficients x (n, K).
 
-    ``Fourier`` (periodic) and ``Clamped`` (B-splines at rest at both ends) are such.
+    ``Fourier`` (periodic) and ``Clamped`` (B-splines at rest at both ends) are such. The first coefficient is a pose:
+    the others do not change when it shifts the whole motion.
     """
 
     @property
@@ -31,9 +48,27 @@ class Family(Protocol):
     def values(self, t: Array, /) -> Array:
         """Return the functions and their first three derivatives, shape (4, N, K), at times t (N)."""
 
-    def bounds(self, grid: Array, /) -> Array:
-        """Return by how much |q|, |dq|, |ddq| and the jerk may exceed their largest value on the ``grid`` (N), as
-        numbers (4, K) for the sizes of the coefficients: excess <= bounds @ |x|."""
+    def guard(self, points: int, /) -> Guard:
+        """Return the constraints that keep a motion within limits; the more ``points``, the less is given away."""
 
     def course(self, x: Array, /) -> Course:
         """Return the motion of coefficients x (n, K), once through."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearCourse:
+    """The motion of a family with coefficients ``x`` (n, K), once through."""
+
+    family: Family
+    x: Array
+
+    __repr__ = brief
+
+    @property
+    def duration(self) -> float:
+        """Its length (s)."""
+        return self.family.duration
+
+    def states(self, t: Array) -> Array:
+        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
+        return np.asarray(self.family.values(t) @ self.x.T)

@@ -15,7 +15,7 @@ from dynident.export.exporter import States
 from dynident.export.identified import Identified
 from dynident.models import RigidBodies
 
-__all__ = ["by_dynident", "by_mujoco", "by_numpy", "by_pinocchio", "by_yaml"]
+__all__ = ["by_dynident", "by_mujoco", "by_numpy", "by_pinocchio", "by_yaml", "declared"]
 
 Array = NDArray[np.float64]
 SHAPES = (
@@ -61,7 +61,7 @@ def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
     import pinocchio as pin
 
     bodies, _ = identified.bodies
-    model = pin.buildModelFromXML(_declared(text, bodies.file.root))
+    model = pin.buildModelFromXML(declared(text, bodies.file.root))
     arm, data = bodies.arm, model.createData()
     names = [body.joint.name for body in arm.bodies]
     model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
@@ -87,7 +87,7 @@ def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
     return np.asarray(out @ arm.drive + damping * states[1] + friction * np.sign(states[1]))
 
 
-def _declared(text: str, root: str) -> str:
+def declared(text: str, root: str) -> str:
     """Return a URDF whose root link is declared: some exporters omit the world link that the base is fixed to."""
     edited = Text(text)
     if all(node.attributes.get("name") != root for node in edited.root.children if node.tag == "link"):

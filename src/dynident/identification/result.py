@@ -53,12 +53,20 @@ class StandardErrors:
     These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, for the
     noise left in the motion and the error of a time offset, infinite for what the data do not determine; 1.96 of them
     hold 95 %. None where they cannot be had, or where there are no base parameters.
+
+    ``base_covariance`` (r, r) is of the base parameters together, for correlated residuals, too, and ``base_by_joint``
+    (r, n) what the torque of each joint contributes to their values by least squares: an error of its gain acts so;
+    ``base_shares`` (n) are the shares of its torque in their errors, one in all. Where all p parameters are
+    determined, these are of them. None in results of older versions.
     """
 
     std: Array
     std_hac: Array | None = None
     base_std: Array | None = None
     base_std_hac: Array | None = None
+    base_covariance: Array | None = None
+    base_by_joint: Array | None = None
+    base_shares: Array | None = None
 
     __repr__ = brief
 

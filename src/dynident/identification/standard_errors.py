@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import weighted
+from dynident.identification.joint_knowledge import joint_knowledge
 from dynident.identification.result import Identifiability, StandardErrors
 from dynident.identification.time_offset import TimeOffset
 from dynident.models import Model
@@ -65,7 +66,9 @@ def identifiability_of(
     """
     correlated = partial(_robust_std, regression, estimate, more=more, correlated=robust)
     if estimate.determined.rank == len(model.parameters):
-        return StandardErrors(estimate.std, correlated(estimate.std)), Identifiability()
+        wide, every = correlated(estimate.std), list(range(len(more)))
+        joint = joint_knowledge(regression, estimate, every, more, estimate.std if wide is None else wide, robust)
+        return StandardErrors(estimate.std, wide, None, None, *joint), Identifiability()
     progress("finding base parameters")
     shown = estimate.determined.directions  # where the estimator says them, so that both have one rank
     on_data = base_parameters(
@@ -76,7 +79,9 @@ def identifiability_of(
     own = _base_std(on_data, regression, estimate)
     wide = correlated(own, basis=on_data)
     std_hac = None if wide is None else _of_determined(on_data, wide)
-    return StandardErrors(estimate.std, std_hac, own, wide), Identifiability(on_data, structural, missing)
+    B, best = on_data.combination, own if wide is None else wide
+    joint = joint_knowledge(regression, estimate, list(on_data.independent), B @ more @ B.T, best, robust)
+    return StandardErrors(estimate.std, std_hac, own, wide, *joint), Identifiability(on_data, structural, missing)
 
 
 def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:

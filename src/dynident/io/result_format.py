@@ -141,11 +141,18 @@ class BasePart(Part):
 
 
 class IdentifiabilityPart(Part):
-    """Base parameters that the data show, those that any motion could show, and what the data leave out."""
+    """Base parameters that the data show, those that any motion could show, and what the data leave out.
+
+    ``covariance``, ``by_joint`` and ``shares``: of those on the data, or of all parameters where these are null; see
+    ``StandardErrors``.
+    """
 
     on_data: BasePart | None
     structural: BasePart | None
     unexcited: list[Kind]
+    covariance: list[list[float]] | None = None
+    by_joint: list[list[float]] | None = None
+    shares: list[float] | None = None
 
 
 class RunPart(Part):

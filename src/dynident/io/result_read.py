@@ -49,7 +49,7 @@ from dynident.models import Joint, MassMatrixCheck, Model
 from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
 from dynident.validation import Failure, FreeRun, LogValidation
 
-__all__ = ["check_parameters", "identification_of", "model_of"]
+__all__ = ["check_parameters", "identification_of", "model_of", "named_terms"]
 
 Array = NDArray[np.float64]
 Noun = TypeVar("Noun")
@@ -85,7 +85,7 @@ def identification_of(
         model,
         recipe,
         estimate,
-        _errors(file),
+        _errors(file, source),
         Identifiability(
             _base(base.on_data, model.names, source),
             _base(base.structural, model.names, source),
@@ -130,14 +130,14 @@ def model_of(sources: Sources, source: str, *, named: bool = True, allow_code: b
     if given is not None:
         folder = Path(given.path).parent
         config = parse_config(given.text, folder, f"{source}, its configuration", allow_code=allow_code)
-        return load_model(_named_terms(config.model) if named else config.model, folder, text, allow_code=allow_code)
+        return load_model(named_terms(config.model) if named else config.model, folder, text, allow_code=allow_code)
     if robot is not None:
         settings = robot_settings(robot.path) or robot.path
-        return load_model(_named_terms(settings) if named else settings, text=text, allow_code=allow_code)
+        return load_model(named_terms(settings) if named else settings, text=text, allow_code=allow_code)
     raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
 
 
-def _named_terms(spec: str | RobotSettings) -> str | RobotSettings:
+def named_terms(spec: str | RobotSettings) -> str | RobotSettings:
     """Return the settings of a model with the plain set in place of terms that are chosen."""
     if not isinstance(spec, RobotSettings):
         return spec
@@ -181,15 +181,23 @@ def _consistency(given: ConsistencyPart | None, p: int, source: str) -> Consiste
     return Consistency(given.eigenvalues, given.costs, value)
 
 
-def _errors(file: ResultFile) -> StandardErrors:
-    rows, base = file.parameters, file.base_parameters.on_data
+def _errors(file: ResultFile, source: str) -> StandardErrors:
+    rows, base, joint = file.parameters, file.base_parameters.on_data, file.base_parameters
     own = [] if base is None else base.parameters
+    r, n = len(rows) if base is None else len(own), len(file.model.joints)
     return StandardErrors(
         np.array([row.std for row in rows]),
         _column([row.std_hac for row in rows]),
         None if base is None else _column([row.std for row in own]),
         None if base is None else _column([row.std_hac for row in own]),
+        _known(joint.covariance, (r, r), "base_parameters.covariance", source),
+        _known(joint.by_joint, (r, n), "base_parameters.by_joint", source),
+        None if joint.shares is None else _matrix([joint.shares], (1, n), "base_parameters.shares", source)[0],
     )
+
+
+def _known(rows: list[list[float]] | None, shape: tuple[int, int], where: str, source: str) -> Array | None:
+    return None if rows is None else _matrix(rows, shape, where, source)
 
 
 def _column(values: list[float | None]) -> Array | None:

@@ -127,6 +127,9 @@ def _identifiability(found: Identification) -> dict[str, Any]:
         "on_data": base.on_data and _base(base.on_data, units, found),
         "structural": base.structural and _base(base.structural, units),
         "unexcited": [_kind(note) for note in base.unexcited],
+        "covariance": found.errors.base_covariance,
+        "by_joint": found.errors.base_by_joint,
+        "shares": found.errors.base_shares,
     }
 
 

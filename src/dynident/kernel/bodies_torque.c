@@ -1,4 +1,4 @@
-/* The torque of rigid bodies, their mass matrix, and the derivatives of the torque. */
+/* The torque of rigid bodies, their mass matrix, the derivatives of the torque and those of sums of the regressor. */
 
 #include "bodies.h"
 
@@ -194,6 +194,82 @@ EXPORTED void API(bodies_partials)(const int64_t *tree, const double *fixed, int
                 }
             }
             if (tree[3 * k] >= 0) carry(&b[tree[3 * k]], &b[k], M->d, 1, 1);
+        }
+    }
+}
+
+/* What the sums of one sample change by with the motion of a body: by unit changes a, g and e as in `change`, and by the
+   screws of the joints before it, as its own moves. */
+typedef struct { vec a, g, e; lanes crossed; } pulled;
+
+/* Derivatives (3, N, n) by q, dq, ddq of the sums <G_i, Y_i> for weights G (N, n, width); the parameters of body k begin
+   at place[k] of a row, or it has none (-1). models/recursion.py has the same by NumPy. */
+EXPORTED void API(bodies_weighted)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
+                                   const double *q, const double *dq, const double *ddq, int64_t count, const int64_t *place, const double *weights,
+                                   int64_t width, double *slopes, int64_t n, double *work) {
+    const arm t = {tree, fixed, bodies};
+    const states x = {q, dq, ddq, count};
+    motion *m = aligned(work);
+    pulled *b = (pulled *)(m + bodies + 1);
+    int64_t *path = (int64_t *)(b + bodies);
+    memset(slopes, 0, (size_t)(3 * count * n) * sizeof(double));
+    for (int64_t i = 0; i < count; i += LANES) {
+        int64_t rows = count - i < LANES ? count - i : LANES;
+        move(&t, &x, gravity, i, m);
+        memset(b, 0, (size_t)bodies * sizeof(pulled));
+        for (int64_t k = 0; k < bodies; k++) {
+            if (place[k] < 0) continue;
+            const motion *M = &m[k + 1];
+            int64_t depth = 0;
+            for (int64_t j = k; j >= 0; j = tree[3 * j]) path[depth++] = j;
+            vec w = back(M->R, M->w), dw = back(M->R, M->dw), acc = back(M->R, M->a);
+            vec a = none, g = none, e = none, N_ = none, F_ = none; /* the last: what the screws of joints before take */
+            while (depth--) {
+                int64_t j = path[depth];
+                lanes y[10];
+                const double *from = weights + tree[3 * j + 2] * width + place[k];
+                for (int r = 0; r < LANES; r++) {
+                    const double *row = from + (i + r < count ? i + r : count - 1) * n * width;
+                    for (int c = 0; c < 10; c++) y[c][r] = row[c];
+                }
+                for (int c = 0; c < 10; c++) y[c] *= gain(&t, j);
+                const vec z = m[j + 1].z, h = {y[1], y[2], y[3]};
+                const sym J = {y[4], y[5], y[6], y[7], y[8], y[9]};
+                vec W = none, U = z;
+                if (!prismatic(&t, j)) {
+                    W = back(M->R, z);
+                    U = j == k ? none : cross(z, minus(M->p, m[j + 1].p));
+                }
+                U = back(M->R, U);
+                vec wh = cross(w, h), Jw = act(J, w);
+                vec F = plus(times(y[0], acc), plus(cross(dw, h), cross(w, wh)));
+                vec N = plus(plus(cross(h, acc), act(J, dw)), cross(w, Jw));
+                b[j].crossed += dot(W, N_) + dot(U, F_);
+                N_ = plus(N_, plus(cross(W, N), cross(U, F)));
+                F_ = plus(F_, cross(W, F));
+                e = plus(e, plus(times(y[0], U), cross(W, h)));
+                g = plus(g, plus(cross(h, U), act(J, W)));
+                a = plus(a, plus(plus(cross(wh, U), cross(h, cross(U, w))), plus(cross(Jw, W), act(J, cross(W, w)))));
+            }
+            e = b[k].e = turn(M->R, e);
+            g = b[k].g = turn(M->R, g);
+            vec lost = cross(M->v, e);
+            b[k].a = plus(turn(M->R, a), plus(cross(M->w, g), plus(lost, lost)));
+        }
+        for (int64_t k = bodies - 1; k >= 0; k--) {
+            const motion *M = &m[k + 1];
+            change by[3];
+            changes(&t, k, &m[tree[3 * k] + 1], M, by);
+            for (int c = 0; c < 3; c++) {
+                lanes value = dot(b[k].a, by[c].a) + dot(b[k].g, by[c].g) + dot(b[k].e, by[c].e);
+                if (c == 0) value -= b[k].crossed;
+                put(slopes + (c * count + i) * n + tree[3 * k + 2], n, rows, gain(&t, k) * value);
+            }
+            if (tree[3 * k] < 0) continue;
+            pulled *P = &b[tree[3 * k]];
+            P->a = plus(P->a, b[k].a);
+            P->e = plus(P->e, b[k].e);
+            P->g = plus(P->g, plus(b[k].g, cross(M->d, b[k].e)));
         }
     }
 }

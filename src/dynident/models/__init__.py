@@ -38,6 +38,7 @@ from dynident.models.mass_matrix import MassMatrixCheck
 from dynident.models.memory import needs_load, remembered, unloaded
 from dynident.models.model import Model
 from dynident.models.motor import CoupledMotor, RotorInertia
+from dynident.models.placements import Placements
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.simulation import Recording, record, simulate, simulate_many
 from dynident.models.structure import Structure, random_states, structure_of
@@ -53,6 +54,7 @@ from dynident.models.term import (
     HasRobotFile,
     HasSign,
     HasSupport,
+    HasWeightedGradient,
     Joint,
     Loads,
     NeedsLoad,
@@ -87,6 +89,7 @@ __all__ = [
     "HasRobotFile",
     "HasSign",
     "HasSupport",
+    "HasWeightedGradient",
     "Joint",
     "JointTerm",
     "Lagrangian",
@@ -103,6 +106,7 @@ __all__ = [
     "Partials",
     "Past",
     "PerJoint",
+    "Placements",
     "Power",
     "Recording",
     "Recursive",

@@ -42,7 +42,8 @@ def checked(
         )
     if not np.isfinite(array).all():
         place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
-        sample, joint = (place[1], None) if what == "entries" else place[:2]
+        later = {"entries": (place[1], None), "weighted gradient": place[1:]}
+        sample, joint = later.get(what, place[:2])
         of = "" if joint is None else f", joint {model.joints[joint].name!r}"
         q, dq, ddq = (state[sample].tolist() for state in states[:3])
         raise ModelError(

@@ -28,6 +28,7 @@ from dynident.models.term import (
     Term,
     declares,
 )
+from dynident.models.weighted import weighted_gradient
 
 __all__ = ["MassMatrixCheck", "Model"]
 
@@ -257,6 +258,13 @@ class Model:
             for k, wrt in enumerate(("q", "dq", "ddq")):
                 total[k] += checked(self, term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
         return Partials(*total)
+
+    def weighted_gradient(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, weights: Array, memory: ArrayLike | None = None
+    ) -> Array:
+        """Return the derivatives (3, N, n) by q, dq and ddq, at constant memory, of the sums <G_i, Y_i> of products of
+        the entries of the regressor with weights G (N, n, p)."""
+        return weighted_gradient(self, self._states(q, dq, ddq, memory), np.asarray(weights, dtype=float))
 
     def check_mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> MassMatrixCheck:
         """Return the smallest eigenvalue of the mass matrix over the configurations q (N, n), N at least 1."""

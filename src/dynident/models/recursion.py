@@ -109,6 +109,16 @@ class Recursion:
                 slope[part, j, k] = (dot(w, moment[:, k]) + dot(u, force[:, k])).T  # of a joint itself, too
         return out if self.layout.plain else np.asarray(drive.T @ out @ drive)
 
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+        """Return the derivatives (3, N, n) of the sums <G_i, Y_i> by q, dq and ddq, for weights G (N, n, 10 L)."""
+        layout = self.layout
+        weights = weights.reshape(len(q), layout.joints, len(layout.listed), 10)
+        out = np.empty((3, len(q), len(layout)))
+        for part, motion in self._motions(q, dq, ddq):
+            for slope, found in zip(out, _Weighted(motion, weights[part]).slopes, strict=True):
+                slope[part] = found.T
+        return out if layout.plain else out @ layout.drive
+
     @cached_property
     def _newton_euler(self) -> NewtonEuler:
         return NewtonEuler(self.tree, self.gravity)
@@ -271,6 +281,48 @@ class _Carried:
         z, slide = self.motion.zw, self.motion.zu
         force, moment = force + cross(z, self.force), moment + cross(z, self.moment)
         return (force, moment) if slide is None else (force, moment + cross(slide, self.force))
+
+
+class _Weighted:
+    """What sums <G, Y> of one sample change by with the motion of each body: (3, B, N).
+
+    By unit changes of its rotation ("bends"), of the acceleration of its rotation ("turns") and of its origin
+    ("pushes"), as in ``_Motion.changes``; ``crossed`` (B, N) is the change by that of the screws with each joint's q.
+    """
+
+    def __init__(self, motion: _Motion, weights: Array) -> None:
+        self.motion, layout = motion, motion.layout
+        self.bends, self.turns, self.pushes = np.zeros((3, *motion.w.shape))
+        self.crossed = np.zeros(motion.w.shape[1:])
+        for chain in layout.chains:
+            theta = weights[:, layout.column[chain.via], chain.place] * layout.gain[chain.via, None]
+            self._add(chain, np.ascontiguousarray(theta.T))
+
+    @property
+    def slopes(self) -> list[Array]:
+        """The derivatives (B, N) by q, dq and ddq."""
+        motion, below = self.motion, self.motion.layout.above.T
+        bends, pushes = below @ self.bends, below @ self.pushes
+        turns = below @ self.turns + (below - np.eye(len(below))) @ cross(motion.d, pushes)
+        found = [dot(bends, one[0]) + dot(turns, one[1]) + dot(pushes, one[2]) for one in motion.changes]
+        return [found[0] - self.crossed, *found[1:]]
+
+    def _add(self, chain: Chain, theta: Array) -> None:
+        """Add the torques that one body has at the joints above it, each with parameters of its own: (10, V, N)."""
+        motion, k = self.motion, chain.body
+        R = motion.R[:, :, k, None]
+        w, dw, a = (back(R, one[:, k, None]) for one in (motion.w, motion.dw, motion.a))
+        W, U = (back(R, one) for one in motion.screws(chain.path, k))
+        m, h, J = theta[0], theta[1:4], theta[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3, *theta.shape[1:])
+        wh, Jw = cross(w, h), turn(J, w)
+        force, moment = m * a + cross(dw, h) + cross(w, wh), cross(h, a) + turn(J, dw) + cross(w, Jw)
+        # a joint moves the screws of those before it, which take the wrench
+        before = [np.cumsum(one, axis=1) - one for one in (cross(W, moment) + cross(U, force), cross(W, force))]
+        self.crossed[chain.via] += dot(W, before[0]) + dot(U, before[1])
+        pushes, turns = m * U + cross(W, h), cross(h, U) + turn(J, W)
+        spins = cross(wh, U) + cross(h, cross(U, w)) + cross(Jw, W) + turn(J, cross(W, w))
+        spin, self.turns[:, k], self.pushes[:, k] = (turn(R[:, :, 0], x.sum(axis=1)) for x in (spins, turns, pushes))
+        self.bends[:, k] = spin + cross(motion.w[:, k], self.turns[:, k]) + 2 * cross(motion.v[:, k], self.pushes[:, k])
 
 
 def _summed(layout: Layout, vectors: Array) -> Array:

@@ -27,6 +27,7 @@ KINDS = {
     "torque": (*STATES, c_void_p, c_void_p, c_int64, c_void_p),
     "mass": (*STATES, *[c_void_p] * 3, c_int64, c_void_p),
     "partials": (*STATES, c_void_p, c_void_p, c_int64, c_void_p),
+    "weighted": (*STATES, c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p),
 }
 
 
@@ -81,6 +82,15 @@ class CompiledRecursion(Recursion):
         n = self.layout.joints
         out = np.empty((3, len(q), n, n))
         self._call("partials", (q, dq, ddq), _at(theta), _at(out), n)
+        return out
+
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+        """Return the derivatives (3, N, n) of the sums <G_i, Y_i> by q, dq and ddq, for weights G (N, n, 10 L)."""
+        n, width = self.layout.joints, 10 * len(self.layout.listed)
+        weights, out = np.ascontiguousarray(weights), np.empty((3, len(q), n))
+        place = np.full(len(self.layout), -1, dtype=np.int64)
+        place[self.layout.listed] = np.arange(0, width, 10)
+        self._call("weighted", (q, dq, ddq), _at(place), _at(weights), width, _at(out), n)
         return out
 
     def _call(self, name: str, states: tuple[Array, Array, Array], *rest: Any, room: int = 0) -> None:

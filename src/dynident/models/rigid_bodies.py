@@ -15,19 +15,23 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, listed
 from dynident.models.inertia import consistency_violations
+from dynident.models.placements import Placements, placements
 from dynident.models.recursion import Recursion
 from dynident.models.recursion_kernel import recursion
 from dynident.models.robot_file import (
     Arm,
     ArmBody,
     Limits,
+    LinkShapes,
     RobotFile,
     RobotJoint,
     assemble,
     displaced,
+    mjcf_shapes,
     parse,
     read_mjcf,
     read_urdf,
+    urdf_shapes,
 )
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials
 from dynident.models.tree import Layout, Tree
@@ -133,6 +137,14 @@ class RigidBodies:
         return {joint.name: joint.limits for joint in self._driven}
 
     @property
+    def shapes(self) -> dict[str, LinkShapes]:
+        """The shapes of the links that have any in the file; ModelError for one with a wrong size."""
+        root = parse(self.xml, self.source)
+        if self.format == "urdf":
+            return urdf_shapes(root, self.source)
+        return mjcf_shapes(root, self.source, self._file.origins)
+
+    @property
     def damping(self) -> dict[str, float]:
         """Nominal viscous friction, in N m s/rad or N s/m, of the moving joints for which the file gives one."""
         return self._nominal("damping")
@@ -199,6 +211,13 @@ class RigidBodies:
         states = _floats(q), _floats(dq), _floats(ddq)
         return Partials(*dynamics.partials(*states, dynamics.layout.filled(theta)))
 
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+        """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, 10 n)."""
+        states, weights = (_floats(q), _floats(dq), _floats(ddq)), _floats(weights)
+        if weights.shape != (shape := (len(states[0]), *self.support.shape)):
+            raise ModelError(f"{self.source}: the weights have the shape {weights.shape}, expected {shape}.")
+        return self._recursion.weighted_gradient(*states, weights)
+
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for any theta (10 n), physical or not."""
         dynamics = self._recursion
@@ -208,6 +227,10 @@ class RigidBodies:
         """Return the mass matrix (N, n, n) and the torque (N, n) without acceleration, for any theta (10 n)."""
         dynamics = self._recursion
         return dynamics.mass_and_bias(_floats(q), _floats(dq), dynamics.layout.filled(theta))
+
+    def placements(self, q: Array) -> Placements:
+        """Return where the bodies ``arm.bodies`` are at positions q (N, n), in the frame of the root link."""
+        return placements(self._recursion.tree, self._arm.bodies[0].placement[:3, 3], _floats(q))
 
     def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""

@@ -26,6 +26,7 @@ __all__ = [
     "HasRobotFile",
     "HasSign",
     "HasSupport",
+    "HasWeightedGradient",
     "Joint",
     "Loads",
     "NeedsLoad",
@@ -149,6 +150,14 @@ class HasMassMatrix(Protocol):
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n), and the torque (N, n) without acceleration, for one theta (p)."""
+
+
+@runtime_checkable
+class HasWeightedGradient(Protocol):
+    """A term that computes the derivatives of a weighted sum of its regressor faster than by ``partials``."""
+
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array, /, *memory: Array) -> Array:
+        """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, p)."""
 
 
 @runtime_checkable
@@ -300,12 +309,13 @@ class HasNumpySource(Protocol):
         """
 
 
-def declares(term: Term, name: str) -> bool:
-    """Return whether a term says something (``torque``, ``support``, ``entries``) of the regressor that it has.
+def declares(term: Term, name: str, of: str = "regressor") -> bool:
+    """Return whether a term says something (``torque``, ``support``, ``entries``) of the regressor that it has, or of
+    another method.
 
     A subclass with a regressor of its own does not inherit it.
     """
     order = type(term).__mro__
-    first = {key: next((k for k, cls in enumerate(order) if key in vars(cls)), None) for key in (name, "regressor")}
-    own, regressor = first[name], first["regressor"]
-    return own is not None and regressor is not None and own <= regressor
+    first = {key: next((k for k, cls in enumerate(order) if key in vars(cls)), None) for key in (name, of)}
+    own, base = first[name], first[of]
+    return own is not None and base is not None and own <= base

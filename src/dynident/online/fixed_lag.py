@@ -126,7 +126,9 @@ class FixedLag:
         the samples is taken then.
         """
         time, n = np.atleast_1d(np.asarray(t, dtype=float)), len(self.joints)
-        positions, torques = (np.asarray(x, dtype=float).reshape(-1, n) for x in (q, tau))
+        positions, torques = (np.asarray(x, dtype=float) for x in (q, tau))
+        if len(time) == 1:
+            positions, torques = (x[None] if x.shape == (n,) else x for x in (positions, torques))
         steps = self._checked(time, positions, torques)
         found = list[Smoothed]()
         wide = np.flatnonzero(steps > GAP * self.step).tolist()
@@ -163,8 +165,9 @@ class FixedLag:
 
     def _checked(self, t: Array, q: Array, tau: Array) -> Array:
         """Return the steps (B) before each sample, nan before the first of all."""
-        if not len(t) == len(q) == len(tau):
-            raise InputError(f"{self.source}: {len(t)} stamps for {len(q)} positions and {len(tau)} torques.")
+        shape = len(t), len(self.joints)
+        if not shape == q.shape == tau.shape:
+            raise InputError(f"{self.source}: q and tau have shapes {q.shape} and {tau.shape}; they must be {shape}.")
         for name, x in (("t", t), ("q", q), ("tau", tau)):
             if not np.isfinite(x).all():
                 k = int(np.flatnonzero(~np.isfinite(x).reshape(len(t), -1).all(axis=1))[0])

@@ -45,6 +45,7 @@ PANEL = 16  # columns that LAPACK eliminates together
 WAITING = 64  # samples that are computed together, as each call has its cost
 STEPS = 100  # of forgetting in the shortest memory
 LEAST = 0.03  # of the largest pivot that a parameter ever had: it is not forgotten further, 0.1 % of the information
+ENOUGH = 10  # rows for each parameter: of fewer the residual is not forgotten
 EMPTY = 1e-10  # of its column: a smaller pivot is rounding
 NAMES = ("q", "dq", "ddq", "tau")
 
@@ -153,6 +154,7 @@ class RecursiveLeastSquares:
         least = np.divide(LEAST * self._peak, pivots, out=np.ones(p), where=pivots > 0)
         self._R[:p] *= np.minimum(np.maximum(np.exp(-0.5 * seconds / own), least), 1.0)[:, None]
         left = math.exp(-seconds / float(own.min()))  # of the residual: what a change has left in it goes as fast
+        left = max(left, min(1.0, ENOUGH * p / self._rows)) if self._rows else 1.0
         self._R[p, p] *= math.sqrt(left)
         self._rows *= left
 

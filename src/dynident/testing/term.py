@@ -159,6 +159,25 @@ def has_partials_that_are_slopes(term: Term) -> None:
             np.testing.assert_allclose(getattr(slopes, name)[:, :, k], slope, rtol=1e-7, atol=1e-8)
 
 
+def has_the_weighted_gradient_of_its_partials(term: Term) -> None:
+    """The derivatives of a sum of all entries with weights are those of each joint's torque by its row of weights."""
+    state, own, model = states(len(term.joints)), memory_of(term), Model((term,))
+    weights = np.random.default_rng(5).normal(size=(*state[0].shape, len(term.parameters)))
+    found = model.weighted_gradient(*state, weights, *own)
+    for i in range(len(weights)):
+        q, dq, ddq, *memory = (x[i : i + 1] for x in (*state, *own))
+        for j, theta in enumerate(weights[i]):
+            slopes = term.partials(q, dq, ddq, theta, *memory)
+            found[:, i] -= [slopes.q[0, j], slopes.dq[0, j], slopes.ddq[0, j]]
+    np.testing.assert_allclose(found, 0.0, atol=1e-11 * np.abs(weights).max() * max(1.0, _largest(term)))
+
+
+def _largest(term: Term) -> float:
+    """The largest slope of any parameter's torque."""
+    units = (term.partials(*states(len(term.joints)), one, *memory_of(term)) for one in np.eye(len(term.parameters)))
+    return max(float(np.abs(array).max()) for one in units for array in (one.q, one.dq, one.ddq))
+
+
 def remembers_in_pieces(term: Term) -> None:
     """What it remembers does not depend on where a motion is cut, nor on what comes later."""
     if not isinstance(term, HasMemory):
@@ -245,6 +264,7 @@ TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     survives_pickling,
     has_partials_linear_in_theta,
     has_partials_that_are_slopes,
+    has_the_weighted_gradient_of_its_partials,
     remembers_in_pieces,
     remembers_no_mass,
     softens_its_sign,

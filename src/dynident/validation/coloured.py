@@ -21,7 +21,7 @@ from dynident.regression import Regression
 from dynident.splines import NORMAL_95
 from dynident.validation.hac import bread, robust_covariance, samples_of, stretches_of
 
-__all__ = ["coloured_std", "correlated_std"]
+__all__ = ["coloured_covariance", "coloured_std", "correlated_std"]
 
 Array = NDArray[np.float64]
 MOST, PIECE = 10_000, 2_500  # samples of all logs that are looked at, and of one piece of them
@@ -35,15 +35,37 @@ def correlated_std(
     weights: ArrayLike | None = None,
     columns: Sequence[int] | None = None,
     slopes: Sequence[Array] = (),
+    along: Array | None = None,
 ) -> Array:
-    """Return the larger (r) of the standard errors of ``robust_covariance``, whose errors are raised, and coloured."""
-    asked = tuple(None if one is None else np.asarray(one).tobytes() for one in (theta, weights, columns, *slopes))
+    """Return the larger (r) of the standard errors of ``robust_covariance``, whose errors are raised, and coloured;
+    with ``along`` (k, r) those of combinations of the columns."""
+    asked = _asked(theta, weights, columns, along, *slopes)
     if asked not in regression.known:  # the bias by errors of the motion is compared with them first
-        longrun = np.sqrt(np.diag(robust_covariance(regression, theta, weights, columns, slopes)))
+        longrun = np.sqrt(np.maximum(np.diag(_long_run(regression, theta, weights, columns, slopes, along)), 0.0))
         with suppress(np.linalg.LinAlgError):  # nearly dependent columns
-            longrun = np.maximum(longrun, coloured_std(regression, theta, weights, columns))
+            longrun = np.maximum(longrun, coloured_std(regression, theta, weights, columns, along))
         regression.known[asked] = longrun
     return np.asarray(regression.known[asked])
+
+
+def _asked(*arguments: Any) -> tuple[Any, ...]:
+    """Return arguments as the key of what is known of them."""
+    return tuple(None if one is None else np.asarray(one).tobytes() for one in arguments)
+
+
+def _long_run(
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None,
+    columns: Sequence[int] | None,
+    slopes: Sequence[Array],
+    along: Array | None,
+) -> Array:
+    asked = ("long run", *_asked(theta, weights, columns, *slopes))
+    if asked not in regression.known:
+        regression.known[asked] = robust_covariance(regression, theta, weights, columns, slopes)
+    covariance = np.asarray(regression.known[asked])
+    return covariance if along is None else along @ covariance @ along.T
 
 
 def coloured_std(
@@ -51,13 +73,48 @@ def coloured_std(
     theta: ArrayLike,
     weights: ArrayLike | None = None,
     columns: Sequence[int] | None = None,
+    along: Array | None = None,
 ) -> Array:
     """Return standard errors (r) of a least-squares fit whose residual is AR(1) in each joint, in SI units.
 
-    ``theta`` (p), ``weights`` (n) and ``columns`` (r) are those of ``robust_covariance``, whose errors are raised. 1.96
+    ``theta`` (p), ``weights`` (n) and ``columns`` (r) are those of ``robust_covariance``, whose errors are raised;
+    ``along`` (k, r) asks for those (k) of combinations of the columns. 1.96
     of these standard errors hold 95 %: they are multiplied by Student's quantile over the normal one, for the degrees
     of freedom that v and rho of few independent samples leave (Satterthwaite). Joints are taken as independent.
     """
+    joints, v, rho, half, share = _coloured(regression, theta, weights, columns)
+    half = half if along is None else along @ half
+    variance = _diagonal(half, _spread(joints, v, rho) / share)
+    return np.sqrt(variance) * _quantile(variance, _doubt(joints, v, rho, half) / share**2) / NORMAL_95
+
+
+def coloured_covariance(
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None = None,
+    columns: Sequence[int] | None = None,
+) -> Array:
+    """Return the covariance (r, r) of which ``coloured_std`` are the standard errors, before Student's quantile."""
+    joints, v, rho, half, share = _coloured(regression, theta, weights, columns)
+    return np.asarray(half @ _spread(joints, v, rho) @ half.T / share)
+
+
+def _coloured(
+    regression: Regression, theta: ArrayLike, weights: ArrayLike | None, columns: Sequence[int] | None
+) -> tuple[list[_Joint], Array, Array, Array, float]:
+    """Return ``_fitted``, from before where it is known."""
+    asked = ("coloured", *_asked(theta, weights, columns))
+    if asked not in regression.known:
+        regression.known[asked] = _fitted(regression, theta, weights, columns)
+    found: tuple[list[_Joint], Array, Array, Array, float] = regression.known[asked]
+    return found
+
+
+def _fitted(
+    regression: Regression, theta: ArrayLike, weights: ArrayLike | None, columns: Sequence[int] | None
+) -> tuple[list[_Joint], Array, Array, Array, float]:
+    """Return the joints with variance and correlation (n), what turns their rows to the columns, and the share of all
+    samples that is here."""
     p, n = len(regression.model.parameters), len(regression.model.joints)
     w = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
     kept = list(range(p)) if columns is None else list(columns)
@@ -71,10 +128,7 @@ def coloured_std(
     value = np.asarray(theta, dtype=float)
     series = [_series(part, value, w, [(one[0] * one[1]).T for one in turns]) for part in parts]
     joints = [_Joint.of([one[j] for one in series], turn[2]) for j, turn in enumerate(turns)]
-    v, rho = _matched(joints, share)
-    variance = _diagonal(half, _spread(joints, v, rho) / share)
-    wide = np.sqrt(variance) * _quantile(variance, _doubt(joints, v, rho, half) / share**2) / NORMAL_95
-    return np.asarray(wide / scale)
+    return joints, *_matched(joints, share), half / scale[:, None], share
 
 
 @dataclass(frozen=True, eq=False)

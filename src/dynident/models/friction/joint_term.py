@@ -178,6 +178,15 @@ class JointTerm(ABC):
             found.append(zero if slope is None else whole)
         return Partials(*found)
 
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array, *memory: Array) -> Array:
+        """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, p)."""
+        joints, out = self._columns, np.zeros((3, *q.shape))
+        own = weights[:, joints, range(len(joints))]
+        for found, slope in zip(out, self.slopes(q[:, joints], dq[:, joints], ddq[:, joints], *memory), strict=True):
+            if slope is not None:
+                found[:] = self._summed(slope * own)
+        return out
+
     def _own(self, q: Array, dq: Array, ddq: Array, *memory: Array) -> Array:
         joints = self._columns
         return self.shapes(q[:, joints], dq[:, joints], ddq[:, joints], *memory)

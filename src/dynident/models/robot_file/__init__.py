@@ -2,7 +2,10 @@
 
 from dynident.models.robot_file.arm import Arm, ArmBody, assemble, displaced
 from dynident.models.robot_file.mjcf import UNNAMED, read_mjcf
+from dynident.models.robot_file.mjcf_shapes import mjcf_shapes
+from dynident.models.robot_file.shapes import LinkShapes, Shape, ShapeKind
 from dynident.models.robot_file.urdf import read_urdf
+from dynident.models.robot_file.urdf_shapes import urdf_shapes
 from dynident.models.robot_file.xml import (
     HUGE,
     Coupled,
@@ -30,8 +33,11 @@ __all__ = [
     "ArmBody",
     "Coupled",
     "Limits",
+    "LinkShapes",
     "RobotFile",
     "RobotJoint",
+    "Shape",
+    "ShapeKind",
     "Tied",
     "angles",
     "assemble",
@@ -39,6 +45,7 @@ __all__ = [
     "displaced",
     "exact",
     "known",
+    "mjcf_shapes",
     "motion",
     "numbers",
     "parse",
@@ -48,4 +55,5 @@ __all__ = [
     "rotation",
     "unique",
     "unit",
+    "urdf_shapes",
 ]

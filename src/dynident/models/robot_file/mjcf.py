@@ -6,7 +6,7 @@ is at the anchor of its last joint, with the body's axes; of several joints, eac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 from xml.etree.ElementTree import Element
@@ -32,7 +32,7 @@ from dynident.models.robot_file.xml import (
     unit,
 )
 
-__all__ = ["UNNAMED", "read_mjcf"]
+__all__ = ["UNNAMED", "WORLD", "named_bodies", "read_mjcf"]
 
 Array = NDArray[np.float64]
 WORLD = "world"
@@ -155,8 +155,7 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
     """
     defaults = read_defaults(root, source)
     _check_read(root, defaults)
-    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
-    _name(bodies)
+    bodies = named_bodies(root)
     unique([WORLD, *(body.get("name", "") for body in bodies)], "body", source)
     reader = _Reader(defaults, {WORLD: np.zeros(10)})
     for world in root.findall("worldbody"):
@@ -178,11 +177,13 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
     )
 
 
-def _name(bodies: Iterable[Element]) -> None:
-    """Give each body without a name one by its place in the file; MuJoCo needs none."""
+def named_bodies(root: Element) -> list[Element]:
+    """Return all bodies, those without a name named by their place in the file; MuJoCo needs none."""
+    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
     for place, body in enumerate(bodies, start=1):
         if not body.get("name"):
             body.set("name", UNNAMED.format(place))
+    return bodies
 
 
 def _check_read(root: Element, defaults: Defaults) -> None:

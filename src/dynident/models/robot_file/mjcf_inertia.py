@@ -18,7 +18,7 @@ from dynident.models.robot_file.mjcf_defaults import Attributes, Defaults
 from dynident.models.robot_file.mjcf_orientation import upward
 from dynident.models.robot_file.xml import numbers, placement, unit
 
-__all__ = ["body_inertia", "with_total_mass"]
+__all__ = ["SIZES", "body_inertia", "sized", "with_total_mass"]
 
 Array = NDArray[np.float64]
 DENSITY = "1000"  # kg/m^3, or kg/m^2 for a thin wall
@@ -98,14 +98,14 @@ def _of_shape(attributes: Attributes, above: Array, defaults: Defaults, where: s
         return None
     if kind not in SIZES:
         raise ModelError(f"{where}: type {kind!r}; {choices(kind, [*SIZES, *UNREAD, WEIGHTLESS])}")
-    size, frame = _sized(kind, attributes, defaults, where)
+    size, frame = sized(kind, attributes, defaults, where)
     walls = attributes.get("shellinertia") == "true"
     volume, gyration = (SHELLS if walls else SOLIDS)[kind](*size)
     mass = density * volume if mass is None else mass
     return _placed(mass, np.diag(mass * np.array(gyration)), above @ frame) if mass > TINY else np.zeros(10)
 
 
-def _sized(kind: str, attributes: Attributes, defaults: Defaults, where: str) -> tuple[list[float], Array]:
+def sized(kind: str, attributes: Attributes, defaults: Defaults, where: str) -> tuple[list[float], Array]:
     """Return the sizes (m) of a shape and its frame (4, 4); ``fromto`` gives the ends of its z axis."""
     ended = "fromto" in attributes
     if ended and kind == "sphere":

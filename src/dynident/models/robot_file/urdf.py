@@ -30,7 +30,7 @@ from dynident.models.robot_file.xml import (
     unit,
 )
 
-__all__ = ["read_urdf"]
+__all__ = ["origin", "read_urdf"]
 
 Array = NDArray[np.float64]
 Kind = Literal["fixed", "revolute", "prismatic"]
@@ -122,7 +122,7 @@ def _check_cycle(link: str, parents: Mapping[str, RobotJoint], sound: set[str], 
     sound.update(above)
 
 
-def _origin(element: Element | None, where: str) -> tuple[Array, Array]:
+def origin(element: Element | None, where: str) -> tuple[Array, Array]:
     """Return rotation (3, 3) and translation (3) of an <origin>: roll, pitch, yaw about fixed axes."""
     x, y, z = np.eye(3)
     roll, pitch, yaw = angles(element, "rpy", "0 0 0", where, 3)
@@ -138,7 +138,7 @@ def _inertia(link: Element, source: str) -> Array:
     if mass is None or tensor is None:
         raise ModelError(f"{where}: it needs both <mass> and <inertia>.")
     values = {key: numbers(tensor, key, "", where)[0] for row in TENSOR for key in row}
-    turn, centre = _origin(inertial.find("origin"), where)
+    turn, centre = origin(inertial.find("origin"), where)
     about_centre = turn @ np.array([[values[key] for key in row] for row in TENSOR]) @ turn.T
     return from_physical(numbers(mass, "value", "", where)[0], centre, (about_centre + about_centre.T) / 2)
 
@@ -159,7 +159,7 @@ def _joint(element: Element, links: Collection[str], source: str) -> RobotJoint:
         name=name,
         kind=KINDS[type_],
         **ends,
-        placement=placement(*_origin(element.find("origin"), where)),
+        placement=placement(*origin(element.find("origin"), where)),
         axis=axis,
         limits=_limits(element.find("limit"), type_, where),
         nominal=_nominal(element.find("dynamics"), where),

@@ -29,6 +29,7 @@ __all__ = [
     "INK",
     "PALE",
     "RED",
+    "TEMPLATE",
     "TIME",
     "Array",
     "Drawing",
@@ -101,10 +102,12 @@ TEMPLATE = {
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A figure: its ``data``, a list of traces, and its ``layout``, as plotly's JavaScript reads them."""
+    """A figure: its ``data``, a list of traces, and its ``layout``, as plotly's JavaScript reads them; ``motion`` is
+    what moves its first traces, which the page reads, None where nothing moves."""
 
     data: list[Trace]
     layout: dict[str, Any]
+    motion: dict[str, Any] | None = None
 
     __repr__ = brief
 
@@ -119,7 +122,8 @@ class Drawing:
 
     def json(self) -> str:
         """Return the text that plotly's JavaScript reads."""
-        return json.dumps(_plain({"data": self.data, "layout": self.layout}), separators=(",", ":"), allow_nan=False)
+        whole = {"data": self.data, "layout": self.layout} | ({"motion": self.motion} if self.motion else {})
+        return json.dumps(_plain(whole), separators=(",", ":"), allow_nan=False)
 
     def figure(self) -> go.Figure:
         """Return the figure of plotly for Python, which checks it."""

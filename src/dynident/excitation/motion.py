@@ -1,0 +1,138 @@
+"""The optimised motion of a design: what is sought, the search, and the motion from rest to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError, Step
+from dynident.estimators.maximum_likelihood import with_smooth_signs
+from dynident.excitation.bspline import Clamped
+from dynident.excitation.criterion import InformationCriterion, base_information
+from dynident.excitation.family import Family
+from dynident.excitation.feasibility import Feasibility
+from dynident.excitation.fourier import Fourier
+from dynident.excitation.interior import Interior, Spare
+from dynident.excitation.ramp import from_rest
+from dynident.excitation.request import Criterion, Request
+from dynident.excitation.request_checks import named_rows
+from dynident.excitation.search import STAGES, Found, Stage, search
+from dynident.excitation.space import Space
+from dynident.excitation.trajectory import Piece, Purpose
+from dynident.regression import BaseParameters
+
+__all__ = ["Plan", "best_motion", "interior_of", "motion_pieces"]
+
+Array = NDArray[np.float64]
+SMOOTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
+FINE = 20  # points of the grid by harmonic
+FEWEST = 100  # points of the grid
+SPANS = 2.0  # of a B-spline, by harmonic and period: as free as the series
+AROUND = 4.0  # s that ways and ramps take, about
+ROUNDS = 4  # of the search, with more to spare where the limits do not hold between the grid's points
+
+
+class Plan(NamedTuple):
+    """How many starts a search has, and its stages."""
+
+    starts: int
+    stages: tuple[Stage, ...] = STAGES
+
+
+def interior_of(feasible: Feasibility, space: Space, request: Request, basis: BaseParameters) -> Interior:
+    """Return the motions that a request asks for, on their grid, with the criterion; signs of friction are smooth."""
+    soft = replace(feasible, model=with_smooth_signs(feasible.model, SMOOTH * feasible.limits.velocity))
+    family = _family(request)
+    points = max(FEWEST, FINE * family.harmonics if isinstance(family, Fourier) else FINE // 4 * family.size)
+    grid = (np.arange(points) + 0.5) * family.duration / points
+    samples = request.rate * family.duration * _periods(request, family, AROUND) / points
+    prior = None if request.prior is None else base_information(basis, request.prior)
+    weights = samples / np.square(request.sigma)
+    information = InformationCriterion(soft.model, basis.independent, weights, request.criterion, prior)
+    information = replace(information, named=named_rows(basis, feasible.theta, request, information.scale))
+    unit = 1.0 if request.criterion is Criterion.D_OPTIMAL else 1.0 / basis.rank
+    return Interior(soft, space, family, grid, information, Spare.least(soft, space), unit)
+
+
+def best_motion(
+    interior: Interior,
+    feasible: Feasibility,
+    plan: Plan,
+    rng: np.random.Generator,
+    executor: Executor | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Found:
+    """Return the best motion that keeps to the limits, also between the points of the grid and by the torque of
+    ``feasible``; InputError where none is found."""
+
+    def say(best: float, done: int, total: int) -> None:
+        progress(Step(f"searching, best so far: {_worded(interior.information, best)}", done, total))
+
+    found = search(interior, plan.starts, rng, stages=plan.stages, executor=executor, progress=say)
+    for _ in range(ROUNDS):
+        beyond = interior.between(found.x, feasible.model)
+        if beyond is None:
+            return found
+        interior = interior.wider(beyond)
+        x = interior.smaller(found.x)
+        if found.interrupted and x is not None:
+            found = replace(found, x=x)
+            continue
+        first, stages = ((), plan.stages) if x is None else ((x,), plan.stages[-2:])
+        again = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
+        found = replace(again, interrupted=found.interrupted or again.interrupted)
+    raise InputError("no motion was found that keeps to the limits at all times: allow more torque, or less clearance.")
+
+
+def motion_pieces(
+    feasible: Feasibility, family: Family, x: Array, request: Request, rng: np.random.Generator, most: int | None = None
+) -> tuple[Piece, ...]:
+    """Return the motion of coefficients x (n, K) from rest to rest, with as many periods, ``most`` at the most, as
+    there is time for.
+
+    Raises InputError where there is no way to it, or not the time.
+    """
+    around = 0.0
+    while True:
+        periods = _periods(request, family, around)
+        periods = periods if most is None else min(most, periods)
+        pieces = from_rest(feasible, family, x, periods, request.start, rng)
+        if pieces is None:
+            raise InputError("no way to the motion was found that keeps to the limits; give another start pose.")
+        taken = sum(piece.course.duration for piece in pieces)
+        if taken <= request.duration * (1 + 1e-9):
+            return pieces
+        if periods == 1:
+            raise InputError(
+                f"the motion takes {taken:.1f} s with the ways to it and back, more than the {request.duration:.4g} s "
+                "that there are: give a longer duration, or a shorter period."
+            )
+        around = max(around + 0.1, sum(one.course.duration for one in pieces if one.purpose is Purpose.WAY))
+
+
+def _family(request: Request) -> Family:
+    if request.family == "fourier":
+        return Fourier(request.period, request.harmonics)
+    length = request.duration - (0.0 if request.start is None else AROUND)
+    return Clamped(length, max(6, round(SPANS * request.harmonics * length / request.period)))
+
+
+def _periods(request: Request, family: Family, around: float) -> int:
+    """Return how many periods there is time for, beside ways that take ``around`` (s)."""
+    return max(1, int((request.duration - around) / family.duration + 1e-9)) if request.family == "fourier" else 1
+
+
+def _worded(information: InformationCriterion, value: float) -> str:
+    """Return the value of a criterion as it is known."""
+    match information.kind:
+        case Criterion.D_OPTIMAL:
+            return f"log det {2 * np.log(information.scale).sum() - value:.1f}"
+        case Criterion.A_OPTIMAL:
+            return f"variances {np.exp(value):.3g}"
+        case Criterion.CONDITION:
+            return f"condition number {np.exp(value):.1f}"

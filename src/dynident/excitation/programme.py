@@ -1,0 +1,67 @@
+"""What an arm does besides the optimised motion: each joint at constant speeds, and poses at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError
+from dynident.excitation.feasibility import Feasibility
+from dynident.excitation.friction_programme import friction_programme
+from dynident.excitation.poses import static_poses
+from dynident.excitation.request import Programme, Request
+from dynident.excitation.trajectory import Piece
+
+__all__ = ["FRICTION", "GRAVITY", "home_of", "slow_pieces"]
+
+Array = NDArray[np.float64]
+FRICTION, GRAVITY = 0.4, 0.2  # shares of the duration of ``Programme.ALL``; the motion has the rest
+SPEEDS = (5, 4, 3, 2)  # of each joint: fewer where there is no time for more
+
+
+def slow_pieces(feasible: Feasibility, request: Request, rng: np.random.Generator) -> tuple[Piece, ...]:
+    """Return what of a request's programme is not the optimised motion: from rest to rest in one pose, none for
+    ``Programme.MOTION``.
+
+    Raises ConfigError where the time does not suffice.
+    """
+    match request.programme:
+        case Programme.FRICTION:
+            return _friction(feasible, request.duration, request.start, rng)
+        case Programme.GRAVITY:
+            return static_poses(feasible, request.duration, request.start, _weights(request), rng)
+        case Programme.ALL:
+            try:
+                friction = _friction(feasible, FRICTION * request.duration, request.start, rng)
+                home = home_of(friction)
+                return (*friction, *static_poses(feasible, GRAVITY * request.duration, home, _weights(request), rng))
+            except ConfigError as error:
+                raise ConfigError(
+                    f"of the duration of {request.duration:g} s, {FRICTION:.0%} are for friction and {GRAVITY:.0%} for "
+                    f"poses at rest: {error}"
+                ) from error
+    return ()
+
+
+def home_of(pieces: tuple[Piece, ...]) -> Array:
+    """Return the pose (n) in which pieces begin."""
+    return np.asarray(pieces[0].course.states(np.zeros(1))[0, 0])
+
+
+def _friction(
+    feasible: Feasibility, duration: float, start: Array | None, rng: np.random.Generator
+) -> tuple[Piece, ...]:
+    """Return each joint at as many speeds as there is time for."""
+    state = rng.bit_generator.state
+    for speeds in SPEEDS:
+        rng.bit_generator.state = state
+        try:
+            return friction_programme(feasible, duration, start, rng, speeds)
+        except ConfigError:
+            if speeds == SPEEDS[-1]:
+                raise
+    raise AssertionError
+
+
+def _weights(request: Request) -> Array:
+    return np.asarray(1 / np.square(request.sigma))

@@ -1,0 +1,71 @@
+"""Placements of bodies are those of Pinocchio, and points on them move as differences say."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.errors import ModelError
+from dynident.models import RigidBodies
+from tests.models.judge import Judge, assert_same, random_bodies, random_states
+from tests.robots import ARM, GRIPPER, link
+from tests.robots import joint as joint_of
+
+few = settings(max_examples=20, deadline=None)
+
+
+@few
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9))
+def test_any_tree_is_where_pinocchio_says(seed, count):
+    bodies, theta = random_bodies(seed, count)
+    (q, _, _), judge = random_states(bodies, seed, 3), Judge(bodies, theta)
+    found = bodies.placements(q)
+    for i, moved in enumerate(bodies.arm.moved(q, q, q)[0]):
+        pin.forwardKinematics(judge.model, judge.data, moved)
+        for k, place in enumerate(list(judge.data.oMi)[1:]):
+            assert_same(found.rotations[i, k], place.rotation)
+            assert_same(found.origins[i, k], place.translation)
+
+
+@few
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9))
+def test_points_move_with_their_joints(seed, count):
+    bodies, _ = random_bodies(seed, count)
+    rng, (q, _, _), h = np.random.default_rng(seed), random_states(bodies, seed, 3), 1e-5
+    body, local = rng.integers(-1, count, 6), rng.normal(size=(6, 3))
+    found = bodies.placements(q)
+    points = found.points(body, local)
+    J = found.jacobians(body, points)
+    for k in range(q.shape[1]):
+        step = h * np.eye(q.shape[1])[k]
+        ahead, behind = (bodies.placements(one).points(body, local) for one in (q + step, q - step))
+        assert_same(J[..., k], (ahead - behind) / (2 * h), 1e-8)
+    along = rng.normal(size=points.shape)
+    assert_same(found.pulled(body, points, along), np.einsum("ipck,ipc->ipk", J, along))
+
+
+def test_the_root_link_does_not_move():
+    found = RigidBodies(ARM).placements(np.ones((2, 3)))
+    np.testing.assert_array_equal(found.points([-1], [[1.0, 2.0, 3.0]]), np.tile([1.0, 2.0, 3.0], (2, 1, 1)))
+    assert not found.jacobians([-1], found.points([-1], np.ones((1, 3)))).any()
+
+
+def test_a_mimic_joint_moves_by_its_drive():
+    bodies = RigidBodies(GRIPPER)
+    right = [one.name for one in bodies.arm.bodies].index("right")
+    found = bodies.placements(np.array([[0.0, 0.1]]))
+    np.testing.assert_allclose(found.origins[0, right], [0.0, -0.21, 0.0], atol=1e-15)  # 2 * 0.1 + 0.01, axis -y
+    np.testing.assert_allclose(found.jacobians([right], found.origins[:, [right]])[0, 0, :, 1], [0.0, -2.0, 0.0])
+
+
+def test_the_base_stands_where_the_file_says():
+    mount = link("ground") + joint_of("mount", "fixed", "ground", "base", (0.5, -1.0, 2.0))
+    far, near = RigidBodies(ARM.replace("</robot>", f"{mount}</robot>")), RigidBodies(ARM)
+    q = np.ones((1, 3))
+    assert_same(far.placements(q).origins, near.placements(q).origins + np.array([0.5, -1.0, 2.0]))
+
+
+def test_a_wrong_shape_is_an_error():
+    with pytest.raises(ModelError, match=r"q has the shape \(2, 2\), expected \(N, 3\)"):
+        RigidBodies(ARM).placements(np.ones((2, 2)))

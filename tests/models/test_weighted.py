@@ -1,0 +1,127 @@
+"""The derivatives of weighted sums of the regressor: by differences of the sums themselves, and by partials."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import ModelError
+from dynident.models import (
+    Coulomb,
+    CoupledMotor,
+    Dahl,
+    Joint,
+    Model,
+    Offset,
+    RigidBodies,
+    Ripple,
+    RotorInertia,
+    Stribeck,
+    Viscous,
+)
+from dynident.models.weighted import _apart
+from dynident.testing.term import states
+from tests.robots import ARM, GRIPPER
+
+BODIES = RigidBodies(ARM)
+JOINTS = BODIES.joints
+
+
+def model_of(*terms):
+    return Model((BODIES, RotorInertia(JOINTS), *terms), name="arm")
+
+
+def differences(model, state, weights, h=1e-3):
+    """Derivatives of sum <G, Y> by differences of sixth order."""
+    out = np.zeros((3, *state[0].shape))
+    for which in range(3):
+        for k in range(state[0].shape[1]):
+            for step, weight in ((1, 45 / 60), (2, -9 / 60), (3, 1 / 60)):
+                for sign in (1.0, -1.0):
+                    moved = [one.copy() for one in state]
+                    moved[which][:, k] += sign * step * h
+                    out[which, :, k] += sign * weight / h * np.einsum("ijp,ijp->i", weights, model.regressor(*moved))
+    return out
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        model_of(Viscous(JOINTS), Coulomb(JOINTS, width=0.3), Offset(JOINTS), Ripple(JOINTS, cycles=(2, 5))),
+        model_of(
+            Stribeck(JOINTS, velocity=0.8, width=0.2), CoupledMotor(JOINTS, {"shoulder": 1.0, "twist": -6.0}, "motor")
+        ),
+        Model((RigidBodies(GRIPPER), Viscous(RigidBodies(GRIPPER).joints))),
+    ],
+)
+def test_they_are_the_differences_of_the_sum(model):
+    state = states(len(model.joints))
+    weights = np.random.default_rng(1).normal(size=(*state[0].shape, len(model.parameters)))
+    found = model.weighted_gradient(*state, weights)
+    np.testing.assert_allclose(found, differences(model, state, weights), rtol=1e-8, atol=1e-8)
+
+
+def test_a_term_that_remembers_is_at_constant_memory():
+    model = Model((Dahl(JOINTS, length=0.1), Viscous(JOINTS)))
+    state, memory = states(3), np.random.default_rng(2).uniform(-1, 1, (6, 3))
+    weights = np.random.default_rng(3).normal(size=(6, 3, 6))
+    slopes = [model.partials(*state, one, memory) for one in np.eye(6)]
+    expected = sum(np.einsum("ij,ijk->ik", weights[..., c], one.dq) for c, one in enumerate(slopes))
+    found = model.weighted_gradient(*state, weights, memory)
+    np.testing.assert_allclose(found[1], expected, atol=1e-13)
+    with pytest.raises(ModelError, match="memory"):
+        model.weighted_gradient(*state, weights)
+
+
+def test_columns_that_share_no_joint_go_together():
+    support = np.array([[1, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
+    sets = [(joints.tolist(), columns.tolist()) for joints, columns in _apart(support)]
+    assert sets == [([0, 1], [0, 1]), ([0, 1], [2, 2]), ([0], [3])]
+    assert len(list(_apart(Viscous(JOINTS).support))) == 1
+
+
+def test_weights_of_another_shape_are_an_error():
+    model = model_of()
+    state = states(3)
+    for shape in ((6, 3, 32), (5, 3, 33), (6, 33), (6, 3, 33, 1)):
+        with pytest.raises(ModelError, match=r"weights have shape .*, expected \(6, 3, 33\)"):
+            model.weighted_gradient(*state, np.ones(shape))
+        with pytest.raises(ModelError, match="weights have the shape"):
+            BODIES.weighted_gradient(*state, np.ones(shape))
+
+
+@dataclass(frozen=True)
+class Own(Viscous):
+    """Viscous friction with a gradient of its own."""
+
+    gives: float = 0.0
+
+    def weighted_gradient(self, q, dq, ddq, weights):
+        out = np.zeros((3, *q.shape))
+        out[1, 2, 1] = self.gives
+        return out[: 2 if self.gives == 2.0 else 3]
+
+
+@dataclass(frozen=True)
+class Doubled(Own):
+    """A subclass with other derivatives."""
+
+    def partials(self, q, dq, ddq, theta):
+        return super().partials(q, dq, ddq, 2 * theta)
+
+
+def test_other_derivatives_come_with_another_gradient():
+    state, weights = states(2), np.ones((6, 2, 2))
+    found = Model((Doubled((Joint("a"), Joint("b"))),)).weighted_gradient(*state, weights)
+    np.testing.assert_array_equal(found, [np.zeros((6, 2)), np.full((6, 2), 2.0), np.zeros((6, 2))])
+
+
+def test_a_term_may_have_its_own():
+    term = Own((Joint("a"), Joint("b")), gives=5.0)
+    state, weights = states(2), np.ones((6, 2, 2))
+    found = Model((term,)).weighted_gradient(*state, weights)
+    assert found.sum() == found[1, 2, 1] == 5.0
+    with pytest.raises(ModelError, match=r"weighted gradient of term Own has shape \(2, 6, 2\)"):
+        Model((replace(term, gives=2.0),)).weighted_gradient(*state, weights)
+    with pytest.raises(ModelError, match="returned nan at sample 2 in its weighted gradient, joint 'b'"):
+        Model((replace(term, gives=np.nan),)).weighted_gradient(*state, weights)

@@ -1,4 +1,4 @@
-"""Errors announced beside errors found: python3 benchmarks/announced.py [ROBOT ...] [--runs 100] [--min-speed 0.02].
+"""Errors announced beside errors found: python3 benchmarks/announced.py [ROBOT ...] [--runs 100] .
 
 A motion is designed for a 6-joint arm and for the LWR4 from its file. It is followed in closed loop (1 kHz, velocity
 inside of position, velocity fed forward) by an arm with rotor inertia, viscous and Coulomb friction that can hold a
@@ -197,8 +197,9 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     if not given.no_random:
         motions["best random"] = best_random(one, periods, np.random.default_rng([given.seed, 1]), worst)
     motions |= {label: other(one, file) for label, file in (text.split("=") for text in given.other)}
+    slow = given.min_speed * one.limits.velocity
     splines = Spline.Settings(rule="torque").build()
-    recipe = Recipe(splines, LeastSquares(weights="per_joint"), min_speed=given.min_speed or None)
+    recipe = Recipe(splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(one.limits.joints, slow, strict=True)))
     if given.draft:
         recipe = Recipe(splines, PhysicallyConsistent(), time_offset="estimate", base_tilt="estimate", terms="auto")
     rows: Row = {}
@@ -240,7 +241,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--floor", type=float, default=0.0, help="m along z of the root link")
-    parser.add_argument("--min-speed", type=float, default=0.0, help="rad/s")
+    parser.add_argument("--min-speed", type=float, default=0.02, help="of the velocity limit: slower is left out")
     parser.add_argument("--draft", action="store_true", help="identify by the drafted configuration")
     parser.add_argument("--no-random", action="store_true")
     parser.add_argument("--other", nargs="*", default=[], metavar="NAME=FILE")

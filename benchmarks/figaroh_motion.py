@@ -19,7 +19,7 @@ import yaml
 from figaroh.optimal.base_optimal_trajectory import BaseOptimalTrajectory, BaseTrajectoryIPOPTProblem
 from figaroh.tools.robot import load_robot
 
-WAYPOINTS, FREQUENCY = 5, 100  # in a segment; Hz
+WAYPOINTS, FREQUENCY = 5, 50  # in a segment; Hz
 SHORTER = 0.98  # steps of a first guess
 
 
@@ -92,6 +92,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    logging.getLogger("cyipopt").setLevel(logging.WARNING)
     np.random.seed(given.seed)  # noqa: NPY002
     robot = load_robot(str(given.robot), package_dirs=str(given.robot.parent), load_by_urdf=True)
     joints = list(robot.model.names)[1:]

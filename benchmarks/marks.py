@@ -79,6 +79,10 @@ def command(robot: str, title: str, kernel: float, without: float) -> Row:
                (Mark(kernel), Mark(without)))  # fmt: skip
 
 
+def online(text: str, name: str, *arguments: str | float) -> Row:
+    return Row(text, Work("online", name, (7, *arguments), seconds=4), None, (Mark(200), Mark(200)), 5000)
+
+
 def start(what: str, title: str, most: float) -> Row:
     work = Work("commands", "start", (what,), ("Python alone",), ("with",), seconds=3)
     return Row(title, work, "Python alone", (Mark(most), None))
@@ -124,6 +128,13 @@ TABLES = {
     "design": Table("A motion of 7 joints that is designed", "ms of CPU", 1e3, (
         Row("log det of the information of 69 base parameters on 200 points, with its gradient by 77 coefficients",
             Work("design", "gradient", (7, 200), ("differences",)), "differences", (Mark(10, 10), Mark(30, 4))),
+    )),
+    "online": Table("A stream of 7 joints with friction, 91 parameters", "µs a sample", 1e6, (
+        online("derivatives with a fixed lag, sample by sample", "smoothed", 1),
+        online("recursive least squares, sample by sample", "updated", 1),
+        online("all of it, sample by sample", "tracked", 1, "everything kept"),
+        online("all of it, 100 samples at a time", "tracked", 100, "everything kept"),
+        online("friction and payload forgotten, sample by sample", "tracked", 1, "groups"),
     )),
     "factors": Table("From a log to triangular factors", "s of CPU", 1, (TX40, DECIMATED)),
     "memory": Table("Memory above that of the log", "GiB", 1, tuple(

@@ -1,4 +1,4 @@
-"""What a recording's motion is worth, for docs/recording.md: python3 benchmarks/recording.py.
+"""What a recording's motion is worth, for docs/experiment.md: python3 benchmarks/recording.py.
 
 An arm of six joints with friction follows sums of sines; its torque has white noise. Printed for each motion: how many
 base parameters it excites to working precision, and the standard error of the torque that least squares then predicts

@@ -21,7 +21,20 @@ SOURCE = ROOT / "src"
 KERNEL = "src/dynident/kernel/README.md"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
-    "Your robot": ("recording", "gains", "recipes", "robots", "symptoms", "choosing", "export", "fleets", "supported"),
+    "Your robot": (
+        "experiment",
+        "gains",
+        "recipes",
+        "robots",
+        "symptoms",
+        "choosing",
+        "export",
+        "payload",
+        "watching",
+        "fleets",
+        "online",
+        "supported",
+    ),
     "Methods": ("methods", "maximum_likelihood", "article", "notation"),
     "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
 }

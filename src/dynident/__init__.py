@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         simulate,
     )
     from dynident.models.gallery import two_link_arm
+    from dynident.payload import find_payload
     from dynident.regression import ParallelFilter
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
@@ -74,6 +75,7 @@ __all__ = [
     "errors",
     "excite",
     "export_model",
+    "find_payload",
     "fleet",
     "identify",
     "load",
@@ -116,6 +118,7 @@ _MODULES = {
     "errors": "dynident",
     "excite": "dynident.report.excite_run",
     "export_model": "dynident.io.model_files",
+    "find_payload": "dynident.payload",
     "fleet": "dynident.report.fleet_run",
     "identify": "dynident.io.shortcuts",
     "load": "dynident.io.saved",

@@ -34,7 +34,7 @@ def two_joints(*links):
 
 
 def capsules(xml, meshes=None):
-    return capsules_of(geometry_of(dy.RigidBodies(xml), meshes))
+    return capsules_of(geometry_of(dy.RigidBodies(xml), (meshes or {}).get))
 
 
 def test_the_capsules_of_the_demo_arm_are_found_again(tmp_path) -> None:

@@ -1,15 +1,16 @@
 """Real shapes, by Pinocchio and Coal, against capsules and against what can be reckoned by hand."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import dynident as dy
 from dynident.demo.shipped import demo_files
-from dynident.excitation import exact_space as module
+from dynident.excitation import pairing
 from dynident.excitation.exact_space import exact_space
-from dynident.excitation.geometry import geometry_of
+from dynident.excitation.geometry import Mesh, geometry_of
 from dynident.excitation.pairing import space_of
 from dynident.excitation.space import Box, Cylinder, Floor
 from dynident.io.meshes import read_geometry
@@ -68,17 +69,52 @@ def bent_arm():
         joint("two", "prismatic", "arm", "empty"),
         joint("three", "revolute", "empty", "hand", (0.0, 0.0, 0.05)),
     )  # fmt: skip
-    return geometry_of(dy.RigidBodies(xml), {"bent.stl": BENT})
+    return geometry_of(dy.RigidBodies(xml), {"bent.stl": BENT}.get)
 
 
 def test_a_mesh_near_by_is_its_triangles_and_not_its_hull(monkeypatch) -> None:
     geometry = bent_arm()
-    monkeypatch.setattr(module, "neighbours", lambda *_: set())
+    monkeypatch.setattr(pairing, "neighbours", lambda *_: set())
     exact = exact_space(geometry, space_of(geometry))
     assert exact is not None
     assert exact.pairs == (("arm", "hand"),)
     # the middle of the ball is 0.4 m from the sides of both beams, which are 0.1 m wide, and half its radius high
     assert exact.distances(np.zeros((1, 3)))[0, 0] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_what_capsules_do_not_keep_apart_is_not_asked_of_the_shapes(monkeypatch) -> None:
+    geometry = bent_arm()
+    monkeypatch.setattr(pairing, "neighbours", lambda *_: set())
+    watched = space_of(geometry)
+    assert watched.meetings.tolist() == [[0, 2], [1, 2]]
+    swing, still = np.array([3.0, 0.0, 3.0]), np.zeros(3)
+    unwatched = replace(watched, meetings=watched.meetings[1:], unwatched=(watched.meetings[:1], watched.encounters))
+    assert unwatched.left_out == (("arm", "hand"),)
+    never = exact_space(geometry, unwatched, still, still)
+    assert never is not None
+    assert never.pairs == (("arm", "hand"),)  # which are apart in the one pose that there is
+    often = exact_space(geometry, unwatched, -swing, swing)  # the ball meets the beams in some of the poses
+    assert often is not None
+    assert (often.pairs, often.left_out) == ((), (("arm", "hand"),))
+    kept = exact_space(geometry, watched, -swing, swing)
+    assert kept is not None
+    assert kept.pairs == (("arm", "hand"),)
+
+
+def test_a_flat_mesh_is_its_triangles() -> None:
+    flat = Mesh(np.array([[0.0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.2, 0.2, 0]]), np.array([[0, 1, 2], [1, 3, 2]]))
+    mesh, ball = at("0 0 1", '<mesh filename="flat.stl"/>'), at("0.1 0.1 0.4", '<sphere radius="0.1"/>')
+    joints = (
+        joint("one", "revolute", "base", "arm"),
+        joint("two", "revolute", "arm", "next", axis=(1.0, 0.0, 0.0)),
+        joint("three", "revolute", "next", "hand"),
+    )
+    xml = urdf(shaped("base"), shaped("arm", mesh), shaped("next", ball), shaped("hand", ball), *joints)
+    geometry = geometry_of(dy.RigidBodies(xml), {"flat.stl": flat}.get)
+    exact = exact_space(geometry, space_of(geometry))
+    assert exact is not None
+    assert exact.pairs == (("arm", "hand"),)
+    assert exact.distances(np.zeros((1, 3)))[0, 0] == pytest.approx(0.5, abs=1e-6)
 
 
 def test_it_goes_to_another_process(tmp_path) -> None:
@@ -93,5 +129,5 @@ def test_it_goes_to_another_process(tmp_path) -> None:
 
 def test_without_pinocchio_there_is_none(monkeypatch) -> None:
     geometry = geometry_of(dy.RigidBodies(ARM))
-    monkeypatch.setattr(module.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert exact_space(geometry, space_of(geometry)) is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.excitation.geometry import Made, geometry_of, link_places, mesh_files
+from dynident.excitation.geometry import Made, geometry_of, link_places
 from dynident.models.robot_file import ShapeKind
 from tests.excitation.meshes import box
 from tests.robots import ARM, joint, link, urdf
@@ -37,15 +37,20 @@ def arm(collision=(), visual=()):
 )
 def test_which_shapes_of_a_link_are_used(collision, visual, made, kinds) -> None:
     bodies = arm(collision, visual)
-    found = geometry_of(bodies, {"there.stl": box([0] * 3, [1] * 3)}, {"lost.stl": "gone"})
+    found = geometry_of(bodies, {"there.stl": box([0] * 3, [1] * 3)}.get)
     assert found.made == {0: made}
     assert [one.kind for one in found.solids] == kinds
-    assert found.missing == {"lost.stl": "gone"}
 
 
-def test_each_mesh_file_is_named_once() -> None:
-    bodies = arm((mesh("a.stl"), BALL, mesh("b.stl")), (mesh("a.stl"),))
-    assert mesh_files(bodies) == ("a.stl", "b.stl")
+def test_meshes_that_are_only_seen_are_not_asked_for_where_collision_is_known() -> None:
+    asked = []
+
+    def mesh_of(name):
+        asked.append(name)
+        return box([0] * 3, [1] * 3)
+
+    geometry_of(arm((mesh("a.stl"), BALL, mesh("b.stl")), (mesh("c.stl"),)), mesh_of)
+    assert asked == ["a.stl", "b.stl"]
 
 
 def test_fixed_links_have_their_place_on_the_body() -> None:

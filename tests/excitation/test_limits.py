@@ -43,6 +43,16 @@ def test_a_joint_that_turns_without_end_has_half_a_turn_to_either_side():
     assert (found.lower[0], found.upper[0]) == (1.0 - 2 * np.pi, 1.0)
 
 
+def test_a_range_of_more_than_two_turns_is_none_unless_the_user_gives_it():
+    wide = arm('<limit effort="10" velocity="2" lower="-1e6" upper="1e6"/>')
+    found = limits_of(wide, margin=0.0)
+    assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
+    assert "position" in found.by_rule["hinge"]
+    assert limits_of(wide, {"hinge": JointLimits(lower=-50.0, upper=50.0)}, 0.0).half[0] == 50.0
+    two_turns = arm('<limit effort="10" velocity="2" lower="-6.2832" upper="6.2832"/>')
+    assert limits_of(two_turns, margin=0.0).upper[0] == 6.2832
+
+
 def test_without_a_torque_limit_no_torque_is_too_large():
     found = limits_of(arm('<limit velocity="2" lower="-1" upper="1"/>'))
     assert found.torque[0] == np.inf

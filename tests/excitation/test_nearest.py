@@ -42,3 +42,38 @@ def test_with_nothing_to_watch_nothing_is_near():
             return np.empty((len(q), 0))
 
     assert nearest(Nothing(), TRAJECTORY, 0.1) is None
+
+
+class Comb(Thorn):
+    """A thorn that says how fast it comes, and so narrow that nothing shows it before."""
+
+    steepest = np.array([[1.0], [1.0]])
+
+    def distances(self, q):
+        d = super().distances(q)
+        d[:, 1] = np.minimum(d[:, 1], 0.03)
+        return d
+
+
+@pytest.mark.parametrize("place", [0.7123, 2.501, 3.3337])
+def test_an_approach_is_proven_where_the_slopes_are_known(place):
+    comb = Comb(place, 0.0401)
+    found = nearest(comb, TRAJECTORY, 0.01)
+    assert found.distance == pytest.approx(0.0099, abs=2e-5)
+    assert found.pair == ("link", "thorn")
+    assert comb.asked < 6000
+
+
+def test_what_stays_near_all_the_time_does_not_cost_much():
+    class Beside:
+        pairs = (("link", "wall"),)
+        steepest = np.array([[1.0]])
+        asked = 0
+
+        def distances(self, q):
+            self.asked += len(q)
+            return np.full((len(q), 1), 0.02)
+
+    beside = Beside()
+    assert nearest(beside, TRAJECTORY, 0.01).distance == 0.02
+    assert beside.asked < 8000

@@ -9,7 +9,7 @@ import pytest
 from dynident.excitation.other_torque import pinocchio_torque
 from dynident.models import Coulomb, Model, RigidBodies, Viscous
 from dynident.models.gallery import two_link_arm
-from tests.robots import ARM, ARM_MJCF, GRIPPER
+from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
 
 RNG = np.random.default_rng(3)
 
@@ -20,6 +20,7 @@ RNG = np.random.default_rng(3)
         RigidBodies(ARM, source="arm"),
         RigidBodies(ARM, ("twist", "shoulder"), {"rail": 0.3}, (1.0, 2.0, -9.0), "arm"),
         RigidBodies(GRIPPER, source="gripper"),
+        RigidBodies(urdf(link("a"), link("b", 1.0, (0.1, 0, 0)), joint("only", "continuous", "a", "b")), source="one"),
     ],
 )
 def test_the_two_routes_agree(bodies):

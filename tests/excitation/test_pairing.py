@@ -49,6 +49,18 @@ def test_pairs_that_touch_in_nearly_every_pose_are_left_out_and_named() -> None:
     assert ("a", "c") not in near.pairs
 
 
+def test_links_that_are_always_near_are_left_out_before_they_touch() -> None:
+    beside = [along(0, 0.4), along(1), along(2, 0.1, 0.345)]  # up to 15 mm apart
+    turned = np.array([3.0, 0.0, 3.0, 3.0])
+    space = capsule_space(CHAIN, beside, lower=-turned, upper=turned)
+    assert space.left_out == (("a", "c"),)
+    assert capsule_space(CHAIN, beside, lower=-turned, upper=turned, clearance=0.0).left_out == ()
+    high = capsule_space(CHAIN, [along(0, 0.0)], [Floor(0.04)])
+    assert high.distances(np.zeros((1, 4)))[0, 0] == pytest.approx(0.02, abs=1e-3)
+    assert high.left_out == ()
+    assert capsule_space(CHAIN, [along(0, 0.0)], [Floor(0.04)], clearance=0.03).left_out == (("a", "floor"),)
+
+
 def test_ranges_that_are_given_count() -> None:
     ends = np.full(4, 0.01)
     kept = capsule_space(CHAIN, [along(0), along(2)], lower=-ends, upper=ends)

@@ -16,7 +16,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds, st.integers(1, 3), st.booleans())
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_a_series_begins_and_ends_at_rest_and_all_pieces_meet(seed, periods, chosen):
     rng, family = np.random.default_rng(seed), Fourier(6.0, 4)
     x, start = scaled(family, rng, share=0.6), None if chosen else np.array([0.3, -0.4])

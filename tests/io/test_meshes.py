@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.errors import ConfigError, InputError
-from dynident.excitation.geometry import Made
+from dynident.errors import ConfigError, InputError, ModelError
+from dynident.excitation.geometry import Made, Mesh
 from dynident.io import meshes as module
 from dynident.io.meshes import read_geometry, read_mesh
 from dynident.io.opener import refuse_inputs, watched
@@ -148,6 +148,14 @@ def test_a_mesh_that_is_not_there_is_said(name, tmp_path) -> None:
     found = read_geometry(dy.RigidBodies(robot(name)), path)
     assert found.missing == {name: "there is no such file."}
     assert found.made == {0: Made.JOINTS}
+
+
+def test_a_mesh_in_millimetres_is_refused(tmp_path) -> None:
+    (tmp_path / "arm.stl").write_bytes(stl(Mesh(1e3 * BENT.vertices, BENT.triangles)))
+    with pytest.raises(ModelError, match=r"link 'arm': its mesh is 1000 m large; give it a scale, such as '0.001 "):
+        read_geometry(dy.RigidBodies(robot("arm.stl")), tmp_path / "arm.urdf")
+    scaled = robot("arm.stl").replace('filename="', 'scale="0.001 0.001 0.001" filename="')
+    assert read_geometry(dy.RigidBodies(scaled), tmp_path / "arm.urdf").made == {0: Made.COLLISION}
 
 
 def test_a_mesh_that_is_broken_is_said(tmp_path) -> None:

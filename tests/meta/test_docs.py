@@ -25,6 +25,7 @@ from dynident.cli import main
 from dynident.fleets.settings import FleetSettings, RobotChanges
 from dynident.io import settings
 from dynident.io.config import parse_config
+from dynident.io.excitation_settings import BoxSettings, CylinderSettings, JointLimitSettings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import UNITS, Section
 from dynident.io.parts import built, section
@@ -55,6 +56,10 @@ SECTIONS: dict[str, type[Section]] = {
     "Simulation cascade": settings.CascadeSettings,
     "Drive": settings.CascadeJoint,
     "Simulation from torque": settings.TorqueInputSettings,
+    "Excitation": settings.ExcitationSettings,
+    "Joint limits": JointLimitSettings,
+    "Box": BoxSettings,
+    "Cylinder": CylinderSettings,
     "Fleet": FleetSettings,
     "Robot of a fleet": RobotChanges,
 }
@@ -288,7 +293,8 @@ def test_configuration_has_every_section_and_unit() -> None:
         if isinstance(value, type) and issubclass(value, Section) and value is not Section
     }
     parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
-    assert set(SECTIONS.values()) == sections | parts | {FleetSettings, RobotChanges}
+    own = {FleetSettings, RobotChanges, BoxSettings, CylinderSettings, JointLimitSettings}
+    assert set(SECTIONS.values()) == sections | parts | own
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
     assert len(rows("Units")) == len(UNITS)
@@ -307,6 +313,8 @@ def configurations() -> list[Any]:
 def test_configurations_shown_are_valid(text: str) -> None:
     if "recipe" in (given := yaml.safe_load(text)):
         FleetSettings.model_validate(given)
+    elif "model" not in given:
+        settings.ExcitationSettings.model_validate(given)
     else:
         assert parse_config(text).train
 

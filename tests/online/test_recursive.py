@@ -122,7 +122,7 @@ def test_one_memory_is_least_squares_with_weights_that_fade(size: int) -> None:
     X = (model.regressor(motion.q, motion.dq, motion.ddq) * fading[:, None, None]).reshape(-1, 4)
     expected = np.linalg.lstsq(X, (motion.tau * fading[:, None]).ravel())[0]
     np.testing.assert_allclose(fit.estimate().value, expected, rtol=0, atol=1e-11)
-    assert fit.rows == pytest.approx((fading**2).sum(), rel=1e-9)
+    assert fit.rows == pytest.approx((fading**2).sum(), rel=0.01)  # of the first few rows none is forgotten
 
 
 def test_forgetting_a_group_is_process_noise_in_what_the_others_leave_of_it() -> None:
@@ -163,6 +163,8 @@ def test_a_parameter_that_no_motion_shows_is_not_lost() -> None:
     late, after = fit.estimate(), np.diag(fit.state["R"])[:4]
     np.testing.assert_allclose(late.value, known.value, rtol=1e-9)
     np.testing.assert_allclose(after / before, 0.03, rtol=0.1)  # of the largest that they ever were
+    np.testing.assert_allclose(late.std / known.std, 1 / 0.03, rtol=0.15)
+    np.testing.assert_allclose(late.residual.sigma, SIGMA, rtol=0.15)
     fit.forget(1e6)
     np.testing.assert_allclose(np.diag(fit.state["R"])[:4], after, rtol=1e-6)
 
@@ -170,7 +172,7 @@ def test_a_parameter_that_no_motion_shows_is_not_lost() -> None:
 def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
     """Friction of which half is gone is found again, and the bodies keep what hours have shown of them."""
     model = rusty()
-    motion = moving(model, 2000)
+    motion = moving(model, 1200)
     theta = np.array([1.0, 1.0, 0.8, 0.6])
     noise = SIGMA * np.random.default_rng(1).standard_normal(motion.q.shape)
     found = {}
@@ -179,7 +181,7 @@ def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
         for k, less in enumerate((1.0, 1.0, 0.5)):
             now = theta * [1.0, 1.0, less, less]
             tau = model.torque(motion.q, motion.dq, motion.ddq, now) + noise
-            taken(fit, replace(motion, t=motion.t + k * 20.0, tau=tau))
+            taken(fit, replace(motion, t=motion.t + k * 12.0, tau=tau))
         found[name] = fit.estimate().value - now
     assert np.abs(found["all"][2:]).min() > 0.1
     assert np.abs(found["friction"][2:]).max() < 0.03
@@ -222,6 +224,8 @@ def test_without_data_the_values_near_are_kept() -> None:
     near = np.linspace(0.5, 1.5, len(model.names))
     fit = RecursiveLeastSquares(model, near=near)
     np.testing.assert_array_equal(fit.estimate().value, near)
+    with pytest.raises(InputError, match="PhysicallyConsistent needs samples, and none was taken yet"):
+        fit.estimate(PhysicallyConsistent())
     taken(fit, moving(model, 400, moves=2))
     found = fit.estimate()
     rank = found.determined.directions
@@ -253,4 +257,7 @@ def test_bad_input_is_named() -> None:
         fit.estimate(MaximumLikelihood())
     with pytest.raises(InputError, match=r"the saved factor has shape .*; start anew"):
         RecursiveLeastSquares(pendulum()).restore(fit.state)
+    turned, state = RecursiveLeastSquares(arm(), memory=FRICTION), RecursiveLeastSquares(arm()).state
+    with pytest.raises(InputError, match="the saved factor is of another memory"):
+        turned.restore(state)
     assert fit.rows == pytest.approx(20.0, rel=0.2)

@@ -119,7 +119,8 @@ def test_what_is_not_shown_keeps_the_value_of_the_result() -> None:
 def test_a_result_read_from_a_file_does(tmp_path) -> None:
     log = recorded()
     known = smoothing_of(plain(), log)
-    one, other = (Tracker(result, *known) for result in (plain(), load(plain().save(tmp_path / "result.json"), plain().model)))
+    read = load(plain().save(tmp_path / "result.json"), plain().model)
+    one, other = (Tracker(result, *known) for result in (plain(), read))
     for tracker in (one, other):
         pushed(tracker, log, 100)
     np.testing.assert_allclose(one.estimate().value, other.estimate().value, rtol=0, atol=1e-12)

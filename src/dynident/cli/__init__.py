@@ -14,10 +14,12 @@ from dynident.cli.fleet import fleet
 from dynident.cli.identify import identify
 from dynident.cli.init import init
 from dynident.cli.options import common, said
+from dynident.cli.payload import payload
 from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
+from dynident.cli.watch import watch
 
 __all__ = ["main"]
 
@@ -52,6 +54,8 @@ def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (demo, reproduce, init, excite, check, bound, identify, fleet, predict, export, smooth, schema):
+for _command in (
+    demo, reproduce, init, excite, check, bound, identify, fleet, predict, payload, watch, export, smooth, schema,
+):  # fmt: skip
     common(_command)
     main.add_command(_command)

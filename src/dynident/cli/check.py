@@ -55,7 +55,8 @@ def _next(path: Path, found: CheckResult) -> str:
     if found.failed:
         return f"When the errors are corrected: {command('check', path)}"
     if path.suffix.lower() in ROBOTS:
-        return f"Next, with a recording: {command('init', path, 'LOG.csv', '-o', path.with_suffix('.yaml').name)}"
+        drafted = command("init", path, "LOG.csv", "-o", path.with_suffix(".yaml").name)
+        return f"Next, with a recording: {drafted}; without one: {command('excite', path, '-o', f'{path.stem}-motion')}"
     return f"Next: {command('identify', path, '--out', f'{path.stem}-out')}"
 
 

@@ -37,8 +37,10 @@ POSITIVE = click.FloatRange(0, min_open=True)
 @click.option("--parameter", multiple=True, metavar="NAME", help="A parameter that matters (criterion a); repeat it.")
 @click.option("--family", type=click.Choice(["fourier", "bspline"]), help="Periodic, or of one piece.")
 @click.option("--period", type=POSITIVE, metavar="S", help="Seconds of a period.")
+@click.option("--harmonics", type=click.IntRange(1), help="Harmonics of a period.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Rate of the recording.")
 @click.option("--file-rate", type=POSITIVE, metavar="HZ", help="Rate of the files.  [default: that of the recording]")
+@click.option("--floor", type=float, metavar="M", help="Height of a floor, along z of the root link.")
 @click.option("--noise", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
 @click.option("--starts", type=click.IntRange(1), help="How often the search begins anew.")
 @click.option("--seed", type=click.IntRange(0), help="Of what is drawn: another one gives another motion.")
@@ -57,7 +59,7 @@ def excite(
     from dynident.cli.bound import noise_given
     from dynident.io.excitation import read_excitation
     from dynident.io.folder import result_folder
-    from dynident.report.excitation import MOTIONS, excitation_findings, excitation_heading, excitation_tables
+    from dynident.report.excitation import excitation_findings, excitation_heading, excitation_tables
     from dynident.report.excite_run import CONFIG as DRAFT
     from dynident.report.excite_run import refuse_changed, write_design
 
@@ -65,6 +67,7 @@ def excite(
     changes |= {"parameters": list(parameter), "criterion": "a"} if parameter else {}
     changes |= {} if (size := noise_given("--noise", noise)) is None else {"noise": size}
     with result_folder(out) as folder, status() as say:
+        refuse_changed(folder.path, robot)
         project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=say)
         refuse_changed(folder.path)
         with spread.executor("dynident.excitation.design") as executor:
@@ -78,9 +81,12 @@ def excite(
     for line in excitation_findings(project, found):
         screen.say(f"* {line}")
     for path in written:
-        tell(screen, "Motion" if path.name.startswith(MOTIONS) else _KINDS[path.suffix], path)
+        what = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
+        if what:
+            tell(screen, what, path)
+    screen.remark("Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml for ROS 2.")
     if any(path.name == DRAFT for path in written):
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", whole=True)
 
 
-_KINDS = {".yaml": "Configuration", ".json": "Numbers", ".html": "Report"}
+_KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}

@@ -108,6 +108,7 @@ def _next(config: Path, out: Path | None, project: Project, *, chose: bool) -> I
         return
     result, log = out / "result.json", named(next(iter((*project.config.validation, *project.config.train))))
     yield f"To predict the torque of a recording: {command('predict', result, log, '--out', out / 'torques.csv')}"
+    yield f"To design what to record next: {command('excite', result, '-o', out / 'next')}"
     yield f"To export the model: {command('export', result, '--format', 'numpy', '--out', out / 'arm.py')}"
 
 

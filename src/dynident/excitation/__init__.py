@@ -2,7 +2,8 @@
 
 from dynident.excitation.capsules import Capsule
 from dynident.excitation.clearance import CapsuleSpace
-from dynident.excitation.design import Design, design
+from dynident.excitation.design import Design, Interrupted, design
+from dynident.excitation.exact_space import exact_space
 from dynident.excitation.expected import Expected, expected
 from dynident.excitation.geometry import Geometry, Made, Mesh
 from dynident.excitation.limits import JointLimits, MotionLimits, limits_of
@@ -10,7 +11,9 @@ from dynident.excitation.nearest import Nearest
 from dynident.excitation.outlines import Outline, outlines
 from dynident.excitation.pairing import space_of
 from dynident.excitation.request import Criterion, Programme, Request
-from dynident.excitation.space import Box, Cylinder, Floor, Nothing, Obstacle, Space
+from dynident.excitation.request_checks import LeftOut
+from dynident.excitation.slowed import slowed
+from dynident.excitation.space import Box, Cylinder, Distances, Floor, Nothing, Obstacle, Space
 from dynident.excitation.trajectory import Course, Piece, Purpose, Trajectory
 from dynident.excitation.verify import LimitError, Verified, verify
 
@@ -22,10 +25,13 @@ __all__ = [
     "Criterion",
     "Cylinder",
     "Design",
+    "Distances",
     "Expected",
     "Floor",
     "Geometry",
+    "Interrupted",
     "JointLimits",
+    "LeftOut",
     "LimitError",
     "Made",
     "Mesh",
@@ -42,9 +48,11 @@ __all__ = [
     "Trajectory",
     "Verified",
     "design",
+    "exact_space",
     "expected",
     "limits_of",
     "outlines",
+    "slowed",
     "space_of",
     "verify",
 ]

@@ -21,8 +21,8 @@ __all__ = ["Capsule", "capsules_of", "rule_radius", "still_boxes"]
 Array = NDArray[np.float64]
 RULE = 0.1  # radius of a link of unknown shape, as a share of the arm's reach
 USUAL = 0.05  # m: of an arm without reach
-MERGED = 1.1  # two capsules become one of up to so much of their volume
-CUT = 0.7  # a mesh is cut in two where that leaves less than this share of the volume
+MERGED = 1.0  # two capsules become one of up to so many times their volume
+CUT = 0.8  # a mesh is cut in two where that leaves less than this share of the volume
 
 
 @dataclass(frozen=True, eq=False)

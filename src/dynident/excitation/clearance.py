@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.excitation.capsules import Capsule
 from dynident.excitation.obstacles import obstacle_name, signed
+from dynident.excitation.reach import reaches, steepest
 from dynident.excitation.segments import between, to_body
 from dynident.excitation.space import Obstacle
 from dynident.models import Placements, RigidBodies
@@ -20,6 +21,8 @@ __all__ = ["CapsuleSpace"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 Found = tuple[Array, Array, Array]  # distances (N, K), the points and the directions (N, K, 3) they grow with
+NONE = np.empty((0, 2), dtype=np.intp)
+STRETCH = 1.03  # of the smooth distances against the true ones, where axes are 30 mm apart or more
 BLOCK = 2000  # samples at once
 
 
@@ -28,9 +31,9 @@ class CapsuleSpace:
     """The ``capsules`` around the links of an arm, and ``obstacles``.
 
     Watched are ``meetings``, pairs of capsules (K, 2), and ``encounters`` (M, 2) of a capsule with an obstacle, both
-    by their places: P = K + M pairs, in this order. A pair of links with several capsules has several. ``left_out``
-    are pairs of links that are not watched because they touch in nearly every pose. Distances are smooth, and less than
-    the true ones by at most 1 mm where that is not below 50 mm (``segments.py``).
+    by their places: P = K + M pairs, in this order. A pair of links with several capsules has several. ``unwatched``
+    are the meetings and encounters that are left out because they touch in nearly every pose. Distances are smooth, and
+    less than the true ones by at most 1 mm where that is not below 50 mm (``segments.py``).
     """
 
     bodies: RigidBodies
@@ -38,16 +41,28 @@ class CapsuleSpace:
     obstacles: tuple[Obstacle, ...]
     meetings: Integers
     encounters: Integers
-    left_out: tuple[tuple[str, str], ...] = ()
+    unwatched: tuple[Integers, Integers] = (NONE, NONE)
 
     __repr__ = brief
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """The names of the P pairs: links, or a link and an obstacle."""
-        links, names = [one.link for one in self.capsules], [obstacle_name(one) for one in self.obstacles]
-        met = [(links[one], links[other]) for one, other in self.meetings]
-        return (*met, *((links[one], names[other]) for one, other in self.encounters))
+        return self._named(self.meetings, self.encounters)
+
+    @cached_property
+    def steepest(self) -> Array:
+        """The most that a distance changes with a joint, shape (P, n)."""
+        far = [one.radius + max(float(np.linalg.norm(end)) for end in (one.start, one.end)) for one in self.capsules]
+        bodies, count = [*self._body, -1], len(self.capsules)
+        moved = np.array([reaches(self.bodies, body, r) for body, r in zip(bodies, [*far, 0.0], strict=True)])
+        pairs = [*self.meetings.tolist(), *((one, count) for one in self.encounters[:, 0].tolist())]
+        return STRETCH * steepest(self.bodies, moved, pairs)
+
+    @property
+    def left_out(self) -> tuple[tuple[str, str], ...]:
+        """The names of the pairs that are not watched, each once."""
+        return tuple(dict.fromkeys(self._named(*self.unwatched)))
 
     def distances(self, q: Array, /) -> Array:
         """Return distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
@@ -90,6 +105,11 @@ class CapsuleSpace:
             found.append((distance - self._radius[chosen], point, away))
         distances, points, away = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
         return distances, points, away
+
+    def _named(self, meetings: Integers, encounters: Integers) -> tuple[tuple[str, str], ...]:
+        links, names = [one.link for one in self.capsules], [obstacle_name(one) for one in self.obstacles]
+        met = [(links[one], links[other]) for one, other in meetings]
+        return (*met, *((links[one], names[other]) for one, other in encounters))
 
     @cached_property
     def _body(self) -> Integers:

@@ -101,9 +101,9 @@ def design(
     say("checking both")
     first, second = (verify(one, model, theta, limits, space, request.clearance, shapes=shapes) for one in pair)
     information = _information(model, pair[0], request)
-    told = expected(model, theta, information, basis)
+    told = expected(model, theta, information, basis, request.prior)
     stopped = (Interrupted(),) if interrupted else ()
-    notes = (*left, *stopped, *unexcited(model, information, told))
+    notes = (*left, *stopped, *unexcited(model, information, told, request.prior))
     return Design(model, theta, request, limits, space, *pair, told, (first, second), notes)
 
 
@@ -113,7 +113,9 @@ def _beside(model: Model, limits: MotionLimits, request: Request, slow: tuple[Pi
         return request
     before = Trajectory(limits.joints, slow)
     left = request.duration - before.duration
-    return replace(request, duration=left, start=home_of(slow), prior=_information(model, before, request))
+    known = _information(model, before, request)
+    prior = known if request.prior is None else known + request.prior
+    return replace(request, duration=left, start=home_of(slow), prior=prior)
 
 
 def _validation(
@@ -128,7 +130,6 @@ def _validation(
 
 
 def _information(model: Model, trajectory: Trajectory, request: Request) -> Array:
-    """Return the information (p, p) of a recording of a motion, and of what is known before."""
+    """Return the information (p, p) of a recording of a motion."""
     states = trajectory.states(trajectory.times(request.rate))
-    found = information_of(model, states, 1 / np.square(request.sigma))
-    return found if request.prior is None else found + request.prior
+    return information_of(model, states, 1 / np.square(request.sigma))

@@ -9,7 +9,6 @@ import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from dynident.excitation.capsules import Capsule, still_boxes
 from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.geometry import Geometry, Made, Mesh, Solid
 from dynident.excitation.obstacles import obstacle_name
-from dynident.excitation.pairing import mostly_touching, neighbours
+from dynident.excitation.pairing import CLEARANCE, always_near, candidates, spread
 from dynident.excitation.space import Box, Floor, Obstacle
 from dynident.models import RigidBodies
 from dynident.models.robot_file import ShapeKind
@@ -29,8 +28,9 @@ __all__ = ["ExactSpace", "exact_space"]
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
-NEAR = 0.05  # m: nearer than this by their convex hulls, the triangles of meshes are compared
+NEAR = 0.02  # m: nearer than this by their convex hulls, the triangles of meshes are compared
 CONVEX = 0.999  # of the volume of its hull: a mesh is convex
+FEW = 200  # poses in which the pairs are tried
 HUGE = 100.0  # m: the length of a cylinder without an end
 
 
@@ -38,7 +38,7 @@ HUGE = 100.0  # m: the length of a cylinder without an end
 class ExactSpace:
     """The ``solids`` of an arm, and ``obstacles``, of which ``watched`` are pairs of places in (*solids, *obstacles).
 
-    A mesh counts as its convex hull where that is 50 mm away, else as its triangles. ``left_out`` are pairs of links
+    A mesh counts as its convex hull where that is 20 mm away, else as its triangles. ``left_out`` are pairs of links
     that touch in nearly every pose.
     """
 
@@ -70,12 +70,18 @@ class ExactSpace:
 
 
 def exact_space(
-    geometry: Geometry, space: CapsuleSpace, lower: Array | None = None, upper: Array | None = None
+    geometry: Geometry,
+    space: CapsuleSpace,
+    lower: Array | None = None,
+    upper: Array | None = None,
+    clearance: float = CLEARANCE,
 ) -> ExactSpace | None:
     """Return the real shapes of an arm among the obstacles of ``space``; None where Pinocchio is not installed.
 
-    A body of which only the joints are known has the capsules of ``space``. All pairs of links are watched but a body
-    and the next one, and those that touch in at least 95 % of the poses between ``lower`` and ``upper``.
+    A body of which only the joints are known has the capsules of ``space``. All pairs are watched but a body and the
+    next one, and those that are near each other in nearly all of 200 poses (``capsule_space``) between ``lower`` and
+    ``upper`` (n), or, where ``space`` does not watch the two bodies, so that no motion in it keeps them apart, nearer
+    than the ``clearance`` (m) in any.
     """
     if any(importlib.util.find_spec(name) is None for name in ("pinocchio", "coal")):
         return None
@@ -83,20 +89,28 @@ def exact_space(
     solids = (*geometry.solids, *map(_as_solid, by_rule))
     own = still_boxes(geometry)
     obstacles = tuple(one for one in space.obstacles if one not in own)
-    next_to = neighbours(geometry.bodies, {one.body for one in solids})
-    met = [
-        pair
-        for pair in combinations(range(len(solids)), 2)
-        if solids[pair[0]].body != solids[pair[1]].body
-        and frozenset((solids[pair[0]].body, solids[pair[1]].body)) not in next_to
-    ]
+    parts = [*(one.body for one in solids), *map(obstacle_name, obstacles)]
+    met = candidates(geometry.bodies, [one.body for one in solids])
     moving = [place for place, one in enumerate(solids) if one.body >= 0]
     near = [(one, len(solids) + other) for other in range(len(obstacles)) for one in moving]
     every = ExactSpace(geometry.bodies, solids, obstacles, (*met, *near))
-    out = mostly_touching(every, geometry.bodies, lower, upper)
-    watched = tuple(pair for pair, gone in zip(every.watched, out, strict=True) if not gone)
-    names = dict.fromkeys(pair for pair, gone in zip(every.pairs, out, strict=True) if gone)
+    distances = every.distances(spread(geometry.bodies, lower, upper, FEW))
+    meets = np.any(distances < clearance, axis=0).tolist()
+    named = [frozenset((parts[one], parts[other])) for one, other in every.watched]
+    lost = _unwatched(space, own) & {one for one, near in zip(named, meets, strict=True) if near}
+    kept = ~always_near(distances, len(met), clearance) & [one not in lost for one in named]
+    watched = tuple(pair for pair, stays in zip(every.watched, kept, strict=True) if stays)
+    names = dict.fromkeys(pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays)
     return replace(every, watched=watched, left_out=tuple(names))
+
+
+def _unwatched(space: CapsuleSpace, own: Sequence[Box]) -> set[frozenset[int | str]]:
+    """Return the pairs of bodies, or of a body and the name of an obstacle, of which capsules are not watched."""
+    body = [one.body for one in space.capsules]
+    other = [-1 if one in own else obstacle_name(one) for one in space.obstacles]
+    meetings, encounters = space.unwatched
+    met = (frozenset[int | str]((body[a], body[b])) for a, b in meetings)
+    return {*met, *(frozenset[int | str]((body[a], other[b])) for a, b in encounters)}
 
 
 class _Scene:
@@ -113,9 +127,9 @@ class _Scene:
         self._meshes: dict[int, Any] = {}
         for k, solid in enumerate(solids):
             shape = _shape(solid)
-            if solid.mesh is not None:
+            if solid.mesh is not None and (filled := _filled(solid.mesh)):
                 triangles, shape = shape, _hull(shape)
-                if not _is_convex(solid.mesh):
+                if filled < CONVEX:
                     self._meshes[k] = triangles
             self._add(shape, solid.body + 1, solid.frame)
         for obstacle in obstacles:
@@ -132,18 +146,20 @@ class _Scene:
         found = [one.min_distance for one in self._found.distanceResults]
         for k, distance in enumerate(found):
             if distance < NEAR and not self._meshes.keys().isdisjoint(self._watched[k]):
-                found[k] = self._between(*self._watched[k])
+                found[k] = self._between(*self._watched[k], distance)
         return found
 
-    def _between(self, one: int, other: int) -> float:
-        """Return the distance of two shapes, meshes by their triangles."""
+    def _between(self, one: int, other: int, hulls: float) -> float:
+        """Return the distance of two shapes, meshes by their triangles; where they overlap, by their ``hulls``."""
         shapes, places = [], []
         for k in (one, other):
             placed = self._found.oMg[k]
             shapes.append(self._meshes.get(k) or self._shapes.geometryObjects[k].geometry)
             places.append(self._coal.Transform3s(placed.rotation, placed.translation))
-        request, result = self._coal.DistanceRequest(), self._coal.DistanceResult()
-        return float(self._coal.distance(shapes[0], places[0], shapes[1], places[1], request, result))
+        sides, coal = (shapes[0], places[0], shapes[1], places[1]), self._coal
+        if hulls < 0 and coal.collide(*sides, coal.CollisionRequest(), coal.CollisionResult()):
+            return hulls
+        return float(coal.distance(*sides, coal.DistanceRequest(), coal.DistanceResult()))
 
     def _add(self, shape: Any, joint: int, frame: Array) -> None:
         place = self._pin.SE3(np.ascontiguousarray(frame[:3, :3]), frame[:3, 3].copy())
@@ -184,14 +200,10 @@ def _shape(solid: Solid) -> Any:
 def _triangles(mesh: Mesh) -> Any:
     import coal
 
-    points, corners = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for point in mesh.vertices:
-        points.append(point)
-    for triangle in mesh.triangles.tolist():
-        corners.append(coal.Triangle(*triangle))
     out = coal.BVHModelOBBRSS()
-    out.beginModel(len(corners), len(points))
-    out.addSubModel(points, corners)
+    out.beginModel(len(mesh.triangles), len(mesh.vertices))
+    out.addVertices(mesh.vertices)
+    out.addTriangles(mesh.triangles.astype(np.int64))
     out.endModel()
     return out
 
@@ -201,13 +213,17 @@ def _hull(triangles: Any) -> Any:
     return triangles.convex
 
 
-def _is_convex(mesh: Mesh) -> bool:
-    """Whether the triangles enclose the volume of the convex hull."""
-    from scipy.spatial import ConvexHull
+def _filled(mesh: Mesh) -> float:
+    """Return the share of the volume of their convex hull that triangles enclose; 0 where they are flat."""
+    from scipy.spatial import ConvexHull, QhullError
 
+    try:
+        hull = ConvexHull(mesh.vertices).volume
+    except (QhullError, ValueError):
+        return 0.0
     one, two, three = (mesh.vertices[mesh.triangles[:, k]] - mesh.vertices.mean(axis=0) for k in range(3))
     volume = abs(np.einsum("ki,ki->", one, np.cross(two, three))) / 6
-    return bool(volume > CONVEX * ConvexHull(mesh.vertices).volume)
+    return float(volume / hull)
 
 
 def _standing(obstacle: Obstacle) -> tuple[Any, Array]:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.excitation.criterion import base_information
 from dynident.regression import (
     BaseParameters,
     UnexcitedParameters,
     base_parameters,
     compare,
-    informed_std,
     rank_of_information,
     structural_base_parameters,
 )
@@ -65,25 +65,37 @@ def information_of(model: Model, states: Array, weights: Array) -> Array:
     return out
 
 
-def expected(model: Model, theta: Array, information: Array, basis: BaseParameters | None = None) -> Expected:
-    """Return what an information (p, p) of the parameters tells, at the values theta (p).
+def expected(
+    model: Model, theta: Array, information: Array, basis: BaseParameters | None = None, prior: Array | None = None
+) -> Expected:
+    """Return what the information (p, p) of a motion tells beside what is known before, ``prior`` (p, p), at the values
+    theta (p).
 
     ``basis`` are the base parameters that any motion could show, by default found anew.
     """
     basis = structural_base_parameters(model) if basis is None else basis
-    kept = list(basis.independent)
-    own = information[np.ix_(kept, kept)]
+    value, own = basis.to_base(theta), _of_base(basis, information, prior)
     rank = rank_of_information(own)
-    std = informed_std(basis, information)
-    if rank.rank < len(kept):
-        return Expected(basis, basis.to_base(theta), std, -np.inf, np.inf)
+    std = np.sqrt(np.diag(rank.covariance()))
+    if rank.rank < basis.rank:
+        return Expected(basis, value, std, -np.inf, np.inf)
     log_det = 2 * float(np.log(rank.values).sum() + np.log(rank.scale).sum())
-    return Expected(basis, basis.to_base(theta), std, log_det, rank.condition)
+    return Expected(basis, value, std, log_det, rank.condition)
 
 
-def unexcited(model: Model, information: Array, found: Expected) -> tuple[UnexcitedParameters, ...]:
+def unexcited(
+    model: Model, information: Array, found: Expected, prior: Array | None = None
+) -> tuple[UnexcitedParameters, ...]:
     """Return the base parameters that stay open, with the joints whose motion would show them."""
     if np.isfinite(found.std).all():
         return ()
-    rank = rank_of_information(information, model.parameters)
+    B = found.basis.combination
+    rank = rank_of_information(B.T @ _of_base(found.basis, information, prior) @ B, model.parameters)
     return compare(found.basis, base_parameters(rank, model.parameters), model)
+
+
+def _of_base(basis: BaseParameters, information: Array, prior: Array | None) -> Array:
+    """Return the information (r, r) on the base parameters."""
+    kept = list(basis.independent)
+    own = information[np.ix_(kept, kept)]
+    return np.asarray(own if prior is None else own + base_information(basis, prior))

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 RATE, FEWEST = 100.0, 25  # Hz, samples of a course
 RESERVE = 0.02  # of a torque limit, for what lies between samples
 SPARE = 1e-3  # m of distance, likewise
+CREEP = 0.01  # of the velocity limit: slow
 BATCH, BATCHES = 500, 10  # random poses
 
 
@@ -63,12 +64,19 @@ class Feasibility:
         """Return whether a course keeps torque and distance; its position and derivatives are not looked at."""
         return self.effort(course) <= 1 - RESERVE and self.clear(course)
 
+    def free(self, q: Array) -> NDArray[np.bool_]:
+        """Return in which poses (N, n) the arm is clear, and held and moved slowly by its torque, shape (N)."""
+        return np.asarray((self._slow(q) <= 1 - RESERVE).all(axis=1) & (self.gaps(q) >= SPARE))
+
     def stands(self, q: Array) -> NDArray[np.bool_]:
-        """Return which poses (N, n) the arm can stand in: within its range, clear, held by its torque, shape (N)."""
-        still = np.zeros_like(q)
-        held = (self.shares(q, still, still) <= 1 - RESERVE).all(axis=1)
+        """Return in which poses (N, n) the arm can stand: within its range and free, shape (N)."""
         inside = ((q >= self.limits.lower) & (q <= self.limits.upper)).all(axis=1)
-        return np.asarray(held & inside & (self.gaps(q) >= SPARE))
+        return np.asarray(inside & self.free(q))
+
+    def _slow(self, q: Array) -> Array:
+        """Return the shares (N, n) of the torque that poses take, whichever way the joints creep."""
+        still, creep = np.zeros_like(q), np.broadcast_to(CREEP * self.limits.velocity, q.shape)
+        return np.maximum(self.shares(q, creep, still), self.shares(q, -creep, still))
 
     def poses(self, count: int, rng: np.random.Generator) -> Array:
         """Return at most ``count`` random poses (K, n) in which the arm can stand.
@@ -90,8 +98,7 @@ class Feasibility:
 
     def _blocked(self, q: Array) -> str:
         """Return why the arm stands in none of the poses (N, n)."""
-        still = np.zeros_like(q)
-        shares = self.shares(q, still, still)
+        shares = self._slow(q)
         joint = int(np.argmax((shares > 1 - RESERVE).sum(axis=0)))
         heavy, near = int((shares > 1 - RESERVE).any(axis=1).sum()), self.gaps(q) < SPARE
         parts = [f"of {len(q)} random poses the arm can stand in none."]

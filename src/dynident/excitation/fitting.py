@@ -14,7 +14,7 @@ __all__ = ["Balls", "Fitted", "fitted", "quick"]
 Array = NDArray[np.float64]
 DIRECTIONS = 200  # in which the outermost balls are taken while the axis is sought
 HOPEFUL = 1.3  # times the volume by the best principal axis: others are tried too
-STEPS = 300  # of the search, from each start
+STEPS = 250  # of the search, from each start
 FINE = 1e-4  # of the size: where the search ends
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -14,7 +14,7 @@ from dynident.errors import brief
 from dynident.models import RigidBodies
 from dynident.models.robot_file import LinkShapes, Shape, ShapeKind, motion
 
-__all__ = ["Geometry", "LinkPlace", "Made", "Mesh", "Solid", "geometry_of", "link_places", "mesh_files"]
+__all__ = ["Geometry", "LinkPlace", "Made", "Mesh", "Solid", "geometry_of", "link_places"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -87,33 +87,25 @@ class Geometry:
         return self.bodies.arm.bodies[body].name if body >= 0 else self.bodies.file.root
 
 
-def geometry_of(
-    bodies: RigidBodies, meshes: Mapping[str, Mesh] | None = None, missing: Mapping[str, str] | None = None
-) -> Geometry:
-    """Return the shapes of an arm, with the ``meshes`` by the names that its file has for them.
+def geometry_of(bodies: RigidBodies, mesh: Callable[[str], Mesh | None] = lambda _: None) -> Geometry:
+    """Return the shapes of an arm; ``mesh`` gives a mesh by the name that the file has for it, None where it cannot.
 
     Of a link, its shapes for collision are taken where all of them are known, else those that are seen where all of
     these are, else what is known of the first. A body with a link of the last sort, or with a mass but no shape, is
     ``Made.JOINTS``.
     """
-    meshes, shapes = meshes or {}, bodies.shapes
+    shapes = bodies.shapes
     solids: list[Solid] = []
     made: dict[int, Made] = {}
     for place in link_places(bodies):
-        of_link, how = _chosen(shapes.get(place.link, LinkShapes()), meshes)
+        of_link, how = _chosen(shapes.get(place.link, LinkShapes()), place, mesh)
         if how is not None:
             made[place.body] = max(how, made.get(place.body, how), key=list(Made).index)
-        solids += [_solid(one, place, meshes) for one in of_link]
+        solids += of_link
     for k, body in enumerate(bodies.arm.bodies):
         if k not in made and not body.massless and body.theta[0] != 0:
             made[k] = Made.JOINTS
-    return Geometry(bodies, tuple(solids), dict(sorted(made.items())), missing or {})
-
-
-def mesh_files(bodies: RigidBodies) -> tuple[str, ...]:
-    """Return the names that a robot file has for its meshes."""
-    every = [one for shapes in bodies.shapes.values() for one in (*shapes.collision, *shapes.visual)]
-    return tuple(dict.fromkeys(one.file for one in every if one.file))
+    return Geometry(bodies, tuple(solids), dict(sorted(made.items())), {})
 
 
 def link_places(bodies: RigidBodies) -> tuple[LinkPlace, ...]:
@@ -127,20 +119,29 @@ def link_places(bodies: RigidBodies) -> tuple[LinkPlace, ...]:
     return (*still, *moving)
 
 
-def _chosen(shapes: LinkShapes, meshes: Mapping[str, Mesh]) -> tuple[list[Shape], Made | None]:
-    """Return the shapes of a link that are used, and how it is made: None where it has none."""
+def _chosen(
+    shapes: LinkShapes, place: LinkPlace, mesh: Callable[[str], Mesh | None]
+) -> tuple[list[Solid], Made | None]:
+    """Return the solids of a link that are used, and how it is made: None where it has none."""
+    known: list[Solid] = []
     for given, how in ((shapes.collision, Made.COLLISION), (shapes.visual, Made.VISUAL)):
-        known = [one for one in given if one.kind is not ShapeKind.MESH or one.file in meshes]
-        if given and len(known) == len(given):
-            return known, how
-    known = [one for one in shapes.collision if one.kind is not ShapeKind.MESH or one.file in meshes]
+        found = [solid for one in given if (solid := _solid(one, place, mesh)) is not None]
+        if given and len(found) == len(given):
+            return found, how
+        known = known if how is Made.VISUAL else found
     return known, Made.JOINTS if shapes.collision or shapes.visual else None
 
 
-def _solid(shape: Shape, place: LinkPlace, meshes: Mapping[str, Mesh]) -> Solid:
-    frame, found = place.frame @ shape.frame, meshes.get(shape.file)
-    mesh = None if found is None else Mesh(found.vertices * np.array(shape.size), found.triangles)
-    return Solid(place.link, place.body, shape.kind, shape.size, frame, mesh)
+def _solid(shape: Shape, place: LinkPlace, mesh: Callable[[str], Mesh | None]) -> Solid | None:
+    """Return a shape in the frame of its body, None where its mesh is not known."""
+    frame = place.frame @ shape.frame
+    if shape.kind is not ShapeKind.MESH:
+        return Solid(place.link, place.body, shape.kind, shape.size, frame)
+    found = mesh(shape.file) if shape.file else None
+    if found is None:
+        return None
+    scaled = Mesh(found.vertices * np.array(shape.size), found.triangles)
+    return Solid(place.link, place.body, shape.kind, shape.size, frame, scaled)
 
 
 def _standing(bodies: RigidBodies) -> dict[str, Array]:

@@ -21,7 +21,7 @@ CUTS = (0.3, 0.5, 0.7)  # of the length of a mesh, where it is cut
 def balls_of(solid: Solid) -> Balls:
     """Return balls whose hull contains a solid, in the frame of its body: few more than are needed."""
     if solid.mesh is not None:
-        return _points(_corners(_placed(solid.mesh.vertices, solid.frame)))
+        return _points(_placed(solid.mesh.vertices, solid.frame))
     size = np.array(solid.size)
     if solid.kind is ShapeKind.BOX:
         return _points(_placed(size * (2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1), solid.frame))
@@ -53,18 +53,8 @@ def cuts(solid: Solid) -> Iterator[tuple[Balls, Balls]]:
             part = height[crossing[:, :1]] / (height[crossing[:, :1]] - height[crossing[:, 1:]])
             met = points[crossing[:, 0]] + part * (points[crossing[:, 1]] - points[crossing[:, 0]])
             sides = (np.concatenate((points[side], met)) for side in (height <= 0, height >= 0))
-            low, high = (_points(_corners(side)) for side in sides)
+            low, high = (_points(side) for side in sides)
             yield low, high
-
-
-def _corners(points: Array) -> Array:
-    """Return the corners of the convex hull of points (M, 3); all of them where they are in a plane."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):
-        return np.unique(points, axis=0)
 
 
 def _points(centres: Array) -> Balls:

@@ -1,15 +1,15 @@
 """What a motion may reach: limits of the joints, less a margin.
 
 Rules where neither the robot file nor the user gives a limit: a joint that turns has half a turn to either side of
-zero, or a whole turn from the one end that is given; its acceleration takes it from rest to its greatest velocity in
-``RISE``, its jerk to its greatest acceleration in ``ONSET``. A velocity, or the range of a joint that slides, follows
-from no rule. Where there is no torque limit, no torque is too large.
+zero, or a whole turn from the one end that is given (more than two turns in a file are no limit); its acceleration
+takes it from rest to its greatest velocity in ``RISE``, its jerk to its greatest acceleration in ``ONSET``. A velocity,
+or the range of a joint that slides, follows from no rule. Where there is no torque limit, no torque is too large.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +27,7 @@ __all__ = ["ONSET", "RISE", "JointLimits", "MotionLimits", "limits_of"]
 Array = NDArray[np.float64]
 RISE = 0.25  # s from rest to the velocity limit
 ONSET = 0.05  # s from no acceleration to its limit
+TWO_TURNS = 4.001 * np.pi  # rad: a file with a wider range has none
 FROM_FILE = {"lower": "lower", "upper": "upper", "velocity": "velocity", "torque": "effort"}
 
 
@@ -108,7 +109,7 @@ def limits_of(model: Model, given: Mapping[str, JointLimits] | None = None, marg
 
 def _narrowed(model: Model) -> dict[str, Limits]:
     """Return the limits of the file by joint, narrowed to those of the joints that mimic it."""
-    found = {joint.name: model.limits.get(joint.name, Limits()) for joint in model.joints}
+    found = {joint.name: _bounded(joint, model.limits.get(joint.name, Limits())) for joint in model.joints}
     for term in model.terms:
         arm = term.arm if isinstance(term, RigidBodies) else None
         for body, drive, rest in zip(arm.bodies, arm.drive, arm.rest, strict=True) if arm else ():
@@ -117,6 +118,14 @@ def _narrowed(model: Model) -> dict[str, Limits]:
                 name = model.joints[column].name
                 found[name] = _meet(found[name], body.joint.limits, float(drive[column]), float(rest))
     return found
+
+
+def _bounded(joint: Joint, file: Limits) -> Limits:
+    """Return the limits of the file without a range that stands for an endless one."""
+    if joint.kind == "prismatic" or None in (file.lower, file.upper):
+        return file
+    wide = (file.upper or 0.0) - (file.lower or 0.0) > TWO_TURNS
+    return replace(file, lower=None, upper=None) if wide else file
 
 
 def _meet(own: Limits, other: Limits, factor: float, offset: float) -> Limits:

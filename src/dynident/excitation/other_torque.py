@@ -53,7 +53,8 @@ def _by_bodies(bodies: RigidBodies, theta: Array, q: Array, dq: Array, ddq: Arra
         full = np.zeros((2, peer.nv))
         full[:, columns] = speed, change
         place = _configuration(peer, standing | dict(zip(ids, now, strict=True)))
-        row[:] = (pin.computeJointTorqueRegressor(peer, data, place, *full) @ wide[1:].ravel())[columns]
+        regressor = np.reshape(pin.computeJointTorqueRegressor(peer, data, place, *full), (peer.nv, -1))
+        row[:] = (regressor @ wide[1:].ravel())[columns]
     return np.asarray(out @ arm.drive)
 
 

@@ -15,12 +15,23 @@ from dynident.excitation.geometry import Geometry
 from dynident.excitation.space import Box, Distances, Obstacle
 from dynident.models import RigidBodies
 
-__all__ = ["capsule_space", "mostly_touching", "neighbours", "poses", "refuse_contact", "space_of"]
+__all__ = [
+    "CLEARANCE",
+    "always_near",
+    "candidates",
+    "capsule_space",
+    "neighbours",
+    "poses",
+    "refuse_contact",
+    "space_of",
+    "spread",
+]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 POSES = 600
-USUAL = 0.95  # share of the poses in which a pair touches that is left out
+CLEARANCE, BESIDE = 0.01, 0.01  # m: what is kept free, and more than that by which links are near each other
+USUAL = 0.9  # share of the poses in which links are near each other that are left out
 WHOLE = np.pi  # rad or m: the range of a joint without limits, to both sides
 
 
@@ -31,41 +42,40 @@ def capsule_space(
     lower: Array | None = None,
     upper: Array | None = None,
     own: Sequence[Box] = (),
+    clearance: float = CLEARANCE,
 ) -> CapsuleSpace:
     """Return the distances of an arm whose links have these capsules, with the pairs to be watched.
 
     These are all pairs of links, but not a body and the next one (of those that have capsules), and all pairs of a
-    moving link and an obstacle. Left out, and named, are pairs that touch in at least 95 % of 600 poses spread evenly
-    between ``lower`` and ``upper`` (n; None: of the file): they are parts of a joint, or what an arm stands on. Boxes
-    of its ``own`` are parts of links that stand still.
+    moving link and an obstacle. Left out, and named, are links that in at least 90 % of 600 poses are nearer than 10 mm
+    more than the ``clearance`` (m), because they are parts of a wrist, and what is nearer to an obstacle than the
+    clearance in all of them, because it stands there. The poses are spread evenly between ``lower`` and ``upper`` (n;
+    None: of the file). Boxes of its ``own`` are parts of links that stand still.
     """
     capsules, obstacles = tuple(capsules), (*own, *obstacles)
-    next_to = neighbours(bodies, {one.body for one in capsules} | ({-1} if own else set()))
-    bodies_of = [one.body for one in capsules]
-    meetings = [
+    # boxes of its own count as parts of the root link here
+    pairs = candidates(bodies, [*(one.body for one in capsules), *(-1 for _ in own)])
+    count = len(capsules)
+    meetings = _places([pair for pair in pairs if max(pair) < count])
+    on_own = sorted(((one, other - count) for one, other in pairs if other >= count), key=lambda pair: pair[1])
+    moving = [place for place, one in enumerate(capsules) if one.body >= 0]
+    encounters = _places([*on_own, *((one, other) for other in range(len(own), len(obstacles)) for one in moving)])
+    every = CapsuleSpace(bodies, capsules, obstacles, meetings, encounters)
+    kept = ~always_near(every.distances(spread(bodies, lower, upper)), len(meetings) + len(on_own), clearance)
+    met, near = kept[: len(meetings)], kept[len(meetings) :]
+    unwatched = meetings[~met], encounters[~near]
+    return CapsuleSpace(bodies, capsules, obstacles, meetings[met], encounters[near], unwatched)
+
+
+def candidates(bodies: RigidBodies, parts: Sequence[int]) -> list[tuple[int, int]]:
+    """Return the pairs of ``parts``, each given by its body, that may meet: not of a body and the next one (of those
+    that have parts), nor of one body."""
+    next_to = neighbours(bodies, set(parts))
+    return [
         (one, other)
-        for one, other in combinations(range(len(capsules)), 2)
-        if bodies_of[one] != bodies_of[other] and frozenset((bodies_of[one], bodies_of[other])) not in next_to
+        for one, other in combinations(range(len(parts)), 2)
+        if parts[one] != parts[other] and frozenset((parts[one], parts[other])) not in next_to
     ]
-    moving = [place for place, body in enumerate(bodies_of) if body >= 0]
-    encounters = [
-        (one, other)
-        for other in range(len(obstacles))
-        for one in moving
-        if other >= len(own) or frozenset((bodies_of[one], -1)) not in next_to
-    ]
-    every = CapsuleSpace(bodies, capsules, obstacles, _places(meetings), _places(encounters))
-    touching = mostly_touching(every, bodies, lower, upper)
-    kept, count = ~touching, len(meetings)
-    usual = [pair for pair, out in zip(every.pairs, touching, strict=True) if out]
-    return CapsuleSpace(
-        bodies,
-        capsules,
-        obstacles,
-        every.meetings[kept[:count]],
-        every.encounters[kept[count:]],
-        tuple(dict.fromkeys(usual)),
-    )
 
 
 def space_of(
@@ -73,18 +83,24 @@ def space_of(
     obstacles: Sequence[Obstacle] = (),
     lower: Array | None = None,
     upper: Array | None = None,
+    clearance: float = CLEARANCE,
 ) -> CapsuleSpace:
-    """Return the distances of an arm with these shapes, by capsules and the boxes of links that stand still."""
-    return capsule_space(geometry.bodies, capsules_of(geometry), obstacles, lower, upper, own=still_boxes(geometry))
+    """Return the distances of an arm with these shapes, by capsules and the boxes of links that stand still; the pairs
+    are those of ``capsule_space``."""
+    capsules, own = capsules_of(geometry), still_boxes(geometry)
+    return capsule_space(geometry.bodies, capsules, obstacles, lower, upper, own, clearance)
 
 
-def mostly_touching(
-    space: Distances, bodies: RigidBodies, lower: Array | None = None, upper: Array | None = None
-) -> NDArray[np.bool_]:
-    """Return which pairs (P) touch in at least 95 % of 600 poses spread evenly between ``lower`` and ``upper`` (n), of
-    the file where None."""
-    q = poses(*_ranges(bodies, lower, upper), POSES)
-    return np.asarray((space.distances(q) < 0).mean(axis=0) >= USUAL)
+def always_near(distances: Array, links: int, clearance: float) -> NDArray[np.bool_]:
+    """Return which pairs (P) are near each other by construction, from ``distances`` (N, P) in many poses; the first
+    ``links`` pairs are of two links."""
+    beside = np.mean(distances < clearance + BESIDE, axis=0) >= USUAL
+    return np.where(np.arange(distances.shape[1]) < links, beside, (distances < clearance).all(axis=0))
+
+
+def spread(bodies: RigidBodies, lower: Array | None, upper: Array | None, count: int = POSES) -> Array:
+    """Return ``count`` poses spread evenly between ``lower`` and ``upper`` (n), of the file where None."""
+    return poses(*_ranges(bodies, lower, upper), count)
 
 
 def poses(lower: Array, upper: Array, count: int) -> Array:

@@ -47,13 +47,13 @@ class Request:
     criterion: Criterion = Criterion.D_OPTIMAL
     family: str = "fourier"
     duration: float = 30.0
-    period: float = 10.0
+    period: float = 5.0
     harmonics: int = 5
     rate: float = 250.0
     start: Array | None = None
     named: tuple[str, ...] = ()
     prior: Array | None = None
-    starts: int = 4
+    starts: int = 8
     clearance: float = 0.01
 
     __repr__ = brief

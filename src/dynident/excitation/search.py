@@ -37,7 +37,7 @@ class Stage:
     kept: float = 1.0
 
 
-STAGES = (Stage(1.0, 60), Stage(0.2, 80, 0.5), Stage(0.03, 120), Stage(0.005, 200))
+STAGES = (Stage(3.0, 40), Stage(0.5, 40, 0.5), Stage(0.1, 60, 0.5), Stage(0.02, 100), Stage(0.005, 150))
 MEMORY = 20  # pairs of L-BFGS
 LEAST = 5.0  # weight of the curvature at the middle of the limits
 ENOUGH = 1e-4  # of the criterion: less than this gained in PATIENCE steps ends a stage

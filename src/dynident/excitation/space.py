@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Box", "Cylinder", "Distances", "Floor", "Nothing", "Obstacle", "Space"]
+__all__ = ["Box", "Cylinder", "Distances", "Floor", "Nothing", "Obstacle", "Space", "Steep"]
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,15 @@ class Distances(Protocol):
 
     def distances(self, q: Array, /) -> Array:
         """Return distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
+
+
+@runtime_checkable
+class Steep(Distances, Protocol):
+    """Distances that are known not to change faster than so much with the joints: what proves them between samples."""
+
+    @property
+    def steepest(self) -> Array:
+        """The most that a distance changes with a joint, shape (P, n): m/rad, m/m."""
 
 
 class Space(Distances, Protocol):

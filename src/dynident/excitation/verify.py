@@ -7,6 +7,7 @@ they can be had. Nothing that the design uses to keep within limits (bounds, wor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -84,7 +85,8 @@ def verify(
     """
     if trajectory.joints != limits.joints:
         raise InputError(f"the trajectory is of the joints {trajectory.joints}, the limits of {limits.joints}.")
-    samples, reached, worst = 0, np.zeros((5, len(limits.joints))), _Worst()
+    samples, reached = 0, np.zeros((5, len(limits.joints)))
+    kept: list[tuple[Array, Array]] = []
     last: Array | None = None
     for start, piece in zip(trajectory.edges, trajectory.pieces, strict=False):
         t = np.linspace(0.0, piece.course.duration, max(3, int(np.ceil(piece.course.duration * RATE)) + 1))
@@ -96,12 +98,12 @@ def verify(
         finer = piece.course.states(fine)
         for times, found, load in ((t, states, tau), (fine, finer, _torque(model, theta, finer))):
             np.maximum(reached, _shares(found, load, float(start) + times, limits), out=reached)
-            worst.add(found, load)
+            kept.append(_some(found, load))
             samples += len(times)
         last = states[:, -1]
     ends = trajectory.states(np.array([0.0, trajectory.duration]))
     _check_rest(ends, trajectory.duration, limits)
-    routes = _second_route(model, theta, worst)
+    routes = _second_route(model, theta, kept)
     near = [None if one is None else _near(one, trajectory, clearance) for one in (space, shapes)]
     return Verified(samples, reached, routes, *near)
 
@@ -192,23 +194,15 @@ def _check_rest(ends: Array, duration: float, limits: MotionLimits) -> None:
             raise LimitError(QUANTITIES[d], name, t, value, 0.0, what)
 
 
-class _Worst:
-    """States for the second route: spread over the trajectory, and those of the largest torques."""
-
-    def __init__(self) -> None:
-        self.states: list[Array] = []
-        self.tau: list[Array] = []
-
-    def add(self, states: Array, tau: Array) -> None:
-        """Keep some of the states (4, N, n)."""
-        rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), max(1, len(tau) // 100)))
-        self.states.append(states[:3, rows])
-        self.tau.append(tau[rows])
+def _some(states: Array, tau: Array) -> tuple[Array, Array]:
+    """Return some of the states (3, K, n) with their torques: spread evenly, and those of the largest torques."""
+    rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), max(1, len(tau) // 100)))
+    return states[:3, rows], tau[rows]
 
 
-def _second_route(model: Model, theta: Array, worst: _Worst) -> tuple[str, ...]:
+def _second_route(model: Model, theta: Array, kept: Sequence[tuple[Array, Array]]) -> tuple[str, ...]:
     """Return the routes to the torque; InputError where Pinocchio's differs from the regressor's."""
-    states, tau = np.concatenate(worst.states, axis=1), np.concatenate(worst.tau)
+    states, tau = np.concatenate([one for one, _ in kept], axis=1), np.concatenate([one for _, one in kept])
     rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), -(-len(tau) // SECOND)))
     other = pinocchio_torque(model, theta, *states[:, rows])
     if other is None:

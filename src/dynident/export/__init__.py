@@ -14,6 +14,7 @@ from dynident.export.identified import Identified
 from dynident.export.mjcf import identified_mjcf
 from dynident.export.numpy_module import identified_module
 from dynident.export.parameters import identified_yaml
+from dynident.export.payload_link import check_payload_link, with_payload_link
 from dynident.export.proof import prove, random_states, spread
 from dynident.export.readers import declared
 from dynident.export.urdf import identified_urdf, relocated
@@ -34,6 +35,7 @@ __all__ = [
     "Urdf",
     "Written",
     "Yaml",
+    "check_payload_link",
     "declared",
     "export",
     "export_files",
@@ -46,6 +48,7 @@ __all__ = [
     "random_states",
     "relocated",
     "spread",
+    "with_payload_link",
 ]
 
 ALWAYS: tuple[Exporter, ...] = (Yaml(), Numpy())

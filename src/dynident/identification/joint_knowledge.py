@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.estimators import Estimate
 from dynident.regression import Regression, rank_of_information
-from dynident.validation import correlated_std
+from dynident.validation import coloured_covariance, correlated_std, robust_covariance
 
 __all__ = ["joint_knowledge"]
 
 Array = NDArray[np.float64]
+SHARE = 0.025  # of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
 
 
 def joint_knowledge(
@@ -24,16 +25,17 @@ def joint_knowledge(
     more: Array,
     std: Array,
     robust: Callable[..., Array] = correlated_std,
-) -> tuple[Array | None, Array | None]:
-    """Return the covariance (r, r) of the base parameters that the columns ``kept`` lead, and (r, n) the parts that
-    the torque of each joint has in them; None where the columns are dependent to working precision.
+) -> tuple[Array, Array, Array] | tuple[None, None, None]:
+    """Return the covariance (r, r) of the base parameters that the columns ``kept`` lead, (r, n) the parts that the
+    torque of each joint has in them, and its share (n) in their errors; None where the columns are dependent to working
+    precision.
 
     With R = U S V' the triangular factor of the weighted columns, the errors of S V' beta are independent where
     residuals are white. Their variances v are those of correlated residuals (``robust``), so that the covariance is
     V S^-1 diag(v) S^-1 V' + ``more`` (r, r): the estimated covariance itself, of few independent samples, would show
     directions that seem to be known without error. Where there is no such figure, all variances are larger by the
     median of those of ``std`` (r) over those for white residuals. A joint contributes
-    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j.
+    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r.
     """
     triangular, n = regression.triangular_factors, len(regression.model.joints)
     w = np.ones(n) if estimate.residual.weights is None else np.asarray(estimate.residual.weights)
@@ -41,10 +43,12 @@ def joint_knowledge(
     scale = np.linalg.norm(factor, axis=0)
     _, size, axes = np.linalg.svd(factor / np.where(scale > 0, scale, 1.0))
     if not (scale > 0).all() or not size[-1] > np.finfo(float).eps * len(kept) * size[0]:
-        return None, None
+        return None, None, None
     to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
     pulls = np.einsum("j,jik,ji->kj", w**2, triangular.factors[:, :, kept], triangular.factors[:, :, -1])
-    return _covariance(regression, estimate, kept, (to_axes, back), std, robust) + more, back @ (back.T @ pulls)
+    shares = np.square(w[:, None, None] * (triangular.factors[:, :, kept] @ back)).sum(axis=(1, 2)) / len(kept)
+    covariance = _covariance(regression, estimate, kept, (to_axes, back), std, robust) + more
+    return covariance, back @ (back.T @ pulls), shares
 
 
 def _covariance(
@@ -59,9 +63,13 @@ def _covariance(
     if estimate.information is None and robust is correlated_std:
         weights, slopes = estimate.residual.weights, estimate.residual.slopes
         try:
-            half = back * robust(regression, estimate.value, weights, kept, slopes, to_axes)
-            return np.asarray(half @ half.T)
-        except ModelError:  # nearly dependent columns
+            std = robust(regression, estimate.value, weights, kept, slopes, to_axes)
+            slow = robust_covariance(regression, estimate.value, weights, kept, slopes, SHARE)
+            std = np.maximum(std, np.sqrt(np.maximum(np.diag(to_axes @ slow @ to_axes.T), 0.0)))
+            along = to_axes @ coloured_covariance(regression, estimate.value, weights, kept) @ to_axes.T
+            half = back * (std / np.sqrt(np.diag(along)))
+            return np.asarray(half @ along @ half.T)
+        except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns
             pass
     if estimate.information is not None:
         white = rank_of_information(estimate.information[np.ix_(kept, kept)]).inverse

@@ -55,8 +55,9 @@ class StandardErrors:
     hold 95 %. None where they cannot be had, or where there are no base parameters.
 
     ``base_covariance`` (r, r) is of the base parameters together, for correlated residuals, too, and ``base_by_joint``
-    (r, n) what the torque of each joint contributes to their values by least squares: an error of its gain acts so.
-    Where all p parameters are determined, both are of these. None in results of older versions.
+    (r, n) what the torque of each joint contributes to their values by least squares: an error of its gain acts so;
+    ``base_shares`` (n) are the shares of its torque in their errors, one in all. Where all p parameters are
+    determined, these are of them. None in results of older versions.
     """
 
     std: Array
@@ -65,6 +66,7 @@ class StandardErrors:
     base_std_hac: Array | None = None
     base_covariance: Array | None = None
     base_by_joint: Array | None = None
+    base_shares: Array | None = None
 
     __repr__ = brief
 

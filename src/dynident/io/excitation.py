@@ -16,9 +16,11 @@ from pydantic import ValidationError
 from dynident.errors import ConfigError, InputError, brief, choices
 from dynident.excitation import (
     Box,
+    CapsuleSpace,
     Criterion,
     Cylinder,
     Design,
+    Distances,
     Floor,
     Geometry,
     JointLimits,
@@ -29,6 +31,7 @@ from dynident.excitation import (
     Request,
     Space,
     design,
+    exact_space,
     limits_of,
     space_of,
 )
@@ -99,13 +102,22 @@ class ExcitationProject:
     def space(self) -> Space:
         """What the arm must keep clear of: itself and the obstacles; ConfigError where it has no known bodies."""
         if self.geometry is not None:
-            return space_of(self.geometry, self.obstacles, self.limits.lower, self.limits.upper)
+            lower, upper = self.limits.lower, self.limits.upper
+            return space_of(self.geometry, self.obstacles, lower, upper, self.request.clearance)
         if self.obstacles:
             raise ConfigError(
                 f"excitation: {self.known.model.name} is not made of a robot file, so that nothing can keep it clear "
                 "of obstacles; leave out `floor`, `boxes` and `cylinders`."
             )
         return Nothing(len(self.limits.joints))
+
+    @cached_property
+    def shapes(self) -> Distances | None:
+        """The real shapes, which check the finished motion; None where Pinocchio and Coal are not installed."""
+        space, limits = self.space, self.limits
+        if self.geometry is None or not isinstance(space, CapsuleSpace):
+            return None
+        return exact_space(self.geometry, space, limits.lower, limits.upper, self.request.clearance)
 
     def design(self, executor: Executor | None = None, progress: Progress | None = None) -> Design:
         """Return the most informative motion; raises the errors of ``dynident.excitation.design``."""
@@ -119,6 +131,7 @@ class ExcitationProject:
             self.space,
             self.request,
             rng,
+            shapes=self.shapes,
             executor=executor,
             progress=progress,
         )

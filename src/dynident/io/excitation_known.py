@@ -97,27 +97,25 @@ def noise(
     tell as much as the real ones, and where it is from.
 
     A residual is larger by the root of the number of samples in the time over which it decorrelates. Where nothing is
-    known it is 1 % of the torque limit, else 1 N m or N. Raises ConfigError for unknown joints, and where one has none.
+    known it is 1 % of the torque limit, else 1 N m or N. ``given`` stands in its place. Raises ConfigError for unknown
+    joints.
     """
     joints = limits.joints
-    if given is not None:
-        return NoiseOrigin.GIVEN, _given(given, joints)
     rule = np.where(np.isfinite(limits.torque), SHARE * limits.torque / (1.0 - margin), USUAL)
-    if known.found is None:
-        return NoiseOrigin.RULE, rule
-    found = _residual(known.found, joints, rate)
-    return known.origin, np.where(found > 0, found, rule)
+    origin, sigma = NoiseOrigin.RULE, rule
+    if known.found is not None:
+        found = _residual(known.found, joints, rate)
+        origin, sigma = known.origin, np.where(found > 0, found, rule)
+    return origin if given is None else NoiseOrigin.GIVEN, _replaced(sigma, given, joints)
 
 
-def _given(given: Mapping[str, float] | float, joints: tuple[str, ...]) -> Array:
-    by_joint = given if isinstance(given, Mapping) else dict.fromkeys(joints, given)
+def _replaced(sigma: Array, given: Mapping[str, float] | float | None, joints: tuple[str, ...]) -> Array:
+    """Return noise (n) with what is given, for all or by joint, in its place."""
+    by_joint = given if isinstance(given, Mapping) else {} if given is None else dict.fromkeys(joints, given)
     for name in by_joint:
         if name not in joints:
             raise ConfigError(f"excitation.noise: there is no joint {name!r}; {choices(name, joints)}")
-    for name in joints:
-        if name not in by_joint:
-            raise ConfigError(f"excitation.noise: joint {name!r} is missing; add it, or give one number for all.")
-    return np.array([by_joint[name] for name in joints])
+    return np.array([by_joint.get(name, one) for name, one in zip(joints, sigma.tolist(), strict=True)])
 
 
 def _residual(found: Identification, joints: tuple[str, ...], rate: float) -> Array:

@@ -6,6 +6,8 @@ import importlib
 import importlib.util
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -13,8 +15,8 @@ from urllib.parse import unquote, urlparse
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, install_command
-from dynident.excitation.geometry import Geometry, Mesh, geometry_of, mesh_files
+from dynident.errors import InputError, ModelError, install_command
+from dynident.excitation.geometry import Geometry, Mesh, geometry_of
 from dynident.io.opener import content, find, opened
 from dynident.models import RigidBodies
 
@@ -23,26 +25,40 @@ __all__ = ["read_geometry", "read_mesh"]
 Array = NDArray[np.float64]
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEAD = 84  # bytes before the facets of a binary STL
+LARGEST = 50.0  # m
 PACKAGED = ("package", "model")
 WEIGHT = 12  # memory of a mesh, per byte of its file
 
 
 def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = ()) -> Geometry:
     """Return the shapes of an arm, with the meshes that its file names, as far as they are found and can be read.
+    Those that are only seen are read where those for collision are not all there.
 
     ``package://NAME/...`` is sought in the folders ``packages`` (of a package or around it), those of ROS_PACKAGE_PATH
-    and AMENT_PREFIX_PATH, and in and around that of the file ``robot``; other names are relative to the last.
+    and AMENT_PREFIX_PATH, and in and around that of the file ``robot``; other names are relative to the last. Raises
+    ModelError for a wrong size of a shape, or a mesh above 50 m.
     """
-    meshes, missing = {}, {}
-    for name in mesh_files(bodies):
+    missing: dict[str, str] = {}
+
+    @cache
+    def mesh(name: str) -> Mesh | None:
         found = _found(name, robot, packages)
         try:
             if found is None:
                 raise InputError("there is no such file.")
-            meshes[name] = read_mesh(found)
+            return read_mesh(found)
         except InputError as error:
             missing[name] = str(error)
-    return geometry_of(bodies, meshes, missing)
+            return None
+
+    geometry = geometry_of(bodies, mesh)
+    for solid in geometry.solids:
+        if solid.mesh is not None and (size := float(np.ptp(solid.mesh.vertices, axis=0).max())) > LARGEST:
+            raise ModelError(
+                f"{bodies.source}, link {solid.link!r}: its mesh is {size:.4g} m large; give it a scale, such as "
+                "'0.001 0.001 0.001' for a file in mm."
+            )
+    return replace(geometry, missing=missing)
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -23,6 +23,7 @@ _HEAD = (
     "For `dynident check` and `dynident identify`, once the motions of this folder are recorded: save the recordings",
     "under the names below, or correct these.",
 )
+_FLOOR = "for the next design; without `floor` (m, along z of the root link) the arm may reach below its base: floor: 0"
 _COLUMNS = "? columns and units as your recorder has them; or draft this anew from the recordings, by `dynident init`"
 
 
@@ -45,10 +46,11 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
     old = list(data.get("train") or ()) if known else []
     like = old[0] if old else next(iter(data.get("train") or ()), {})
     taken = {_label(one) for one in (*old, *(data.get("validation") or ()))}
-    logs = {role: _log(like, _free(name, taken)) for role, name in RECORDED.items()}
+    logs = {role: _free(like, name, taken) for role, name in RECORDED.items()}
     data |= {"train": [*old, logs["train"]], "validation": [logs["validation"]]}
     given = project.settings.model_dump(mode="json", exclude_unset=True)
-    return settings_text({**data, **({"excitation": given} if given else {})}, comments)
+    comments |= {"excitation": () if "floor" in given else (_FLOOR,)}
+    return settings_text({**data, "excitation": {"program": project.settings.program, **given}}, comments)
 
 
 def _data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:
@@ -79,9 +81,10 @@ def _label(log: Mapping[str, Any]) -> str:
     return str(log.get("name") or Path(str(next(iter(file.values())) if isinstance(file, Mapping) else file)).stem)
 
 
-def _free(name: str, taken: Collection[str]) -> str:
-    """Return a name, with a number where it is taken."""
-    return next(one for k in count(1) if (one := name if k == 1 else f"{name}_{k}") not in taken)
+def _free(like: Mapping[str, Any], name: str, taken: Collection[str]) -> dict[str, Any]:
+    """Return a log whose name is free, with a number where need be."""
+    logs = (_log(like, name if k == 1 else f"{name}_{k}") for k in count(1))
+    return next(one for one in logs if _label(one) not in taken)
 
 
 def _log(like: Mapping[str, Any], name: str) -> dict[str, Any]:

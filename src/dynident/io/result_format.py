@@ -143,7 +143,7 @@ class BasePart(Part):
 class IdentifiabilityPart(Part):
     """Base parameters that the data show, those that any motion could show, and what the data leave out.
 
-    ``covariance`` and ``by_joint``: of those on the data, or of all parameters where these are null; see
+    ``covariance``, ``by_joint`` and ``shares``: of those on the data, or of all parameters where these are null; see
     ``StandardErrors``.
     """
 
@@ -152,6 +152,7 @@ class IdentifiabilityPart(Part):
     unexcited: list[Kind]
     covariance: list[list[float]] | None = None
     by_joint: list[list[float]] | None = None
+    shares: list[float] | None = None
 
 
 class RunPart(Part):

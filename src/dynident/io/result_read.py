@@ -184,19 +184,20 @@ def _consistency(given: ConsistencyPart | None, p: int, source: str) -> Consiste
 def _errors(file: ResultFile, source: str) -> StandardErrors:
     rows, base, joint = file.parameters, file.base_parameters.on_data, file.base_parameters
     own = [] if base is None else base.parameters
-    r = len(rows) if base is None else len(own)
-    shapes = {"covariance": (r, r), "by_joint": (r, len(file.model.joints))}
-    known = {name: getattr(joint, name) for name in shapes}
+    r, n = len(rows) if base is None else len(own), len(file.model.joints)
     return StandardErrors(
         np.array([row.std for row in rows]),
         _column([row.std_hac for row in rows]),
         None if base is None else _column([row.std for row in own]),
         None if base is None else _column([row.std_hac for row in own]),
-        *(
-            None if known[name] is None else _matrix(known[name], shape, f"base_parameters.{name}", source)
-            for name, shape in shapes.items()
-        ),
+        _known(joint.covariance, (r, r), "base_parameters.covariance", source),
+        _known(joint.by_joint, (r, n), "base_parameters.by_joint", source),
+        None if joint.shares is None else _matrix([joint.shares], (1, n), "base_parameters.shares", source)[0],
     )
+
+
+def _known(rows: list[list[float]] | None, shape: tuple[int, int], where: str, source: str) -> Array | None:
+    return None if rows is None else _matrix(rows, shape, where, source)
 
 
 def _column(values: list[float | None]) -> Array | None:

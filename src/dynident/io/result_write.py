@@ -129,6 +129,7 @@ def _identifiability(found: Identification) -> dict[str, Any]:
         "unexcited": [_kind(note) for note in base.unexcited],
         "covariance": found.errors.base_covariance,
         "by_joint": found.errors.base_by_joint,
+        "shares": found.errors.base_shares,
     }
 
 

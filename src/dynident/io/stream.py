@@ -1,8 +1,8 @@
 """Samples from lines as they come: of a text file that grows, or of standard input.
 
-A line counts once its end is there. It is a row of a table (CSV and the like, with the names of the columns in the first
-line) or a JSON object; which, the first character says. A cell that is no number is a sensor that says nothing; a line
-that cannot be read at all is counted and left out.
+A line counts once its end is there. It is a row of a table (CSV and the like, with the names of the columns in the
+first line) or a JSON object; which, the first character says. A cell that is no number is a sensor that says nothing; a
+line that cannot be read at all is counted and left out.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from dynident.io.text import first_row, row_cells
 from dynident.models import Joint
 from dynident.online import BadLines
 
-__all__ = ["LineReader", "Samples", "SampleReader"]
+__all__ = ["LineReader", "SampleReader", "Samples"]
 
 Array = NDArray[np.float64]
 COMMENTS = ("#", "%")
@@ -64,8 +64,8 @@ class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
     ``names`` and ``separator`` are those of a table, once its first line is known; ``line`` and ``row`` count what was
-    read, ``zero`` (s) is the midnight from which dates are counted. Raises ConfigError where the configuration does not
-    fit the joints, or where a column is missing.
+    read, ``zero`` (s) is the midnight (UTC) from which dates are counted, ``fresh`` says that a file begins. Raises
+    ConfigError where the configuration does not fit the joints, or where a column is missing.
     """
 
     config: Config
@@ -76,6 +76,7 @@ class SampleReader:
     line: int = 0
     row: int = 0
     zero: float = math.nan
+    fresh: bool = True
     comments: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -93,7 +94,7 @@ class SampleReader:
     @property
     def state(self) -> dict[str, Any]:
         """What it knows of the stream so far, in plain types."""
-        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero")}
+        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh")}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a saved state."""
@@ -102,10 +103,7 @@ class SampleReader:
 
     def new_file(self) -> None:
         """Expect the names of the columns again, or rows that go on without them."""
-        self.line, self.comments = 0, []
-        self._fresh = True
-
-    _fresh: bool = True
+        self.line, self.comments, self.fresh = 0, [], True
 
     def push(self, lines: Iterable[str]) -> Samples:
         """Return the samples of lines."""
@@ -131,8 +129,8 @@ class SampleReader:
         if text.lstrip().startswith(COMMENTS):
             self.comments = [text]
             return None
-        if self._fresh:
-            self._fresh = False
+        if self.fresh:
+            self.fresh = False
             if self._is_head(text):
                 return None
         cells = row_cells(text, self.separator)
@@ -145,7 +143,7 @@ class SampleReader:
     def _is_head(self, text: str) -> bool:
         """Take the names of the columns from the first line, and return whether that is all it holds."""
         names, head, separator = first_row(text, self.comments)
-        if self.names and not head and len(names) == len(self.names):
+        if self.names and not (head and set(self._needed) <= set(names)):
             return False  # the next file goes on without them
         self._require(names)
         self.names, self.separator = names, separator
@@ -165,24 +163,22 @@ class SampleReader:
         if not isinstance(found, dict):
             raise ValueError("no object")
         flat = dict(_flat(found))
-        if self._fresh:
+        if self.fresh:
             self._require(flat)
-            self._fresh = False
+            self.fresh = False
         return flat
 
     def _timed(self, cells: Mapping[str, Any]) -> list[float]:
         column = self.config.time.column
-        if column is None:
-            t = self.row / (self.config.time.rate or 1.0)
-        else:
-            t = self._time(cells.get(column))
+        t = self.row / (self.config.time.rate or 1.0) if column is None else self._time(cells.get(column))
         self.row += 1
         return [t, *(_number(cells.get(name)) for name in self._needed)]
 
     def _time(self, cell: Any) -> float:
         t = self._factor * _number(cell)
         if math.isnan(t) and isinstance(cell, str):
-            stamp = datetime.fromisoformat(cell.strip()).timestamp()  # ValueError where it is none
+            date = datetime.fromisoformat(cell.strip())  # ValueError where it is none
+            stamp = (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
             if math.isnan(self.zero):
                 self.zero = DAY * math.floor(stamp / DAY)
             t = stamp - self.zero

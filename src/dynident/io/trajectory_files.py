@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, brief
 from dynident.excitation import Trajectory
 
-__all__ = ["Sampled", "sampled", "trajectory_files"]
+__all__ = ["ROS_RATE", "Sampled", "sampled", "trajectory_files"]
 
 Array = NDArray[np.float64]
 NAMES = ("q", "dq", "ddq")
 CLOSE = 1e-9  # largest difference of a file that was read again, in rad, m and per s and s^2
-ROS_RATE = 100.0  # Hz, at most, of the points for ROS 2, between which its controllers interpolate
+ROS_RATE = 100.0  # Hz
 NANO = 1_000_000_000
 MOST = 2_000_000  # samples of a file
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the former is 10 times as fast
@@ -60,16 +60,19 @@ def sampled(trajectory: Trajectory, rate: float) -> Sampled:
     return Sampled(trajectory.joints, t, q, dq, ddq)
 
 
-def trajectory_files(trajectory: Trajectory, stem: str, rate: float) -> dict[str, str | bytes]:
-    """Return the files of a trajectory by name, all at ``rate`` (Hz) but that for ROS 2, which has at most 100 Hz.
+def trajectory_files(
+    trajectory: Trajectory, stem: str, rate: float, ros_rate: float = ROS_RATE
+) -> dict[str, str | bytes]:
+    """Return the files of a trajectory by name, all at ``rate`` (Hz) but that for ROS 2, which has at most
+    ``ros_rate``: its controllers interpolate between the points.
 
     ``STEM.csv`` has columns t (s) and by joint q, dq, ddq; ``STEM.npz`` these arrays and the names of the joints;
     ``STEM.trajectory.yaml`` is a ``trajectory_msgs/JointTrajectory``. Raises InputError where a file that is read
     again is not the trajectory, as with names that its format cannot hold.
     """
     found: dict[str, str | bytes] = {}
-    for ending, (write, read, most) in _FORMATS.items():
-        wanted = sampled(trajectory, min(rate, most))
+    for ending, (write, read) in _FORMATS.items():
+        wanted = sampled(trajectory, min(rate, ros_rate) if write is _ros else rate)
         found[f"{stem}.{ending}"] = content = write(wanted)
         _prove(f"{stem}.{ending}", wanted, partial(read, content))
     return found
@@ -157,8 +160,8 @@ def _from_ros(text: str) -> Sampled:
     return Sampled(tuple(message["joint_names"]), t, *arrays)
 
 
-_FORMATS: Mapping[str, tuple[Callable[[Sampled], Any], Callable[[Any], Sampled], float]] = {
-    "csv": (_csv, _from_csv, math.inf),
-    "npz": (_npz, _from_npz, math.inf),
-    "trajectory.yaml": (_ros, _from_ros, ROS_RATE),
+_FORMATS: Mapping[str, tuple[Callable[[Sampled], Any], Callable[[Any], Sampled]]] = {
+    "csv": (_csv, _from_csv),
+    "npz": (_npz, _from_npz),
+    "trajectory.yaml": (_ros, _from_ros),
 }

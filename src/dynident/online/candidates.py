@@ -3,26 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.online.scores import Scores
 from dynident.online.evidence import evidence, gains
 from dynident.online.reference import Reference
+from dynident.online.scores import Scores
 from dynident.online.windows import Sums
 from dynident.regression import Group, GroupKind
 
-__all__ = ["Candidates"]
+__all__ = ["Candidates", "Move"]
 
 Array = NDArray[np.float64]
-CLIP = 5.0  # standard deviations of a block's score that count at most: what is there in one block alone is no change
+CLIP = 12.0  # evidence that one block counts as at most, in each group: what is there in it alone is no change
 SHOWN = 1e-6  # of the largest information of a group's directions: less is none
 LOUDNESS = 0.1  # by which the logarithm of what is left of the torque may wander without being a change
 TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """By how much robot and reference differ in ``directions`` (r, k): ``size`` (k), with its ``variance`` (k), which
+    is infinite in what the window does not show. ``noise`` (k, k) is the part of its covariance that the window's own
+    scatter makes; the error of the reference (r) goes into the size by ``gain`` (k, r)."""
+
+    directions: Array
+    size: Array
+    variance: Array
+    noise: Array
+    gain: Array
+
+    __repr__ = brief
+
+    def of(self, reference: Reference) -> Reference:
+        """Return the reference after it: its former error in these directions is gone."""
+        D = self.directions
+        rest = np.eye(len(D)) - D @ self.gain
+        covariance = rest @ reference.covariance @ rest.T + D @ self.noise @ D.T
+        return replace(reference, value=reference.value + D @ self.size, covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,64 +79,96 @@ class Candidates:
 
     def sums(self, reference: Reference, block: Scores) -> Sums:
         """Return a block as sums; its clipped scores are those beside the reference."""
-        D = self.directions
-        u = D.T @ (block.score - block.information @ reference.value)
-        most = CLIP * np.sqrt(np.einsum("rm,rs,sm->m", D, block.information, D, optimize=True) * reference.spread)
+        one = {"information": block.information[None], "samples": np.array([block.samples])}
+        own, covariance = self.covariances(reference, one, self.tolerance)
+        u = self.directions.T @ (block.score - block.information @ reference.value)
+        for group, part in zip(self.groups, self.parts, strict=True):
+            if is_base(group):
+                gain, rank = gains(u[None, part], own[:, part, part], covariance[:, part, part])
+                u[part] *= np.sqrt(min(1.0, _most(int(rank[0]), reference.dof) / max(float(gain[0]), TINY)))
         z = (block.left - reference.left) / reference.left_std
         known = np.isfinite(z)
+        most = np.sqrt(_most(1, reference.dof) * (1 + self._wander(reference) ** 2))
         return Sums(
-            block.start, block.stop, 1, block.samples, block.information, block.score, np.clip(u, -most, most),
-            np.where(known, z, 0.0), np.where(known, np.clip(z, -CLIP, CLIP), 0.0), known.astype(float),
+            block.start, block.stop, 1, block.samples, block.information, block.score, u, np.where(known, z, 0.0),
+            np.where(known, np.clip(z, -most, most), 0.0), known.astype(float),
         )  # fmt: skip
+
+    def _wander(self, reference: Reference) -> Array:
+        """Return how far (n) what is left of a joint's torque may be off in all blocks, in spreads of one."""
+        return reference.left_error + LOUDNESS / reference.left_std
+
+    def rebased(self, kept: Sequence[Sums], step: Array) -> tuple[Sums, ...]:
+        """Return sums after the reference has moved by a step (r): scores are beside the new one."""
+        move = self.directions.T
+        return tuple(replace(one, clipped=one.clipped - move @ (one.information @ step)) for one in kept)
 
     def evidence(self, reference: Reference, sums: Mapping[str, Array], *, clipped: bool) -> Array:
         """Return the evidence (G, S) of a change of each group alone in S windows; ``clipped``: no block counts much.
 
         Large changes fill every block to that limit in all groups: which it is, the other evidence says.
         """
-        own, covariance = self.covariances(reference, sums)
+        own, covariance = self.covariances(reference, sums, self.tolerance)
         whole = (sums["score"] - sums["information"] @ reference.value) @ self.directions
         scores, left = (sums["clipped"], sums["left_clipped"]) if clipped else (whole, sums["left"])
-        found = []
-        for group, part in zip(self.groups, self.parts, strict=True):
-            if is_base(group):
-                gain, rank = gains(scores[:, part], own[:, part, part], covariance[:, part, part])
-            else:
-                gain, rank = self._louder(reference, left, sums["left_count"], joint_of(group))
-            found.append(evidence(gain, rank, reference.dof))
-        return np.stack(found)
+        found = [
+            gains(scores[:, part], own[:, part, part], covariance[:, part, part])
+            if is_base(group)
+            else self._louder(reference, left, sums["left_count"], joint_of(group))
+            for group, part in zip(self.groups, self.parts, strict=True)
+        ]
+        return np.stack([evidence(gain, rank, reference.dof) for gain, rank in found])
 
-    def covariances(self, reference: Reference, sums: Mapping[str, Array]) -> tuple[Array, Array]:
+    def covariances(
+        self, reference: Reference, sums: Mapping[str, Array], tolerance: float = 0.0
+    ) -> tuple[Array, Array]:
         """Return information and covariance (S, M, M) of the scores in all directions in S windows: by the scatter of
-        blocks, the error of the reference, and the tolerance."""
+        blocks, the error of the reference, and a tolerance."""
         root, AD = np.sqrt(reference.spread), sums["information"] @ self.directions
         own = self.directions.T @ AD
         square = np.einsum("smm->sm", own) / sums["samples"][:, None]
-        wander = self.tolerance**2 / np.maximum(square, SHOWN * square.max(axis=1, keepdims=True, initial=TINY))
+        wander = tolerance**2 / np.maximum(square, SHOWN * square.max(axis=1, keepdims=True, initial=TINY))
         error = AD.swapaxes(1, 2) @ reference.covariance @ AD + own @ (wander[:, :, None] * own)
         return own, own * root[:, None] * root + error
 
-    def sizes(
-        self, reference: Reference, sums: Mapping[str, Array], taken: Sequence[int]
-    ) -> tuple[Array, Array, Array]:
-        """Return by how much the groups ``taken`` differ together from the reference in a window, in all of their
-        directions (k), with the covariance (k, k), and which of the directions the window shows (k)."""
+    def move(self, reference: Reference, sums: Mapping[str, Array], taken: Sequence[int]) -> Move:
+        """Return by how much the groups ``taken`` differ together from the reference in a window."""
         at = np.concatenate([np.arange(*self.parts[g].indices(self.directions.shape[1])) for g in taken])
+        D, root = self.directions[:, at], np.sqrt(reference.spread[at])
         own, covariance = (one[0][np.ix_(at, at)] for one in self.covariances(reference, sums))
-        score = sums["score"][0] - sums["information"][0] @ reference.value
         scale = np.sqrt(np.maximum(np.diag(own), TINY))
         size, axes = np.linalg.eigh(own / np.outer(scale, scale))
         kept = size > SHOWN * max(float(size[-1]), TINY)
         inverse = (axes[:, kept] / size[kept]) @ axes[:, kept].T / np.outer(scale, scale)
-        seen = (axes[:, ~kept] ** 2).sum(axis=1) < SHOWN
-        return inverse @ (self.directions[:, at].T @ score), inverse @ covariance @ inverse, seen
+        shown, A = (axes[:, ~kept] ** 2).sum(axis=1) < SHOWN, sums["information"][0]
+        return Move(
+            directions=D,
+            size=inverse @ (D.T @ (sums["score"][0] - A @ reference.value)),
+            variance=np.where(shown, np.diag(inverse @ covariance @ inverse), np.inf),
+            noise=inverse @ (own * root[:, None] * root) @ inverse,
+            gain=inverse @ D.T @ A,
+        )
 
-    def _louder(self, reference: Reference, left: Array, counts: Array, j: int) -> tuple[Array, Array]:
+    def louder(self, reference: Reference, sums: Mapping[str, Array], group: Group) -> tuple[Array, Array]:
+        """Return by how much the logarithm of a joint's residual (rms) has changed in a window (1), and its error."""
+        j = joint_of(group)
+        count, spread = sums["left_count"][0, j], reference.left_std[j] / 2  # of a mean square it is twice
+        return spread * sums["left"][0, [j]] / count, np.array([spread / np.sqrt(count)])
+
+    def _louder(self, reference: Reference, left: Array, counts: Array, j: int) -> tuple[Array, NDArray[np.intp]]:
         """Return the gains and ranks (S) of a change of what is left of a joint's torque."""
         count, std = counts[:, j], float(reference.left_std[j])
         known = (count > 0) & np.isfinite(std)
-        variance = count + (count * (reference.left_error[j] + LOUDNESS / std)) ** 2 if np.isfinite(std) else count
-        return np.divide(left[:, j] ** 2, variance, out=np.zeros(len(count)), where=known), known.astype(float)
+        variance = count + (count * self._wander(reference)[j]) ** 2 if np.isfinite(std) else count
+        return np.divide(left[:, j] ** 2, variance, out=np.zeros(len(count)), where=known), known.astype(np.intp)
+
+
+@cache
+def _most(rank: int, dof: float) -> float:
+    """Return the gain of that evidence."""
+    from scipy.special import fdtri
+
+    return rank * float(fdtri(rank, dof, -np.expm1(-CLIP))) if rank else np.inf
 
 
 def is_base(group: Group) -> bool:

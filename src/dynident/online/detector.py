@@ -1,8 +1,8 @@
 """Changes of a robot while it is watched, block by block, at a stated rate of false alarms.
 
-At first a baseline shows what is usual (``Reference``). Then each block is added to windows of all lengths; where one of
-them has more evidence of a change in one group of directions than the threshold, there is an alarm. The blocks after it
-are kept apart: they show which groups have changed (forward selection) and by how much; the reference moves by that,
+At first a baseline shows what is usual (``Reference``). Then each block is added to windows of all lengths; where one
+of them has more evidence of a change in one group of directions than the threshold, there is an alarm. The blocks after
+it are kept apart: they show which groups have changed (forward selection) and by how much; the reference moves by that,
 and the watch goes on. Where they show nothing, what was there has passed.
 """
 
@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.online.scores import Scores
 from dynident.online.candidates import Candidates, is_base, joint_of
 from dynident.online.events import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
 from dynident.online.reference import Reference, reference_of
+from dynident.online.scores import Scores
 from dynident.online.windows import Sums, pushed, suffixes
+from dynident.regression import Group
 
 __all__ = ["Detector", "Knowledge", "Phase"]
 
@@ -107,7 +108,9 @@ class Detector:
         if self._newness(reference, block) > NEW:
             new = known.new + 1
             events: tuple[Event, ...] = (NewMotion(block.stop, block.start),) if new == LASTING else ()
-            return replace(known, reference=reference.learned(block), new=new), events
+            after = reference.learned(block)
+            windows = self.candidates.rebased(known.windows, after.value - reference.value)
+            return replace(known, reference=after, windows=windows, new=new), events
         windows = pushed(known.windows, self.candidates.sums(reference, block))
         starts, sums = suffixes(windows)
         if self.candidates.evidence(reference, sums, clipped=True).max() < self.threshold:
@@ -165,9 +168,7 @@ class Detector:
         base = [g for g in taken if is_base(self.candidates.groups[g])]
         if not base:
             return reference
-        size, covariance, _ = self.candidates.sizes(reference, sums, base)
-        columns = np.hstack([self.candidates.directions[:, self.candidates.parts[g]] for g in base])
-        return reference.moved(columns, size, covariance)
+        return self.candidates.move(reference, sums, base).of(reference)
 
     def _moved(
         self, known: Knowledge, reference: Reference, sums: dict[str, Array], taken: dict[int, float], alarm: Alarm
@@ -176,24 +177,23 @@ class Detector:
         of, events, total = self.candidates, list[Event](), known.total.copy()
         after, end = self._beside(reference, sums, taken), 0
         base = [g for g in taken if is_base(of.groups[g])]
-        size, covariance, seen = of.sizes(reference, sums, base) if base else (np.zeros(0),) * 3
+        move = of.move(reference, sums, base) if base else None
         for g, chance in taken.items():
             group, part = of.groups[g], of.parts[g]
-            if is_base(group):
+            if move is not None and is_base(group):
                 some = slice(end, end := end + part.stop - part.start)
-                one, std = size[some], np.where(seen[some] > 0, np.sqrt(np.diag(covariance)[some]), np.inf)
-                total[part] += one
+                size, std = move.size[some], np.sqrt(move.variance[some])
+                total[part] += size
                 whole = total[part]
             else:
-                j = joint_of(group)
-                count = float(sums["left_count"][0, j])
-                step = float(sums["left"][0, j]) / count * reference.left_std[j]
-                one, std = np.array([step / 2]), np.array([reference.left_std[j] / np.sqrt(count) / 2])
-                after, whole = after.louder(j, step), one
-            events.append(
-                Changed(
-                    alarm.time, group.kind, group.joint, alarm.since, alarm.between, group.names, group.units,
-                    *(tuple(map(float, x)) for x in (one, std, whole)), chance,
-                )
-            )  # fmt: skip
+                size, std = of.louder(reference, sums, group)
+                after, whole = after.louder(joint_of(group), 2 * float(size[0])), size
+            events.append(_changed(alarm, group, size, std, whole, chance))
         return replace(known, reference=after, total=total), tuple(events)
+
+
+def _changed(alarm: Alarm, group: Group, size: Array, std: Array, total: Array, chance: float) -> Changed:
+    return Changed(
+        alarm.time, group.kind, group.joint, alarm.since, alarm.between, group.names, group.units,
+        tuple(size.tolist()), tuple(std.tolist()), tuple(total.tolist()), chance,
+    )  # fmt: skip

@@ -1,10 +1,10 @@
 """How unlikely a window of blocks is where nothing has changed, and from what on that counts as a change.
 
-Each group of directions is tried on windows of all lengths that end now: the likelihood ratio of a change of this group
-alone, divided by the usual scatter, is F distributed, of which minus the logarithm of the tail probability is the
+Each group of directions is tried on windows of all lengths that end now: the likelihood ratio of a change of this
+group alone, divided by the usual scatter, is F distributed, of which minus the logarithm of the tail probability is the
 evidence. Were all tests independent, a day of B blocks, W windows and G groups would have the evidence x by chance
-B W G exp(-x) times; they are not, and how many they amount to is counted by simulation. Siegmund and Venkatraman (1995),
-"Using the generalized likelihood ratio statistic for sequential detection of a change-point".
+B W G exp(-x) times; they are not, and how many they amount to is counted by simulation. Siegmund and Venkatraman
+(1995), "Using the generalized likelihood ratio statistic for sequential detection of a change-point".
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["Threshold", "evidence", "gains", "threshold"]
 Array = NDArray[np.float64]
 ALONE = 1e-6  # of the largest information of a direction of the group: less is none
 HOUR = 720  # blocks that are drawn together, with one scatter
-HOURS = 300
+HOURS = 160
 SEEN = 0.3  # share of the hours that exceed the evidence at which chance alarms are counted
 FEWEST = 1e-280  # below, the tail probability is given by its leading term
 LONGEST = 512  # blocks of the windows in the draws
@@ -39,7 +39,7 @@ class Threshold:
     __repr__ = brief
 
 
-def evidence(gain: Array, rank: Array | int, dof: float) -> Array:
+def evidence(gain: Array, rank: NDArray[np.intp] | int, dof: float) -> Array:
     """Return -log P(F > gain / rank) for gains of F with ``rank`` and ``dof`` degrees of freedom; zero of rank 0."""
     from scipy.special import betainc, betaln
 
@@ -77,8 +77,8 @@ def threshold(
     """Return the evidence that robots without a change have ``rate`` times a day, for groups of ``ranks`` directions.
 
     ``block`` (s) is the length of a block; ``rng`` draws ``HOURS`` hours without change, each with a scatter by ``dof``
-    degrees of freedom and a reference by ``baseline`` blocks. From the evidence that a good part of these hours has, the
-    rate falls as exp(-x): that is what evidence is. Raises ConfigError for a rate that is not positive.
+    degrees of freedom and a reference by ``baseline`` blocks. From the evidence that a good part of these hours have,
+    the rate falls as exp(-x): that is what evidence is. Raises ConfigError for a rate that is not positive.
     """
     if not (np.isfinite(rate) and rate > 0):
         raise ConfigError(f"false alarms a day are {rate}; give a positive number, such as 0.03 (one in a month).")

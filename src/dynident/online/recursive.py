@@ -9,6 +9,9 @@ rows of a group times exp(-t / (2 T)) forget it over T seconds, what is known of
 does the solution of R theta = y. It is the step of a Kalman filter whose process noise is, in each direction, the share
 exp(t / T) - 1 of the variance given all that is forgotten more slowly. What no motion shows is not forgotten below a
 share of the most that was ever known of it, so that an estimate is not lost while the robot rests.
+
+References: Bierman (1977), "Factorization methods for discrete sequential estimation"; Parkum, Poulsen and Holst
+(1992), "Recursive forgetting algorithms".
 """
 
 from __future__ import annotations
@@ -42,6 +45,7 @@ PANEL = 16  # columns that LAPACK eliminates together
 WAITING = 64  # samples that are computed together, as each call has its cost
 STEPS = 100  # of forgetting in the shortest memory
 LEAST = 0.03  # of the largest pivot that a parameter ever had: it is not forgotten further, 0.1 % of the information
+ENOUGH = 10  # rows for each parameter: of fewer the residual is not forgotten
 EMPTY = 1e-10  # of its column: a smaller pivot is rounding
 NAMES = ("q", "dq", "ddq", "tau")
 
@@ -101,7 +105,7 @@ class RecursiveLeastSquares:
 
     @property
     def rows(self) -> float:
-        """The number of rows behind the estimate, of all joints; forgotten ones count as much as they still do."""
+        """The number of rows behind the residual, of all joints; forgotten ones count as much as they still do."""
         self._flush()
         return self._rows
 
@@ -149,7 +153,8 @@ class RecursiveLeastSquares:
         self._peak = np.maximum(self._peak, pivots)
         least = np.divide(LEAST * self._peak, pivots, out=np.ones(p), where=pivots > 0)
         self._R[:p] *= np.minimum(np.maximum(np.exp(-0.5 * seconds / own), least), 1.0)[:, None]
-        left = math.exp(-seconds / float(own.max()))  # the residual, as slowly as any parameter
+        left = math.exp(-seconds / float(own.min()))  # of the residual: what a change has left in it goes as fast
+        left = max(left, min(1.0, ENOUGH * p / self._rows)) if self._rows else 1.0
         self._R[p, p] *= math.sqrt(left)
         self._rows *= left
 
@@ -166,14 +171,16 @@ class RecursiveLeastSquares:
         """Return the estimate by all rows as they count now, by default of least squares.
 
         ``PhysicallyConsistent()`` gives the nearest consistent one. Its ``residual`` is that of all joints together,
-        times the noise of each by the weights. Raises the errors of the estimator, and ConfigError for one that needs
-        the samples themselves.
+        times the noise of each by the weights. Raises the errors of the estimator, ConfigError for one that needs
+        the samples themselves, and InputError for any but least squares before the first sample.
         """
         chosen = LeastSquares() if estimator is None else estimator
         if isinstance(chosen, MaximumLikelihood):
             raise ConfigError(
                 "estimator: maximum likelihood needs all samples; take least squares or the consistent fit."
             )
+        if not self.rows and not isinstance(chosen, LeastSquares):
+            raise InputError(f"{type(chosen).__name__} needs samples, and none was taken yet; ask later.")
         near = self.near if isinstance(chosen, LeastSquares) else np.zeros(len(self.near))
         regression = Regression(self.model, ()).with_factors(self.factors.less(near))
         found = called(chosen, Problem(self.model, (), regression), Estimate)
@@ -191,12 +198,15 @@ class RecursiveLeastSquares:
             "peak": self._peak.copy(),
             "clock": self._clock.copy(),
             "rows": np.array(self._rows),
+            "order": self._order.astype(float),
         }
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Continue from a saved state; InputError where it is of another model."""
+        """Continue from a saved state; InputError where it is of another model, or of another memory."""
         if (found := np.shape(state["R"])) != self._R.shape:
             raise InputError(f"the saved factor has shape {found}, but the model needs {self._R.shape}; start anew.")
+        if not np.array_equal(state["order"], self._order):
+            raise InputError("the saved factor is of another memory, for which its parameters are in another order.")
         self._waiting.clear()
         self._R = np.asfortranarray(state["R"], dtype=float).copy(order="F")
         self._peak, self._clock = (np.array(state[name], dtype=float) for name in ("peak", "clock"))
@@ -213,7 +223,7 @@ class RecursiveLeastSquares:
         before = np.concatenate([self._clock[1:], at[:-1]])
         if not (at >= before).all():
             k = int(np.flatnonzero(~(at >= before))[0])
-            raise InputError(f"t = {float(t[k])!r} s is before the sample before it, or not finite; time must increase.")
+            raise InputError(f"t = {float(t[k])!r} s is before the sample before it, or not finite; leave it out.")
         self._clock[1] = at[-1]
         starts = [0, *(np.flatnonzero(np.diff(at)) + 1).tolist()]
         return [(slice(a, b), int(at[a] - before[a])) for a, b in zip(starts, [*starts[1:], len(t)], strict=True)]

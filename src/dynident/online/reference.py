@@ -28,11 +28,13 @@ LEAST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The scaled base parameters (``Scorer``) of a robot less those of the result, ``value`` (r), with their ``covariance`` (r, r).
+    """The scaled base parameters (``Scorer``) of a robot less those of the result, ``value`` (r), with their
+    ``covariance`` (r, r).
 
     ``spread`` (M) is how many times the variance of white noise the scores of the groups' directions have, by ``dof``
     degrees of freedom; ``left`` (n) and ``left_std`` (n) mean and spread of a block's logarithm of what is left of the
-    torque, ``left_error`` (n) that of the mean, in such spreads; ``residual`` (n) its root mean square (N m, N).
+    torque, ``left_error`` (n) that of the mean, in such spreads;
+    ``residual`` (n) its root mean square (N m, N).
     """
 
     value: Array
@@ -46,14 +48,6 @@ class Reference:
 
     __repr__ = brief
 
-    def moved(self, directions: Array, size: Array, covariance: Array) -> Reference:
-        """Return the reference after a change by ``size`` (k) +- ``covariance`` (k, k) in ``directions`` (r, k)."""
-        return replace(
-            self,
-            value=self.value + directions @ size,
-            covariance=self.covariance + directions @ covariance @ directions.T,
-        )
-
     def louder(self, joint: int, step: float) -> Reference:
         """Return the reference after a change of what is left of a joint's torque, by a step of its logarithm."""
         left = self.left.copy()
@@ -65,7 +59,7 @@ class Reference:
         usual = float(np.median(self.spread))
         step = block.score - block.information @ self.value
         information = np.linalg.inv(_guarded(self.covariance)) + block.information / usual
-        covariance = np.linalg.inv(_guarded(information))
+        covariance = np.asarray(np.linalg.inv(_guarded(information)), dtype=float)
         return replace(self, value=self.value + covariance @ step / usual, covariance=covariance)
 
 
@@ -78,7 +72,7 @@ def reference_of(blocks: Sequence[Scores], directions: Array) -> Reference:
     M = np.stack([np.diag(directions.T @ one.information @ directions) for one in blocks])
     u = np.stack([(one.score - one.information @ value) @ directions for one in blocks])
     spread = np.array([_spread(u[:, m], M[:, m]) for m in range(u.shape[1])])
-    covariance = np.linalg.inv(_guarded(A / float(np.median(spread)) + prior))
+    covariance = np.asarray(np.linalg.inv(_guarded(A / float(np.median(spread)) + prior)), dtype=float)
     left = np.stack([one.left for one in blocks])
     mean, std = (np.array([one(x) for x in left.T]) for one in (_mean, _long_std))
     count = np.isfinite(left).sum(axis=0)
@@ -90,7 +84,7 @@ def reference_of(blocks: Sequence[Scores], directions: Array) -> Reference:
 
 def _spread(u: Array, M: Array) -> float:
     """Return the variance of scores u (K) relative to M (K), that of their sum if it is larger; at least 1."""
-    shown = M > SHOWN * max(float(M.max()), LEAST)
+    shown = SHOWN * max(float(M.max()), LEAST) < M
     if shown.sum() < 4:
         return 1.0
     z = u[shown] / np.sqrt(M[shown])

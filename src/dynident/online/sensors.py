@@ -66,6 +66,7 @@ class Sensors:
         m = len(self.joints)
         self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
         self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
+        self.moved = np.zeros(m)  # samples in which it moved
         self.gone = self.held = self.leaps = self.faulty = self.dead = False  # whether any of these is
 
     @property
@@ -167,16 +168,19 @@ class Sensors:
         limit = np.where(np.isfinite(self.fastest), self.fastest * (t - last), LARGEST * self.pace)
         limit = np.maximum(limit, ABRUPT * np.sqrt(self.bend[:n]))
         late, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
-        for k in np.flatnonzero(self.jumped == CONFIRMED):
-            if abs(x[k] - self.left[k]) > limit[k] / 2:
+        for k in np.flatnonzero(self.jumped == CONFIRMED).tolist():
+            if abs(x[k] - self.left[k]) > abs(self.leap[k]) / 2:
                 at, leap = float(self.left_at[k]), float(self.leap[k])
                 yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], at, leap)
         self.jumped[self.jumped >= CONFIRMED] = 0.0
-        new = (size > limit) & (self.seen > SETTLED) & (late == 0) & (self.fault[:n] == 0)
+        known = np.isfinite(self.fastest) | (self.moved > SETTLED)
+        new = (size > limit) & known & (self.seen > SETTLED) & (late == 0) & (self.fault[:n] == 0)
         self.jumped[new] = 1.0
         self.left, self.left_at = np.where(new, self.value[:n], self.left), np.where(new, t, self.left_at)
         self.leap, self.leaps = np.where(new, d[:n], self.leap), bool(self.jumped.any())
-        self.pace = np.maximum(np.where(late > 0, 0.0, np.minimum(size, limit)), self.pace * (1 - 1 / MEMORY))
+        usual = np.where(known, np.minimum(size, limit), size)
+        self.moved += size > 0
+        self.pace = np.maximum(np.where(late > 0, 0.0, usual), self.pace * (1 - 1 / MEMORY))
 
     def _frozen(self, t: float) -> Iterator[Event]:
         n, held = len(self.joints), t - self.since
@@ -190,7 +194,7 @@ class Sensors:
         yield from self._failed(t, still & (self.fault == 0), 3, self.since)
 
     def _failed(self, t: float, which: NDArray[np.bool_], kind: int, since: Array) -> Iterator[Event]:
-        for k in np.flatnonzero(which):
+        for k in np.flatnonzero(which).tolist():
             self.fault[k], self.began[k], self.well[k] = kind, since[k], 0.0
             yield Fault(t, KINDS[kind - 1], *self._channel(k), float(since[k]))
         self._note()
@@ -198,7 +202,7 @@ class Sensors:
     def _recovered(self, t: float) -> Iterator[Event]:
         works = (self.missed == 0) & ((self.run == 0) | (self.fault == 1))
         self.well = np.where(self.fault > 0, np.where(works, self.well + 1, 0.0), 0.0)
-        for k in np.flatnonzero((self.well >= RECOVERED) | (works & (self.fault == 3))):
+        for k in np.flatnonzero((self.well >= RECOVERED) | (works & (self.fault == 3))).tolist():
             yield Back(t, *self._channel(k), float(self.began[k]))
             self.fault[k] = self.well[k] = self.run[k] = 0.0
         self._note()

@@ -17,9 +17,9 @@ from dynident.errors import ConfigError, brief
 from dynident.estimators import Estimate, Estimator
 from dynident.identification import Identification
 from dynident.log import Log, Motion
+from dynident.online.context import Context, cut, joined
 from dynident.online.fixed_lag import FixedLag, Smoothed
 from dynident.online.recursive import RecursiveLeastSquares
-from dynident.online.window import Window, cut, joined
 from dynident.regression import EntryBlock, GroupKind, Regression, RegressorBlock
 from dynident.smoothers import Spline, TimeShifted, motion_of, unshifted
 
@@ -44,7 +44,7 @@ class Block:
 
 
 def smoothing_of(result: Identification, log: Log) -> tuple[float, Array]:
-    """Return the usual step (s) of a log, and the bandwidth (n) s with which the result's spline smooths it.
+    """Return the mean step (s) of a log, and the bandwidth (n) s with which the result's spline smooths it.
 
     A joint that rests, or is as straight as a line, has that of the others. Raises ConfigError where the result has
     another smoother, or no joint moves; InputError as the smoother.
@@ -55,8 +55,10 @@ def smoothing_of(result: Identification, log: Log) -> tuple[float, Array]:
     found = np.array(motion.smoothing["bandwidth"], dtype=float)
     moves = np.isfinite(found) & (motion.dq != 0).any(axis=0)
     if not moves.any():
-        raise ConfigError(f"{log.source}: no joint moves, so that the smoothing cannot be found; give a `bandwidth`.")
-    return float(np.median(np.diff(log.t))), np.where(moves, found, np.median(found[moves]))
+        raise ConfigError(
+            f"{log.source}: no joint moves, so that the smoothing cannot be found; take a log of a motion."
+        )
+    return float(log.t[-1] - log.t[0]) / (len(log) - 1), np.where(moves, found, np.median(found[moves]))
 
 
 class Tracker:
@@ -87,10 +89,10 @@ class Tracker:
         self.smoother = FixedLag(joints, step, bandwidth, lag, every, ends=spline.ends)
         self.fit = RecursiveLeastSquares(self.model, result.estimate.residual.weights, memory, result.estimate.value)
         away = math.ceil(abs(self._late) / self.smoother.step) + SPARE if self._late else 0
-        self._shifted = Window(away, away)
+        self._shifted = Context(away, away)
         pad = 0 if self._filter is None else self._filter.pad(self._filter.sections(self._rest(1000)))
-        self._filtered = Window(pad, pad, 1 if self._filter is None else self._filter.decimate)
-        self._memory = Window(SPARE)  # the last samples, with what the terms remember there
+        self._filtered = Context(pad, pad, 1 if self._filter is None else self._filter.decimate)
+        self._memory = Context(SPARE)  # the last samples, with what the terms remember there
 
     def __repr__(self) -> str:
         return f"<Tracker of {self.model.name!r}: {self.smoother!r}, {self.fit!r}>"
@@ -103,7 +105,8 @@ class Tracker:
     def push(self, t: ArrayLike, q: ArrayLike, tau: ArrayLike) -> tuple[Block, ...]:
         """Take samples, t (B) s, q and tau (B, n), as many as there are, and return the blocks that they complete.
 
-        The blocks and the estimate do not depend on how many are given at a time. Raises InputError as ``FixedLag``.
+        Columns are in the order of the model's joints. The blocks and the estimate do not depend on how many samples
+        are given at a time. Raises InputError as ``FixedLag``.
         """
         return self._blocks(self.smoother.push(t, q, tau))
 
@@ -124,12 +127,12 @@ class Tracker:
         """Continue from a saved state of a tracker of the same result and settings; InputError where it is not."""
         for part, one in self._parts().items():
             own = {name.removeprefix(f"{part}."): x for name, x in state.items() if name.startswith(f"{part}.")}
-            if isinstance(one, Window):
+            if isinstance(one, Context):
                 one.restore(own, self._rest(2))
             else:
                 one.restore(own)
 
-    def _parts(self) -> dict[str, FixedLag | RecursiveLeastSquares | Window]:
+    def _parts(self) -> dict[str, FixedLag | RecursiveLeastSquares | Context]:
         return {
             "smoother": self.smoother,
             "fit": self.fit,

@@ -17,7 +17,7 @@ from dynident.online.candidates import Candidates
 from dynident.online.detector import Detector, Knowledge
 from dynident.online.events import ClockReset, Event, Gap, Unreadable
 from dynident.online.evidence import threshold
-from dynident.online.scores import Gram, Scorer
+from dynident.online.scores import Scorer
 from dynident.online.sensors import Sensors
 from dynident.online.tracker import Block, Tracker, smoothing_of
 from dynident.regression import Group, GroupKind, groups_of
@@ -45,11 +45,11 @@ class WatchSettings:
     range.
     """
 
-    false_alarms: float = 1 / 30
+    false_alarms: float = 0.03
     block: float = 5.0
     baseline: float = 600.0
     settle: float = 30.0
-    tolerance: float = 0.03
+    tolerance: float = 0.05
 
     def __post_init__(self) -> None:
         ranges = {"false_alarms": (1e-6, 1e3), "block": (0.5, 600.0), "tolerance": (0.0, 10.0)}
@@ -83,6 +83,7 @@ class Watcher:
         self._detector = Detector(candidates, blocks, settle, self.threshold.evidence, sigma)
         limits = [model.limits.get(name) for name in self.joints]
         self._sensors = Sensors(self.joints, [None if one is None else one.velocity or None for one in limits])
+        self._made(0.01, np.full(len(self.joints), 0.05))  # a result that cannot be followed is said now
         self._tracker: Tracker | None = None
         self._smoothing: tuple[float, Array] | None = None
         self._known: Knowledge = self._detector.start()
@@ -136,13 +137,17 @@ class Watcher:
                     keep[k] = False
                     continue
             if self._back >= BACK or step > GAP * self._step:
-                events += self._checked(t[start:k][keep[start:k]], q[start:k][keep[start:k]], tau[start:k][keep[start:k]])
+                events += self._checked(
+                    t[start:k][keep[start:k]], q[start:k][keep[start:k]], tau[start:k][keep[start:k]]
+                )
                 if self._back >= BACK:
                     events.append(ClockReset(at, self._last))
                 elif step > BREAK:
                     events.append(Gap(at, step))
                 events += self._cut(used=True)
                 self._sensors.forget()
+                if self._back >= BACK and self._smoothing is not None:
+                    self._tracker = self._made(*self._smoothing)  # its stamps may only increase
                 start = k
             elif not math.isnan(step):
                 self._step = step if math.isnan(self._step) else self._step + 0.01 * (step - self._step)
@@ -166,23 +171,26 @@ class Watcher:
         """Smooth samples, and reduce what is final to blocks."""
         if not len(t):
             return []
-        if self._tracker is None:
-            self._held = tuple(np.concatenate(pair) for pair in zip(self._held, (t, q, tau), strict=True))
-            if self._held[0][-1] - self._held[0][0] < FIRST:
-                return []
-            return self._begin()
-        return self._scored(self._tracker.push(t, q, tau))
+        if self._tracker is not None:
+            return self._scored(self._tracker.push(t, q, tau))
+        first = float(self._held[0][0]) if len(self._held[0]) else float(t[0])
+        enough = int(np.searchsorted(t, first + FIRST)) + 1  # whatever comes at a time
+        held, rest = ([x[:enough] for x in (t, q, tau)], [x[enough:] for x in (t, q, tau)])
+        self._held = tuple(np.concatenate(pair) for pair in zip(self._held, held, strict=True))
+        if len(t) < enough:
+            return []
+        return self._begin() + self._motion(*rest)
 
     def _begin(self) -> list[Event]:
         """Find out from the first seconds how much to smooth; wait for more where no joint moves in them."""
-        held, self._held = self._held, self._empty()
+        (t, q, tau), self._held = self._held, self._empty()
         try:
-            log = Log(*held, self.joints, "the first seconds of the stream")
+            log = Log(t, q, tau, self.joints, "the first seconds of the stream")
             self._smoothing = smoothing_of(self._found, log)
         except (ConfigError, InputError) as error:
-            return [Unreadable(float(held[0][-1]), len(held[0]), str(error))]
+            return [Unreadable(float(t[-1]), len(t), str(error))]
         self._tracker = self._made(*self._smoothing)
-        return self._scored(self._tracker.push(*held))
+        return self._scored(self._tracker.push(t, q, tau))
 
     def _made(self, step: float, bandwidth: Array) -> Tracker:
         lag = LAG * float(bandwidth.max()) + 2 * step
@@ -195,7 +203,7 @@ class Watcher:
             start, _, samples = self._span
             begin = float(t[0]) if math.isnan(start) else start
             self._gram, self._span = self._gram + gram, (begin, float(t[-1]), samples + int(one.motion.mask.sum()))
-            if t[-1] - begin >= self.settings.block:
+            if t[-1] - begin >= self.settings.block - EVERY / 2:
                 events += self._full()
         return events
 

@@ -49,7 +49,7 @@ class Sums:
 
 
 def pushed(kept: Sequence[Sums], new: Sums) -> tuple[Sums, ...]:
-    """Return the sums with those of one more block: where more than ``EACH`` are of one length, the oldest two merge."""
+    """Return the sums with those of one more block: of more than ``EACH`` of one length, the oldest two merge."""
     found, length = [*kept, new], new.count
     while True:
         same = [k for k, one in enumerate(found) if one.count == length]

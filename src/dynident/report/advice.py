@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from dynident.identification import Remedy, Use
 from dynident.identification.verdict import reasons, steps
 from dynident.identification.verdict.unknown import CommonGain, Zeros
+from dynident.regression import UnexcitedParameters
 from dynident.report.check import finding_row
 from dynident.report.page import number
 from dynident.report.robot_words import remedy
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from dynident.identification import HeldOut, Verdict
 
-__all__ = ["IN_SENTENCES", "sentences"]
+__all__ = ["IN_SENTENCES", "designed", "sentences"]
 
 IN_SENTENCES = 2  # reasons that the second sentence names
 SMALL = 0.01  # points: smaller gains are not given
@@ -65,6 +66,18 @@ _EXCITATIONS = {
     steps.ExcitingMotion.MANY_POSES: "hold {joint} at rest or move it slowly in many poses",
     steps.ExcitingMotion.ACCELERATE: "accelerate {joint} harder, in several poses of the others",
 }
+_DESIGNED = {  # by the program that designs such a motion
+    "": (steps.Sharpen, steps.Cover, UnexcitedParameters),
+    " --program friction": (steps.SlowReversals, steps.CheckRipple),
+}
+_ASKED = (Remedy.EXCITE, Remedy.LONGER_TRAINING, Remedy.ANOTHER_MOTION)
+
+
+def designed(step: object) -> str | None:
+    """Return the options of ``dynident excite`` with which it designs the motion of a next step; None for another."""
+    if step in _ASKED:
+        return ""
+    return next((options for options, kinds in _DESIGNED.items() if isinstance(step, kinds)), None)
 
 
 def sentences(verdict: Verdict) -> tuple[str, ...]:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from dynident.excitation import Programme, Trajectory
 from dynident.identification import versions
+from dynident.regression import UnexcitedParameters
 from dynident.report import figures
 from dynident.report.excitation_expected import WELL, expected_section, told, valued_of
 from dynident.report.excitation_scene import scene_section
-from dynident.report.excitation_words import limit_words, noise_words
+from dynident.report.excitation_words import floor_words, limit_words, noise_words
 from dynident.report.page import (
     Column,
     Facts,
@@ -33,15 +34,25 @@ if TYPE_CHECKING:
     from dynident.excitation import Design
     from dynident.io.excitation import ExcitationProject
 
-__all__ = ["MOTIONS", "excitation_findings", "excitation_heading", "excitation_page", "excitation_tables"]
+__all__ = [
+    "MOTIONS",
+    "SLOWER",
+    "TRIAL",
+    "excitation_findings",
+    "excitation_heading",
+    "excitation_page",
+    "excitation_tables",
+    "motions_of",
+]
 
 Array = NDArray[np.float64]
 RATE, MOST = 250.0, 20_000  # Hz and samples of what is drawn
 POINTS = 1500  # of a curve
 MOTIONS = ("motion", "validation")
+TRIAL, SLOWER = "trial", 4.0  # the first run: its name, and how many times slower it is
 _SLOWLY = (
-    "Run it slowly first, with nobody near and a hand at the stop: the limits and the distances are those of the "
-    "files, not of your room."
+    f"Run `{TRIAL}.csv` first, with nobody near and a hand at the stop: the same path, {SLOWER:g} times slower. The "
+    "limits and the distances are those of the files, not of your room."
 )
 _RECORD = (
     "Record position and torque of both motions, at the rate of the settings or faster, and save the recordings under "
@@ -63,7 +74,8 @@ PROGRAMMES = {
 
 def excitation_findings(project: ExcitationProject, found: Design) -> list[str]:
     """Return in plain sentences what the motion will tell, what stays open, what was assumed, and the notes."""
-    return [*told(found), *noise_words(project), *limit_words(found), *map(words, found.notes)]
+    notes = (words(one) for one in found.notes if not isinstance(one, UnexcitedParameters))  # a table has these
+    return [*told(found), *floor_words(project, found), *noise_words(project), *limit_words(found), *notes]
 
 
 def excitation_tables(found: Design) -> list[PageTable]:
@@ -105,7 +117,7 @@ def _facts(found: Design) -> Facts:
         (f"{number(found.trajectory.duration, 3)} s", "the motion, with its ways"),
         (
             f"{int((shares <= WELL).sum())} of {len(shares)}",
-            f"base parameters of known size expected within {WELL:g} %",
+            f"base parameters with a nominal value that will be known to {WELL:g} %",
         ),
         (f"{number(float(np.median(known)), 2)} %" if len(known) else "-", "median of the expected standard errors"),
     ]
@@ -114,7 +126,8 @@ def _facts(found: Design) -> Facts:
     return Facts(tuple(facts))
 
 
-def _motions(found: Design) -> Mapping[str, Trajectory]:
+def motions_of(found: Design) -> Mapping[str, Trajectory]:
+    """Return both motions by name."""
     return dict(zip(MOTIONS, (found.trajectory, found.validation), strict=True))
 
 
@@ -142,7 +155,7 @@ def _torque(found: Design, states: Array) -> Array:
 
 def _gallery(found: Design) -> Gallery:
     views = []
-    for name, trajectory in _motions(found).items():
+    for name, trajectory in motions_of(found).items():
         t = times(trajectory)
         states = trajectory.states(t)
         torque = _torque(found, states)

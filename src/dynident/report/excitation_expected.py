@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import listed
-from dynident.excitation import Expected, expected
+from dynident.excitation import Expected, Programme, expected
+from dynident.regression import UnexcitedParameters
 from dynident.report import figures
 from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, number
-from dynident.report.words import count, percent
+from dynident.report.words import count
 
 if TYPE_CHECKING:
     from dynident.excitation import Design
@@ -20,9 +21,11 @@ if TYPE_CHECKING:
 __all__ = ["WELL", "expected_section", "told", "valued_of"]
 
 Array = NDArray[np.float64]
-WELL, LOST = 10.0, 100.0  # %, of the value: well known, and not even the sign is sure
+WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known well, and fairly
+LONGER = 4.0  # times the duration
 SHORT = 30  # signs of a formula
 SHOWN = 6  # parameters in a sentence
+WHOLE = (Programme.MOTION, Programme.ALL)
 _WHAT = (
     "Standard errors of the base parameters, the combinations that act on the torque each in its own way, from the "
     "information of the motion: the regressor along it, weighted by the noise of the torques. They hold for the model "
@@ -37,26 +40,44 @@ def told(found: Design) -> Iterator[str]:
     if not np.isfinite(one.std).any():
         yield "The motion tells nothing: it shows no base parameter."
         return
-    valued = valued_of(one)
-    relative, known = one.relative[valued], one.relative[valued & np.isfinite(one.std)]
-    if len(known):
-        well, worst = int((relative <= WELL).sum()), _worst(one)
+    shares = one.relative[valued_of(one)]
+    if len(shares):
         yield (
-            f"{well} of {count(len(relative), 'base parameter')} of known size are expected within {WELL:g} % (one "
-            f"standard error), the median within {percent(float(np.median(known)), 2)}; the least known, "
-            f"{_label(one, worst)}, to {number(float(one.std[worst]), 2)} of {number(float(one.value[worst]), 3)}."
+            f"The torque depends on {count(len(one.std), 'combination')} of masses, inertias and friction (base "
+            f"parameters), {len(shares)} of which have a nominal value. Of these {_grades(shares)}, by one standard "
+            "error."
         )
-    if lost := int((known > LOST).sum()):
-        yield f"{count(lost, 'base parameter')} cannot be told from zero: they hardly act on the torque of this motion."
-    if unsized := int((~valued).sum()):
+        longer = shares / np.sqrt(LONGER)
         yield (
-            f"{count(unsized, 'base parameter')} are zero in the robot file, or not in it, such as friction: of "
-            "them there are standard errors in their units alone."
+            f"Errors fall with the root of the time: moving {LONGER:g} times as long would halve them, and "
+            f"{_grades(longer)}."
+        )
+        worst = _worst(one)
+        if np.isfinite(one.std[worst]):
+            yield (
+                f"The least known is {_label(one, worst)}: {number(float(one.value[worst]), 3)} +- "
+                f"{number(float(one.std[worst]), 2)}; what is poorly known hardly acts on the torque of this motion."
+            )
+    if unsized := len(one.std) - len(shares):
+        yield (
+            f"Of the other {unsized}, such as friction that the robot file does not say, there are standard errors in "
+            "their units alone."
         )
     if (old := _before(found)) is not None:
         yield from _added(one, old)
     if one.open:
-        yield f"{count(len(one.open), 'base parameter')} stay open: {listed(one.open, SHOWN)}."
+        stay = "stays" if len(one.open) == 1 else "stay"
+        other = (
+            "" if found.request.programme in WHOLE else "; the optimised motion shows more (`--program motion`, `all`)"
+        )
+        yield f"{count(len(one.open), 'base parameter')} {stay} open: {listed(one.open, SHOWN)}{other}."
+
+
+def _grades(shares: Array) -> str:
+    """Return how many are known well, fairly and poorly, by their standard errors in %."""
+    good, poor = int((shares <= WELL).sum()), int((~(shares <= FAIR)).sum())
+    fair = len(shares) - good - poor
+    return f"{good} will be known well (to {WELL:g} %), {fair} fairly (to {FAIR:g} %) and {poor} poorly"
 
 
 def valued_of(one: Expected) -> NDArray[np.bool_]:
@@ -94,13 +115,15 @@ def expected_section(found: Design) -> PageSection:
     one, old = found.expected, _before(found)
     rows = np.flatnonzero(valued_of(one))
     labels = [_label(one, k) for k in rows.tolist()]
-    caption = "Expected standard error of the base parameters that have a value, in % of it; the dotted line is at 1 %."
+    caption = (
+        f"Expected standard error of the base parameters that have a value, in % of it; the line is at {WELL:g} %."
+    )
     known = None if old is None else old.relative[rows]
     blocks: list[PageBlock] = [_WHAT]
     if len(rows):
-        blocks.append(Figure(figures.expected_figure(labels, one.relative[rows], known), caption))
+        blocks.append(Figure(figures.expected_figure(labels, one.relative[rows], WELL, known), caption))
     table = Fold("All numbers", (_table(one, old),))
-    return PageSection("Expected standard errors", (*blocks, table, *_formulas(one), *_never(one)))
+    return PageSection("Expected standard errors", (*blocks, *_open(found), table, *_formulas(one), *_never(one)))
 
 
 def _table(one: Expected, old: Expected | None) -> PageTable:
@@ -115,6 +138,17 @@ def _table(one: Expected, old: Expected | None) -> PageTable:
         rows.append((*cells, *(number(float(share), 2) if valued[k] else "-" for share in shares)))
     title = f"Base parameters; log det of the information {number(one.log_det)}, condition {number(one.condition, 3)}"
     return PageTable(tuple(columns), tuple(rows), title)
+
+
+def _open(found: Design) -> Iterator[PageBlock]:
+    """Yield what stays open, with the motion that would show it."""
+    rows = []
+    for note in (one for one in found.notes if isinstance(one, UnexcitedParameters)):
+        how = "" if len(note.joints) == 1 else " at the same time" if note.together else ", each by itself"
+        rows += [(_short(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
+    if rows:
+        columns = (Column("base parameter", numeric=False), Column("why", numeric=False))
+        yield PageTable(columns, tuple(rows), "What stays open, and why")
 
 
 def _formulas(one: Expected) -> Iterator[PageBlock]:
@@ -134,8 +168,12 @@ def _never(one: Expected) -> Iterator[PageBlock]:
 
 
 def _label(one: Expected, k: int) -> str:
+    """Return what a base parameter is called."""
+    return _short(one.basis.groupings[k])
+
+
+def _short(name: str) -> str:
     """Return a base parameter's formula, or, where it is long, its first parameter and how many follow."""
-    name = one.basis.groupings[k]
     if len(name) <= SHORT:
         return name
     lead, *rest = name.replace(" - ", " + ").split(" + ")

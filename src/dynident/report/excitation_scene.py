@@ -63,7 +63,7 @@ def _view(project: ExcitationProject, found: Design) -> Iterator[PageBlock]:
     last = max(moving)
     tip = moving[last].vertices.mean(axis=0)
     path = (placed.rotations[:, last] @ tip + placed.origins[:, last]).astype(np.float32)
-    reach = float(np.abs(path).max()) + BEYOND
+    reach = float(np.abs(path[:, :2]).max()) + BEYOND
     still = [*(one for k, one in meshes.items() if k < 0), *(drawn(one, reach) for one in project.obstacles)]
     figure = figures.scene_figure(t, moving, placed.rotations, placed.origins, still, path)
     yield _WHAT
@@ -131,4 +131,4 @@ def _made(geometry: Geometry, space: CapsuleSpace) -> Iterator[str]:
         yield f"Meshes that could not be read: {names}."
     if space.left_out:
         named = ", ".join(f"{one} and {other}" for one, other in space.left_out)
-        yield f"Not watched, because they touch in nearly every pose: {named}."
+        yield f"Not watched, because they are close to each other in nearly every pose: {named}."

@@ -1,27 +1,52 @@
-"""What a design assumed, in sentences: the noise of the torques, and limits that a rule has made."""
+"""What a design assumed, in sentences: surroundings, the noise of the torques, limits by rule; and its notes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dynident.errors import listed
+from dynident.excitation import CapsuleSpace, Floor, Interrupted, LeftOut
 from dynident.io.excitation_known import NoiseOrigin
 from dynident.report.page import number
+from dynident.report.wording import words
 
 if TYPE_CHECKING:
     from dynident.excitation import Design
     from dynident.io.excitation import ExcitationProject
 
-__all__ = ["limit_words", "noise_words"]
+__all__ = ["floor_words", "limit_words", "noise_words"]
 
 SHOWN = 8  # joints in a sentence
+RATE, MOST = 50.0, 5000  # Hz and samples of the lowest point
 _ORIGINS = {
-    NoiseOrigin.GIVEN: "as given",
+    NoiseOrigin.GIVEN: "as far as given; of other joints as known, or 1 % of the torque limit",
     NoiseOrigin.RESULT: "the residual of the result, each sample counted as often as it is independent",
     NoiseOrigin.LOGS: "the residual of a fit to the logs, each sample counted as often as it is independent",
     NoiseOrigin.RULE: "by rule: 1 % of the torque limit, or 1 N m. Give `noise`, or a result, for errors to rely on",
 }
+
+
+def floor_words(project: ExcitationProject, found: Design) -> Iterator[str]:
+    """Yield how low the arm reaches, where no floor is given."""
+    space = found.space
+    if not isinstance(space, CapsuleSpace) or any(isinstance(one, Floor) for one in project.obstacles):
+        return
+    t = found.trajectory.times(min(RATE, MOST / found.trajectory.duration))
+    placed = space.bodies.placements(found.trajectory.states(t)[0])
+    moving = [one for one in space.capsules if one.body >= 0]
+    if not moving:
+        return
+    body, radii = [one.body for one in moving], np.array([one.radius for one in moving])
+    ends = (placed.points(body, np.array([getattr(one, end) for one in moving])) for end in ("start", "end"))
+    low = float(min((points[..., 2] - radii).min() for points in ends))
+    where = f"{-low:.2f} m below" if low < 0 else f"{low:.2f} m above"
+    yield (
+        f"No floor is given: the arm reaches down to {where} the origin of its root link. Where it stands on "
+        "something, give `floor: 0` (its height in m), and `boxes` and `cylinders` for what else is near."
+    )
 
 
 def noise_words(project: ExcitationProject) -> Iterator[str]:
@@ -51,3 +76,16 @@ def limit_words(found: Design) -> Iterator[str]:
         yield f"Limits of {name} of {whose} are by rule{size}: give your robot's own, if they are known."
     for joint, names in found.limits.beyond.items():
         yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
+
+
+@words.register
+def _(note: Interrupted) -> str:  # noqa: ARG001
+    return "The search was stopped before its end: the motion is the best until then, and keeps to all limits."
+
+
+@words.register
+def _(note: LeftOut) -> str:
+    return (
+        f"Terms that remember the motion ({', '.join(note.terms)}) are left out of the design: what it tells of them "
+        "is not known."
+    )

@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident.errors import ConfigError, InputError
+from dynident.excitation import Trajectory, slowed, verify
 from dynident.identification import versions
 from dynident.io.excitation import ExcitationProject, read_excitation
 from dynident.io.folder import ResultFolder, result_folder
-from dynident.io.opener import content, refuse_inputs, watched
+from dynident.io.opener import content, keep, refuse_inputs, watched
 from dynident.io.project import parse_project
 from dynident.io.recording_draft import recording_config
 from dynident.io.results import json_text
-from dynident.io.trajectory_files import trajectory_files
-from dynident.report.excitation import MOTIONS, excitation_findings, excitation_page
+from dynident.io.trajectory_files import ROS_RATE, trajectory_files
+from dynident.report.excitation import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 
 if TYPE_CHECKING:
     from dynident.excitation import Design
@@ -30,10 +31,15 @@ __all__ = ["CONFIG", "NUMBERS", "REPORT", "excite", "refuse_changed", "write_des
 
 CONFIG, NUMBERS, REPORT = "identify.yaml", "excite.json", "report.html"
 FORMAT, VERSION = "dynident-excite", 1
+_STEMS = {
+    TRIAL: f"the motion {SLOWER:g} times slower, for the first run",
+    MOTIONS[0]: "the motion",
+    MOTIONS[1]: "another one, to judge the fit",
+}
 _USES = {
-    "csv": "t (s) and for each joint q, dq, ddq (rad or m, per s and s²)",
-    "npz": "the same as arrays of NumPy, with the names of the joints",
-    "trajectory.yaml": "a trajectory_msgs/JointTrajectory for ROS 2",
+    "csv": "t, and of each joint q, dq, ddq, in s, rad or m",
+    "npz": "the same as NumPy arrays",
+    "trajectory.yaml": "trajectory_msgs/JointTrajectory of ROS 2",
 }
 
 
@@ -78,6 +84,7 @@ def excite(
             project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=progress or _silent)
             return project.design(executor, progress)
         with result_folder(out) as folder:
+            refuse_changed(folder.path, robot)
             project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=progress or _silent)
             refuse_changed(folder.path)
             found = project.design(executor, progress)
@@ -89,9 +96,11 @@ def _silent(_: str) -> None:
     """Show no progress."""
 
 
-def refuse_changed(folder: Path) -> None:
-    """Raise ConfigError, before long work, where this run reads what it would write, or where the configuration there
-    was written or changed by hand."""
+def refuse_changed(folder: Path, *inputs: str | Path) -> None:
+    """Raise ConfigError, before long work, where this run reads what it would write (besides what it has read already
+    its ``inputs``), or where the configuration there was written or changed by hand."""
+    for path in inputs:
+        keep(path)
     refuse_inputs(*(folder / name for name in (CONFIG, NUMBERS, REPORT, *_names())))
     path = folder / CONFIG
     if path.exists() and sha256(content(path, remember=False)).hexdigest() != _written(folder).get(CONFIG):
@@ -110,7 +119,7 @@ def _written(folder: Path) -> Mapping[str, Any]:
 
 
 def _names() -> tuple[str, ...]:
-    return tuple(f"{stem}.{ending}" for stem in MOTIONS for ending in _USES)
+    return tuple(f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
 
 
 def write_design(folder: ResultFolder, project: ExcitationProject, found: Design) -> tuple[Path, ...]:
@@ -119,11 +128,11 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
     Raises InputError where one cannot be written, ConfigError where one was read.
     """
     rate = project.settings.file_rate or found.request.rate
-    pairs = zip(MOTIONS, (found.trajectory, found.validation), strict=True)
     files: dict[str, str | bytes] = {}
-    for stem, trajectory in pairs:
+    for stem, trajectory in motions_of(found).items():
         files |= trajectory_files(trajectory, stem, rate)
-    uses = [(name, _USES[name.partition(".")[2]]) for name in files]
+    files |= trajectory_files(_trial(found), TRIAL, rate, ROS_RATE / SLOWER)
+    uses = [(name, f"{_STEMS[stem]}: {_USES[ending]}") for name in files for stem, _, ending in [name.partition(".")]]
     if text := recording_config(project, folder.path):
         parse_project(text, folder.path / CONFIG)  # what is written can be read
         files[CONFIG] = text
@@ -135,6 +144,13 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
     return folder.replace(files, gone=set() if text else {CONFIG})
 
 
+def _trial(found: Design) -> Trajectory:
+    """Return the motion for a first run: the same path, where slow motion may need more torque, which is checked."""
+    trial = slowed(found.trajectory, SLOWER)
+    verify(trial, found.model, found.theta, found.limits)
+    return trial
+
+
 def _numbers(project: ExcitationProject, found: Design, digests: Mapping[str, str]) -> dict[str, Any]:
     """Return everything as plain values: SI units, limits less the margin."""
     limits, one = found.limits, found.expected
@@ -144,7 +160,7 @@ def _numbers(project: ExcitationProject, found: Design, digests: Mapping[str, st
         "version": VERSION,
         "robot": str(project.path),
         "settings": project.settings.model_dump(mode="json"),
-        "duration": {name: _duration(found, k) for k, name in enumerate(MOTIONS)},
+        "duration": {name: one.duration for name, one in motions_of(found).items()},
         "noise": {"from": project.origin.value, "sigma": _by_joint(found, found.request.sigma)},
         "limits": {name: _by_joint(found, getattr(limits, name)) for name in names},
         "limits_by_rule": {joint: list(made) for joint, made in limits.by_rule.items()},
@@ -161,10 +177,6 @@ def _numbers(project: ExcitationProject, found: Design, digests: Mapping[str, st
         "files": dict(digests),
         "versions": versions(),
     }
-
-
-def _duration(found: Design, k: int) -> float:
-    return (found.trajectory, found.validation)[k].duration
 
 
 def _by_joint(found: Design, values: np.ndarray[Any, Any]) -> dict[str, float]:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from dynident.identification import Remedy, Use, judge
-from dynident.report.advice import IN_SENTENCES, sentences
+from dynident.report.advice import IN_SENTENCES, designed, sentences
 from dynident.report.page import Badge, Facts, Fold, PageBlock, PageSection, number
 from dynident.report.wording import words
 from dynident.report.words import logs_of
 
 if TYPE_CHECKING:
-    from dynident.identification import Identification
+    from dynident.identification import Identification, Verdict
     from dynident.validation import LogValidation
 
 __all__ = ["verdict_results", "verdict_section", "verdict_text"]
@@ -28,7 +28,7 @@ def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
     """Return for a terminal the verdict in one paragraph, and the next steps: remedies, and the largest gains."""
     verdict = judge(identification)
     left = [one for one in verdict.next if not isinstance(one, Remedy)][MOST_STEPS:]
-    steps = tuple(words(one) for one in verdict.next if one not in left)
+    steps = tuple(text for one, text in zip(verdict.next, _next_words(verdict), strict=True) if one not in left)
     more = (f"{len(left)} more, which the report lists.",) if left else ()
     return f"Verdict: {' '.join(sentences(verdict))}", (*steps, *more)
 
@@ -36,7 +36,7 @@ def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
 def verdict_section(identification: Identification) -> PageSection:
     """Return the verdict in three sentences, three numbers, what to do next, and all reasons behind a fold."""
     verdict = judge(identification)
-    steps, reasons = tuple(map(words, verdict.next)), tuple(map(words, verdict.reasons))
+    steps, reasons = _next_words(verdict), tuple(map(words, verdict.reasons))
     blocks: list[PageBlock] = [*sentences(verdict), Facts(tuple(_numbers(identification)), large=True)]
     if steps:
         more = (Fold(f"{len(steps) - FIRST_STEPS} more", (steps[FIRST_STEPS:],)),) if len(steps) > FIRST_STEPS else ()
@@ -54,9 +54,21 @@ def verdict_results(identification: Identification) -> dict[str, Any]:
             "word": verdict.use.value,
             "sentences": list(sentences(verdict)),
             "reasons": [words(reason) for reason in verdict.reasons],
-            "next_steps": [words(step) for step in verdict.next],
+            "next_steps": list(_next_words(verdict)),
         }
     }
+
+
+def _next_words(verdict: Verdict) -> tuple[str, ...]:
+    """Return what to do next; the first step of each kind of motion names the command that designs it."""
+    found, named = [], set[str]()
+    for step in verdict.next:
+        options, text = designed(step), words(step)
+        if options is not None and options not in named:
+            text += f" `dynident excite RESULT.json{options} -o FOLDER` designs such a motion."
+            named.add(options)
+        found.append(text)
+    return tuple(found)
 
 
 def _numbers(identification: Identification) -> Iterator[tuple[str, ...]]:

@@ -1,7 +1,7 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
 from dynident.validation.clusters import clustered_std
-from dynident.validation.coloured import coloured_std, correlated_std
+from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
 from dynident.validation.free_run import (
     Broken,
     CascadePD,
@@ -69,6 +69,7 @@ __all__ = [
     "bandwidth",
     "check_mass",
     "clustered_std",
+    "coloured_covariance",
     "coloured_std",
     "correlated_std",
     "decorrelation",

@@ -21,7 +21,7 @@ from dynident.regression import Regression
 from dynident.splines import NORMAL_95
 from dynident.validation.hac import bread, robust_covariance, samples_of, stretches_of
 
-__all__ = ["coloured_std", "correlated_std"]
+__all__ = ["coloured_covariance", "coloured_std", "correlated_std"]
 
 Array = NDArray[np.float64]
 MOST, PIECE = 10_000, 2_500  # samples of all logs that are looked at, and of one piece of them
@@ -82,16 +82,35 @@ def coloured_std(
     of these standard errors hold 95 %: they are multiplied by Student's quantile over the normal one, for the degrees
     of freedom that v and rho of few independent samples leave (Satterthwaite). Joints are taken as independent.
     """
-    asked = ("coloured", *_asked(theta, weights, columns))
-    if asked not in regression.known:
-        regression.known[asked] = _coloured(regression, theta, weights, columns)
-    joints, v, rho, half, share = regression.known[asked]
+    joints, v, rho, half, share = _coloured(regression, theta, weights, columns)
     half = half if along is None else along @ half
     variance = _diagonal(half, _spread(joints, v, rho) / share)
     return np.sqrt(variance) * _quantile(variance, _doubt(joints, v, rho, half) / share**2) / NORMAL_95
 
 
+def coloured_covariance(
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None = None,
+    columns: Sequence[int] | None = None,
+) -> Array:
+    """Return the covariance (r, r) of which ``coloured_std`` are the standard errors, before Student's quantile."""
+    joints, v, rho, half, share = _coloured(regression, theta, weights, columns)
+    return np.asarray(half @ _spread(joints, v, rho) @ half.T / share)
+
+
 def _coloured(
+    regression: Regression, theta: ArrayLike, weights: ArrayLike | None, columns: Sequence[int] | None
+) -> tuple[list[_Joint], Array, Array, Array, float]:
+    """Return ``_fitted``, from before where it is known."""
+    asked = ("coloured", *_asked(theta, weights, columns))
+    if asked not in regression.known:
+        regression.known[asked] = _fitted(regression, theta, weights, columns)
+    found: tuple[list[_Joint], Array, Array, Array, float] = regression.known[asked]
+    return found
+
+
+def _fitted(
     regression: Regression, theta: ArrayLike, weights: ArrayLike | None, columns: Sequence[int] | None
 ) -> tuple[list[_Joint], Array, Array, Array, float]:
     """Return the joints with variance and correlation (n), what turns their rows to the columns, and the share of all

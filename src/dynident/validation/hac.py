@@ -28,6 +28,7 @@ def robust_covariance(
     weights: ArrayLike | None = None,
     columns: Sequence[int] | None = None,
     slopes: Sequence[Array] = (),
+    share: float = 0.0,
 ) -> Array:
     """Return the covariance of a least-squares fit, robust to correlated residuals: A^-1 S A^-1 (p, p), SI units.
 
@@ -39,9 +40,9 @@ def robust_covariance(
 
         S = sum_ts max(0, 1 - |t - s| / L) u_t u_s' = (1/L) sum_t b_t b_t',  b_t = u_t + ... + u_(t+L-1).
 
-    The second form needs one pass over the blocks and stores only one block and L rows. It holds for an exactly known
-    regressor, and where residuals decorrelate within about a tenth of the data; otherwise it is too small. Raises
-    ModelError where shapes do not fit or the columns are dependent.
+    L is at least this ``share`` of the samples. The second form needs one pass over the blocks and stores only one
+    block and L rows. It holds for an exactly known regressor, and where residuals decorrelate within about a tenth of
+    the data; otherwise it is too small. Raises ModelError where shapes do not fit or the columns are dependent.
     """
     p, n = len(regression.model.parameters), len(regression.model.joints)
     value = np.asarray(theta, dtype=float)
@@ -60,7 +61,7 @@ def robust_covariance(
 
     parts = stretches_of(regression, MOST, PIECE)
     series = [list(scores(part)) for part in parts]
-    length = bandwidth(map(iter, series))
+    length = max(bandwidth(map(iter, series)), int(share * sum(map(samples_of, parts))), 1)
     rows, total = 0, np.zeros((len(kept), len(kept)))
     for blocks in series:
         count, one = _bartlett(iter(blocks), length, len(kept))

@@ -16,6 +16,7 @@ from dynident.report.figures.identification import (
     torque_figure,
 )
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
+from dynident.report.figures.payload import payload_figure
 from dynident.report.figures.pieces import pieces_figure
 from dynident.report.figures.scene import Mesh, box, cylinder, plate, scene_figure
 from dynident.report.figures.study import method_name, scientific, spread_figure, trace_figure
@@ -42,6 +43,7 @@ __all__ = [
     "method_name",
     "motion_figure",
     "only_nominal",
+    "payload_figure",
     "pieces_figure",
     "plate",
     "pooled_figure",

@@ -43,7 +43,7 @@ class Quantity:
 
 def designed_figure(t: Array, quantities: Sequence[Quantity], points: int = 2000) -> Drawing:
     """Draw quantities of a joint over time t (N), one panel each, between their limits."""
-    figure = panels([one.title for one in quantities], 60 + 135 * len(quantities))
+    figure = panels([one.title for one in quantities], 60 + 150 * len(quantities))
     for row, one in enumerate(quantities, start=1):
         line = {"color": BLUE, "width": 1.4}
         figure.add(curve(t, one.values, one.title.partition(",")[0], line, points), row=row)
@@ -85,18 +85,16 @@ def distance_figure(t: Array, distance: Array, clearance: float, points: int = 2
     return figure
 
 
-def expected_figure(
-    labels: Sequence[str], percent: Array, before: Array | None = None, name: str = "this motion"
-) -> Drawing:
-    """Draw the expected standard error of each parameter in % of its value, on a logarithmic axis, and that known
-    ``before``; what is infinite is left out."""
+def expected_figure(labels: Sequence[str], percent: Array, mark: float, before: Array | None = None) -> Drawing:
+    """Draw the expected standard error of each parameter in % of its value, on a logarithmic axis with a line at a
+    ``mark``, and that known ``before``; what is infinite is left out."""
     labels = [plain(label) for label in labels]
     rows = np.arange(len(labels))
     figure = panels([""], 120 + 20 * len(labels), shared=False)
     figure.add(
         trace(
             "scatter",
-            x=[1.0, 1.0],
+            x=[mark, mark],
             y=[-0.5, len(labels) - 0.5],
             mode="lines",
             line={"color": PALE, "width": 1.0, "dash": "dot"},
@@ -104,7 +102,7 @@ def expected_figure(
             showlegend=False,
         )
     )
-    series = [(percent, name, GREEN, "circle")]
+    series = [(percent, "with this motion", GREEN, "circle")]
     series += [] if before is None else [(before, "known before", AMBER, "circle-open")]
     for values, title, colour, symbol in series:
         good = np.isfinite(values) & (values > 0)

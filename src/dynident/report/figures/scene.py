@@ -120,12 +120,19 @@ def _packed(values: Array) -> str:
 
 
 def _layout() -> dict[str, Any]:
-    axis = {"backgroundcolor": "rgba(0, 0, 0, 0)", "gridcolor": GRID, "showspikes": False, "zerolinecolor": GRID}
+    font = {"family": "sans-serif", "size": 12}  # WebGL knows no inherited ones
+    axis = {
+        "tickfont": font,
+        "backgroundcolor": "rgba(0, 0, 0, 0)",
+        "gridcolor": GRID,
+        "showspikes": False,
+        "zerolinecolor": GRID,
+    }
     scene = {
         "aspectmode": "data",
         "dragmode": "turntable",
         "camera": {"eye": {"x": 1.15, "y": 0.95, "z": 0.55}},
-        **{f"{one}axis": {**axis, "title": {"text": f"{one}, m"}} for one in "xyz"},
+        **{f"{one}axis": {**axis, "title": {"text": f"{one}, m", "font": font}} for one in "xyz"},
     }
     return {
         "template": TEMPLATE,

@@ -1,4 +1,4 @@
-"""The figures of docs/recording.md are those that its benchmark prints."""
+"""The figures of docs/experiment.md are those that its benchmark prints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_the_table_of_motions_is_that_of_the_benchmark(
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     runpy.run_path(str(ROOT / "benchmarks" / "recording.py"))["main"]()
     printed = re.findall(r"^(\S.*?) {2,}(\d+ of \d+) +(\S+)$", capsys.readouterr().out, re.MULTILINE)
-    page = (ROOT / "docs" / "recording.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "experiment.md").read_text(encoding="utf-8")
     shown = re.findall(r"^\| (.+?) \| (\d+ of \d+) \| (.+?) \|$", page, re.MULTILINE)
     assert [row[:2] for row in shown] == [row[:2] for row in printed]
     assert len(shown) > 5

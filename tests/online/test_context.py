@@ -1,4 +1,4 @@
-"""A window delivers each sample once, with what it needs around it."""
+"""A context delivers each sample once, with what it needs around it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.log import Motion
-from dynident.online.window import Window, cut, joined
+from dynident.online.context import Context, cut, joined
 
 N = 200
 
@@ -23,10 +23,10 @@ def motion(start: int, stop: int, usable: int = 0) -> Motion:
 )
 @pytest.mark.parametrize("size", [2, 3, 11, 64])
 def test_each_sample_is_delivered_once_with_those_around_it(before, after, multiple, usable, size) -> None:
-    window, seen, held = Window(before, after, multiple), [], []
+    context, seen, held = Context(before, after, multiple), [], []
     stops = [*range(size, N - 1, size), N]
     for start, stop in zip([0, *stops[:-1]], stops, strict=True):
-        found = window.push(motion(start, stop, usable), ended=stop == N)
+        found = context.push(motion(start, stop, usable), ended=stop == N)
         if found is None:
             continue
         whole, new = found
@@ -38,20 +38,20 @@ def test_each_sample_is_delivered_once_with_those_around_it(before, after, multi
         held.append(len(whole))
     assert seen == list(range(N))
     assert max(held) <= before + after + multiple + 2 * size + 2
-    assert window.held is None
+    assert context.held is None
 
 
-def test_a_saved_window_goes_on() -> None:
-    one, other = Window(5, 4), Window(5, 4)
-    for window in (one, other):
-        window.push(motion(0, 20, 3))
+def test_a_saved_context_goes_on() -> None:
+    one, other = Context(5, 4), Context(5, 4)
+    for context in (one, other):
+        context.push(motion(0, 20, 3))
     other.push(motion(20, 40))
     other.restore(one.state, motion(0, 2))
-    for window in (one, other):
-        whole, new = window.push(motion(20, 30))
+    for context in (one, other):
+        whole, new = context.push(motion(20, 30))
         assert whole.t[new].tolist() == list(range(16, 26))
         np.testing.assert_array_equal(whole.mask, whole.t >= 3)
-    other.restore(Window().state, motion(0, 2))
+    other.restore(Context().state, motion(0, 2))
     assert other.held is None
     assert other.push(None) is None
 

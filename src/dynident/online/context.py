@@ -1,4 +1,4 @@
-"""A window of a motion that grows: its samples are delivered once those after them that matter are there, too."""
+"""A part of a motion that grows: its samples are delivered once those after them that matter are there, too."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from dynident.log import Motion
 
-__all__ = ["Window", "cut", "joined"]
+__all__ = ["Context", "cut", "joined"]
 
 Array = NDArray[np.float64]
 SIGNALS = ("t", "q", "dq", "ddq", "tau", "mask", "memory")
 FEWEST = 2  # samples of a motion
 
 
-class Window:
+class Context:
     """Holds ``before`` samples of a motion that were delivered, and those that wait for ``after`` further ones.
 
     ``multiple``: the first sample held is a multiple of so many samples after the first usable one, as a decimation of

@@ -1,0 +1,34 @@
+"""The figure of a payload: where the errors of mass, centre and inertia come from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.payload import NAMES
+from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Drawing, panels, trace
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from dynident.payload import Payload
+
+__all__ = ["payload_figure"]
+
+COLOURS = (BLUE, GREEN, AMBER, RED, INK, "#7f7f7f", "#b0b0b0")
+
+
+def payload_figure(found: Payload, titles: Mapping[str, str]) -> Drawing:
+    """Draw the shares of each source, by its name in ``titles``, in the variance of each component, in %."""
+    figure = panels([""], 360, shared=False)
+    for (source, share), colour in zip(found.shares.items(), COLOURS, strict=False):
+        bars = trace(
+            "bar", x=list(NAMES), y=100 * np.asarray(share), name=titles.get(source.value, source.value),
+            marker={"color": colour}, hovertemplate="%{y:.3g} %",
+        )  # fmt: skip
+        figure.add(bars)
+    figure.axes("y", title="share of the variance, %", range=[0, 100])
+    figure.axes("x", type="category")
+    figure.layout.update(barmode="stack")
+    return figure

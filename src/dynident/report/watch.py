@@ -1,0 +1,201 @@
+"""What is said of a robot that is watched: one sentence for each event."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from functools import singledispatch
+
+import numpy as np
+
+from dynident.errors import Severity, listed
+from dynident.online import (
+    Alarm,
+    Back,
+    BadLines,
+    BaselineKnown,
+    Changed,
+    ClockReset,
+    Event,
+    Fault,
+    FaultKind,
+    Gap,
+    NewMotion,
+    Passed,
+    Resumed,
+    Signal,
+    Unreadable,
+    Unsteady,
+    WatchSettings,
+)
+from dynident.regression import GroupKind
+from dynident.report.page import number
+from dynident.report.wording import Line
+
+__all__ = ["Stamps", "event_line", "watch_words"]
+
+GROUPS = {
+    GroupKind.FRICTION: "friction of {}",
+    GroupKind.PAYLOAD: "payload at {}",
+    GroupKind.OFFSET: "offset of {}",
+    GroupKind.RIPPLE: "ripple of {}",
+    GroupKind.RESIDUAL: "torque that the model leaves at {}",
+}
+FAULTS = {
+    FaultKind.MISSING: "gives no number",
+    FaultKind.FROZEN: "does not change any more",
+    FaultKind.STILL: "does not change while others do",
+    FaultKind.JUMP: "jumps",
+}
+SURE, FEW = 2.0, 4  # standard errors from which on a part of a change is named, and how many are
+MORE = 2.0  # times the residual of the fit that are pointed out
+DAY = 86_400.0
+
+
+class Stamps:
+    """How stamps are shown: in seconds, or where the stream has dates as such, from the midnight ``zero`` (s)."""
+
+    def __init__(self, zero: float = float("nan")) -> None:
+        self.zero = zero
+
+    def __call__(self, t: float) -> str:
+        """Word a stamp (s)."""
+        if np.isnan(self.zero):
+            return f"{t:.1f} s"
+        return datetime.fromtimestamp(self.zero + t, UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def event_line(event: Event, joints: Sequence[str], stamps: Stamps) -> Line:
+    """Return an event as a line, a warning where something changed or fails."""
+    serious = isinstance(event, Alarm | Changed | Fault | Unsteady | Unreadable)
+    text = f"{stamps(event.time)}: {_said(event, joints, stamps)}."
+    return Line(text, Severity.WARNING if serious else Severity.INFO)
+
+
+def watch_words(settings: WatchSettings) -> str:
+    """Say how a robot is watched."""
+    often = 1 / settings.false_alarms
+    rate = f"one in {number(often, 2)} days" if often > 1 else f"{number(settings.false_alarms, 2)} a day"
+    return (
+        f"Watching: a baseline of {settings.baseline:g} s of motion without a change first, then changes with at most "
+        f"{rate} by chance; each is sought for in blocks of {settings.block:g} s."
+    )
+
+
+def what(kind: GroupKind, joint: str) -> str:
+    """Word what can change, such as "friction of elbow"."""
+    return GROUPS[kind].format(joint)
+
+
+@singledispatch
+def _said(event: Event, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    raise TypeError(f"there is no text for {type(event).__name__}")
+
+
+@_said.register
+def _(event: BaselineKnown, joints: Sequence[str], stamps: Stamps) -> str:
+    pairs = list(zip(joints, event.residual, event.identified, strict=True))
+    left = listed((f"{joint} {number(now, 2)}" for joint, now, _ in pairs), 8)
+    worse = [joint for joint, now, then in pairs if now > MORE * then]
+    more = f"; more than twice that of the identification at {listed(worse, 8)}" if worse else ""
+    return (
+        f"the baseline since {stamps(event.since)} is complete, changes are sought from now on; "
+        f"the model leaves (rms, N m or N) {left}{more}"
+    )
+
+
+@_said.register
+def _(event: Unsteady, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return (
+        f"{what(event.kind, event.joint)} changed within the baseline since {stamps(event.since)}; its first half is "
+        "left out, and it goes on"
+    )
+
+
+@_said.register
+def _(event: NewMotion, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return (
+        f"the robot moves as it did not in the baseline since {stamps(event.since)}: this motion is learned, and a "
+        "change now would not be seen"
+    )
+
+
+@_said.register
+def _(event: Alarm, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return (
+        f"a change since about {stamps(event.since)}, most likely {what(event.kind, event.joint)}; "
+        "its size is being measured"
+    )
+
+
+@_said.register
+def _(event: Changed, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    low, high = event.between
+    when = f"at about {stamps(event.since)}"
+    if stamps(low) != stamps(high):
+        when = f"between {stamps(low)} and {stamps(high)}"
+    return f"{what(event.kind, event.joint)} changed {when}: {listed(_sizes(event), FEW)}"
+
+
+def _sizes(event: Changed) -> Iterator[str]:
+    """Yield the parts of a change that are sure, the clearest first; at least one."""
+    if event.kind is GroupKind.RESIDUAL:
+        yield f"{100 * (float(np.exp(event.size[0])) - 1):+.0f} %"
+        return
+    size, std = np.array(event.size), np.array(event.std)
+    ratio = np.divide(np.abs(size), std, out=np.zeros_like(size), where=np.isfinite(std) & (std > 0))
+    order = [int(k) for k in np.argsort(-ratio, kind="stable")]
+    for k in [k for k in order if ratio[k] >= SURE] or order[:1]:
+        whole = "" if np.isclose(event.total[k], size[k]) else f" ({_signed(event.total[k])} since the baseline)"
+        yield f"{event.names[k]} by {_signed(size[k])} +- {number(float(std[k]), 2)} {event.units[k]}{whole}"
+
+
+def _signed(value: float) -> str:
+    return f"{'+' if value > 0 else ''}{number(float(value), 3)}"
+
+
+@_said.register
+def _(event: Passed, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return f"the change since {stamps(event.since)} ({what(event.kind, event.joint)}) has passed"
+
+
+@_said.register
+def _(event: Fault, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    one = f"the {event.signal.value} of {event.joint} {FAULTS[event.kind]}"
+    if event.kind is FaultKind.JUMP:
+        return f"{one} at {stamps(event.since)}, by {_signed(event.size)} rad or m, which no joint can do"
+    if event.kind is FaultKind.STILL:
+        return f"{one}, since {stamps(event.since)}: it rests longer than usual, or its sensor is dead"
+    return f"{one}, since {stamps(event.since)}: its sensor is dead; nothing is watched until it works again"
+
+
+@_said.register
+def _(event: Back, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    name = "position" if event.signal is Signal.POSITION else "torque"
+    return f"the {name} of {event.joint} changes again, after a fault since {stamps(event.since)}"
+
+
+@_said.register
+def _(event: Gap, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return f"no sample came for {number(event.length, 3)} s"
+
+
+@_said.register
+def _(event: ClockReset, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return f"the time was set back, from {stamps(event.last)}"
+
+
+@_said.register
+def _(event: BadLines, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    lines = "1 line" if event.count == 1 else f"{event.count} lines"
+    return f"{lines} could not be read and are left out, the first is line {event.line}: {event.text!r}"
+
+
+@_said.register
+def _(event: Unreadable, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return f"{event.samples} samples cannot be used: {event.reason.rstrip('.')}"
+
+
+@_said.register
+def _(event: Resumed, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return f"the watch goes on from its saved state, after the sample at {stamps(event.last)}"

@@ -1,0 +1,133 @@
+"""``dynident excite``: what it writes, that recordings of it are read and identified, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.errors import ConfigError
+from dynident.io.excitation import ExcitationProject
+from tests.cli.commands import run
+from tests.excitation.arms import TWO
+
+QUICK = ("--duration", 10, "--period", 3, "--harmonics", 2, "--starts", 1, "--workers", 1, "--floor", -2)
+FILES = {f"{stem}.{end}" for stem in ("trial", "motion", "validation") for end in ("csv", "npz", "trajectory.yaml")}
+FRICTION = {"viscous": 1.0, "coulomb": 0.5, "rotor": 0.05, "": 0.1}
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("designed")
+    (folder / "two.urdf").write_text(TWO)
+    done = run("excite", folder / "two.urdf", "-o", folder / "out", *QUICK)
+    assert done.exit_code == 0, done.output
+    (folder / "printed").write_text(done.output)
+    return folder
+
+
+def record(folder: Path) -> None:
+    """Record both motions on the arm of the robot file, with friction and noise of which the file knows nothing."""
+    model = dy.read_robot(folder / "two.urdf")
+    theta = [FRICTION[one.role] if one.value is None else one.value for one in model.parameters]
+    rng = np.random.default_rng(0)
+    for stem in ("motion", "validation"):
+        one = np.load(folder / "out" / f"{stem}.npz")
+        tau = model.torque(one["q"], one["dq"], one["ddq"], theta)
+        q = one["q"] + 1e-5 * rng.standard_normal(one["q"].shape)
+        rows = np.column_stack([one["t"], q, tau + 0.05 * rng.standard_normal(tau.shape)])
+        head = "t,q_lift,q_bend,tau_lift,tau_bend"
+        np.savetxt(folder / "out" / f"{stem}_recorded.csv", rows, delimiter=",", header=head, comments="")
+
+
+def test_everything_is_written(designed: Path) -> None:
+    out, printed = designed / "out", (designed / "printed").read_text()
+    assert {one.name for one in out.iterdir()} == FILES | {"identify.yaml", "excite.json", "report.html"}
+    for words in ("An optimised motion", "will be known well", "by rule: 1 % of the torque limit", "identify.yaml"):
+        assert words in printed
+    assert "No floor is given" not in printed
+    found = json.loads((out / "excite.json").read_text())
+    assert found["format"] == "dynident-excite"
+    assert found["settings"]["floor"] == -2
+    assert found["duration"]["motion"] <= 10
+    assert found["noise"]["from"] == "rule"
+    assert found["noise"]["sigma"] == pytest.approx({"lift": 0.4, "bend": 0.15})
+    for checked in found["checked"].values():
+        assert max(max(joints.values()) for joints in checked["share_of_limits"].values()) <= 1 + 1e-6
+        assert checked["nearest"]["links"]["distance"] > 0.01
+    page = (out / "report.html").read_text()
+    assert page.count('class="player"') == 1
+    assert "http://" not in page.split("<script>")[0]
+
+
+def test_the_trial_is_the_motion_slower(designed: Path) -> None:
+    trial, motion = (np.load(designed / "out" / f"{stem}.npz") for stem in ("trial", "motion"))
+    count = len(motion["t"]) - 1
+    np.testing.assert_allclose(trial["q"][: 4 * count : 4], motion["q"][:count], atol=1e-9)
+    np.testing.assert_allclose(trial["ddq"][: 4 * count : 4], motion["ddq"][:count] / 16, atol=1e-9)
+
+
+def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced(designed: Path) -> None:
+    record(designed)
+    config = designed / "out" / "identify.yaml"
+    assert run("check", config).exit_code == 0
+    done = run("identify", config, "--out", designed / "result", "--workers", 1)
+    assert done.exit_code == 0, done.output
+    assert "To design what to record next" in done.output
+    announced = {
+        one["name"]: one["std"]
+        for one in json.loads((designed / "out" / "excite.json").read_text())["expected"]["parameters"]
+    }
+    found = dy.load(designed / "result" / "result.json")
+    assert found.validations[-1].errors.relative_error < 5
+    k = found.estimate.names.index("Fv_bend")
+    assert found.estimate.value[k] == pytest.approx(1.0, abs=0.01)
+    assert found.errors.best[k] == pytest.approx(announced["Fv_bend"] * 0.05 / 0.15, rel=0.5)  # the noise was less
+    again = run("excite", designed / "result" / "result.json", "-o", designed / "next", *QUICK)
+    assert again.exit_code == 0, again.output
+    assert "Together with what was recorded before" in again.output
+    assert "the residual of the result" in again.output
+    draft = (designed / "next" / "identify.yaml").read_text()
+    assert "motion_recorded.csv" in draft
+    assert "motion_recorded_2.csv" in draft
+
+
+def test_a_configuration_changed_by_hand_is_not_replaced(designed: Path, tmp_path: Path) -> None:
+    (tmp_path / "identify.yaml").write_text("mine: 1\n")
+    done = run("excite", designed / "two.urdf", "-o", tmp_path, *QUICK)
+    assert done.exit_code == 1
+    assert "was written or changed by hand" in done.output
+    assert (tmp_path / "identify.yaml").read_text() == "mine: 1\n"
+    inside = run("excite", designed / "out" / "identify.yaml", "-o", designed / "out", *QUICK)
+    assert inside.exit_code == 1
+    assert "would be replaced, but this run reads it" in inside.output
+
+
+def test_from_python_nothing_is_written_unless_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "two.urdf").write_text(TWO)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(ExcitationProject, "design", lambda project, *_: project.request.duration)
+    assert dy.excite("two.urdf", duration=14) == 14
+    assert [one.name for one in tmp_path.iterdir()] == ["two.urdf"]
+    with pytest.raises(ConfigError, match="unknown key 'durations'"):
+        dy.excite("two.urdf", durations=3)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--noise", "lift=x"), "--noise lift=x: give a number"),
+        (("--program", "dance"), "'dance' is not one of"),
+        (("--parameter", "nothing"), "nothing"),
+        (("--duration", "1"), "duration"),
+    ],
+)
+def test_what_is_wrong_is_said(words: tuple[str, ...], said: str, tmp_path: Path) -> None:
+    (tmp_path / "two.urdf").write_text(TWO)
+    done = run("excite", tmp_path / "two.urdf", "-o", tmp_path / "out", "--starts", 1, "--workers", 1, *words)
+    assert done.exit_code in (1, 2)
+    assert said in done.output
+    assert not (tmp_path / "out").exists()

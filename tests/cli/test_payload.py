@@ -1,0 +1,87 @@
+"""``dynident payload``, from files to files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import polars as pl
+import pytest
+import yaml
+
+from dynident.log import Log
+from tests.cli.commands import run
+from tests.payload.arms import CARRIED, SIX, recorded
+
+JOINTS = tuple(f"j{k}" for k in range(1, 7))
+
+
+def write(folder: Path, log: Log) -> None:
+    columns = {"t": log.t} | {f"q{k}": log.q[:, k] for k in range(6)} | {f"tau{k}": log.tau[:, k] for k in range(6)}
+    pl.DataFrame(columns).write_csv(folder / f"{log.source}.csv")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An arm identified from drives with wrong gains, and its recordings with payloads."""
+    place = tmp_path_factory.mktemp("payload")
+    (place / "six.urdf").write_text(SIX)
+    for name, payload in (("arm", None), ("unloaded", None), ("weighed", CARRIED), ("next", 0.5 * CARRIED)):
+        write(place, recorded(name, payload, 1.04))
+    settings = {
+        "model": {"file": "six.urdf", "terms": ["viscous", "coulomb", "offset"]},
+        "time": {"column": "t", "unit": "s"},
+        "position": {name: {"column": f"q{k}", "unit": "rad"} for k, name in enumerate(JOINTS)},
+        "torque": {name: {"column": f"tau{k}", "unit": "N m"} for k, name in enumerate(JOINTS)},
+        "train": [{"file": "arm.csv"}],
+        "smoother": {"kind": "spline"},
+        "estimator": {"kind": "least_squares", "weights": "per_joint"},
+    }
+    (place / "arm.yaml").write_text(yaml.safe_dump(settings))
+    done = run("identify", place / "arm.yaml", "--out", place / "out")
+    assert done.exit_code == 0, done.output
+    return place
+
+
+def test_a_weighed_payload_and_then_another(folder: Path) -> None:
+    result = folder / "out" / "result.json"
+    done = run(
+        "payload", result, folder / "weighed.csv", "--known-mass", 3, "--unloaded", folder / "unloaded.csv",
+        "--unloaded", folder / "arm.csv", "--out", folder / "weighed",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "arm_tool0 carries 3 ±" in done.output
+    assert "the result was made from it, so it counts there" in " ".join(done.output.split())
+    assert "--gains" in done.output
+    assert {path.name for path in (folder / "weighed").iterdir()} == {
+        "payload.json", "report.html", "six_payload.urdf",
+    }  # fmt: skip
+    done = run("payload", result, folder / "next.csv", "--gains", folder / "weighed" / "payload.json",
+               "--out", folder / "next", "--frame", "turn")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    data = json.loads((folder / "next" / "payload.json").read_text())
+    assert data["frame"] == "turn"
+    assert data["payload"][0]["value"] == pytest.approx(1.5, rel=0.02)
+
+
+def test_what_is_wrong_is_said(folder: Path) -> None:
+    result, log = folder / "out" / "result.json", folder / "next.csv"
+    for arguments, said in (
+        ((result, log, "--frame", "hand"), "'hand' is no link"),
+        ((result, log, "--known-mass", "-1"), "the known mass is -1 kg"),
+        ((result, log, "--gains", result), "is not a payload.json"),
+        ((result, folder / "none.csv"), "none.csv"),
+        ((folder / "arm.yaml", log), "is not a result.json"),
+        ((result, result, log), "give one result, or recordings alone"),
+    ):
+        done = run("payload", *arguments)
+        assert done.exit_code == 1, done.output
+        assert said in " ".join(done.output.split())
+
+
+def test_torques_are_needed(folder: Path) -> None:
+    table = pl.read_csv(folder / "next.csv")
+    table.select([name for name in table.columns if "tau" not in name]).write_csv(folder / "bare.csv")
+    done = run("payload", folder / "out" / "result.json", folder / "bare.csv")
+    assert done.exit_code == 1
+    assert "has no torques" in done.output

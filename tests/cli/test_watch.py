@@ -1,0 +1,67 @@
+"""``dynident watch``: what it prints, of a file and of standard input, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from dynident.cli import main
+from tests.cli.commands import run
+from tests.io.watched import SETTINGS, result, rows
+
+
+@pytest.fixture(scope="module")
+def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return result(tmp_path_factory.mktemp("slider"))
+
+
+def test_a_file_is_watched_to_its_end(slider: Path, tmp_path: Path) -> None:
+    stream = tmp_path / "stream.csv"
+    stream.write_text("".join(f"{row}\n" for row in rows()))
+    done = run("watch", slider, stream, "--once", "--out", tmp_path / "out", *SETTINGS)
+    assert done.exit_code == 0, done.output
+    said = done.stdout.splitlines()
+    assert said[0].startswith(
+        "Watching: a baseline of 25 s of motion without a change first, then changes with at most one"
+    )
+    assert "the baseline since 0.0 s is complete" in said[1]
+    assert "most likely friction of slider" in said[2]
+    assert "friction of slider changed" in said[3]
+    assert "+1." in said[3]
+    assert said[-1] == f"Changes: {tmp_path / 'out' / 'changes.jsonl'}"
+    again = run("watch", slider, stream, "--once", "--out", tmp_path / "out", "--quiet", *SETTINGS)
+    assert again.exit_code == 0
+    assert again.stdout.splitlines() == [said[-1]]
+
+
+def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:
+    names, *lines = rows()
+    objects = [json.dumps(dict(zip(names.split(","), map(float, row.split(",")), strict=True))) for row in lines]
+    objects[3000] = "no object"
+    words = ["watch", str(slider), "-", "--json", *map(str, SETTINGS)]
+    done = CliRunner().invoke(main, words, input="\n".join(objects))
+    assert done.exit_code == 0, done.output
+    events = {one["event"]: one for one in map(json.loads, done.stdout.splitlines())}
+    assert list(events) == ["BaselineKnown", "Alarm", "Changed", "BadLines"]
+    assert events["BadLines"]["line"] == 3001
+    assert events["BadLines"]["text"] == "no object"
+    assert events["Changed"]["kind"] == "friction"
+    assert events["Changed"]["joint"] == "slider"
+
+
+def test_what_cannot_be_watched_is_said(slider: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text("time,q,tau\n0,1,2\n")
+    for words, said in (
+        ((other,), "other.csv: no column 'force'"),
+        ((tmp_path / "none.csv",), "there is no such file"),
+        ((other, "--baseline", 10), "watch: baseline is 10; give a number from 100"),
+        ((other, "--false-alarms", 0), "watch: false_alarms is 0"),
+        ((other, "--tolerance", -1), "watch: tolerance is -1"),
+    ):
+        done = run("watch", slider, *words, "--once")
+        assert done.exit_code == 1, done.output
+        assert said in done.output

@@ -1,0 +1,134 @@
+"""Whole designs of a small arm: within the limits, the same again, better than chance."""
+
+import importlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError
+from dynident.excitation.criterion import base_information
+from dynident.excitation.design import Interrupted, design
+from dynident.excitation.motion import Plan
+from dynident.excitation.request import Programme
+from dynident.excitation.request_checks import LeftOut
+from dynident.excitation.search import Stage
+from dynident.excitation.trajectory import Purpose
+from dynident.excitation.verify import verify
+from dynident.models import Dahl
+from dynident.regression import UnexcitedParameters
+from tests.excitation.arms import LIMITS, MODEL, THETA
+from tests.excitation.requests import BASIS, OPEN, REQUEST, SPACE
+
+module = importlib.import_module("dynident.excitation.design")  # the package has the function by this name
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    stages = (Stage(1.0, 12), Stage(0.1, 12))
+    monkeypatch.setattr(module, "Plan", lambda starts: Plan(starts, stages))
+    monkeypatch.setattr(module, "QUICK", Plan(1, (Stage(1.0, 6),)))
+
+
+def designed(seed=0, model=MODEL, theta=THETA, space=OPEN, executor=None, progress=None, **changes):
+    return design(
+        model,
+        theta,
+        LIMITS,
+        space,
+        replace(REQUEST, **changes),
+        np.random.default_rng(seed),
+        executor=executor,
+        progress=progress,
+    )
+
+
+def positions(one):
+    return [each.states(each.times(50.0))[0] for each in (one.trajectory, one.validation)]
+
+
+def test_both_motions_keep_to_the_limits_and_go_around_the_post():
+    seen = []
+    one = designed(space=SPACE, start=np.array([1.2, 0.5]), duration=13.0, progress=seen.append)
+    for each, checked in zip((one.trajectory, one.validation), one.checked, strict=True):
+        again = verify(each, MODEL, THETA, LIMITS, SPACE, REQUEST.clearance)
+        np.testing.assert_array_equal(again.reached, checked.reached)
+        np.testing.assert_allclose(each.states(np.zeros(1))[0, 0], [1.2, 0.5])
+    assert one.trajectory.duration <= 13.0
+    assert np.isfinite(one.expected.std).all()
+    assert one.notes == ()
+    assert [step for step in seen if not step.startswith("searching")] == [
+        "finding base parameters",
+        "finding the ways to it and back",
+        "a second motion, for validation",
+        "checking both",
+    ]
+
+
+def test_the_generator_alone_decides_also_over_an_executor():
+    one = positions(designed(3))
+    with ThreadPoolExecutor(2) as two:
+        for again in (designed(3), designed(3, executor=two)):
+            for before, after in zip(one, positions(again), strict=True):
+                np.testing.assert_array_equal(before, after)
+    assert np.abs(positions(designed(4))[0][0] - one[0][0]).max() > 1e-3
+
+
+def test_the_validation_motion_is_another_one_at_other_speeds():
+    one = designed(space=OPEN)
+    (fitted, *_), (held,) = (
+        [piece.course for piece in each.pieces if piece.purpose is Purpose.MOTION]
+        for each in (one.trajectory, one.validation)
+    )
+    assert held.duration == pytest.approx(module.OTHER * fitted.duration)
+    assert np.abs(held.x - fitted.x).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("programme", "duration"), [(Programme.FRICTION, 40.0), (Programme.GRAVITY, 20.0), (Programme.ALL, 60.0)]
+)
+def test_programmes(programme, duration):
+    one = designed(programme=programme, duration=duration)
+    assert one.trajectory.duration <= duration * (1 + 1e-9)
+    purposes = {piece.purpose for piece in one.trajectory.pieces} - {Purpose.WAY}
+    wanted = {Programme.FRICTION: {Purpose.FRICTION}, Programme.GRAVITY: {Purpose.POSE}}
+    assert purposes == wanted.get(programme, {Purpose.FRICTION, Purpose.POSE, Purpose.MOTION})
+    open_ = [note for note in one.notes if isinstance(note, UnexcitedParameters)]
+    assert bool(open_) == (not np.isfinite(one.expected.std).all())
+
+
+def test_what_is_known_before_lowers_the_errors():
+    prior = np.diag(np.linspace(1e5, 1e6, len(THETA)))
+    least = np.sqrt(np.diag(np.linalg.inv(base_information(BASIS, prior))))
+    assert (designed(prior=prior).expected.std < least).all()
+    alone = designed().expected
+    assert (alone.std > least).any()
+
+
+def test_stopped_it_says_so_and_keeps_to_the_limits():
+    def stop(step):
+        if step.startswith("searching"):
+            raise KeyboardInterrupt
+
+    one = designed(progress=stop)
+    assert one.notes == (Interrupted(),)
+    verify(one.trajectory, MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
+
+
+def test_terms_that_remember_are_left_out():
+    model = MODEL.with_terms(Dahl(MODEL.joints))
+    theta = np.concatenate([THETA, np.ones(len(model.parameters) - len(THETA))])
+    one = designed(model=model, theta=theta)
+    assert one.notes == (LeftOut(("Dahl",)),)
+    assert one.model.names == MODEL.names
+    np.testing.assert_array_equal(one.theta, THETA)
+
+
+def test_a_motion_that_fails_the_last_check_is_refused(monkeypatch):
+    def fails(*args, **kwargs):
+        raise InputError("the trajectory is refused.")
+
+    monkeypatch.setattr(module, "verify", fails)
+    with pytest.raises(InputError, match="refused"):
+        designed()

@@ -1,0 +1,64 @@
+"""What a motion will tell is what least squares finds of it."""
+
+import numpy as np
+import pytest
+
+from dynident.excitation.expected import expected, information_of, unexcited
+from dynident.log import Motion
+from dynident.regression import Regression, base_std
+from tests.excitation.arms import MODEL, THETA
+from tests.excitation.requests import BASIS
+
+SIGMA = np.array([0.4, 0.1])
+
+
+def states(samples=3000, still=()):
+    rng = np.random.default_rng(0)
+    found = rng.uniform(-2.0, 2.0, (3, samples, 2))
+    found[1:, :, list(still)] = 0.0
+    found[0][:, list(still)] = 0.7
+    return found
+
+
+def test_the_errors_are_those_of_least_squares_with_known_noise():
+    q, dq, ddq = states()
+    found = expected(MODEL, THETA, information_of(MODEL, states(), 1 / SIGMA**2), BASIS)
+    names = tuple(joint.name for joint in MODEL.joints)
+    motion = Motion(np.arange(len(q)) / 100.0, q, dq, ddq, np.zeros_like(q), names, np.ones(len(q), dtype=bool), "x")
+    factors = Regression(MODEL, (motion,)).triangular_factors
+    np.testing.assert_allclose(found.std, base_std(BASIS, factors, SIGMA, 1 / SIGMA), rtol=1e-6)
+    Y = MODEL.regressor(q, dq, ddq)[:, :, list(BASIS.independent)] / SIGMA[:, None]
+    X = Y.reshape(-1, BASIS.rank)
+    assert found.log_det == pytest.approx(np.linalg.slogdet(X.T @ X)[1])
+    assert found.condition == pytest.approx(np.linalg.cond(X / np.linalg.norm(X, axis=0)), rel=1e-6)
+    np.testing.assert_allclose(found.value, BASIS.to_base(THETA))
+    assert found.open == ()
+    assert unexcited(MODEL, information_of(MODEL, states(), 1 / SIGMA**2), found) == ()
+
+
+def test_what_stays_open_is_said_with_the_joint_that_would_show_it():
+    information = information_of(MODEL, states(still=(1,)), 1 / SIGMA**2)
+    found = expected(MODEL, THETA, information, BASIS)
+    assert {"Fv_bend", "Fc_bend"} <= set(found.open)
+    assert "Fv_lift" not in found.open
+    assert (found.log_det, found.condition) == (-np.inf, np.inf)
+    notes = unexcited(MODEL, information, found)
+    assert notes
+    assert {joint for note in notes for joint in note.joints} == {"bend"}
+
+
+def test_relative_errors_are_of_the_values():
+    found = expected(MODEL, np.zeros_like(THETA), information_of(MODEL, states(), 1 / SIGMA**2))
+    assert np.isinf(found.relative).all()
+    found = expected(MODEL, THETA, information_of(MODEL, states(), 1 / SIGMA**2), BASIS)
+    k = found.basis.leading.index("Fv_lift")
+    assert found.relative[k] == pytest.approx(100 * found.std[k] / 1.0)
+
+
+def test_what_is_known_before_adds_up_on_base_parameters():
+    prior = np.diag(np.linspace(1.0, 2.0, len(THETA)))
+    nothing = expected(MODEL, THETA, np.zeros((26, 26)), BASIS, prior)
+    np.testing.assert_allclose(
+        nothing.std, np.sqrt(np.diag(BASIS.combination @ np.diag(1 / np.diag(prior)) @ BASIS.combination.T))
+    )
+    assert unexcited(MODEL, np.zeros((26, 26)), nothing, prior) == ()

@@ -1,0 +1,106 @@
+"""The search: feasible, better, the same on any executor, and of use when it is stopped."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError
+from dynident.excitation.interior import Interior
+from dynident.excitation.random_motion import random_motion
+from dynident.excitation.search import STAGES, Stage, improved, search
+from tests.excitation.requests import OPEN, interior
+
+SHORT = (Stage(1.0, 10), Stage(0.1, 10, 0.5))
+ONE = interior(space=OPEN)
+
+
+def test_the_motion_found_is_better_than_random_ones_and_keeps_to_the_limits():
+    found = search(ONE, 3, np.random.default_rng(0), stages=(Stage(1.0, 30), Stage(0.05, 30)))
+    rng = np.random.default_rng(1)
+    others = [ONE.at(random_motion(ONE, rng), 0.0).criterion for _ in range(100)]
+    assert found.criterion < min(others) - 3
+    assert found.criterion == pytest.approx(ONE.at(found.x, 0.0).criterion)
+    assert ONE.keeps(found.x)
+    assert (found.starts, found.interrupted) == (3, False)
+
+
+def test_the_barrier_holds_every_iterate(monkeypatch):
+    seen, at = [], Interior.at
+
+    def watched(self, x, weight):
+        point = at(self, x, weight)
+        seen.append(point is None)
+        return point
+
+    x = random_motion(ONE, np.random.default_rng(5))
+    monkeypatch.setattr(Interior, "at", watched)
+    best, criterion = improved(ONE, x, Stage(0.01, 40))
+    assert any(seen)  # steps that go too far are tried, and not taken
+    assert ONE.keeps(best)
+    assert criterion < at(ONE, x, 0.0).criterion
+
+
+def test_a_stage_ends_where_another_way_ends():
+    x, _ = improved(ONE, random_motion(ONE, np.random.default_rng(2)), Stage(2.0, 300))
+    value = ONE.at(x, 2.0).value
+    again, _ = improved(ONE, x, Stage(2.0, 300))
+    assert value - ONE.at(again, 2.0).value < 0.1
+    aside, _ = improved(ONE, ONE.smaller(0.97 * x), Stage(2.0, 300))
+    assert abs(value - ONE.at(aside, 2.0).value) < 0.3
+
+
+def test_the_executor_does_not_change_the_motion():
+    alone = search(ONE, 3, np.random.default_rng(4), stages=SHORT)
+    with ThreadPoolExecutor(2) as two:
+        spread = search(ONE, 3, np.random.default_rng(4), stages=SHORT, executor=two)
+    np.testing.assert_array_equal(alone.x, spread.x)
+    other = search(ONE, 3, np.random.default_rng(5), stages=SHORT)
+    assert np.abs(other.x - alone.x).max() > 1e-3
+
+
+def test_progress_counts_the_motions_of_all_stages_and_never_gets_worse():
+    seen = []
+    search(ONE, 3, np.random.default_rng(4), stages=SHORT, progress=lambda *one: seen.append(one))
+    best, done, total = zip(*seen, strict=True)
+    assert done == (1, 2, 3, 4, 5)
+    assert set(total) == {5}
+    assert all(np.diff(best) <= 0)
+
+
+def test_stopped_it_gives_the_best_so_far():
+    calls = []
+
+    def stop(best, done, total):
+        calls.append(best)
+        if done == 2:
+            raise KeyboardInterrupt
+
+    found = search(ONE, 4, np.random.default_rng(4), stages=SHORT, progress=stop)
+    assert found.interrupted
+    assert found.criterion == min(calls)
+    assert ONE.keeps(found.x)
+
+
+def test_stopped_before_anything_was_found_it_stops(monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dynident.excitation.search.random_motion", stop)
+    with pytest.raises(KeyboardInterrupt):
+        search(ONE, 2, np.random.default_rng(0))
+
+
+def test_it_begins_with_the_motions_that_are_given():
+    x = random_motion(ONE, np.random.default_rng(9))
+    found = search(ONE, 5, np.random.default_rng(0), first=[x], stages=(Stage(1.0, 0),))
+    np.testing.assert_array_equal(found.x, x)
+    assert found.starts == 1
+
+
+def test_a_start_beyond_the_limits_is_refused():
+    x = 10 * random_motion(ONE, np.random.default_rng(9))
+    with pytest.raises(InputError, match="does not keep to the limits"):
+        improved(ONE, x, STAGES[0])
+    with pytest.raises(InputError, match="no motion was found"):
+        search(ONE, 1, np.random.default_rng(0), first=[x])

@@ -1,0 +1,47 @@
+"""What a fit knows of its base parameters together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.identification import identify
+from tests.payload.arms import RECIPE, arm, recorded, result
+
+
+def test_the_parts_of_the_joints_make_the_base_parameters() -> None:
+    found = result()
+    basis, errors = found.base.on_data, found.errors
+    assert basis is not None
+    assert errors.base_by_joint is not None
+    np.testing.assert_allclose(errors.base_by_joint.sum(axis=1), basis.to_base(found.estimate.value), atol=1e-6)
+    assert errors.base_shares is not None
+    assert abs(errors.base_shares.sum() - 1) < 1e-9
+
+
+def test_a_joint_with_a_wrong_gain_moves_them_by_its_part() -> None:
+    found, log = result(), recorded("arm")
+    wrong = replace(log, tau=log.tau * (1 + 1e-4 * np.eye(6)[2]))
+    # the same weights: those of the residuals change with the gain
+    weights = found.estimate.residual.weights
+    again = identify(arm()[0], {"arm": wrong}, recipe=RECIPE)
+    basis, parts = found.base.on_data, found.errors.base_by_joint
+    assert basis is not None
+    assert parts is not None
+    assert weights is not None
+    moved = basis.to_base(again.estimate.value - found.estimate.value)
+    scale = found.errors.base_std
+    assert scale is not None
+    np.testing.assert_allclose(moved / scale, 1e-4 * parts[:, 2] / scale, atol=0.05)
+
+
+def test_the_covariance_is_that_of_the_standard_errors() -> None:
+    errors = result().errors
+    assert errors.base_covariance is not None
+    assert errors.base_std_hac is not None
+    ratio = np.sqrt(np.diag(errors.base_covariance)) / errors.base_std_hac
+    assert 0.8 < np.median(ratio) < 1.4
+    assert (ratio > 0.5).all()
+    scale = np.sqrt(np.diag(errors.base_covariance))
+    assert np.linalg.eigvalsh(errors.base_covariance / np.outer(scale, scale))[0] > 0

@@ -1,0 +1,117 @@
+"""A watch that is stopped goes on, without loss, and without counting anything twice."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError
+from dynident.io.folder import result_folder
+from dynident.io.saved import load
+from dynident.io.watch_run import EVENTS, Watch, event_data, watch_of
+from dynident.online import Changed, Event, Knowledge, Resumed, WatchSettings
+from tests.io.watched import CHANGE, SETTINGS, result, rows
+
+HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
+
+
+@pytest.fixture(scope="module")
+def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return result(tmp_path_factory.mktemp("slider"))
+
+
+def watched(slider: Path, stream: Path, out: Path, how: WatchSettings = HOW) -> tuple[list[Event], Watch]:
+    with result_folder(out) as folder:
+        one = watch_of(load(slider), slider, str(stream), how, folder)
+        return list(one.run(follow=False)), one
+
+
+def same(one: Knowledge, other: Knowledge) -> None:
+    assert (one.phase, len(one.windows), len(one.blocks)) == (other.phase, len(other.windows), len(other.blocks))
+    assert one.reference is not None
+    assert other.reference is not None
+    np.testing.assert_array_equal(one.reference.value, other.reference.value)
+    for a, b in zip(one.windows, other.windows, strict=True):
+        np.testing.assert_array_equal(a.score, b.score)
+
+
+def test_a_change_is_found_in_a_file(slider: Path, tmp_path: Path) -> None:
+    stream = tmp_path / "stream.csv"
+    stream.write_text("".join(f"{row}\n" for row in rows()))
+    events, _ = watched(slider, stream, tmp_path / "out")
+    (found,) = [one for one in events if isinstance(one, Changed)]
+    assert found.joint == "slider"
+    assert abs(found.since - CHANGE) <= 2.0
+    said = [json.loads(line) for line in (tmp_path / "out" / EVENTS).read_text().splitlines()]
+    assert said == [{"id": k, **json.loads(json.dumps(event_data(one)))} for k, one in enumerate(events, 1)]
+
+
+def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(slider: Path, tmp_path: Path) -> None:
+    lines = rows()
+    whole, stream = tmp_path / "whole.csv", tmp_path / "stream.csv"
+    whole.write_text("".join(f"{row}\n" for row in lines))
+    expected, one = watched(slider, whole, tmp_path / "one")
+    text = whole.read_bytes()
+    found, cuts = list[Event](), [0, 7, 90_001, 150_000, 200_003, len(text)]
+    for start, stop in itertools.pairwise(cuts):
+        with open(stream, "ab") as file:
+            file.write(text[start:stop])
+        events, other = watched(slider, stream, tmp_path / "other")
+        found += [event for event in events if not isinstance(event, Resumed)]
+    assert [repr(event) for event in found] == [repr(event) for event in expected]
+    same(one.watcher.knowledge, other.watcher.knowledge)
+
+
+def test_a_killed_watch_goes_on(slider: Path, tmp_path: Path) -> None:
+    """Killed again and again while it reads a file that grows, it knows in the end what an undisturbed one knows."""
+    lines, stream, out = rows(), tmp_path / "stream.csv", tmp_path / "out"
+    whole = tmp_path / "whole.csv"
+    whole.write_text("".join(f"{row}\n" for row in lines))
+    expected, one = watched(slider, whole, tmp_path / "one")
+    stream.write_text("")
+    command = [
+        sys.executable,
+        "-m",
+        "dynident",
+        "watch",
+        str(slider),
+        str(stream),
+        "--out",
+        str(out),
+        *map(str, SETTINGS),
+    ]
+    for share, least in ((0.5, 1), (0.95, 2)):  # events until it is killed: the baseline, and each start
+        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        stream.write_text("".join(f"{row}\n" for row in lines[: int(share * len(lines))]) + lines[-1][:9])
+        end = time.monotonic() + 60
+        while time.monotonic() < end and (not (out / EVENTS).is_file() or _lines(out) < least):
+            time.sleep(0.02)
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+    stream.write_text(whole.read_text())
+    events, other = watched(slider, stream, out)
+    assert isinstance(events[0], Resumed)
+    said = [one["event"] for one in map(json.loads, (out / EVENTS).read_text().splitlines())]
+    assert [name for name in said if name != "Resumed"] == [type(event).__name__ for event in expected]
+    same(one.watcher.knowledge, other.watcher.knowledge)
+
+
+def _lines(out: Path) -> int:
+    return len((out / EVENTS).read_text().splitlines())
+
+
+def test_another_result_or_setting_is_refused(slider: Path, tmp_path: Path) -> None:
+    stream = tmp_path / "stream.csv"
+    stream.write_text("".join(f"{row}\n" for row in rows(5.0)))
+    watched(slider, stream, tmp_path / "out")
+    with pytest.raises(ConfigError, match="another result or other settings"):
+        watched(slider, stream, tmp_path / "out", WatchSettings(block=1.0, baseline=26.0))

@@ -1,0 +1,55 @@
+"""Whatever the robot, motions and programmes for it begin and end at rest, are continuous, and keep all its limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.excitation.bspline import Clamped
+from dynident.excitation.feasibility import Feasibility
+from dynident.excitation.fourier import Fourier
+from dynident.excitation.friction_programme import friction_programme
+from dynident.excitation.limits import JointLimits, limits_of
+from dynident.excitation.poses import static_poses
+from dynident.excitation.ramp import from_rest
+from dynident.excitation.trajectory import Trajectory
+from dynident.excitation.verify import verify
+from dynident.models import Coulomb, Model, RigidBodies, Viscous
+from tests.excitation.arms import scaled, smooth_and_at_rest
+from tests.laws.test_rigid_bodies import random_robot
+
+
+def random_arm(rng):
+    """A tree of joints that turn and slide, with friction, and limits of its torque that leave little to spare."""
+    text, moving = random_robot(rng, int(rng.integers(1, 6)))
+    bodies = RigidBodies(text, source="random.urdf", joints_used=moving)
+    model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints)), name="random.urdf")
+    limits = limits_of(model, {one.name: JointLimits(velocity=float(rng.uniform(0.2, 5))) for one in bodies.joints})
+    values = [one.value for one in bodies.parameters]
+    theta = np.concatenate([values, 0.5 / limits.velocity, np.full(len(limits.joints), 0.5)])
+    q = rng.uniform(limits.lower, limits.upper, (200, len(limits.joints)))
+    dq, ddq = (size * rng.uniform(-1, 1, q.shape) for size in limits.sizes[1:3])
+    torque = 1.3 * np.abs(model.torque(q, dq, ddq, theta)).max(axis=0) + 1.0
+    return Feasibility(model, theta, replace(limits, torque=torque))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", ["series", "spline", "friction", "gravity"])
+def test_what_is_made_passes_the_last_check(kind, seed):
+    rng = np.random.default_rng(seed)
+    feasible = random_arm(rng)
+    limits, n = feasible.limits, len(feasible.limits.joints)
+    match kind:
+        case "series":
+            family = Fourier(8.0, 3)
+            pieces = from_rest(feasible, family, scaled(family, rng, limits, 0.7), 1, None, rng)
+        case "spline":
+            family = Clamped(8.0, 10)
+            pieces = from_rest(feasible, family, scaled(family, rng, limits, 0.7), 1, limits.middle, rng)
+        case "friction":
+            pieces = friction_programme(feasible, 15.0 * n, None, rng, speeds=3)
+        case _:
+            pieces = static_poses(feasible, 30.0, limits.middle, np.ones(n), rng)
+    trajectory = Trajectory(limits.joints, pieces)
+    smooth_and_at_rest(trajectory, limits)
+    assert verify(trajectory, feasible.model, feasible.theta, limits).reached.max() <= 1 + 1e-6

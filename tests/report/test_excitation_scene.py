@@ -1,0 +1,73 @@
+"""The arm along a designed motion: what is drawn, and what is said of its distances."""
+
+from __future__ import annotations
+
+from base64 import b64decode
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.excitation import Box, Cylinder, Floor, Made, Nothing
+from dynident.report.excitation_scene import drawn, scene_section
+from dynident.report.page import Figure, PageTable
+from tests.report.designs import designed
+
+
+def test_bodies_move_as_the_robot_does() -> None:
+    project, found = designed()
+    figure = next(one.figure for one in scene_section(project, found).blocks if isinstance(one, Figure))
+    assert figure.motion is not None
+    moving = [one for one in figure.data if one["type"] == "mesh3d"][: len(figure.motion["vertices"])]
+    assert [one["name"] for one in moving] == ["upper", "lower"]
+    t, places = (np.frombuffer(b64decode(figure.motion[key]), "<f4") for key in ("t", "places"))
+    places = places.reshape(len(t), 2, 3, 4)
+    assert t[-1] == np.float32(found.trajectory.duration)
+    q = found.trajectory.states(t[[100]].astype(float))[0]
+    placed = project.geometry.bodies.placements(q)
+    np.testing.assert_allclose(places[100, :, :, 3], placed.origins[0], atol=1e-5)
+    np.testing.assert_allclose(places[100, :, :, :3], placed.rotations[0], atol=1e-5)
+
+
+def test_the_closest_pairs_come_first() -> None:
+    project, found = designed()
+    (table,) = [one for one in scene_section(project, found).blocks if isinstance(one, PageTable)]
+    sizes = [float(row[2]) for row in table.rows]
+    assert sizes == sorted(sizes)
+    t = found.trajectory.times(100.0)
+    least = 1e3 * found.space.distances(found.trajectory.states(t)[0]).min()
+    assert sizes[0] == np.round(least, 1) or abs(sizes[0] / least - 1) < 0.01
+
+
+def test_what_is_known_of_the_shapes_is_said() -> None:
+    project, found = designed()
+    (lines,) = [one for one in scene_section(project, found).blocks if isinstance(one, tuple)]
+    assert lines[0].startswith("Distances of")
+    assert "the lines between their joints" in lines[0]
+    geometry = replace(
+        project.geometry, missing={"a.dae": "there is no such file."}, made={0: Made.VISUAL, 1: Made.COLLISION}
+    )
+    project.__dict__["geometry"], kept = geometry, project.geometry
+    (lines,) = [one for one in scene_section(project, found).blocks if isinstance(one, tuple)]
+    project.__dict__["geometry"] = kept
+    assert lines[0] == "Distances of lower: by capsules around their collision shapes."
+    assert lines[2] == "Meshes that could not be read: a.dae (there is no such file)."
+
+
+def test_a_model_without_bodies_has_no_view() -> None:
+    project, found = designed()
+    project.__dict__["geometry"], kept = None, project.geometry
+    section = scene_section(project, replace(found, space=Nothing(2)))
+    project.__dict__["geometry"] = kept
+    assert len(section.blocks) == 2
+    assert not any(isinstance(one, Figure) for one in section.blocks)
+
+
+def test_obstacles_are_drawn_where_they_are() -> None:
+    floor = drawn(Floor(-0.5), 2.0)
+    np.testing.assert_array_equal(floor.vertices[:, 2], -0.5)
+    turned = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    box = drawn(Box("b", (1, 2, 3), (0.2, 0.4, 0.6), tuple(map(tuple, turned))), 2.0)
+    np.testing.assert_allclose(np.ptp(box.vertices, axis=0), [0.4, 0.2, 0.6])
+    np.testing.assert_allclose(box.vertices.mean(axis=0), [1, 2, 3])
+    post = drawn(Cylinder("c", (1, 2), 0.3, -np.inf, 1.0), 2.0)
+    np.testing.assert_allclose(np.ptp(post.vertices, axis=0), [0.6, 0.6, 3.0])

@@ -190,7 +190,9 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     print(f"{name}: {time.process_time() - began:.1f} s of CPU for the design", flush=True)
     basis, sigma = made.expected.basis, one.request.sigma
     states = one.model.random_states(np.random.default_rng(0), STATES)
-    size = np.sqrt(np.square(one.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1)))
+    size = np.sqrt(
+        np.square(one.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
+    )
     worst = lambda told: float(100 * (size * told.std).max())  # noqa: E731
     periods = sum(piece.purpose is Purpose.MOTION for piece in made.trajectory.pieces)
     motions = {"designed": made.trajectory}
@@ -199,7 +201,9 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     motions |= {label: other(one, file) for label, file in (text.split("=") for text in given.other)}
     slow = given.min_speed * one.limits.velocity
     splines = Spline.Settings(rule="torque").build()
-    recipe = Recipe(splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(one.limits.joints, slow, strict=True)))
+    recipe = Recipe(
+        splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(one.limits.joints, slow, strict=True))
+    )
     if given.draft:
         recipe = Recipe(splines, PhysicallyConsistent(), time_offset="estimate", base_tilt="estimate", terms="auto")
     rows: Row = {}
@@ -230,8 +234,14 @@ def shown(label: str, row: Row, names: tuple[str, ...]) -> str:
             least, low, middle, high, most = np.quantile(row[key], (0, 0.05, 0.5, 0.95, 1))
             inside = ((row[key] > 0.8) & (row[key] < 1.25)).sum()
             text = f"{least:5.2f} {low:5.2f} {middle:5.2f} {high:5.2f} {most:5.2f}"
-            lines.append(f"    {key:9} {text}" + (f"   {inside} of {len(names)} in 0.8 to 1.25" if key != "bias" else ""))
-    off = [f"{name} {x:.2f} (z {z:+.1f})" for name, x, z in zip(names, row["rms"], row["z"], strict=True) if not 0.8 < x < 1.25]
+            lines.append(
+                f"    {key:9} {text}" + (f"   {inside} of {len(names)} in 0.8 to 1.25" if key != "bias" else "")
+            )
+    off = [
+        f"{name} {x:.2f} (z {z:+.1f})"
+        for name, x, z in zip(names, row["rms"], row["z"], strict=True)
+        if not 0.8 < x < 1.25
+    ]
     return "\n".join([*lines, *([f"    outside: {', '.join(off)}"] if off else [])])
 
 

@@ -105,7 +105,9 @@ def main() -> None:
     chosen["active_joints"] = joints
     chosen["act_Jid"] = [tool.model.getJointId(name) for name in joints]
     chosen["act_J"] = [tool.model.joints[k] for k in chosen["act_Jid"]]
-    chosen["act_idxq"], chosen["act_idxv"] = ([getattr(one, key) for one in chosen["act_J"]] for key in ("idx_q", "idx_v"))
+    chosen["act_idxq"], chosen["act_idxv"] = (
+        [getattr(one, key) for one in chosen["act_J"]] for key in ("idx_q", "idx_v")
+    )
     tool.initialize()
     found = tool.solve(stack_reps=round(given.duration / given.step / (WAYPOINTS - 1)))
     seconds, used = time.perf_counter() - began, time.process_time() - cpu

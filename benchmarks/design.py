@@ -40,3 +40,22 @@ def gradient(way: str, joints: int, points: int) -> Callable[[], object]:
         return out.reshape(x.shape)
 
     return by_steps if way == "differences" else exact
+
+
+def clearances(way: str, joints: int, points: int) -> Callable[[], object]:
+    """Distances of the links of an arm as capsules to each other and to the floor, with their derivatives by the
+    positions: exact, or by a step in each joint.
+    """
+    from dynident.excitation.geometry import geometry_of
+    from dynident.excitation.pairing import space_of
+    from dynident.excitation.space import Floor
+    from dynident.models import RigidBodies
+
+    space = space_of(geometry_of(RigidBodies(chain(joints))), [Floor(-0.5)])
+    q = np.random.default_rng(0).uniform(-1, 1, (points, joints))
+
+    def by_steps() -> Array:
+        here = space.distances(q)
+        return np.stack([(space.distances(q + STEP * one) - here) / STEP for one in np.eye(joints)], axis=2)
+
+    return by_steps if way == "differences" else lambda: space.gradients(q)

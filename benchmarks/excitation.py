@@ -38,7 +38,7 @@ from dynident.excitation.limits import MotionLimits, limits_of
 from dynident.excitation.motion import interior_of
 from dynident.excitation.pairing import space_of
 from dynident.excitation.random_motion import random_motion
-from dynident.excitation.request import Request
+from dynident.excitation.request import Criterion, Request
 from dynident.excitation.space import Floor, Space
 from dynident.excitation.trajectory import Purpose
 from dynident.io.meshes import read_geometry
@@ -122,7 +122,7 @@ def worst(model: Model, basis: BaseParameters, sigma: Array, found: Expected) ->
     return float(100 * (size * found.std).max())
 
 
-def measured(robot: Robot, workers: int, seed: int, floor: float, random: int) -> Row:
+def measured(robot: Robot, workers: int, seed: int, floor: float, random: int, criterion: Criterion) -> Row:
     """Return what a design takes and reaches, and what others reach."""
     model, theta = robot.model, robot.theta
     limits = limits_of(model)
@@ -130,7 +130,7 @@ def measured(robot: Robot, workers: int, seed: int, floor: float, random: int) -
     geometry = read_geometry(bodies, robot.file)
     space = space_of(geometry, (Floor(floor),), limits.lower, limits.upper)
     sigma = NOISE * limits.torque
-    request = Request(sigma, duration=30.0)
+    request = Request(sigma, criterion=criterion, duration=30.0)
     began, cpu = time.perf_counter(), _cpu()
     with local_workers(workers) if workers > 1 else nullcontext() as executor:
         made = design(
@@ -218,13 +218,15 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--floor", type=float, default=0.0, help="m along z of the root link")
+    parser.add_argument("--criterion", default="d", choices=[one.value for one in Criterion], help="of the design")
     parser.add_argument("--random", type=int, default=RANDOM, help="motions")
     parser.add_argument("--out", type=Path, help="a JSON file of all figures")
     given = parser.parse_args()
     rows = {}
     with TemporaryDirectory() as folder:
         for name in given.robots or ROBOTS:
-            rows[name] = measured(ROBOTS[name](Path(folder)), given.workers, given.seed, given.floor, given.random)
+            settings = given.workers, given.seed, given.floor, given.random, Criterion(given.criterion)
+            rows[name] = measured(ROBOTS[name](Path(folder)), *settings)
             print(shown(name, rows[name]), flush=True)
     if given.out:
         given.out.write_text(json.dumps(rows, indent=1))

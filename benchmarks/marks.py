@@ -128,6 +128,8 @@ TABLES = {
     "design": Table("A motion of 7 joints that is designed", "ms of CPU", 1e3, (
         Row("log det of the information of 69 base parameters on 200 points, with its gradient by 77 coefficients",
             Work("design", "gradient", (7, 200), ("differences",)), "differences", (Mark(10, 10), Mark(30, 4))),
+        Row("distances of 19 pairs of capsules at 200 points, with their derivatives",
+            Work("design", "clearances", (7, 200), ("differences",)), "differences", (Mark(5, 3), Mark(5, 3))),
     )),
     "online": Table("A stream of 7 joints with friction, 91 parameters", "µs a sample", 1e6, (
         online("derivatives with a fixed lag, sample by sample", "smoothed", 1),

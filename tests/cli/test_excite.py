@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 import dynident as dy
 from dynident.errors import ConfigError
@@ -129,5 +131,26 @@ def test_what_is_wrong_is_said(words: tuple[str, ...], said: str, tmp_path: Path
     (tmp_path / "two.urdf").write_text(TWO)
     done = run("excite", tmp_path / "two.urdf", "-o", tmp_path / "out", "--starts", 1, "--workers", 1, *words)
     assert done.exit_code in (1, 2)
+    assert said in done.output
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("robot", "settings", "said"),
+    [
+        (TWO.replace('velocity="2"', ""), {}, "velocity (in rad/s) of lift"),
+        (TWO, {"limits": {"lift": {"lower": 3.0}}}, "leave no position in rad"),
+        (TWO, {"start": {"lift": 3.0}}, "start: joint 'lift' is at 3, outside"),
+        (TWO, {"start": {}, "boxes": [{"name": "crate", "centre": [0.4, 0, 0], "size": [0.2, 0.2, 0.2]}]}, "'crate'"),
+    ],
+)
+def test_limits_and_starts_that_cannot_be_are_refused_before_long_work(
+    robot: str, settings: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "two.urdf").write_text(robot)
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(settings))
+    words = ("-o", tmp_path / "out", "--settings", tmp_path / "cell.yaml", "--workers", 1)
+    done = run("excite", tmp_path / "two.urdf", *words)
+    assert done.exit_code == 1
     assert said in done.output
     assert not (tmp_path / "out").exists()

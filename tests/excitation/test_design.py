@@ -26,9 +26,9 @@ module = importlib.import_module("dynident.excitation.design")  # the package ha
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    stages = (Stage(1.0, 12), Stage(0.1, 12))
+    stages = (Stage(1.0, 6), Stage(0.1, 6))
     monkeypatch.setattr(module, "Plan", lambda starts: Plan(starts, stages))
-    monkeypatch.setattr(module, "QUICK", Plan(1, (Stage(1.0, 6),)))
+    monkeypatch.setattr(module, "QUICK", Plan(1, (Stage(1.0, 4),)))
 
 
 def designed(seed=0, model=MODEL, theta=THETA, space=OPEN, executor=None, progress=None, **changes):
@@ -101,9 +101,8 @@ def test_programmes(programme, duration):
 def test_what_is_known_before_lowers_the_errors():
     prior = np.diag(np.linspace(1e5, 1e6, len(THETA)))
     least = np.sqrt(np.diag(np.linalg.inv(base_information(BASIS, prior))))
-    assert (designed(prior=prior).expected.std < least).all()
-    alone = designed().expected
-    assert (alone.std > least).any()
+    assert (designed(prior=prior, starts=1).expected.std < least).all()
+    assert (designed(starts=1).expected.std > least).any()
 
 
 def test_stopped_it_says_so_and_keeps_to_the_limits():

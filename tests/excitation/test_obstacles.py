@@ -12,7 +12,7 @@ def test_distances_to_a_box_are_those_to_its_faces() -> None:
     grid = np.linspace(-0.5, 0.5, 41)
     faces = np.array([np.insert([a, b], k, side) for k in range(3) for side in (-0.5, 0.5) for a in grid for b in grid])
     surface = np.array(box.centre) + faces * box.size
-    points = np.random.default_rng(0).uniform(-0.6, 0.8, (200, 3))
+    points = np.random.default_rng(0).uniform(-0.6, 0.8, (80, 3))
     distance, _ = signed(box)(points)
     inside = (np.abs(points - box.centre) < np.array(box.size) / 2).all(axis=1)
     near = np.linalg.norm(points[:, None] - surface, axis=2).min(axis=1)

@@ -16,13 +16,13 @@ ONE = interior(space=OPEN)
 
 
 def test_the_motion_found_is_better_than_random_ones_and_keeps_to_the_limits():
-    found = search(ONE, 3, np.random.default_rng(0), stages=(Stage(1.0, 30), Stage(0.05, 30)))
+    found = search(ONE, 2, np.random.default_rng(0), stages=(Stage(1.0, 15), Stage(0.05, 15)))
     rng = np.random.default_rng(1)
-    others = [ONE.at(random_motion(ONE, rng), 0.0).criterion for _ in range(100)]
+    others = [ONE.at(random_motion(ONE, rng), 0.0).criterion for _ in range(40)]
     assert found.criterion < min(others) - 3
     assert found.criterion == pytest.approx(ONE.at(found.x, 0.0).criterion)
     assert ONE.keeps(found.x)
-    assert (found.starts, found.interrupted) == (3, False)
+    assert (found.starts, found.interrupted) == (2, False)
 
 
 def test_the_barrier_holds_every_iterate(monkeypatch):

@@ -20,6 +20,7 @@ from dynident.errors import Note, Remark, Use
 from dynident.identification.verdict.reasons import Noted, Reason
 from dynident.identification.verdict.steps import Sharpen
 from dynident.report.advice import sentences  # noqa: F401  # with it the words of reasons are there
+from dynident.report.excitation_words import noise_words  # noqa: F401  # and those of designed motions
 from dynident.report.finding_words import finding_words  # noqa: F401  # and those of findings
 from dynident.report.wording import words
 from dynident.validation.free_run import Broken, Failure

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from dynident.io.excitation_known import NoiseOrigin
-from dynident.report.excitation_words import floor_words, limit_words, noise_words
+from dynident.report.excitation_words import floor_words, limit_words, noise_words, shape_words
 from tests.report.designs import designed
 
 
@@ -48,3 +49,15 @@ def test_without_a_floor_it_is_said_how_low_the_arm_reaches() -> None:
     assert "m below" in said
     assert low > -elbow.min() - 1e-2
     assert "give `floor: 0`" in said
+
+
+def test_unknown_shapes_and_a_missing_program_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    project, _ = designed()
+    monkeypatch.setitem(project.__dict__, "geometry", replace(project.geometry, missing={"hand.stl": "there is none."}))
+    monkeypatch.setitem(project.__dict__, "shapes", None)
+    links, program = shape_words(project)
+    assert links.startswith("The shapes of upper, lower are not known (not found: hand.stl)")
+    assert "install pin" in program or "pip install" in program
+    monkeypatch.setitem(project.__dict__, "geometry", None)
+    (said,) = shape_words(project)
+    assert "not made of a robot file" in said

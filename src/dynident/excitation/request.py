@@ -25,8 +25,8 @@ class Programme(StrEnum):
 
 
 class Criterion(StrEnum):
-    """What is optimised: the volume of the confidence region (D), the sum of relative variances of named parameters
-    (A), the condition number."""
+    """What is optimised: the volume of the confidence region (D), the sum of relative variances of named parameters,
+    or of all in units of what random states show (A), the condition number."""
 
     D_OPTIMAL = "d"
     A_OPTIMAL = "a"
@@ -38,8 +38,9 @@ class Request:
     """A motion of at most ``duration`` (s), recorded at ``rate`` (Hz) with torque noise ``sigma`` (n), N m or N.
 
     ``family``: "fourier" or "bspline"; ``period`` (s) of the series and its ``harmonics``; ``start`` (n) is the pose at
-    rest where it begins and ends (None: chosen); ``named`` parameters for the A-optimal criterion; ``prior`` (p, p) is
-    information on the parameters that is known before; ``starts`` of the search; ``clearance`` (m) is kept to all.
+    rest where it begins and ends (None: chosen); ``named`` parameters for the A-optimal criterion (none: all base
+    parameters); ``prior`` (p, p) is information on the parameters that is known before; ``starts`` of the search;
+    ``clearance`` (m) is kept to all.
     """
 
     sigma: Array

@@ -115,7 +115,7 @@ class ExcitationProject:
     def shapes(self) -> Distances | None:
         """The real shapes, which check the finished motion; None where Pinocchio and Coal are not installed."""
         space, limits = self.space, self.limits
-        if self.geometry is None or not isinstance(space, CapsuleSpace):
+        if self.geometry is None or not isinstance(space, CapsuleSpace) or not space.pairs:
             return None
         return exact_space(self.geometry, space, limits.lower, limits.upper, self.request.clearance)
 

@@ -14,7 +14,7 @@ from dynident.regression import UnexcitedParameters
 from dynident.report import figures
 from dynident.report.excitation_expected import WELL, expected_section, told, valued_of
 from dynident.report.excitation_scene import scene_section
-from dynident.report.excitation_words import floor_words, limit_words, noise_words
+from dynident.report.excitation_words import floor_words, limit_words, noise_words, shape_words
 from dynident.report.page import (
     Column,
     Facts,
@@ -75,7 +75,8 @@ PROGRAMMES = {
 def excitation_findings(project: ExcitationProject, found: Design) -> list[str]:
     """Return in plain sentences what the motion will tell, what stays open, what was assumed, and the notes."""
     notes = (words(one) for one in found.notes if not isinstance(one, UnexcitedParameters))  # a table has these
-    return [*told(found), *floor_words(project, found), *noise_words(project), *limit_words(found), *notes]
+    around = (*shape_words(project), *floor_words(project, found))
+    return [*told(found), *around, *noise_words(project), *limit_words(found), *notes]
 
 
 def excitation_tables(found: Design) -> list[PageTable]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.errors import listed
-from dynident.excitation import CapsuleSpace, Floor, Interrupted, LeftOut
+from dynident.errors import install_command, listed
+from dynident.excitation import CapsuleSpace, Floor, Interrupted, LeftOut, Made
 from dynident.io.excitation_known import NoiseOrigin
 from dynident.report.page import number
 from dynident.report.wording import words
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from dynident.excitation import Design
     from dynident.io.excitation import ExcitationProject
 
-__all__ = ["floor_words", "limit_words", "noise_words"]
+__all__ = ["floor_words", "limit_words", "noise_words", "shape_words"]
 
-SHOWN = 8  # joints in a sentence
+SHOWN, FEW = 8, 3  # joints, and files, in a sentence
 RATE, MOST = 50.0, 5000  # Hz and samples of the lowest point
 _ORIGINS = {
     NoiseOrigin.GIVEN: "as far as given; of other joints as known, or 1 % of the torque limit",
@@ -47,6 +47,25 @@ def floor_words(project: ExcitationProject, found: Design) -> Iterator[str]:
         f"No floor is given: the arm reaches down to {where} the origin of its root link. Where it stands on "
         "something, give `floor: 0` (its height in m), and `boxes` and `cylinders` for what else is near."
     )
+
+
+def shape_words(project: ExcitationProject) -> Iterator[str]:
+    """Yield which shapes of links are not known, and where no real shapes were looked at."""
+    geometry = project.geometry
+    if geometry is None:
+        yield "The model is not made of a robot file: nothing keeps the arm clear of itself."
+        return
+    if links := [geometry.link(body) for body, made in geometry.made.items() if made is Made.JOINTS]:
+        files = f" (not found: {listed(geometry.missing, FEW)})" if geometry.missing else ""
+        yield (
+            f"The shapes of {listed(links, SHOWN)} are not known{files}: distances are from the lines between their "
+            "joints, with a thickness by rule. Look whether they are as thick."
+        )
+    if project.space.pairs and project.shapes is None:
+        yield (
+            "Distances are those of capsules around the links; the last check also looks at their real shapes where "
+            f"Pinocchio is installed: {install_command('pin')}."
+        )
 
 
 def noise_words(project: ExcitationProject) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.export import declared
+from dynident.export import declared, with_exact_angles
 from dynident.models import RigidBodies
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def _by_bodies(bodies: RigidBodies, theta: Array, q: Array, dq: Array, ddq: Arra
     """Return the torque (N, n) of the bodies with parameters (B, 10)."""
     import pinocchio as pin
 
-    peer = pin.buildModelFromXML(declared(bodies.xml, bodies.file.root))
+    peer = pin.buildModelFromXML(declared(with_exact_angles(bodies.xml), bodies.file.root))
     data, arm = peer.createData(), bodies.arm
     peer.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
     ids = [peer.getJointId(body.joint.name) for body in arm.bodies]

@@ -14,7 +14,7 @@ from dynident.export.placement import moves, placed
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
 
-__all__ = ["identified_urdf", "numbers_text", "relocated"]
+__all__ = ["identified_urdf", "numbers_text", "relocated", "with_exact_angles"]
 
 Array = NDArray[np.float64]
 EARTH = (0.0, 0.0, -9.81)
@@ -48,6 +48,15 @@ def identified_urdf(identified: Identified) -> Written:
     gravity = [] if bodies.gravity == EARTH else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
     notes = (*moves(identified, best), *found.notes, *shares.notes, *standing(bodies, shares))
     return Written(str(text), (*found.left_out, *gravity), notes)
+
+
+def with_exact_angles(xml: str) -> str:
+    """Return a URDF whose rounded angles of joints are written as this package reads them, such as pi for 3.14159."""
+    text = Text(xml)
+    for joint in (node for node in text.root.children if node.tag == "joint"):
+        if (origin := joint.find("origin")) is not None:
+            text.write_exact_angles(origin, "rpy")
+    return str(text)
 
 
 def relocated(xml: str, way: str) -> str:

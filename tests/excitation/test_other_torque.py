@@ -43,6 +43,15 @@ def test_rounded_angles_are_the_same_by_both():
     np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
 
 
+def test_files_that_its_reader_refuses_are_checked_too():
+    arm = ARM.replace('effort="10" ', "").replace('type="continuous"><parent', 'type="continuous"><dynamics/><parent')
+    file = arm.replace("</inertial>", '</inertial><visual><geometry><mesh filename=""/></geometry></visual>')
+    model = Model((RigidBodies(file, source="no effort"),))
+    theta, states = RNG.normal(size=30), RNG.normal(size=(3, 20, 3))
+    other = pinocchio_torque(model, theta, *states)
+    np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
+
+
 def test_without_a_urdf_as_it_stands_or_pinocchio_there_is_none(monkeypatch):
     states = np.zeros((3, 1, 2))
     assert pinocchio_torque(two_link_arm(), two_link_arm().values, *states) is None

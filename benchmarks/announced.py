@@ -33,9 +33,9 @@ from excitation import PLACES, ROBOTS
 from scipy.interpolate import BPoly
 
 from dynident.demo.arm import true_values
-from dynident.estimators import LeastSquares, PhysicallyConsistent
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
 from dynident.excitation import Floor, MotionLimits, Request, Space, design, limits_of, space_of
-from dynident.excitation.expected import Expected, expected, information_of
+from dynident.excitation.expected import Expected, expected, information_of, slowest
 from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.motion import interior_of, motion_pieces
 from dynident.excitation.random_motion import random_motion
@@ -44,7 +44,7 @@ from dynident.identification import Recipe, identify
 from dynident.io.meshes import read_geometry
 from dynident.log import Log
 from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
-from dynident.regression import structural_base_parameters
+from dynident.regression import Regression, structural_base_parameters
 from dynident.smoothers import Spline
 from dynident.validation.stepper import Machine
 
@@ -53,7 +53,7 @@ STEP = 1e-3  # s: the cycle of the drives
 COUNT = 2 * np.pi / 2**17  # rad
 KP, KV, LOW_PASS = 40.0, 100.0, 0.3  # 1/s; 1/s by inertia; of a new velocity in the filtered one, about 60 Hz
 SHARES = {"rotor": 0.006, "viscous": 0.05, "coulomb": 0.02, "offset": 0.004}  # of the torque limit, the truth of LWR4
-RANDOM, STATES, LOW = 100, 400, 0.1
+RANDOM, STATES, LOW, WHOLE = 100, 400, 0.1, 5
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Row = dict[str, Any]
 
@@ -170,16 +170,21 @@ def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, reci
     t, shown, torque = followed(one, path, rng, runs)
     errors, own, names = [], [], one.model.names
     alone = Model(one.model.terms[:1], name=one.model.name)
-    for q, tau in zip(shown, torque, strict=True):
+    for k, (q, tau) in enumerate(zip(shown, torque, strict=True)):
         log = Log(t, q, tau + one.request.sigma * rng.standard_normal(tau.shape), one.limits.joints)
-        result = identify(one.model if recipe.terms is None else alone, {"run": log}, recipe=recipe)
-        if isinstance(recipe.smoother, tuple) and recipe.terms is None:  # that of the first recording does for all
-            recipe = replace(recipe, smoother=result.recipe.smoother)
-        value = dict(zip(result.model.names, result.estimate.value, strict=True))
+        if recipe.terms is None and k >= WHOLE:  # the same fit, without all that a report needs
+            motion = recipe.motion(log)
+            regression = Regression(one.model, (motion,), None, recipe.min_speeds(one.limits.joints))
+            value = dict(zip(names, recipe.estimator(Problem(one.model, (motion,), regression)).value, strict=True))
+        else:
+            result = identify(one.model if recipe.terms is None else alone, {"run": log}, recipe=recipe)
+            if recipe.terms is None:  # the smoother of the first recording does for all
+                recipe = replace(recipe, smoother=result.recipe.smoother)
+            value = dict(zip(result.model.names, result.estimate.value, strict=True))
+            basis, std = result.base.on_data, result.errors.base_std_hac
+            if basis is not None and std is not None and basis.leading == told.basis.leading:
+                own.append(std)
         errors.append(told.basis.combination @ (np.array([value.get(name, 0.0) for name in names]) - one.truth))
-        basis, std = result.base.on_data, result.errors.base_std_hac
-        if basis is not None and std is not None and basis.leading == told.basis.leading:
-            own.append(std)
     return np.array(errors) / told.std, np.array(own) / told.std
 
 
@@ -199,8 +204,8 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     if not given.no_random:
         motions["best random"] = best_random(one, periods, np.random.default_rng([given.seed, 1]), worst)
     motions |= {label: other(one, file) for label, file in (text.split("=") for text in given.other)}
-    slow = given.min_speed * one.limits.velocity
-    splines = Spline.Settings(rule="torque").build()
+    slow = slowest(one.model, one.limits)
+    splines = Spline(factor=given.factor) if given.factor else Spline.Settings(rule="torque").build()
     recipe = Recipe(
         splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(one.limits.joints, slow, strict=True))
     )
@@ -209,7 +214,7 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     rows: Row = {}
     for label, path in motions.items():
         planned = path.states(path.times(one.request.rate))
-        told = expected(one.model, one.truth, information_of(one.model, planned, 1 / sigma**2), basis)
+        told = expected(one.model, one.truth, information_of(one.model, planned, 1 / sigma**2, slow), basis)
         errors, own = found(one, path, told, given.runs, given.seed, recipe)
         rows[label] = _row(told, errors, own, size, worst(told)) | {"duration": path.duration}
         print(shown(label, rows[label], basis.leading), flush=True)
@@ -251,8 +256,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--floor", type=float, default=0.0, help="m along z of the root link")
-    parser.add_argument("--min-speed", type=float, default=0.02, help="of the velocity limit: slower is left out")
     parser.add_argument("--draft", action="store_true", help="identify by the drafted configuration")
+    parser.add_argument("--factor", type=float, help="of the noise that the spline smooths, instead of the best of some")
     parser.add_argument("--no-random", action="store_true")
     parser.add_argument("--other", nargs="*", default=[], metavar="NAME=FILE")
     parser.add_argument("--out", type=Path, help="a JSON file of all figures")

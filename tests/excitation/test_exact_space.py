@@ -23,6 +23,9 @@ pytest.importorskip("pinocchio", reason="Pinocchio is not installed: there are n
 AROUND = (Floor(-0.2), Box("table", (0.6, 0.0, 0.2), (0.4, 0.4, 0.4)), Cylinder("post", (-0.4, 0.3), 0.1))
 
 
+JOINTS = ("one", "revolute", "base", "arm"), ("two", "revolute", "arm", "hand", (0.3, 0.0, 0.0))
+
+
 def least(space, q):
     """The distance of each pair of names."""
     found = {}
@@ -125,6 +128,16 @@ def test_it_goes_to_another_process(tmp_path) -> None:
     found = exact.distances(q)
     assert pickle.loads(pickle.dumps(exact)).distances(q).tolist() == found.tolist()
     assert exact.distances(q[:0]).shape == (0, len(exact.pairs))
+
+
+def test_an_arm_of_two_links_has_no_pairs() -> None:
+    two = urdf(shaped("base"), shaped("arm"), shaped("hand"), *(joint(*one) for one in JOINTS))
+    geometry = geometry_of(dy.RigidBodies(two))
+    space = space_of(geometry)
+    exact = exact_space(geometry, space)
+    assert exact is not None
+    assert (space.pairs, exact.pairs) == ((), ())
+    assert exact.distances(np.zeros((3, 2))).shape == space.distances(np.zeros((3, 2))).shape == (3, 0)
 
 
 def test_without_pinocchio_there_is_none(monkeypatch) -> None:

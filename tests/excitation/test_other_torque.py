@@ -31,6 +31,27 @@ def test_the_two_routes_agree(bodies):
     np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
 
 
+def test_rounded_angles_are_the_same_by_both():
+    file = urdf(
+        link("a"), link("b", 1.0, (0.1, 0, 0)), link("c", 2.0, (0, 0.2, 0)),
+        joint("one", "revolute", "a", "b", (0, 0, 0.3), (1.5708, 0, -3.1416)),
+        joint("two", "revolute", "b", "c", (0.3, 0, 0), (0, 0.785, 1.571)),
+    )  # fmt: skip
+    model = Model((RigidBodies(file, source="rounded"),))
+    theta, states = RNG.normal(size=20), RNG.normal(size=(3, 20, 2))
+    other = pinocchio_torque(model, theta, *states)
+    np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
+
+
+def test_files_that_its_reader_refuses_are_checked_too():
+    arm = ARM.replace('effort="10" ', "").replace('type="continuous"><parent', 'type="continuous"><dynamics/><parent')
+    file = arm.replace("</inertial>", '</inertial><visual><geometry><mesh filename=""/></geometry></visual>')
+    model = Model((RigidBodies(file, source="no effort"),))
+    theta, states = RNG.normal(size=30), RNG.normal(size=(3, 20, 3))
+    other = pinocchio_torque(model, theta, *states)
+    np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
+
+
 def test_without_a_urdf_as_it_stands_or_pinocchio_there_is_none(monkeypatch):
     states = np.zeros((3, 1, 2))
     assert pinocchio_torque(two_link_arm(), two_link_arm().values, *states) is None

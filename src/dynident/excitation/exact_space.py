@@ -98,7 +98,7 @@ def exact_space(
     meets = np.any(distances < clearance, axis=0).tolist()
     named = [frozenset((parts[one], parts[other])) for one, other in every.watched]
     lost = _unwatched(space, own) & {one for one, near in zip(named, meets, strict=True) if near}
-    kept = ~always_near(distances, len(met), clearance) & [one not in lost for one in named]
+    kept = ~always_near(distances, len(met), clearance) & np.array([one not in lost for one in named], dtype=bool)
     watched = tuple(pair for pair, stays in zip(every.watched, kept, strict=True) if stays)
     names = dict.fromkeys(pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays)
     return replace(every, watched=watched, left_out=tuple(names))

@@ -34,7 +34,7 @@ FINE = 20  # points of the grid by harmonic
 FEWEST = 100  # points of the grid
 SPANS = 2.0  # of a B-spline, by harmonic and period: as free as the series
 AROUND = 4.0  # s that ways and ramps take, about
-ROUNDS = 4  # of the search, with more to spare where the limits do not hold between the grid's points
+AGAIN, ROUNDS = 2, 12  # searches, and motions made smaller, where the limits do not hold between the grid's points
 
 
 class Plan(NamedTuple):
@@ -74,13 +74,13 @@ def best_motion(
         progress(Step(f"searching, best so far: {_worded(interior.information, best)}", done, total))
 
     found = search(interior, plan.starts, rng, stages=plan.stages, executor=executor, progress=say)
-    for _ in range(ROUNDS):
+    for k in range(ROUNDS):
         beyond = interior.between(found.x, feasible.model)
         if beyond is None:
             return found
         interior = interior.wider(beyond)
         x = interior.smaller(found.x)
-        if found.interrupted and x is not None:
+        if (found.interrupted or k >= AGAIN) and x is not None:
             found = replace(found, x=x)
             continue
         first, stages = ((), plan.stages) if x is None else ((x,), plan.stages[-2:])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.export import declared
+from dynident.export import declared, joints_alone
 from dynident.models import RigidBodies
 
 if TYPE_CHECKING:
@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 
 def pinocchio_torque(model: Model, theta: Array, q: Array, dq: Array, ddq: Array) -> Array | None:
     """Return the torque (N, n) at parameters theta (p), that of the bodies by Pinocchio's regressor, that of all other
-    terms by the model; None where Pinocchio is not installed, or the bodies are not those of a URDF as it stands."""
+    terms by the model; None where Pinocchio is not installed or cannot read the joints, or the bodies are not those of
+    a URDF as it stands."""
     bodies = next((term for term in model.terms if isinstance(term, RigidBodies)), None)
     if bodies is None or bodies.format != "urdf" or bodies.displacements or find_spec("pinocchio") is None:
         return None
@@ -30,17 +31,30 @@ def pinocchio_torque(model: Model, theta: Array, q: Array, dq: Array, ddq: Array
     place = next(k for k, term in enumerate(model.terms) if term is bodies)
     mine = slice(int(widths[place]), int(widths[place + 1]))
     others = tuple(term for term in model.terms if term is not bodies)
-    out = _by_bodies(bodies, theta[mine].reshape(-1, 10), q, dq, ddq)
+    peer = _read(bodies)
+    if peer is None:
+        return None
+    out = _by_bodies(peer, bodies, theta[mine].reshape(-1, 10), q, dq, ddq)
     if others:
         out += replace(model, terms=others, load=None).regressor(q, dq, ddq) @ np.delete(theta, mine)
     return out
 
 
-def _by_bodies(bodies: RigidBodies, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+def _read(bodies: RigidBodies) -> Any:
+    """Return the arm as Pinocchio reads it; None where it does not."""
+    import pinocchio as pin
+
+    try:
+        peer = pin.buildModelFromXML(declared(joints_alone(bodies.xml), bodies.file.root))
+    except (ValueError, RuntimeError):  # of names and structures that it does not take
+        return None
+    return peer if all(peer.existJointName(body.joint.name) for body in bodies.arm.bodies) else None
+
+
+def _by_bodies(peer: Any, bodies: RigidBodies, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
     """Return the torque (N, n) of the bodies with parameters (B, 10)."""
     import pinocchio as pin
 
-    peer = pin.buildModelFromXML(declared(bodies.xml, bodies.file.root))
     data, arm = peer.createData(), bodies.arm
     peer.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
     ids = [peer.getJointId(body.joint.name) for body in arm.bodies]

@@ -17,7 +17,7 @@ from dynident.export.parameters import identified_yaml
 from dynident.export.payload_link import check_payload_link, with_payload_link
 from dynident.export.proof import prove, random_states, spread
 from dynident.export.readers import declared
-from dynident.export.urdf import identified_urdf, relocated
+from dynident.export.urdf import identified_urdf, joints_alone, relocated
 from dynident.export.written import Export, FileError, Proof, Written
 from dynident.identification import Identification
 from dynident.models import Model
@@ -44,6 +44,7 @@ __all__ = [
     "identified_module",
     "identified_urdf",
     "identified_yaml",
+    "joints_alone",
     "prove",
     "random_states",
     "relocated",

@@ -14,7 +14,7 @@ from dynident.export.placement import moves, placed
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
 
-__all__ = ["identified_urdf", "numbers_text", "relocated"]
+__all__ = ["identified_urdf", "joints_alone", "numbers_text", "relocated"]
 
 Array = NDArray[np.float64]
 EARTH = (0.0, 0.0, -9.81)
@@ -48,6 +48,30 @@ def identified_urdf(identified: Identified) -> Written:
     gravity = [] if bodies.gravity == EARTH else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
     notes = (*moves(identified, best), *found.notes, *shares.notes, *standing(bodies, shares))
     return Written(str(text), (*found.left_out, *gravity), notes)
+
+
+def joints_alone(xml: str) -> str:
+    """Return a URDF of links and joints alone, which other readers take where they refuse the file: without inertia and
+    shapes, with limits at each joint, and rounded angles written as this package reads them, such as pi for 3.14159."""
+    text = Text(xml)
+    for node in text.root.children:
+        if node.tag not in ("link", "joint"):
+            text.delete(node)
+        for child in node.children if node.tag == "link" else ():
+            text.delete(child)
+        if node.tag == "joint":
+            _free_joint(text, node)
+    return str(text)
+
+
+def _free_joint(text: Text, joint: Node) -> None:
+    """Leave of a joint what places it and what it follows, and insert limits."""
+    for child in joint.children:
+        if child.tag == "origin":
+            text.write_exact_angles(child, "rpy")
+        elif child.tag not in ("parent", "child", "axis", "mimic"):
+            text.delete(child)
+    text.insert(joint, '<limit effort="1" velocity="1" lower="-1" upper="1"/>')
 
 
 def relocated(xml: str, way: str) -> str:

@@ -66,6 +66,7 @@ class Sensors:
         m = len(self.joints)
         self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
         self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
+        self.alive = np.zeros(n)  # whether it has ever changed: a channel that is not recorded does not die
         self.moved = np.zeros(m)  # samples in which it moved
         self.gone = self.held = self.leaps = self.faulty = self.dead = False  # whether any of these is
 
@@ -146,6 +147,7 @@ class Sensors:
             abrupt = np.divide(np.abs(self.step), usual, out=np.zeros_like(usual), where=usual > 0)
             self.abrupt = np.where(begins, abrupt, self.abrupt)
             self.since = np.where(begins, self.t, self.since)
+            self.alive = np.maximum(self.alive, begins & (self.step != 0))
             self.path_then = np.where(begins, self.path, self.path_then)
         ends = ~same & (self.run > 0)
         if ends.any():
@@ -188,7 +190,7 @@ class Sensors:
         long = self.run >= HELD
         moved = self.path - self.path_then > FAR
         stopped = position & long & (held >= HELD_FOR) & (self.abrupt > ABRUPT)
-        silent = ~position & long & moved & (held >= np.maximum(SILENT, LONGER * self.longest))
+        silent = ~position & long & moved & (self.alive > 0) & (held >= np.maximum(SILENT, LONGER * self.longest))
         still = position & long & moved & (held >= np.maximum(STILL, LONGER * self.longest))
         yield from self._failed(t, (stopped | silent) & ~np.isin(self.fault, LOST), 2, self.since)
         yield from self._failed(t, still & (self.fault == 0), 3, self.since)

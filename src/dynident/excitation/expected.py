@@ -58,8 +58,8 @@ class Expected:
 
 
 def slowest(model: Model, limits: MotionLimits) -> Array:
-    """Return the speed (n) below which a recording does not show the torque of a joint, as friction may hold it with any
-    torque up to its own: 2 % of the velocity limit, or zero for a joint without dry friction."""
+    """Return the speed (n) below which the torque of a joint tells nothing, as friction may hold it with any torque up
+    to its own: 2 % of the velocity limit, or zero for a joint without dry friction."""
     state = np.zeros((1, len(limits.joints))), limits.velocity[None], np.zeros((1, len(limits.joints)))
     rubs = np.zeros(len(limits.joints), dtype=bool)
     for term in (one for one in model.terms if isinstance(one, HasSign)):

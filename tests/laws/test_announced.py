@@ -13,6 +13,7 @@ import pytest
 
 from dynident.estimators import LeastSquares, Problem
 from dynident.excitation.design import design
+from dynident.excitation.expected import slowest
 from dynident.excitation.motion import Plan
 from dynident.excitation.search import Stage
 from dynident.log import Log, Motion
@@ -26,7 +27,7 @@ RUNS = 100
 STEP, EVERY = 1e-3, 4  # s: the cycle of the drives, of which each fourth is recorded
 COUNT = 2 * np.pi / 2**17  # rad
 GAINS = np.array([100.0, 30.0])  # N m s/rad
-SLOW = 0.02 * LIMITS.velocity  # below, a joint may be at rest
+SLOW = tuple(slowest(MODEL, LIMITS))  # below, a joint may be held by friction
 
 
 def followed(path):
@@ -49,7 +50,7 @@ def found(path, sigma, basis, rng):
         begin = rng.uniform(0.0, COUNT, 2)
         seen = COUNT * np.round((q + begin) / COUNT) - begin
         motion = Spline()(Log(t, seen, tau + sigma * rng.standard_normal(tau.shape), LIMITS.joints))
-        problem = Problem(MODEL, (motion,), Regression(MODEL, (motion,), None, tuple(SLOW)))
+        problem = Problem(MODEL, (motion,), Regression(MODEL, (motion,), None, SLOW))
         errors.append(basis.to_base(LeastSquares(weights="per_joint")(problem).value - THETA))
     return np.array(errors)
 

@@ -4,7 +4,7 @@ from dynident.excitation.capsules import Capsule
 from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.design import Design, Interrupted, design
 from dynident.excitation.exact_space import exact_space
-from dynident.excitation.expected import Expected, expected
+from dynident.excitation.expected import Expected, expected, slowest
 from dynident.excitation.geometry import Geometry, Made, Mesh
 from dynident.excitation.limits import JointLimits, MotionLimits, limits_of
 from dynident.excitation.nearest import Nearest
@@ -53,6 +53,7 @@ __all__ = [
     "limits_of",
     "outlines",
     "slowed",
+    "slowest",
     "space_of",
     "verify",
 ]

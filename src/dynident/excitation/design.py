@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity, brief
-from dynident.excitation.expected import Expected, expected, information_of, unexcited
+from dynident.excitation.expected import Expected, expected, information_of, slowest, unexcited
 from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.limits import MotionLimits
 from dynident.excitation.motion import Plan, best_motion, interior_of, motion_pieces
@@ -100,7 +100,7 @@ def design(
     pair = Trajectory(limits.joints, pieces), _validation(feasible, space, request, basis, rng)
     say("checking both")
     first, second = (verify(one, model, theta, limits, space, request.clearance, shapes=shapes) for one in pair)
-    information = _information(model, pair[0], request)
+    information = _information(model, limits, pair[0], request)
     told = expected(model, theta, information, basis, request.prior)
     stopped = (Interrupted(),) if interrupted else ()
     notes = (*left, *stopped, *unexcited(model, information, told, request.prior))
@@ -113,7 +113,7 @@ def _beside(model: Model, limits: MotionLimits, request: Request, slow: tuple[Pi
         return request
     before = Trajectory(limits.joints, slow)
     left = request.duration - before.duration
-    known = _information(model, before, request)
+    known = _information(model, limits, before, request)
     prior = known if request.prior is None else known + request.prior
     return replace(request, duration=left, start=home_of(slow), prior=prior)
 
@@ -129,7 +129,7 @@ def _validation(
     return Trajectory(feasible.limits.joints, motion_pieces(feasible, interior.family, found.x, other, rng, most=1))
 
 
-def _information(model: Model, trajectory: Trajectory, request: Request) -> Array:
-    """Return the information (p, p) of a recording of a motion."""
+def _information(model: Model, limits: MotionLimits, trajectory: Trajectory, request: Request) -> Array:
+    """Return the information (p, p) of a recording of a motion, of which the fit leaves out slow samples."""
     states = trajectory.states(trajectory.times(request.rate))
-    return information_of(model, states, 1 / np.square(request.sigma))
+    return information_of(model, states, 1 / np.square(request.sigma), slowest(model, limits))

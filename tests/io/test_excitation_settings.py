@@ -16,7 +16,10 @@ BOX = {"name": "table", "centre": [0, 0, 0], "size": [1, 1, 1]}
     ("given", "words"),
     [
         ({"duratoin": 3}, "unknown key 'duratoin'; did you mean 'duration'"),
-        ({"duration": 0}, "duration: a number greater than 0"),
+        ({"duration": 0}, "duration: a number from 0.1 to 3600 s"),
+        ({"harmonics": 1e6}, "harmonics: a whole number from 1 to 50"),
+        ({"starts": 1.5}, "starts: a whole number from 1 to 1000"),
+        ({"file_rate": "fast"}, "file_rate: a number from 1 to 20000 Hz"),
         ({"program": "dance"}, "program: 'dance' is not a choice"),
         ({"criterion": "a"}, "`criterion: a` and `parameters`"),
         ({"parameters": ["m"]}, "`criterion: a` and `parameters`"),
@@ -56,5 +59,5 @@ def test_a_configuration_may_hold_them() -> None:
     assert config.excitation is not None
     assert config.excitation.duration == 12
     assert config.excitation.limits["slider"].velocity == 0.2
-    with pytest.raises(ConfigError, match=r"excitation.duration: a number greater than 0"):
+    with pytest.raises(ConfigError, match=r"excitation.duration: a number from 0.1"):
         parse_config(changed(excitation={"duration": -1}))

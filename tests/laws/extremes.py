@@ -105,6 +105,7 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
         ),
         "cascade": (settings.CascadeSettings, ("simulation",), plain | {"simulation": cascade}),
         "drive": (settings.CascadeJoint, ("simulation", "joints", "slider"), plain | {"simulation": cascade}),
+        "excitation": (settings.ExcitationSettings, ("excitation",), plain | {"excitation": {"duration": 12}}),
         "reference": (
             settings.Channel, ("simulation", "joints", "slider", "reference"), plain | {"simulation": cascade},
         ),

@@ -205,6 +205,8 @@ def commands(folder, odd):
     yield 1, ("identify", folder / f"{odd}{odd}.yaml")
     yield 1, ("check", folder / f"{odd}{odd}.yaml")
     yield 1, ("bound", config, "--sigma-q", odd)
+    yield 1, ("excite", folder / f"{odd}.urdf", "-o", folder / "out5", "--noise", f"{odd}=1")
+    yield 1, ("excite", config, "-o", folder / "out5", "--parameter", odd)
     yield 1, ("predict", result, folder / odd)
     yield 1, ("predict", config, log)
     yield 1, ("export", result, "--format", "mjcf", "--out", folder / f"{odd}.xml")

@@ -45,6 +45,10 @@ COMMANDS = {
         for name in ("bound.json", "report.html")
     },
     **{
+        f"excite {name}": ("excite identify.yaml --workers 1 -o {folder}", name, CONFIGURED)
+        for name in ("identify.yaml", "motion.csv", "excite.json")
+    },
+    **{
         f"fleet {name}": ("fleet fleet.yaml --workers 1 --out {folder}", name, FLEET)
         for name in ("fleet.parquet", "report.html", "recipe.yaml", "fleet.json")
     },

@@ -12,8 +12,6 @@ from dynident.fleets import (
     Changes,
     FleetBase,
     FleetResult,
-    Group,
-    GroupKind,
     History,
     Scatter,
     Shape,
@@ -23,6 +21,7 @@ from dynident.fleets.pooled import pooled
 from dynident.fleets.rows import schema
 from dynident.jobs import Status
 from dynident.models import Joint
+from dynident.regression import Group, GroupKind
 
 START = datetime(2026, 1, 5, 8)
 MEAN = np.array([12.0, 8.0, 9.0, 6.0, 0.1, -0.2, 0.3, 0.02, 0.1])

@@ -56,20 +56,21 @@ def excite(
     ROBOT is a robot file (URDF, MJCF), a configuration (YAML), or the result.json of identify, to whose information the
     motion then adds. Options stand in place of the settings. Ctrl-C ends the search with the best motion so far.
     """
+    from functools import partial
+
     from dynident.cli.bound import noise_given
     from dynident.io.excitation import read_excitation
     from dynident.io.folder import result_folder
     from dynident.report.excitation import excitation_findings, excitation_heading, excitation_tables
     from dynident.report.excite_run import CONFIG as DRAFT
-    from dynident.report.excite_run import refuse_changed, write_design
+    from dynident.report.excite_run import refuse_targets, write_design
 
     changes = {name: value for name, value in given.items() if value is not None}
     changes |= {"parameters": list(parameter), "criterion": "a"} if parameter else {}
     changes |= {} if (size := noise_given("--noise", noise)) is None else {"noise": size}
     with result_folder(out) as folder, status() as say:
-        refuse_changed(folder.path, robot)
-        project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=say)
-        refuse_changed(folder.path)
+        ready = partial(refuse_targets, folder.path)
+        project = read_excitation(robot, settings, changes, ready=ready, allow_code=allow_code, progress=say)
         with spread.executor("dynident.excitation.design") as executor:
             found = project.design(executor, say)
         say("writing the motions and reading them again")

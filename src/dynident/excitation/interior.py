@@ -128,6 +128,16 @@ class Interior:
         free = 1.0 - self.spare.torque
         return np.array([free - tau, free + tau])
 
+    def torque_partials(self, states: Array) -> tuple[Array, Array, Array]:
+        """Return the derivatives of the torque by q, dq and ddq, each (N, n, n)."""
+        found = self.feasible.model.partials(states[0], states[1], states[2], self.feasible.theta)
+        return found.q, found.dq, found.ddq
+
+    @cached_property
+    def guard_shares(self) -> Array:
+        """The rows of the guard as shares of half of each joint's ranges (n, R, K)."""
+        return np.asarray(self._rows / self._sizes.T[:, :, None])
+
     def gaps(self, q: Array) -> Array:
         """Return the distances (N, P) in m beyond what must be kept."""
         return self.space.distances(q) - self.feasible.clearance - self.spare.distance
@@ -197,8 +207,7 @@ class Interior:
         """Add the slopes of the sum of ``forces`` (N, n) times the torque."""
         if not forces.any():
             return
-        partials = self.feasible.model.partials(states[0], states[1], states[2], self.feasible.theta)
-        for k, one in enumerate((partials.q, partials.dq, partials.ddq)):
+        for k, one in enumerate(self.torque_partials(states)):
             slopes[k] += np.einsum("ij,ijk->ik", forces, one)
 
     def _torque(self, states: Array) -> Array:

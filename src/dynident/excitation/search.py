@@ -2,7 +2,7 @@
 
 Steps are by L-BFGS (Nocedal and Wright 2006, "Numerical optimization", sec. 7.2) from the curvature of the limits on
 each joint, and end before any limit: every iterate keeps to all of them. Of several random starts the best half goes on
-from stage to stage.
+from stage to stage. The last stage is by ``polish.py``.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief
 from dynident.excitation.interior import Interior, Point
+from dynident.excitation.polish import fits, polished
 from dynident.excitation.random_motion import random_motion
 from dynident.jobs import Status, run_jobs
 from dynident.regression.triangular import one_thread
@@ -30,14 +31,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stage:
-    """At most ``steps`` with a ``weight`` of the barrier, from the best ``kept`` share of the motions before."""
+    """At most ``steps`` with a ``weight`` of the barrier, from the best ``kept`` share of the motions before; with none
+    they are by ``polished``, where the problem is small enough for it.
+    """
 
     weight: float
     steps: int
     kept: float = 1.0
 
 
-STAGES = (Stage(3.0, 40), Stage(0.5, 40, 0.5), Stage(0.1, 60, 0.5), Stage(0.02, 100), Stage(0.005, 150))
+STAGES = (Stage(3.0, 40), Stage(0.5, 40, 0.5), Stage(0.1, 60, 0.5), Stage(0.0, 20))
+INSTEAD = (Stage(0.02, 100), Stage(0.005, 150))  # of the last, for large problems
 MEMORY = 20  # pairs of L-BFGS
 LEAST = 5.0  # weight of the curvature at the middle of the limits
 ENOUGH = 1e-4  # of the criterion: less than this gained in PATIENCE steps ends a stage
@@ -126,7 +130,14 @@ def search(
 def _run(interior: Interior, stages: tuple[Stage, ...], job: _Job) -> _Reached:
     with one_thread():
         x = random_motion(interior, np.random.default_rng(job.seed)) if job.x is None else job.x
-        x, criterion = improved(interior, x, stages[job.stage])
+        stage = stages[job.stage]
+        if stage.weight:
+            x, criterion = improved(interior, x, stage)
+        elif fits(interior):
+            x, criterion = polished(interior, x, stage.steps)
+        else:
+            for one in INSTEAD:
+                x, criterion = improved(interior, x, one)
         return _Reached(job.number, job.seed, x, criterion)
 
 

@@ -40,6 +40,7 @@ from dynident.io.config import config_text, load_model
 from dynident.io.excitation_known import Known, NoiseOrigin, noise, nominal, of_result
 from dynident.io.excitation_settings import ExcitationSettings, excitation_settings, settings_in
 from dynident.io.meshes import read_geometry
+from dynident.io.opener import keep
 from dynident.io.opener import text as text_of
 from dynident.io.project import parse_project
 from dynident.io.result_read import named_terms
@@ -142,6 +143,7 @@ def read_excitation(
     settings: str | Path | None = None,
     changes: Mapping[str, Any] | None = None,
     *,
+    ready: Callable[[], None] = lambda: None,
     allow_code: bool = False,
     progress: Progress = lambda _: None,
 ) -> ExcitationProject:
@@ -161,13 +163,16 @@ def read_excitation(
     config = found.provenance.configuration if found else _config(path, kind)
     given = _given(config, settings, changes)
     robot = _robot(path, found, config)
+    keep(path)
+    if found is not None or robot is not None:
+        ready()
     if found is not None:
         known = of_result(found)
     elif robot is not None:
         progress("building the model")
         known = nominal(load_model(named_terms(robot), path.parent if config else "."))
     else:
-        known = _recorded(path, config_text(path), progress)
+        known = _recorded(path, config_text(path), ready, progress)
     limits = limits_of(known.model, _limits(given), given.margin)
     origin, sigma = noise(known, given.noise, limits, given.margin, given.rate)
     request = Request(
@@ -213,9 +218,10 @@ def _robot(path: Path, found: Identification | None, config: SourceFile | None) 
     return None if file is None else robot_settings(file.path)
 
 
-def _recorded(path: Path, text: str, progress: Progress) -> Known:
+def _recorded(path: Path, text: str, ready: Callable[[], None], progress: Progress) -> Known:
     """Return what a configuration knows: by its logs where they are all there, else nominal."""
     project = parse_project(text, path)
+    ready()
     logs = [file for log in (*project.config.train, *project.config.validation) for file in log.file.values()]
     if gone := next((file for file in logs if not file.exists()), None):
         model = load_model(named_terms(project.config.model), path.parent)

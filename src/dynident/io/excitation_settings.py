@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from dynident.errors import ConfigError
-from dynident.io.fields import Count, Name, NonNegative, Number, Positive, PositiveOrEach, Section, as_number
+from dynident.io.fields import Name, NonNegative, Number, Positive, PositiveOrEach, Section, as_number
 from dynident.io.wording import worded
 
 __all__ = [
@@ -29,6 +29,29 @@ def _share(value: object) -> float:
     return number
 
 
+def _within(least: float, most: float, unit: str) -> Callable[[object], float]:
+    """Return a reader of numbers from ``least`` to ``most``, beyond which a value can only be a mistake."""
+
+    def read(value: object) -> float:
+        if not least <= (number := as_number(value)) <= most:
+            raise ValueError(f"a number from {least:g} to {most:g} {unit} is expected")
+        return number
+
+    return read
+
+
+def _few(most: int) -> Callable[[object], int]:
+    """Return a reader of whole numbers from 1 to ``most``."""
+
+    def read(value: object) -> int:
+        number = as_number(value)
+        if not (1 <= number <= most and number == int(number)):
+            raise ValueError(f"a whole number from 1 to {most} is expected")
+        return int(number)
+
+    return read
+
+
 def _seed(value: object) -> int:
     number = as_number(value)
     if not (0 <= number < 2**63 and number == int(number)):
@@ -37,6 +60,10 @@ def _seed(value: object) -> int:
 
 
 Share = Annotated[float, BeforeValidator(_share)]
+Seconds = Annotated[float, BeforeValidator(_within(0.1, 3600.0, "s"))]
+Rate = Annotated[float, BeforeValidator(_within(1.0, 20_000.0, "Hz"))]
+Harmonics = Annotated[int, BeforeValidator(_few(50))]
+Starts = Annotated[int, BeforeValidator(_few(1000))]
 Seed = Annotated[int, BeforeValidator(_seed)]
 
 
@@ -96,14 +123,14 @@ class ExcitationSettings(Section):
     criterion: Literal["d", "a", "condition"] = "d"
     parameters: tuple[Name, ...] = ()
     family: Literal["fourier", "bspline"] = "fourier"
-    duration: Positive = 30.0
-    period: Positive = 10.0
-    harmonics: Count = 5
-    rate: Positive = 250.0
-    file_rate: Positive | None = None
+    duration: Seconds = 30.0
+    period: Seconds = 10.0
+    harmonics: Harmonics = 5
+    rate: Rate = 250.0
+    file_rate: Rate | None = None
     noise: PositiveOrEach = None
     start: Mapping[Name, Number] | None = None
-    starts: Count = 4
+    starts: Starts = 4
     seed: Seed = 0
     margin: Share = 0.1
     limits: Mapping[Name, JointLimitSettings] = {}

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from dynident.excitation import Trajectory, slowed, verify
 from dynident.identification import versions
 from dynident.io.excitation import ExcitationProject, read_excitation
 from dynident.io.folder import ResultFolder, result_folder
-from dynident.io.opener import content, keep, refuse_inputs, watched
+from dynident.io.opener import content, refuse_inputs, watched
 from dynident.io.project import parse_project
 from dynident.io.recording_draft import recording_config
 from dynident.io.results import json_text
@@ -27,7 +28,7 @@ from dynident.report.excitation import MOTIONS, SLOWER, TRIAL, excitation_findin
 if TYPE_CHECKING:
     from dynident.excitation import Design
 
-__all__ = ["CONFIG", "NUMBERS", "REPORT", "excite", "refuse_changed", "write_design"]
+__all__ = ["CONFIG", "NUMBERS", "REPORT", "excite", "refuse_targets", "write_design"]
 
 CONFIG, NUMBERS, REPORT = "identify.yaml", "excite.json", "report.html"
 FORMAT, VERSION = "dynident-excite", 1
@@ -84,9 +85,14 @@ def excite(
             project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=progress or _silent)
             return project.design(executor, progress)
         with result_folder(out) as folder:
-            refuse_changed(folder.path, robot)
-            project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=progress or _silent)
-            refuse_changed(folder.path)
+            project = read_excitation(
+                robot,
+                settings,
+                changes,
+                ready=partial(refuse_targets, folder.path),
+                allow_code=allow_code,
+                progress=progress or _silent,
+            )
             found = project.design(executor, progress)
             write_design(folder, project, found)
             return found
@@ -96,12 +102,11 @@ def _silent(_: str) -> None:
     """Show no progress."""
 
 
-def refuse_changed(folder: Path, *inputs: str | Path) -> None:
-    """Raise ConfigError, before long work, where this run reads what it would write (besides what it has read already
-    its ``inputs``), or where the configuration there was written or changed by hand."""
-    for path in inputs:
-        keep(path)
-    refuse_inputs(*(folder / name for name in (CONFIG, NUMBERS, REPORT, *_names())))
+def refuse_targets(folder: Path) -> None:
+    """Raise ConfigError, before long work, where a file that a design writes is one that was read, or where the
+    configuration there was written or changed by hand."""
+    motions = (f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
+    refuse_inputs(*(folder / name for name in (*motions, CONFIG, NUMBERS, REPORT)))
     path = folder / CONFIG
     if path.exists() and sha256(content(path, remember=False)).hexdigest() != _written(folder).get(CONFIG):
         raise ConfigError(
@@ -116,10 +121,6 @@ def _written(folder: Path) -> Mapping[str, Any]:
     except (InputError, ValueError, RecursionError, KeyError, TypeError):
         return {}
     return files if isinstance(files, Mapping) else {}
-
-
-def _names() -> tuple[str, ...]:
-    return tuple(f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
 
 
 def write_design(folder: ResultFolder, project: ExcitationProject, found: Design) -> tuple[Path, ...]:

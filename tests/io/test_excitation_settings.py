@@ -21,7 +21,6 @@ BOX = {"name": "table", "centre": [0, 0, 0], "size": [1, 1, 1]}
         ({"starts": 1.5}, "starts: a whole number from 1 to 1000"),
         ({"file_rate": "fast"}, "file_rate: a number from 1 to 20000 Hz"),
         ({"program": "dance"}, "program: 'dance' is not a choice"),
-        ({"criterion": "a"}, "`parameters`, those that matter, go with `criterion: a`"),
         ({"parameters": ["m"]}, "`parameters`, those that matter, go with `criterion: a`"),
         ({"margin": 0.95}, "margin: a share from 0 to 0.9"),
         ({"seed": -1}, "seed: a whole number of at least 0"),

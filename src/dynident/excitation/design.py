@@ -13,7 +13,7 @@ from dynident.errors import Note, Severity, brief
 from dynident.excitation.expected import Expected, expected, information_of, slowest, unexcited
 from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.limits import MotionLimits
-from dynident.excitation.motion import Plan, best_motion, interior_of, motion_pieces
+from dynident.excitation.motion import Plan, best_motion, interior_of, reached_motion
 from dynident.excitation.programme import home_of, slow_pieces
 from dynident.excitation.request import Programme, Request
 from dynident.excitation.request_checks import check_request, without_memory
@@ -86,6 +86,7 @@ def design(
     say("finding base parameters")
     basis = structural_base_parameters(model)
     feasible = Feasibility(model, theta, limits, space, request.clearance)
+    feasible.poses(1, np.random.default_rng(0))  # says what is in the way where the arm can stand nowhere
     slow = slow_pieces(feasible, request, rng)
     moving, interrupted = request.programme in (Programme.MOTION, Programme.ALL), False
     pieces = slow
@@ -94,7 +95,7 @@ def design(
         interior = interior_of(feasible, space, rest, basis)
         found = best_motion(interior, feasible, Plan(request.starts), rng, executor, say)
         say("finding the ways to it and back")
-        pieces = (*slow, *motion_pieces(feasible, interior.family, found.x, rest, rng))
+        pieces = (*slow, *reached_motion(interior, feasible, found.x, rest, rng))
         interrupted = found.interrupted
     say("a second motion, for validation")
     pair = Trajectory(limits.joints, pieces), _validation(feasible, space, request, basis, rng)
@@ -126,7 +127,7 @@ def _validation(
     other = replace(request, family="fourier", period=period, duration=LONG)
     interior = interior_of(feasible, space, replace(other, duration=period), basis)
     found = best_motion(interior, feasible, QUICK, rng)
-    return Trajectory(feasible.limits.joints, motion_pieces(feasible, interior.family, found.x, other, rng, most=1))
+    return Trajectory(feasible.limits.joints, reached_motion(interior, feasible, found.x, other, rng, most=1))
 
 
 def _information(model: Model, limits: MotionLimits, trajectory: Trajectory, request: Request) -> Array:

@@ -198,10 +198,15 @@ class Interior:
 
     def smaller(self, x: Array) -> Array | None:
         """Return a motion that is smaller by as little as keeps the limits; None where only half of it would."""
-        pose = np.zeros_like(x)
-        pose[:, 0] = (self.functions[0] @ x.T).mean(axis=0)
+        pose = self.middle_of(x)
         tried = (x + share * (pose - x) for share in SHRUNK)
         return next((one for one in tried if self.keeps(one)), None)
+
+    def middle_of(self, x: Array) -> Array:
+        """Return the coefficients (n, K) of the mean pose of a motion."""
+        pose = np.zeros_like(x)
+        pose[:, 0] = (self.functions[0] @ x.T).mean(axis=0)
+        return pose
 
     def _add_torque(self, slopes: Array, states: Array, forces: Array) -> None:
         """Add the slopes of the sum of ``forces`` (N, n) times the torque."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ from dynident.excitation.space import Space
 from dynident.excitation.trajectory import Piece, Purpose
 from dynident.regression import BaseParameters
 
-__all__ = ["Plan", "best_motion", "interior_of", "motion_pieces"]
+__all__ = ["NoWayError", "Plan", "best_motion", "interior_of", "motion_pieces", "reached_motion"]
 
 Array = NDArray[np.float64]
 SMOOTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
@@ -35,6 +36,11 @@ FEWEST = 100  # points of the grid
 SPANS = 2.0  # of a B-spline, by harmonic and period: as free as the series
 AROUND = 4.0  # s that ways and ramps take, about
 AGAIN, ROUNDS = 2, 12  # searches, and motions made smaller, where the limits do not hold between the grid's points
+SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which are tried
+
+
+class NoWayError(InputError):
+    """From rest into a motion and back there is no way that keeps to the limits."""
 
 
 class Plan(NamedTuple):
@@ -95,7 +101,7 @@ def motion_pieces(
     """Return the motion of coefficients x (n, K) from rest to rest, with as many periods, ``most`` at the most, as
     there is time for.
 
-    Raises InputError where there is no way to it, or not the time.
+    Raises ``NoWayError`` where there is none, InputError where there is not the time.
     """
     around = 0.0
     while True:
@@ -103,7 +109,7 @@ def motion_pieces(
         periods = periods if most is None else min(most, periods)
         pieces = from_rest(feasible, family, x, periods, request.start, rng)
         if pieces is None:
-            raise InputError("no way to the motion was found that keeps to the limits; give another start pose.")
+            raise NoWayError(_no_way(request))
         taken = sum(piece.course.duration for piece in pieces)
         if taken <= request.duration * (1 + 1e-9):
             return pieces
@@ -113,6 +119,33 @@ def motion_pieces(
                 "that there are: give a longer duration, or a shorter period."
             )
         around = max(around + 0.1, sum(one.course.duration for one in pieces if one.purpose is Purpose.WAY))
+
+
+def reached_motion(
+    interior: Interior,
+    feasible: Feasibility,
+    x: Array,
+    request: Request,
+    rng: np.random.Generator,
+    most: int | None = None,
+) -> tuple[Piece, ...]:
+    """Return ``motion_pieces``, of a smaller motion where there is no way into a large one and back: an arm may swing
+    to where it can neither rest nor stop."""
+    pose = interior.middle_of(x)
+    for share in SIZES:
+        smaller = x if share == 1.0 else pose + share * (x - pose)
+        if share < 1.0 and not (interior.keeps(smaller) and interior.between(smaller, feasible.model) is None):
+            continue
+        with suppress(NoWayError):
+            return motion_pieces(feasible, interior.family, smaller, request, rng, most)
+    raise NoWayError(_no_way(request))
+
+
+def _no_way(request: Request) -> str:
+    what = "no way from rest into the motion and back was found that keeps to the limits"
+    if request.start is None:
+        return f"{what}; look whether the torque limits hold the arm, and what is in its way."
+    return f"{what}; give another start pose, or none."
 
 
 def _family(request: Request) -> Family:

@@ -35,10 +35,10 @@ from dynident.demo.arm import true_values
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
 from dynident.excitation import Floor, MotionLimits, Request, Space, design, limits_of, space_of
 from dynident.excitation.expected import Expected, expected, information_of, slowest
-from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.motion import interior_of, motion_pieces
 from dynident.excitation.random_motion import random_motion
-from dynident.excitation.trajectory import Piece, Purpose, Trajectory
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.trajectory import Piece, Purpose, Trajectory
 from dynident.identification import Recipe, identify
 from dynident.io.meshes import read_geometry
 from dynident.log import Log

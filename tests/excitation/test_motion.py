@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from dynident.errors import InputError
-from dynident.excitation.bspline import Clamped
 from dynident.excitation.criterion import InformationCriterion
 from dynident.excitation.expected import expected, information_of
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.fourier import Fourier
 from dynident.excitation.motion import Plan, best_motion, motion_pieces
 from dynident.excitation.random_motion import random_motion
 from dynident.excitation.request import Criterion
 from dynident.excitation.search import Stage
-from dynident.excitation.trajectory import Purpose, Trajectory
+from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.fourier import Fourier
+from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from dynident.excitation.verify import verify
 from tests.excitation.arms import LIMITS, MODEL, THETA
 from tests.excitation.requests import BASIS, OPEN, REQUEST, interior

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from dynident.excitation import Piece, Purpose, Trajectory
-from dynident.excitation.fourier import Fourier
+from dynident.excitation.trajectories.fourier import Fourier
 from dynident.identification import Sources
 from dynident.io.excitation import read_excitation
 from dynident.io.project import parse_project

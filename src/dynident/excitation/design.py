@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity, brief
 from dynident.excitation.expected import Expected, expected, information_of, slowest, unexcited
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.limits import MotionLimits
 from dynident.excitation.motion import Plan, best_motion, interior_of, reached_motion
 from dynident.excitation.programme import home_of, slow_pieces
 from dynident.excitation.request import Programme, Request
 from dynident.excitation.request_checks import check_request, without_memory
 from dynident.excitation.search import Stage
-from dynident.excitation.space import Distances, Space
-from dynident.excitation.trajectory import Piece, Trajectory
+from dynident.excitation.spaces.space import Distances, Space
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.limits import MotionLimits
+from dynident.excitation.trajectories.trajectory import Piece, Trajectory
 from dynident.excitation.verify import Verified, verify
 from dynident.models import Model
 from dynident.regression import BaseParameters, structural_base_parameters

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.excitation.criterion import base_information
-from dynident.excitation.limits import MotionLimits
+from dynident.excitation.trajectories.limits import MotionLimits
 from dynident.models import HasSign
 from dynident.regression import (
     BaseParameters,

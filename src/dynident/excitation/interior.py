@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.excitation.criterion import InformationCriterion
-from dynident.excitation.family import Family, Guard
-from dynident.excitation.feasibility import RESERVE, SPARE, Feasibility
-from dynident.excitation.limits import MotionLimits
-from dynident.excitation.space import Space
+from dynident.excitation.spaces.space import Space
+from dynident.excitation.trajectories.family import Family, Guard
+from dynident.excitation.trajectories.feasibility import RESERVE, SPARE, Feasibility
+from dynident.excitation.trajectories.limits import MotionLimits
 
 if TYPE_CHECKING:
     from dynident.models import Model

@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, Step
 from dynident.estimators.maximum_likelihood import with_smooth_signs
-from dynident.excitation.bspline import Clamped
 from dynident.excitation.criterion import InformationCriterion, base_information
-from dynident.excitation.family import Family
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.fourier import Fourier
 from dynident.excitation.interior import Interior, Spare
-from dynident.excitation.ramp import from_rest
 from dynident.excitation.request import Criterion, Request
 from dynident.excitation.request_checks import named_rows
 from dynident.excitation.search import STAGES, Found, Stage, search
-from dynident.excitation.space import Space
-from dynident.excitation.trajectory import Piece, Purpose
+from dynident.excitation.spaces.space import Space
+from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.family import Family
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.fourier import Fourier
+from dynident.excitation.trajectories.ramp import from_rest
+from dynident.excitation.trajectories.trajectory import Piece, Purpose
 from dynident.regression import BaseParameters
 
 __all__ = ["NoWayError", "Plan", "best_motion", "interior_of", "motion_pieces", "reached_motion"]

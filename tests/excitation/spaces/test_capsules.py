@@ -11,7 +11,7 @@ from dynident.excitation.spaces.geometry import geometry_of
 from dynident.io.meshes import read_geometry
 from dynident.models.robot_file import rotation
 from tests.excitation.meshes import BENT, box
-from tests.excitation.test_fitting import beyond, points
+from tests.excitation.spaces.test_fitting import beyond, points
 from tests.robots import joint, link, urdf
 
 

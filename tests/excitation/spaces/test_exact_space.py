@@ -8,15 +8,15 @@ import pytest
 
 import dynident as dy
 from dynident.demo.shipped import demo_files
-from dynident.excitation import pairing
+from dynident.excitation.spaces import pairing
 from dynident.excitation.spaces.exact_space import exact_space
 from dynident.excitation.spaces.geometry import Mesh, geometry_of
 from dynident.excitation.spaces.pairing import space_of
 from dynident.excitation.spaces.space import Box, Cylinder, Floor
 from dynident.io.meshes import read_geometry
 from tests.excitation.meshes import BENT
-from tests.excitation.test_capsules import at, shaped
-from tests.excitation.test_clearance import BRANCHED
+from tests.excitation.spaces.test_capsules import at, shaped
+from tests.excitation.spaces.test_clearance import BRANCHED
 from tests.robots import ARM, joint, urdf
 
 pytest.importorskip("pinocchio", reason="Pinocchio is not installed: there are no real shapes to compare with")

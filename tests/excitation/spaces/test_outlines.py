@@ -8,7 +8,7 @@ from dynident.excitation.spaces.capsules import capsules_of
 from dynident.excitation.spaces.geometry import Mesh, geometry_of
 from dynident.excitation.spaces.outlines import outlines, simplified
 from tests.excitation.meshes import volume
-from tests.excitation.test_capsules import at, shaped
+from tests.excitation.spaces.test_capsules import at, shaped
 from tests.robots import ARM, joint, urdf
 
 SHAPES = {

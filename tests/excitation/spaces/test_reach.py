@@ -7,7 +7,7 @@ import dynident as dy
 from dynident.excitation.spaces.pairing import capsule_space
 from dynident.excitation.spaces.reach import reaches, steepest
 from dynident.excitation.spaces.space import Steep
-from tests.excitation.test_clearance import AROUND, BRANCHED, arm
+from tests.excitation.spaces.test_clearance import AROUND, BRANCHED, arm
 from tests.robots import ARM, joint, link, urdf
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from dynident.regression import BaseParameters, structural_base_parameters
 __all__ = ["Design", "Interrupted", "design"]
 
 Array = NDArray[np.float64]
-OTHER = 0.79  # of the period: the validation motion has other speeds
+OTHER = 1.58  # periods: the validation motion is longer, with other speeds up to the same frequency
 LONG = 1e4  # s: as long as the ways take
 QUICK = Plan(2, (Stage(1.0, 40), Stage(0.1, 40)))
 
@@ -123,8 +124,8 @@ def _validation(
     feasible: Feasibility, space: Space, request: Request, basis: BaseParameters, rng: np.random.Generator
 ) -> Trajectory:
     """Return another motion, at other speeds: one period, from another start, with few steps."""
-    period = OTHER * min(request.period, request.duration)
-    other = replace(request, family="fourier", period=period, duration=LONG)
+    period, harmonics = OTHER * min(request.period, request.duration), math.ceil(OTHER * request.harmonics)
+    other = replace(request, family="fourier", period=period, harmonics=harmonics, duration=LONG)
     interior = interior_of(feasible, space, replace(other, duration=period), basis)
     found = best_motion(interior, feasible, QUICK, rng)
     return Trajectory(feasible.limits.joints, reached_motion(interior, feasible, found.x, other, rng, most=1))

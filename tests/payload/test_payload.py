@@ -194,6 +194,10 @@ def test_friction_by_the_load_sees_that_of_the_payload() -> None:
     blind = identify(arm()[0], {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
     other = find_payload(blind, loaded, request=KNOWN)
     assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) > np.linalg.norm(one.body.values[:4] - TRUTH[:4])
+    assert other.shares[Source.FRICTION].max() > 0.3  # it is an unknown there
+    without = find_payload(blind, loaded, request=replace(KNOWN, load_friction=0.0))
+    assert distance(other) < 2 < distance(without)
+    assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) < np.linalg.norm(without.body.values[:4] - TRUTH[:4])
 
 
 def test_no_payload_is_said() -> None:

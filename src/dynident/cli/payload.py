@@ -39,13 +39,17 @@ __all__ = ["payload"]
     "--friction-change", type=float, default=30.0, show_default=True, metavar="PERCENT",
     help="How much friction and offsets may have drifted, and friction changed by the load, of a joint's friction.",
 )  # fmt: skip
+@click.option(
+    "--load-friction", type=float, default=5.0, show_default=True, metavar="PERCENT",
+    help="Friction that grows with the load, and is not in the model: about so much of the load.",
+)  # fmt: skip
 @click.option("--removed", is_flag=True, help="The arm carried it when RESULT was identified, and does no more.")
 @click.option("--out", type=DIRECTORY, help="Folder for payload.json, report.html, and a URDF with the payload.")
 @ALLOW_CODE
 def payload(
     result: Path, loaded: tuple[str, ...], unloaded: tuple[str, ...], frame: str | None, known_mass: float | None,
     known_centre: tuple[float, float, float] | None, gains: Path | None, gain_error: float, friction_change: float,
-    removed: bool, out: Path | None, allow_code: bool,
+    load_friction: float, removed: bool, out: Path | None, allow_code: bool,
 ) -> None:  # fmt: skip
     """Identify mass, centre of mass and inertia of what the arm in RESULT (the result.json of identify) carries.
 
@@ -67,7 +71,9 @@ def payload(
     with result_folder(out) if out else nullcontext() as folder:
         with status() as say:
             known = read_gains(gains) if gains else None
-            request = Request(frame, known_mass, known_centre, gain_error, known, friction_change, removed)
+            request = Request(
+                frame, known_mass, known_centre, gain_error, known, friction_change, load_friction, removed
+            )
             say("reading the result")
             saved = load(result, allow_code=allow_code)
             if out:

@@ -24,7 +24,7 @@ from dynident.payload import NAMES, UNITS, DriveGains, Payload, SameRecording
 __all__ = ["FORMAT", "payload_data", "payload_logs", "payload_name", "payload_urdf", "read_gains", "read_loaded"]
 
 FORMAT, VERSION = "dynident payload", 1
-REQUESTED = ("known_mass", "known_centre", "gain_error", "friction_change", "removed")
+REQUESTED = ("known_mass", "known_centre", "gain_error", "friction_change", "load_friction", "removed")
 WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
 

@@ -129,6 +129,7 @@ def _settings(found: Payload, arm: Identification) -> Iterator[PageBlock]:
         [
             ("frame", found.mount.frame), ("known mass", known or "none"), ("gains", gains),
             ("friction may change by", f"{request.friction_change:g} %"),
+            ("friction by the load", f"about {request.load_friction:g} % of it"),
             ("removed", "yes" if request.removed else "no"),
             ("standard errors made larger by", number(found.factor, 3)),
         ],

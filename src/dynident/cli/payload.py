@@ -62,7 +62,7 @@ def payload(
     from dynident.io.opener import keep, refuse_inputs
     from dynident.io.payload import payload_logs, payload_name, read_gains, read_loaded
     from dynident.io.saved import load
-    from dynident.payload import Request, find_payload
+    from dynident.payload import NoPayload, Request, find_payload
     from dynident.report.payload import gains_table, payload_table, payload_words, shares_table, torque_table
     from dynident.report.wording import note_lines, old_result_lines
 
@@ -87,7 +87,7 @@ def payload(
     screen.say(payload_words(found), "bold")
     for table in (payload_table(found), shares_table(found), *torque_table(found), *gains_table(found)):
         screen.show(table)
-    for line in (*old_result_lines(saved), *note_lines(found.notes)):
+    for line in (*old_result_lines(saved), *note_lines(one for one in found.notes if not isinstance(one, NoPayload))):
         say_line(screen, line)
     for words in (*warnings, *more, *said):
         screen.remark(f"Note: {words}")

@@ -37,8 +37,8 @@ def joint_knowledge(
     V S^-1 diag(v) S^-1 V' + ``more`` (r, r): the estimated covariance itself, of few independent samples, would show
     directions that seem to be known without error. Where there is no such figure, all variances are larger by the
     median of those of ``std`` (r) over those for white residuals. A joint contributes
-    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r. The load is
-    the torque of the bodies; what it adds is None where there are none, or where the rows are not all at hand.
+    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r. The load
+    is the torque of the bodies; what it adds is None where there are none, or where the rows are not all at hand.
     """
     triangular, n = regression.triangular_factors, len(regression.model.joints)
     w = np.ones(n) if estimate.residual.weights is None else np.asarray(estimate.residual.weights)

@@ -51,7 +51,8 @@ class Request:
     ``gains`` of an earlier payload of known mass are not given. ``friction_change`` (%): by how much friction and
     offset of a joint may differ between the result and the recordings, and friction again by the load, one standard
     deviation in % of the joint's largest friction parameter. ``load_friction`` (%): friction of a joint that grows with
-    its load, by about this much of the load, which the model does not know. Raises ConfigError for a number out of range.
+    its load, by about this much of the load, which the model does not know. Raises ConfigError for a number out of
+    range.
     """
 
     frame: str | None = None

@@ -3,8 +3,8 @@
 Each identification i measures base parameters b_i = B_i theta_i + H_i e + n_i, of covariance C_i (``Evidence``). All
 have one theta; recordings after the result have changes d of friction and offsets, which are the same in all of them;
 those with the payload have its parameters phi in the columns T of its body, and changes l of friction, by the load.
-e are the errors of the gains, k what friction grows by with the load, as K_i k, in all of them. d, l, k and e have expected
-sizes, by which they count as measured to be zero.
+e are the errors of the gains, k what friction grows by with the load, as K_i k, in all of them. d, l, k and e have
+expected sizes, by which they count as measured to be zero.
 """
 
 from __future__ import annotations

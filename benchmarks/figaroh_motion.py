@@ -117,7 +117,8 @@ def main() -> None:
     t = np.arange(len(states["q"])) / FREQUENCY  # its own times of segments overlap
     worth = [float(one["obj_values"][-1]) for one in found["iteration_data"] if len(one["obj_values"])]
     print(f"{len(found['T_F'])} segments, {t[-1]:.1f} s of motion in {seconds:.0f} s ({used:.0f} s of CPU); {worth}")
-    np.savez(given.out, t=t, **states, joints=joints, seconds=seconds, cpu=used, base=len(tool.idx_b))
+    q, dq, ddq = (states[key] for key in names)
+    np.savez(given.out, t=t, q=q, dq=dq, ddq=ddq, seconds=seconds, cpu=used, base=len(tool.idx_b))
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def excite(
     from dynident.cli.bound import noise_given
     from dynident.io.excitation import read_excitation
     from dynident.io.folder import result_folder
-    from dynident.report.excitation import excitation_findings, excitation_heading, excitation_tables
+    from dynident.report.excitation import NO_TRIAL, TRIAL, excitation_findings, excitation_heading, excitation_tables
     from dynident.report.excite_run import CONFIG as DRAFT
     from dynident.report.excite_run import refuse_targets, write_design
 
@@ -81,6 +81,8 @@ def excite(
         screen.show(table)
     for line in excitation_findings(project, found):
         screen.say(f"* {line}")
+    if not any(path.name.startswith(f"{TRIAL}.") for path in written):
+        screen.say(f"* {NO_TRIAL}")
     for path in written:
         what = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
         if what:

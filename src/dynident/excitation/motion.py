@@ -35,6 +35,7 @@ FINE = 20  # points of the grid by harmonic
 FEWEST = 100  # points of the grid
 SPANS = 2.0  # of a B-spline, by harmonic and period: as free as the series
 AROUND = 4.0  # s that ways and ramps take, about
+WIDE = 0.2  # of a torque limit, kept free: a lot
 SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which are tried
 ROUNDS = 4  # of the search, with more to spare where the limits do not hold between the grid's points
 
@@ -92,7 +93,29 @@ def best_motion(
         first, stages = ((), plan.stages) if x is None else ((x,), plan.stages[-2:])
         again = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
         found = replace(again, interrupted=found.interrupted or again.interrupted)
-    raise InputError("no motion was found that keeps to the limits at all times: allow more torque, or less clearance.")
+    return _kept(interior, feasible, found)
+
+
+def _kept(interior: Interior, feasible: Feasibility, found: Found) -> Found:
+    """Return a motion made smaller until it keeps to the limits at all times; InputError where it does not."""
+    x, beyond = found.x, interior.between(found.x, feasible.model)
+    while beyond is not None:
+        interior = interior.wider(beyond)
+        smaller = interior.smaller(x)
+        if smaller is None:
+            raise InputError(f"no motion was found that keeps to the limits at all times: {_in_the_way(interior)}.")
+        x, beyond = smaller, interior.between(smaller, feasible.model)
+    return replace(found, x=x, criterion=interior.information.value(*interior.states(x)[:3]))
+
+
+def _in_the_way(interior: Interior) -> str:
+    """Return which limit most must be kept free of, for what lies between the points of the grid."""
+    spare = interior.spare
+    if spare.torque.max() > WIDE or not spare.distance.size:
+        name = interior.limits.joints[int(spare.torque.argmax())]
+        return f"the torque of joint {name!r} changes too quickly; allow it more, or less velocity"
+    one, other = interior.space.pairs[int(spare.distance.argmax())]
+    return f"{one!r} and {other!r} come too close; allow less clearance, or look at what stands there"
 
 
 def motion_pieces(

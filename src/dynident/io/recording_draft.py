@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dynident.identification import SourceFile
+from dynident.io.config_draft import relative
 from dynident.io.excitation import ExcitationProject
 from dynident.io.explicit_config import relocated, settings_text
 from dynident.io.opener import real
@@ -49,6 +50,8 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
     logs = {role: _free(like, name, taken) for role, name in RECORDED.items()}
     data |= {"train": [*old, logs["train"]], "validation": [logs["validation"]]}
     given = project.settings.model_dump(mode="json", exclude_unset=True)
+    if "packages" in given:
+        given["packages"] = [relative(Path(one), real(folder)) for one in given["packages"]]
     comments |= {"excitation": () if "floor" in given else (_FLOOR,)}
     return settings_text({**data, "excitation": {"program": project.settings.program, **given}}, comments)
 

@@ -17,7 +17,7 @@ def gradient(way: str, joints: int, points: int) -> Callable[[], object]:
     exact, or by a step in each coefficient.
     """
     from dynident.excitation.criterion import InformationCriterion
-    from dynident.excitation.fourier import Fourier
+    from dynident.excitation.trajectories.fourier import Fourier
     from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
     from dynident.regression import structural_base_parameters
 
@@ -46,9 +46,9 @@ def clearances(way: str, joints: int, points: int) -> Callable[[], object]:
     """Distances of the links of an arm as capsules to each other and to the floor, with their derivatives by the
     positions: exact, or by a step in each joint.
     """
-    from dynident.excitation.geometry import geometry_of
-    from dynident.excitation.pairing import space_of
-    from dynident.excitation.space import Floor
+    from dynident.excitation.spaces.geometry import geometry_of
+    from dynident.excitation.spaces.pairing import space_of
+    from dynident.excitation.spaces.space import Floor
     from dynident.models import RigidBodies
 
     space = space_of(geometry_of(RigidBodies(chain(joints))), [Floor(-0.5)])

@@ -31,16 +31,16 @@ import polars as pl
 
 from dynident.demo.shipped import demo_files
 from dynident.excitation.design import design
-from dynident.excitation.exact_space import exact_space
 from dynident.excitation.expected import Expected, expected, information_of
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.limits import MotionLimits, limits_of
 from dynident.excitation.motion import interior_of
-from dynident.excitation.pairing import space_of
 from dynident.excitation.random_motion import random_motion
 from dynident.excitation.request import Criterion, Request
-from dynident.excitation.space import Floor, Space
-from dynident.excitation.trajectory import Purpose
+from dynident.excitation.spaces.exact_space import exact_space
+from dynident.excitation.spaces.pairing import space_of
+from dynident.excitation.spaces.space import Floor, Space
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.limits import MotionLimits, limits_of
+from dynident.excitation.trajectories.trajectory import Purpose
 from dynident.io.meshes import read_geometry
 from dynident.io.project import read_project
 from dynident.jobs import local_workers

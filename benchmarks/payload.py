@@ -1,11 +1,11 @@
 """How accurate a payload is, and how often its intervals hold: python3 benchmarks/payload.py [--runs N] [--out FILE].
 
-Arms of 6 and 7 joints move 20 s along Fourier series of other seeds each time: without a payload (what is identified),
-with a weighed one of 5 kg, with one of 3 kg that is sought, and without any again (the day after). Positions are those
-of 17-bit encoders, at 200 Hz; torques are currents with gains that are wrong by 3 % of one standard deviation, all
-together and each by itself, with coloured noise of 2 % (0.1 s) and white noise of 1 % of the torque; friction grows
-with the load (5 % of it, which the model does not know), and has drifted by 10 % after the identification, the offsets
-by 5 % of the friction. Each run is a line of FILE (JSON lines).
+Arms of 6 and 7 joints move 30 s along a Fourier series, with --repeat the same in all recordings of a run: without a
+payload (what is identified), with a weighed one of 5 kg, with one of 3 kg that is sought, and without any again (a day
+later). Positions are those of 17-bit encoders, at 200 Hz; torques are currents with gains that are wrong by 3 % of one
+standard deviation, all together and each by itself, with coloured noise of 2 % (0.1 s) and white noise of 1 % of the
+torque; friction grows with the load (5 % of it, which the model does not know), and has drifted by 10 % after the
+identification, the offsets by 5 % of the friction. Each run is a line of FILE (JSON lines).
 """
 
 from __future__ import annotations

@@ -55,15 +55,8 @@ def rows(name: str, data: Path) -> Iterator[tuple[str, ...]]:
         centre = ", ".join(f"{1e3 * a:.1f} ± {1e3 * b:.1f}" for a, b in zip(error[1:4], std[1:4], strict=True))
         seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())
         held = int((np.abs(error) < 1.96 * std).sum())
-        yield (
-            name,
-            f"{seconds:.1f}",
-            f"{mass:g}",
-            f"{gain_error:g} %",
-            f"{error[0]:.3f} ± {std[0]:.3f}",
-            centre,
-            f"{held} of 10",
-        )
+        row = name, f"{seconds:.1f}", f"{mass:g}", f"{gain_error:g} %", f"{error[0]:.3f} ± {std[0]:.3f}"
+        yield *row, centre, f"{held} of 10"
 
 
 def _loaded(found: Identification, log: Log, added: np.ndarray) -> Log:

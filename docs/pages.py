@@ -37,7 +37,7 @@ GUIDES = {
     ),
     "Methods": ("methods", "maximum_likelihood", "article", "notation"),
     "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
-}
+}  # fmt: skip
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.limits import limits_of
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.limits import limits_of
 from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous
 from tests.robots import joint, link, urdf
 

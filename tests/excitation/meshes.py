@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynident.excitation.geometry import Mesh
+from dynident.excitation.spaces.geometry import Mesh
 
 CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T.astype(float)
 SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])

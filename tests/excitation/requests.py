@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.excitation.capsules import Capsule
-from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.motion import interior_of
-from dynident.excitation.pairing import capsule_space
 from dynident.excitation.request import Request
-from dynident.excitation.space import Cylinder
+from dynident.excitation.spaces.capsules import Capsule
+from dynident.excitation.spaces.pairing import capsule_space
+from dynident.excitation.spaces.space import Cylinder
+from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.regression import structural_base_parameters
 from tests.excitation.arms import LIMITS, MODEL, THETA
 

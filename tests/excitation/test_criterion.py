@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dynident.errors import ModelError
-from dynident.excitation.bspline import Clamped
 from dynident.excitation.criterion import FLOOR, InformationCriterion, base_information
-from dynident.excitation.fourier import Fourier
 from dynident.excitation.request import Criterion
+from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.fourier import Fourier
 from dynident.models import Coulomb, CoupledMotor, Dahl, Model, Offset, RigidBodies, RotorInertia, Viscous
 from dynident.regression import structural_base_parameters
 from tests.robots import ARM, GRIPPER, joint, link, urdf

@@ -14,7 +14,7 @@ from dynident.excitation.motion import Plan
 from dynident.excitation.request import Programme
 from dynident.excitation.request_checks import LeftOut
 from dynident.excitation.search import Stage
-from dynident.excitation.trajectory import Purpose
+from dynident.excitation.trajectories.trajectory import Purpose
 from dynident.excitation.verify import verify
 from dynident.models import Dahl
 from dynident.regression import UnexcitedParameters

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from dynident.errors import InputError
-from dynident.excitation.bspline import Clamped
 from dynident.excitation.criterion import InformationCriterion
 from dynident.excitation.expected import expected, information_of
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.fourier import Fourier
 from dynident.excitation.interior import Interior, Spare
 from dynident.excitation.motion import Plan, best_motion, motion_pieces, reached_motion
-from dynident.excitation.ramp import from_rest
 from dynident.excitation.random_motion import random_motion
 from dynident.excitation.request import Criterion
 from dynident.excitation.search import Stage
-from dynident.excitation.trajectory import Purpose, Trajectory
+from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.fourier import Fourier
+from dynident.excitation.trajectories.ramp import from_rest
+from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from dynident.excitation.verify import verify
 from tests.excitation.arms import LIMITS, MODEL, THETA
 from tests.excitation.requests import BASIS, OPEN, REQUEST, SPACE, interior
@@ -65,7 +65,7 @@ def test_progress_says_what_is_sought(changes, words):
         assert f"log det {value:.1f}" in seen[-1]
 
 
-@pytest.mark.parametrize("rounds", [4, 0])  # of the search; then the motion is made smaller
+@pytest.mark.parametrize("rounds", [2, 0])  # of the search; then the motion is made smaller
 def test_a_torque_beyond_the_limit_between_the_points_is_mended(monkeypatch, rounds):
     tau = 0.0
     one = interior(space=OPEN)
@@ -73,7 +73,7 @@ def test_a_torque_beyond_the_limit_between_the_points_is_mended(monkeypatch, rou
     tau = np.abs(MODEL.torque(*one.states(found.x)[:3], THETA)).max(axis=0)
     tight = replace(LIMITS, torque=0.97 * tau)
     narrow = interior(space=OPEN, limits=tight)
-    monkeypatch.setattr("dynident.excitation.motion.ROUNDS", rounds)
+    monkeypatch.setattr("dynident.excitation.motion.AGAIN", rounds)
     again = best_motion(narrow, replace(FREE, limits=tight), SHORT, np.random.default_rng(1))
     assert narrow.between(again.x, MODEL) is None
     t = np.linspace(0.0, narrow.family.duration, 4001)
@@ -112,7 +112,7 @@ def test_what_cannot_be_kept_between_the_points_is_named(monkeypatch):
     one = interior()
     far = Spare(np.zeros(2), np.linspace(0.0, 1.0, len(SPACE.pairs)))
     monkeypatch.setattr(Interior, "between", lambda *_: far)
-    monkeypatch.setattr("dynident.excitation.motion.ROUNDS", 0)
+    monkeypatch.setattr("dynident.excitation.motion.AGAIN", 0)
     pair = " and ".join(map(repr, SPACE.pairs[-1]))
     with pytest.raises(InputError, match=f"{pair} come too close"):
         best_motion(one, FREE, SHORT, np.random.default_rng(1))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError
-from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.programme import FRICTION, GRAVITY, home_of, slow_pieces
 from dynident.excitation.request import Programme
-from dynident.excitation.trajectory import Purpose, Trajectory
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from tests.excitation.arms import LIMITS, MODEL, THETA, smooth_and_at_rest
 from tests.excitation.requests import OPEN, REQUEST
 

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import InputError
-from dynident.excitation.bspline import Clamped
-from dynident.excitation.fourier import Fourier
-from dynident.excitation.quintic import Quintic, at_rest
-from dynident.excitation.ramp import from_rest
-from dynident.excitation.sweep import Hold
-from dynident.excitation.trajectory import Piece, Purpose, Trajectory
+from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.fourier import Fourier
+from dynident.excitation.trajectories.quintic import Quintic, at_rest
+from dynident.excitation.trajectories.ramp import from_rest
+from dynident.excitation.trajectories.sweep import Hold
+from dynident.excitation.trajectories.trajectory import Piece, Purpose, Trajectory
 from dynident.excitation.verify import LimitError, verify
 from tests.excitation.arms import FREE, LIMITS, MODEL, THETA, Post, scaled
 

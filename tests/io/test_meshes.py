@@ -7,7 +7,7 @@ import pytest
 
 import dynident as dy
 from dynident.errors import ConfigError, InputError, ModelError
-from dynident.excitation.geometry import Made, Mesh
+from dynident.excitation.spaces.geometry import Made, Mesh
 from dynident.io import meshes as module
 from dynident.io.meshes import read_geometry, read_mesh
 from dynident.io.opener import refuse_inputs, watched

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from dynident.excitation import Piece, Purpose, Trajectory
-from dynident.excitation.fourier import Fourier
+from dynident.excitation.trajectories.fourier import Fourier
 from dynident.identification import Sources
 from dynident.io.excitation import read_excitation
 from dynident.io.project import parse_project
@@ -45,6 +45,7 @@ def test_a_recording_of_the_motion_is_read(robot: Path, tmp_path: Path) -> None:
     logs, _ = project.logs()
     assert [*logs["train"], *logs["validation"]] == ["motion_recorded", "validation_recorded"]
     np.testing.assert_allclose(logs["train"]["motion_recorded"].tau, tau, atol=1e-9)
+    assert project.config.min_speed == {"lift": 0.036, "bend": 0.054}
     assert project.config.excitation is not None
     assert project.config.excitation.duration == 9
 
@@ -56,6 +57,9 @@ def test_channels_and_settings_stay_those_of_the_configuration(robot: Path, tmp_
     assert found["model"] == {"file": "../cad/two.urdf"}
     for key in ("time", "position", "torque", "smoother"):
         assert found[key] == given[key]
+    assert set(found["min_speed"]) == {"lift", "bend"}
+    kept = written(tmp_path / "kept.yaml", {**given, "min_speed": 0.3})
+    assert yaml.safe_load(recording_config(read_excitation(kept), tmp_path / "out"))["min_speed"] == 0.3
     assert found["train"] == [{"file": "motion_recorded.csv"}]  # monday.csv is not there
     assert found["validation"] == [{"file": "validation_recorded.csv"}]
     assert robot.exists()

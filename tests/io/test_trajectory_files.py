@@ -8,7 +8,7 @@ import yaml
 
 from dynident.errors import InputError
 from dynident.excitation import Piece, Purpose, Trajectory
-from dynident.excitation.fourier import Fourier
+from dynident.excitation.trajectories.fourier import Fourier
 from dynident.io import trajectory_files as files
 from dynident.io.trajectory_files import sampled, trajectory_files
 

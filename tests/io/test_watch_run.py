@@ -13,14 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
 from dynident.io.folder import result_folder
 from dynident.io.saved import load
 from dynident.io.watch_run import EVENTS, Watch, event_data, watch_of
-from dynident.online import Changed, Event, Knowledge, Resumed, WatchSettings
+from dynident.online import Changed, Event, Knowledge, Resumed, Watcher, WatchSettings
 from tests.io.watched import CHANGE, SETTINGS, result, rows
 
+Array = NDArray[np.float64]
 HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
 
 
@@ -107,6 +109,33 @@ def test_a_killed_watch_goes_on(slider: Path, tmp_path: Path) -> None:
 
 def _lines(out: Path) -> int:
     return len((out / EVENTS).read_text().splitlines())
+
+
+def test_a_signal_in_the_midst_of_samples_loses_none(
+    slider: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream, whole = tmp_path / "stream.csv", tmp_path / "whole.csv"
+    text = "".join(f"{row}\n" for row in rows())
+    whole.write_text(text)
+    expected, one = watched(slider, whole, tmp_path / "one")
+    stream.write_text(text[:150_000])
+    watched(slider, stream, tmp_path / "out")
+    stream.write_text(text)
+    push = Watcher.push
+
+    def stopped(self: Watcher, t: Array, q: Array, tau: Array) -> tuple[Event, ...]:
+        push(self, t[:100], q[:100], tau[:100])
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Watcher, "push", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            watched(slider, stream, tmp_path / "out")
+    _, other = watched(slider, stream, tmp_path / "out")
+    assert [type(event) for event in other.events if not isinstance(event, Resumed)] == [
+        type(event) for event in expected
+    ]
+    same(one.watcher.knowledge, other.watcher.knowledge)
 
 
 def test_another_result_or_setting_is_refused(slider: Path, tmp_path: Path) -> None:

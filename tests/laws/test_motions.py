@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.excitation.bspline import Clamped
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.fourier import Fourier
-from dynident.excitation.friction_programme import friction_programme
-from dynident.excitation.limits import JointLimits, limits_of
-from dynident.excitation.poses import static_poses
-from dynident.excitation.ramp import from_rest
-from dynident.excitation.trajectory import Trajectory
+from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.fourier import Fourier
+from dynident.excitation.trajectories.friction_programme import friction_programme
+from dynident.excitation.trajectories.limits import JointLimits, limits_of
+from dynident.excitation.trajectories.poses import static_poses
+from dynident.excitation.trajectories.ramp import from_rest
+from dynident.excitation.trajectories.trajectory import Trajectory
 from dynident.excitation.verify import verify
 from dynident.models import Coulomb, Model, RigidBodies, Viscous
 from tests.excitation.arms import scaled, smooth_and_at_rest

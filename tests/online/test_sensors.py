@@ -64,7 +64,8 @@ def test_a_position_that_does_not_change_while_another_does_is_said() -> None:
     assert fault.kind is FaultKind.STILL
     assert isinstance(back, Back)
     assert START + 5 <= fault.time < START + 9
-    assert rows.all()
+    assert not rows[round(fault.time * RATE) + 1 : END].any()
+    assert rows[:BEGIN].all()
 
 
 @pytest.mark.parametrize("signal", list(Signal))
@@ -88,14 +89,22 @@ def test_a_single_missing_number_is_only_left_out() -> None:
     assert np.flatnonzero(~rows).tolist() == [0, BEGIN]
 
 
-def test_a_torque_that_freezes_while_the_robot_moves_is_seen_in_about_a_second() -> None:
+@pytest.mark.parametrize("fine", [0.0, 1e-6])
+def test_a_torque_that_freezes_while_the_robot_moves_is_seen_in_about_a_second(fine: float) -> None:
     q, tau = recorded()
+    tau += fine * np.random.default_rng(1).standard_normal(tau.shape)  # no two values are equal
     tau[BEGIN:END, 1] = 0.0
     (fault, back), _ = seen(q, tau)
     assert isinstance(fault, Fault)
     assert isinstance(back, Back)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.FROZEN, Signal.TORQUE, "two")
     assert START + 0.9 < fault.time < START + 2.5
+
+
+def test_a_torque_that_was_never_recorded_does_not_die() -> None:
+    q, tau = recorded()
+    tau[:, 1] = 0.0
+    assert seen(q, tau)[0] == []
 
 
 def test_torques_that_are_zero_while_the_robot_stands_are_no_fault() -> None:

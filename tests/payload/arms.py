@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators import LeastSquares
-from dynident.identification import Identification, Recipe, identify
+from dynident.identification import Identification, Recipe, identify, mounted
 from dynident.log import Log
 from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous, from_physical
 from dynident.payload import mount_of
@@ -52,13 +52,14 @@ def arm() -> tuple[Model, Array]:
 
 def recorded(
     name: str, payload: Array | None = None, gains: float | Array = 1.0, more: Array | None = None,
-    still: tuple[int, ...] = (), seed: int = 0,
+    still: tuple[int, ...] = (), tilt: tuple[float, float] = (0.0, 0.0), by_load: float = 0.0,
 ) -> Log:  # fmt: skip
-    """A recording of 8 s; ``more`` is added to the parameters, joints ``still`` do not move."""
+    """A recording of 8 s; ``more`` is added to the parameters, joints ``still`` do not move, the base has a ``tilt``,
+    and friction grows ``by_load``."""
     model, theta = arm()
     theta = theta if more is None else theta + more
     theta = theta if payload is None else theta + mount_of(model).turn @ payload
-    rng, n = np.random.default_rng([seed, *map(ord, name)]), len(model.joints)
+    rng, n = np.random.default_rng(list(map(ord, name))), len(model.joints)
     t = np.arange(1600) * 0.005
     rate = 2 * np.pi / 8 * np.arange(1, 6)[:, None, None]
     phase, size = rng.uniform(0, 2 * np.pi, (5, 1, n)), rng.uniform(0.3, 1.0, (5, 1, n))
@@ -67,7 +68,9 @@ def recorded(
     angle = rate * t[:, None] + phase
     q = np.array([0.2, 0.4, -0.6, 0.3, 0.5, -0.2]) + (size * np.sin(angle)).sum(axis=0)
     dq, ddq = (size * rate * np.cos(angle)).sum(axis=0), -(size * rate**2 * np.sin(angle)).sum(axis=0)
-    tau = gains * model.torque(q, dq, ddq, theta)
+    model = mounted(model, *tilt)
+    load = model.torque(q, dq, ddq, np.where(np.arange(len(theta)) < 60, theta, 0.0))
+    tau = gains * (model.torque(q, dq, ddq, theta) + by_load * np.abs(load) * np.sign(dq))
     tau = tau + NOISE * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
     return Log(t, q + 1e-6 * rng.standard_normal(q.shape), tau, tuple(one.name for one in model.joints), name)
 

@@ -10,7 +10,7 @@ import pytest
 
 from dynident.errors import InputError, ModelError
 from dynident.identification import identify
-from dynident.models import smallest_eigenvalue
+from dynident.models import LoadCoulomb, smallest_eigenvalue
 from dynident.payload import (
     DriveGains,
     GainsUnknown,
@@ -172,6 +172,28 @@ def test_what_a_turning_wrist_does_not_tell_from_drift_is_said() -> None:
     assert both.body.std[0] < 0.2 * alone.body.std[0]
     assert not any(isinstance(note, PayloadOrDrift) for note in both.notes)
     assert both.body.mass == pytest.approx(3.0, abs=4 * float(both.body.std[0]))
+
+
+def test_the_base_is_tilted_once() -> None:
+    tilt = (0.3, -0.2)
+    recipe = replace(RECIPE, base_tilt=tilt)
+    tilted = identify(arm()[0], {"arm": recorded("arm", tilt=tilt)}, recipe=recipe)
+    one = find_payload(tilted, {"loaded": recorded("loaded", CARRIED, tilt=tilt)}, request=KNOWN)
+    assert distance(one) < 4
+    assert one.factor < 1.5
+
+
+def test_friction_by_the_load_sees_that_of_the_payload() -> None:
+    model, _ = arm()
+    model = model.with_terms(LoadCoulomb(model.joints))
+    by_load = identify(model, {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
+    loaded = {"loaded": recorded("loaded", CARRIED, by_load=0.1)}
+    one = find_payload(by_load, loaded, request=KNOWN)
+    assert one.body.mass == pytest.approx(3.0, rel=0.01)
+    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
+    blind = identify(arm()[0], {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
+    other = find_payload(blind, loaded, request=KNOWN)
+    assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) > np.linalg.norm(one.body.values[:4] - TRUTH[:4])
 
 
 def test_no_payload_is_said() -> None:

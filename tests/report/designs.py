@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.excitation import Design, Nearest, Piece, Purpose, Trajectory, Verified, expected
 from dynident.excitation.expected import information_of
-from dynident.excitation.fourier import Fourier
+from dynident.excitation.trajectories.fourier import Fourier
 from dynident.io.excitation import ExcitationProject, read_excitation
 from tests.excitation.arms import TWO
 

@@ -1,20 +1,20 @@
 """Motions that show the parameters of a robot: trajectories within its limits, and what they will tell."""
 
-from dynident.excitation.capsules import Capsule
-from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.design import Design, Interrupted, design
-from dynident.excitation.exact_space import exact_space
-from dynident.excitation.expected import Expected, expected
-from dynident.excitation.geometry import Geometry, Made, Mesh
-from dynident.excitation.limits import JointLimits, MotionLimits, limits_of
-from dynident.excitation.nearest import Nearest
-from dynident.excitation.outlines import Outline, outlines
-from dynident.excitation.pairing import space_of
+from dynident.excitation.expected import Expected, expected, slowest
 from dynident.excitation.request import Criterion, Programme, Request
 from dynident.excitation.request_checks import LeftOut
-from dynident.excitation.slowed import slowed
-from dynident.excitation.space import Box, Cylinder, Distances, Floor, Nothing, Obstacle, Space
-from dynident.excitation.trajectory import Course, Piece, Purpose, Trajectory
+from dynident.excitation.spaces.capsules import Capsule
+from dynident.excitation.spaces.clearance import CapsuleSpace
+from dynident.excitation.spaces.exact_space import exact_space
+from dynident.excitation.spaces.geometry import Geometry, Made, Mesh
+from dynident.excitation.spaces.outlines import Outline, outlines
+from dynident.excitation.spaces.pairing import space_of
+from dynident.excitation.spaces.space import Box, Cylinder, Distances, Floor, Nothing, Obstacle, Space
+from dynident.excitation.trajectories.limits import JointLimits, MotionLimits, limits_of
+from dynident.excitation.trajectories.nearest import Nearest
+from dynident.excitation.trajectories.slowed import slowed
+from dynident.excitation.trajectories.trajectory import Course, Piece, Purpose, Trajectory
 from dynident.excitation.verify import LimitError, Verified, verify
 
 __all__ = [
@@ -53,6 +53,7 @@ __all__ = [
     "limits_of",
     "outlines",
     "slowed",
+    "slowest",
     "space_of",
     "verify",
 ]

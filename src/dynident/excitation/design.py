@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity, brief
-from dynident.excitation.expected import Expected, expected, information_of, unexcited
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.limits import MotionLimits
+from dynident.excitation.expected import Expected, expected, information_of, slowest, unexcited
 from dynident.excitation.motion import Plan, best_motion, interior_of, reached_motion
 from dynident.excitation.programme import home_of, slow_pieces
 from dynident.excitation.request import Programme, Request
 from dynident.excitation.request_checks import check_request, without_memory
 from dynident.excitation.search import Stage
-from dynident.excitation.space import Distances, Space
-from dynident.excitation.trajectory import Piece, Trajectory
+from dynident.excitation.spaces.space import Distances, Space
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.limits import MotionLimits
+from dynident.excitation.trajectories.trajectory import Piece, Trajectory
 from dynident.excitation.verify import Verified, verify
 from dynident.models import Model
 from dynident.regression import BaseParameters, structural_base_parameters
@@ -101,7 +101,7 @@ def design(
     pair = Trajectory(limits.joints, pieces), _validation(feasible, space, request, basis, rng)
     say("checking both")
     first, second = (verify(one, model, theta, limits, space, request.clearance, shapes=shapes) for one in pair)
-    information = _information(model, pair[0], request)
+    information = _information(model, limits, pair[0], request)
     told = expected(model, theta, information, basis, request.prior)
     stopped = (Interrupted(),) if interrupted else ()
     notes = (*left, *stopped, *unexcited(model, information, told, request.prior))
@@ -114,7 +114,7 @@ def _beside(model: Model, limits: MotionLimits, request: Request, slow: tuple[Pi
         return request
     before = Trajectory(limits.joints, slow)
     left = request.duration - before.duration
-    known = _information(model, before, request)
+    known = _information(model, limits, before, request)
     prior = known if request.prior is None else known + request.prior
     return replace(request, duration=left, start=home_of(slow), prior=prior)
 
@@ -130,7 +130,7 @@ def _validation(
     return Trajectory(feasible.limits.joints, reached_motion(interior, feasible, found.x, other, rng, most=1))
 
 
-def _information(model: Model, trajectory: Trajectory, request: Request) -> Array:
-    """Return the information (p, p) of a recording of a motion."""
+def _information(model: Model, limits: MotionLimits, trajectory: Trajectory, request: Request) -> Array:
+    """Return the information (p, p) of a recording of a motion, of which the fit leaves out slow samples."""
     states = trajectory.states(trajectory.times(request.rate))
-    return information_of(model, states, 1 / np.square(request.sigma))
+    return information_of(model, states, 1 / np.square(request.sigma), slowest(model, limits))

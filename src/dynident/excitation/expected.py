@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.excitation.criterion import base_information
+from dynident.excitation.trajectories.limits import MotionLimits
+from dynident.models import HasSign
 from dynident.regression import (
     BaseParameters,
     UnexcitedParameters,
@@ -22,10 +24,11 @@ from dynident.regression import (
 if TYPE_CHECKING:
     from dynident.models import Model
 
-__all__ = ["Expected", "expected", "information_of", "unexcited"]
+__all__ = ["Expected", "expected", "information_of", "slowest", "unexcited"]
 
 Array = NDArray[np.float64]
 BLOCK = 2000  # samples at once
+SLOW = 0.02  # of the velocity limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +57,29 @@ class Expected:
             return np.asarray(np.where(self.value == 0, np.inf, 100 * self.std / np.abs(self.value)))
 
 
-def information_of(model: Model, states: Array, weights: Array) -> Array:
+def slowest(model: Model, limits: MotionLimits) -> Array:
+    """Return the speed (n) below which the torque of a joint tells nothing, as friction may hold it with any torque up
+    to its own: 2 % of the velocity limit, or zero for a joint without dry friction."""
+    state = np.zeros((1, len(limits.joints))), limits.velocity[None], np.zeros((1, len(limits.joints)))
+    rubs = np.zeros(len(limits.joints), dtype=bool)
+    for term in (one for one in model.terms if isinstance(one, HasSign)):
+        rubs |= term.regressor(*state).any(axis=(0, 2))
+    return np.where(rubs & np.isfinite(limits.velocity), SLOW * limits.velocity, 0.0)
+
+
+def information_of(model: Model, states: Array, weights: Array, min_speed: Array | None = None) -> Array:
     """Return the information (p, p) of the torque along states (at least 3, N, n): the sum of Y' W Y over the samples,
-    ``weights`` (n) being one over the variance of each joint's torque."""
+    ``weights`` (n) being one over the variance of each joint's torque.
+
+    Where a joint is slower than its ``min_speed`` (n) its torque does not count.
+    """
     p = len(model.parameters)
     out, root = np.zeros((p, p)), np.sqrt(weights)[:, None]
     for k in range(0, states.shape[1], BLOCK):
-        rows = (model.regressor(*states[:3, k : k + BLOCK]) * root).reshape(-1, p)
+        rows = model.regressor(*states[:3, k : k + BLOCK]) * root
+        if min_speed is not None:
+            rows[np.abs(states[1, k : k + BLOCK]) < min_speed] = 0.0
+        rows = rows.reshape(-1, p)
         out += rows.T @ rows
     return out
 

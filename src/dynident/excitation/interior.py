@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.excitation.criterion import InformationCriterion
-from dynident.excitation.family import Family, Guard
-from dynident.excitation.feasibility import RESERVE, SPARE, Feasibility
-from dynident.excitation.limits import MotionLimits
-from dynident.excitation.space import Space
+from dynident.excitation.spaces.space import Space
+from dynident.excitation.trajectories.family import Family, Guard
+from dynident.excitation.trajectories.feasibility import RESERVE, SPARE, Feasibility
+from dynident.excitation.trajectories.limits import MotionLimits
 
 if TYPE_CHECKING:
     from dynident.models import Model
@@ -181,15 +181,20 @@ class Interior:
         """Return what must be kept free so that the torque of ``model`` and the distances are kept on a grid that is
         ``FINER``, too; None where they are."""
         times = np.linspace(0.0, self.family.duration, FINER * len(self.grid) + 1)
-        states = np.asarray(self.family.values(times) @ x.T)
-        tau = np.abs(model.torque(states[0], states[1], states[2], self.feasible.theta) / self.limits.torque).max(
-            axis=0
-        )
-        near = self.space.distances(states[0]).min(axis=0, initial=np.inf) - self.feasible.clearance
+        tau, near = self._extremes(np.asarray(self.family.values(times) @ x.T), model)
         over, under = np.maximum(tau - 1.0 + RESERVE / 2, 0.0), np.maximum(SPARE / 2 - near, 0.0)
         if not (over.any() or under.any()):
             return None
-        return Spare(self.spare.torque + MORE * over, self.spare.distance + MORE * under)
+        on_grid, off = self._extremes(self.states(x), model)
+        torque = np.where(over > 0, np.maximum(self.spare.torque + MORE * over, MORE * (tau - on_grid) + RESERVE), 0.0)
+        distance = np.where(under > 0, np.maximum(self.spare.distance + MORE * under, MORE * (off - near) + SPARE), 0.0)
+        return self.spare.wider(Spare(torque, distance))
+
+    def _extremes(self, states: Array, model: Model) -> tuple[Array, Array]:
+        """Return the largest torques (n) as shares of the limits, and the least distances (P) beyond the clearance."""
+        tau = np.abs(model.torque(states[0], states[1], states[2], self.feasible.theta) / self.limits.torque)
+        near = self.space.distances(states[0]).min(axis=0, initial=np.inf)
+        return tau.max(axis=0), near - self.feasible.clearance
 
     def smaller(self, x: Array) -> Array | None:
         """Return a motion that is smaller by as little as keeps the limits; None where only half of it would."""

@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, Step
 from dynident.estimators.maximum_likelihood import with_smooth_signs
-from dynident.excitation.bspline import Clamped
 from dynident.excitation.criterion import InformationCriterion, base_information
-from dynident.excitation.family import Family
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.fourier import Fourier
 from dynident.excitation.interior import Interior, Spare
-from dynident.excitation.ramp import from_rest
 from dynident.excitation.request import Criterion, Request
 from dynident.excitation.request_checks import named_rows
 from dynident.excitation.search import STAGES, Found, Stage, search
-from dynident.excitation.space import Space
-from dynident.excitation.trajectory import Piece, Purpose
+from dynident.excitation.spaces.space import Space
+from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.family import Family
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.fourier import Fourier
+from dynident.excitation.trajectories.ramp import from_rest
+from dynident.excitation.trajectories.trajectory import Piece, Purpose
 from dynident.regression import BaseParameters
 
 __all__ = ["NoWayError", "Plan", "best_motion", "interior_of", "motion_pieces", "reached_motion"]
@@ -36,8 +36,8 @@ FEWEST = 100  # points of the grid
 SPANS = 2.0  # of a B-spline, by harmonic and period: as free as the series
 AROUND = 4.0  # s that ways and ramps take, about
 WIDE = 0.2  # of a torque limit, kept free: a lot
+AGAIN = 2  # searches with more to spare, where the limits do not hold between the grid's points
 SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which are tried
-ROUNDS = 4  # of the search, with more to spare where the limits do not hold between the grid's points
 
 
 class NoWayError(InputError):
@@ -81,24 +81,22 @@ def best_motion(
         progress(Step(f"searching, best so far: {_worded(interior.information, best)}", done, total))
 
     found = search(interior, plan.starts, rng, stages=plan.stages, executor=executor, progress=say)
-    for _ in range(ROUNDS):
+    for _ in range(AGAIN):
         beyond = interior.between(found.x, feasible.model)
-        if beyond is None:
-            return found
+        if beyond is None or found.interrupted:
+            break
         interior = interior.wider(beyond)
         x = interior.smaller(found.x)
-        if found.interrupted and x is not None:
-            found = replace(found, x=x)
-            continue
         first, stages = ((), plan.stages) if x is None else ((x,), plan.stages[-2:])
-        again = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
-        found = replace(again, interrupted=found.interrupted or again.interrupted)
+        found = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
     return _kept(interior, feasible, found)
 
 
 def _kept(interior: Interior, feasible: Feasibility, found: Found) -> Found:
     """Return a motion made smaller until it keeps to the limits at all times; InputError where it does not."""
     x, beyond = found.x, interior.between(found.x, feasible.model)
+    if beyond is None:
+        return found
     while beyond is not None:
         interior = interior.wider(beyond)
         smaller = interior.smaller(x)

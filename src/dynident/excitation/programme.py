@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
-from dynident.excitation.feasibility import Feasibility
-from dynident.excitation.friction_programme import friction_programme
-from dynident.excitation.poses import static_poses
 from dynident.excitation.request import Programme, Request
-from dynident.excitation.trajectory import Piece
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.friction_programme import friction_programme
+from dynident.excitation.trajectories.poses import static_poses
+from dynident.excitation.trajectories.trajectory import Piece
 
 __all__ = ["FRICTION", "GRAVITY", "home_of", "slow_pieces"]
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, choices, listed
-from dynident.excitation.limits import MotionLimits
-from dynident.excitation.pairing import refuse_contact
 from dynident.excitation.request import Criterion, Programme, Request
-from dynident.excitation.space import Space
+from dynident.excitation.spaces.pairing import refuse_contact
+from dynident.excitation.spaces.space import Space
+from dynident.excitation.trajectories.limits import MotionLimits
 from dynident.models import HasMemory, Model
 from dynident.regression import BaseParameters
 

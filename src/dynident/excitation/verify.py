@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief
-from dynident.excitation.limits import MotionLimits
-from dynident.excitation.nearest import Nearest, nearest
 from dynident.excitation.other_torque import pinocchio_torque
-from dynident.excitation.space import Distances
-from dynident.excitation.trajectory import Trajectory
+from dynident.excitation.spaces.space import Distances
+from dynident.excitation.trajectories.limits import MotionLimits
+from dynident.excitation.trajectories.nearest import Nearest, nearest
+from dynident.excitation.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynident.models import Model

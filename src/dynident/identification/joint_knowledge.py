@@ -77,4 +77,5 @@ def _covariance(
         white = back @ back.T
     with np.errstate(divide="ignore"):
         ratio = std**2 / np.diag(white)
-    return np.asarray(white * np.median(ratio[np.isfinite(ratio)]))
+    known = ratio[np.isfinite(ratio)]
+    return np.asarray(white * (np.median(known) if len(known) else 1.0))

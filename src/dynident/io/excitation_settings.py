@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
 
 from dynident.errors import ConfigError
+from dynident.excitation.request import Request
 from dynident.io.fields import Name, NonNegative, Number, Positive, PositiveOrEach, Section, as_number
 from dynident.io.wording import worded
 
@@ -134,18 +135,18 @@ class ExcitationSettings(Section):
     criterion: Literal["d", "a", "condition"] = "d"
     parameters: tuple[Name, ...] = ()
     family: Literal["fourier", "bspline"] = "fourier"
-    duration: Seconds = 30.0
-    period: Seconds = 10.0
-    harmonics: Harmonics = 5
-    rate: Rate = 250.0
+    duration: Seconds = Request.duration
+    period: Seconds = Request.period
+    harmonics: Harmonics = Request.harmonics
+    rate: Rate = Request.rate
     file_rate: Rate | None = None
     noise: PositiveOrEach = None
     start: Mapping[Name, Number] | None = None
-    starts: Starts = 4
+    starts: Starts = Request.starts
     seed: Seed = 0
     margin: Share = 0.1
     limits: Mapping[Name, JointLimitSettings] = {}
-    clearance: NonNegative = 0.01
+    clearance: NonNegative = Request.clearance
     floor: Number | None = None
     boxes: Annotated[tuple[BoxSettings, ...], Field(max_length=100)] = ()
     cylinders: Annotated[tuple[CylinderSettings, ...], Field(max_length=100)] = ()
@@ -153,8 +154,8 @@ class ExcitationSettings(Section):
 
     @model_validator(mode="after")
     def _criterion(self) -> Self:
-        if (self.criterion == "a") != bool(self.parameters):
-            raise ValueError("`criterion: a` and `parameters`, those that matter, go together: give both or neither")
+        if self.parameters and self.criterion != "a":
+            raise ValueError("`parameters`, those that matter, go with `criterion: a`")
         return self
 
     @model_validator(mode="after")

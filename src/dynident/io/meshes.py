@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, ModelError, install_command
-from dynident.excitation.geometry import Geometry, Mesh, geometry_of
+from dynident.excitation.spaces.geometry import Geometry, Mesh, geometry_of
 from dynident.io.opener import content, find, opened
 from dynident.models import RigidBodies
 

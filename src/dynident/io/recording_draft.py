@@ -7,6 +7,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from dynident.excitation import slowest
 from dynident.identification import SourceFile
 from dynident.io.config_draft import relative
 from dynident.io.excitation import ExcitationProject
@@ -25,6 +26,7 @@ _HEAD = (
     "under the names below, or correct these.",
 )
 _FLOOR = "for the next design; without `floor` (m, along z of the root link) the arm may reach below its base: floor: 0"
+_SLOW = "slower samples are left out of a joint's equation, where friction may hold it with any torque"
 _COLUMNS = "? columns and units as your recorder has them; or draft this anew from the recordings, by `dynident init`"
 
 
@@ -49,6 +51,10 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
     taken = {_label(one) for one in (*old, *(data.get("validation") or ()))}
     logs = {role: _free(like, name, taken) for role, name in RECORDED.items()}
     data |= {"train": [*old, logs["train"]], "validation": [logs["validation"]]}
+    speeds = slowest(project.known.model, project.limits)
+    slow = {name: round(float(x), 4) for name, x in zip(project.limits.joints, speeds, strict=True) if x}
+    if slow and "min_speed" not in data:
+        data, comments = {**data, "min_speed": slow}, comments | {"min_speed": (_SLOW,)}
     given = project.settings.model_dump(mode="json", exclude_unset=True)
     if "packages" in given:
         given["packages"] = [relative(Path(one), real(folder)) for one in given["packages"]]

@@ -58,6 +58,7 @@ class Watch:
         What is yielded is saved before. Raises InputError where the stream cannot be read.
         """
         stream, begun = self._begin()
+        whole = True  # else a signal came in the midst of samples, which are read again
         try:
             self._save(stream, begun)
             saved = time.monotonic()
@@ -66,9 +67,11 @@ class Watch:
                 data, fresh, ended = stream.read()
                 if fresh:
                     self._next_file()
+                whole = False
                 events = self._taken(self.lines.push(data))
                 if ended and self.lines.tail:  # the last line has no end
                     events += self._taken(self.lines.push(b"\n"))
+                whole = True
                 if events or time.monotonic() - saved > SAVE:
                     self._save(stream, events)
                     saved = time.monotonic()
@@ -78,7 +81,8 @@ class Watch:
                 if not data:
                     wait(pause)
         finally:
-            self._save(stream, [])
+            if whole:
+                self._save(stream, [])
             stream.close()
 
     def _begin(self) -> tuple[Stream, list[Event]]:
@@ -141,7 +145,9 @@ def watch_of(
     "-". Raises InputError for a result without a configuration, ConfigError where stream or settings do not fit it."""
     given = found.provenance.configuration
     if given is None:
-        raise InputError("the result was made from Python, without a configuration: use `Watcher` from Python, too.")
+        raise InputError(
+            "the result was made from Python, without a configuration: push its samples to a Watcher from Python, too."
+        )
     config = parse_config(given.text, Path(given.path).parent, given.path, allow_code=allow_code)
     name = "standard input" if source == "-" else source
     reader = SampleReader(config, found.model.joints, name)

@@ -43,8 +43,9 @@ class Move:
         """Return the reference after it: its former error in these directions is gone."""
         D = self.directions
         rest = np.eye(len(D)) - D @ self.gain
-        covariance = rest @ reference.covariance @ rest.T + D @ self.noise @ D.T
-        return replace(reference, value=reference.value + D @ self.size, covariance=covariance)
+        covariance, unknown = (rest @ one @ rest.T for one in (reference.covariance, reference.unknown))
+        value = reference.value + D @ self.size
+        return replace(reference, value=value, covariance=covariance + D @ self.noise @ D.T, unknown=unknown)
 
 
 @dataclass(frozen=True, eq=False)

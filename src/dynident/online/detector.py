@@ -144,7 +144,7 @@ class Detector:
         D = self.candidates.directions
         AD = block.information @ D
         own = (D * AD).sum(axis=0) * reference.spread
-        error = (AD * (reference.covariance @ AD)).sum(axis=0)
+        error = (AD * (reference.unknown @ AD)).sum(axis=0)  # a change that was measured is no new motion
         shown = own > 1e-9 * own.max(initial=1e-300)
         ratio = np.divide(error, own, out=np.zeros_like(own), where=shown)
         return max((float(ratio[part].mean()) for part in self.candidates.parts if part.stop > part.start), default=0.0)

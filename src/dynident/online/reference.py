@@ -29,7 +29,7 @@ LEAST = 1e-12
 @dataclass(frozen=True, eq=False)
 class Reference:
     """The scaled base parameters (``Scorer``) of a robot less those of the result, ``value`` (r), with their
-    ``covariance`` (r, r).
+    ``covariance`` (r, r), of which ``unknown`` (r, r) is the part that more motion without a change would lessen.
 
     ``spread`` (M) is how many times the variance of white noise the scores of the groups' directions have, by ``dof``
     degrees of freedom; ``left`` (n) and ``left_std`` (n) mean and spread of a block's logarithm of what is left of the
@@ -39,6 +39,7 @@ class Reference:
 
     value: Array
     covariance: Array
+    unknown: Array
     spread: Array
     dof: float
     left: Array
@@ -58,9 +59,8 @@ class Reference:
         """Return the reference after a block of motion that is new to it."""
         usual = float(np.median(self.spread))
         step = block.score - block.information @ self.value
-        information = np.linalg.inv(_guarded(self.covariance)) + block.information / usual
-        covariance = np.asarray(np.linalg.inv(_guarded(information)), dtype=float)
-        return replace(self, value=self.value + covariance @ step / usual, covariance=covariance)
+        covariance, unknown = (_after(one, block.information / usual) for one in (self.covariance, self.unknown))
+        return replace(self, value=self.value + covariance @ step / usual, covariance=covariance, unknown=unknown)
 
 
 def reference_of(blocks: Sequence[Scores], directions: Array) -> Reference:
@@ -78,7 +78,15 @@ def reference_of(blocks: Sequence[Scores], directions: Array) -> Reference:
     count = np.isfinite(left).sum(axis=0)
     residual = np.sqrt(np.array([_mean(x) for x in np.stack([one.residual for one in blocks]).T]))
     return Reference(
-        value, covariance, spread, max(len(blocks) / 2.0, 4.0), mean, std, 1 / np.sqrt(np.maximum(count, 1)), residual
+        value,
+        covariance,
+        covariance,
+        spread,
+        max(len(blocks) / 2.0, 4.0),
+        mean,
+        std,
+        1 / np.sqrt(np.maximum(count, 1)),
+        residual,
     )
 
 
@@ -105,6 +113,11 @@ def _long_std(x: Array) -> float:
         return float("nan")
     centred = known - known.mean()
     return float(np.sqrt(max(long_run([centred[:, None]])[0, 0] / (len(known) - 1), known.var(ddof=1), LEAST)))
+
+
+def _after(covariance: Array, information: Array) -> Array:
+    """Return the covariance after more information."""
+    return np.asarray(np.linalg.inv(_guarded(np.linalg.inv(_guarded(covariance)) + information)), dtype=float)
 
 
 def _guarded(matrix: Array) -> Array:

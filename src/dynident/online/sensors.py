@@ -1,8 +1,8 @@
 """Sensors that fail, seen at once: no numbers, values that freeze, jumps.
 
 A position that froze stops within one sample, which no joint can do: its last step is many times as large as steps
-usually differ from one to the next. What comes to rest does not. A joint may rest while others move, so that a position
-that just does not change is only said, and the watch goes on.
+usually differ from one to the next. What comes to rest does not. Where it froze near a turn, it can only be told from
+a rest by how long it lasts while others move.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FAR = 0.01  # rad, m: what others move at least while one does not
 MEMORY = 500.0  # samples over which what is usual is averaged
 SETTLED = 50  # samples until something is usual
 KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL)
-LOST = (1, 2)  # of them, by number from one: those without which nothing can be computed
+LOST = (1, 2, 3)  # of them, by number from one: those without which nothing can be computed
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ class Sensors:
         m = len(self.joints)
         self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
         self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
+        self.alive = np.zeros(n)  # whether it has ever changed: a channel that is not recorded does not die
         self.moved = np.zeros(m)  # samples in which it moved
         self.gone = self.held = self.leaps = self.faulty = self.dead = False  # whether any of these is
 
@@ -93,7 +94,7 @@ class Sensors:
             rows[k] = there[k] and not self.dead
             if found:
                 events += found
-                if any(isinstance(one, Fault) and one.kind is not FaultKind.STILL for one in found):
+                if any(isinstance(one, Fault) for one in found):
                     cuts.append(k)
         return Checked(rows, tuple(cuts), tuple(events))
 
@@ -146,10 +147,11 @@ class Sensors:
             abrupt = np.divide(np.abs(self.step), usual, out=np.zeros_like(usual), where=usual > 0)
             self.abrupt = np.where(begins, abrupt, self.abrupt)
             self.since = np.where(begins, self.t, self.since)
+            self.alive = np.maximum(self.alive, begins & (self.step != 0))
             self.path_then = np.where(begins, self.path, self.path_then)
         ends = ~same & (self.run > 0)
         if ends.any():
-            well = ends & (self.fault == 0)
+            well = ends & (self.fault == 0) & (self.path - self.path_then > FAR)  # not in a rest of the whole arm
             self.longest = np.where(well, np.maximum(self.longest, t - self.since), self.longest)
             self.run = np.where(ends, 0.0, self.run)
         self.held = bool(same.any())
@@ -188,7 +190,7 @@ class Sensors:
         long = self.run >= HELD
         moved = self.path - self.path_then > FAR
         stopped = position & long & (held >= HELD_FOR) & (self.abrupt > ABRUPT)
-        silent = ~position & long & moved & (held >= np.maximum(SILENT, LONGER * self.longest))
+        silent = ~position & long & moved & (self.alive > 0) & (held >= np.maximum(SILENT, LONGER * self.longest))
         still = position & long & moved & (held >= np.maximum(STILL, LONGER * self.longest))
         yield from self._failed(t, (stopped | silent) & ~np.isin(self.fault, LOST), 2, self.since)
         yield from self._failed(t, still & (self.fault == 0), 3, self.since)

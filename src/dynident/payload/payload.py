@@ -111,7 +111,8 @@ def _identified(
     found: Identification, logs: Mapping[str, Log], words: str, say: Callable[[str], None]
 ) -> Identification:
     say(f"identifying the recordings {words}")
-    recipe = replace(found.recipe, estimator=LeastSquares(weights="per_joint"), restart=None, terms=None, proposed=())
+    own = LeastSquares(weights="per_joint")  # the model is on its base as it is tilted
+    recipe = replace(found.recipe, estimator=own, base_tilt=None, restart=None, terms=None, proposed=())
     return identify(replace(found.model, load=None), logs, recipe=recipe, progress=say)
 
 

@@ -165,7 +165,8 @@ def _(event: Fault, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG0
     if event.kind is FaultKind.JUMP:
         return f"{one} at {stamps(event.since)}, by {_signed(event.size)} rad or m, which no joint can do"
     if event.kind is FaultKind.STILL:
-        return f"{one}, since {stamps(event.since)}: it rests longer than usual, or its sensor is dead"
+        why = "it rests longer than usual, or its sensor is dead; nothing is watched until it moves"
+        return f"{one}, since {stamps(event.since)}: {why}"
     return f"{one}, since {stamps(event.since)}: its sensor is dead; nothing is watched until it works again"
 
 

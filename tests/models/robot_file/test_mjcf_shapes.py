@@ -5,7 +5,7 @@ import pytest
 
 import dynident as dy
 from dynident.errors import ModelError
-from dynident.excitation.geometry import link_places
+from dynident.excitation.spaces.geometry import link_places
 from dynident.models.robot_file import ShapeKind
 
 MODEL = """<mujoco><compiler angle="radian" meshdir="../assets"/>

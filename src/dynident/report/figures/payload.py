@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.payload import NAMES
+from dynident.payload import NAMES, Source
 from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Drawing, panels, trace
 
 if TYPE_CHECKING:
@@ -16,16 +16,20 @@ if TYPE_CHECKING:
 
 __all__ = ["payload_figure"]
 
-COLOURS = (BLUE, GREEN, AMBER, RED, INK, "#7f7f7f", "#b0b0b0")
+VIOLET, TEAL = "#8e6bbf", "#3aa6a6"
+COLOURS = {
+    Source.ARM: BLUE, Source.LOADED: GREEN, Source.UNLOADED: TEAL, Source.DRIFT: AMBER,
+    Source.FRICTION: RED, Source.GAINS: VIOLET, Source.PRIOR: INK,
+}  # fmt: skip
 
 
 def payload_figure(found: Payload, titles: Mapping[str, str]) -> Drawing:
     """Draw the shares of each source, by its name in ``titles``, in the variance of each component, in %."""
     figure = panels([""], 360, shared=False)
-    for (source, share), colour in zip(found.shares.items(), COLOURS, strict=False):
+    for source, share in found.shares.items():
         bars = trace(
             "bar", x=list(NAMES), y=100 * np.asarray(share), name=titles.get(source.value, source.value),
-            marker={"color": colour}, hovertemplate="%{y:.3g} %",
+            marker={"color": COLOURS[source]}, hovertemplate="%{y:.3g} %",
         )  # fmt: skip
         figure.add(bars)
     figure.axes("y", title="share of the variance, %", range=[0, 100])

@@ -1,0 +1,265 @@
+"""Errors announced beside errors found: python3 benchmarks/announced.py [ROBOT ...] [--runs 100].
+
+A motion is designed for a 6-joint arm and for the LWR4 from its file. It is followed in closed loop (1 kHz, velocity
+inside of position, velocity fed forward) by an arm with rotor inertia, viscous and Coulomb friction that can hold a
+joint at rest, whose encoders count 2^17 to a turn of the joint. Loops differ by where the counts begin. Recorded are
+positions as counted and torques with white noise of the size announced, 1 % of the torque limit. Each recording is
+identified by least squares with weights by joint, without slow samples, or as a configuration with all defaults says
+(--draft). Printed over the base parameters: the root mean square error found, its spread and its bias, each over the
+standard error announced, and the standard errors that the fits report over those announced, as quantiles of 0, 5, 50,
+95 and 100 %. With N runs a ratio has an error of 1 / sqrt(2 N), 7 % for 100: 99.8 % of ratios of one are then between
+0.8 and 1.25. The same for the best of 100 random motions, the one whose worst parameter is announced to be best, and
+for motions that other tools have found (--other NAME=FILE.npz with t, q, dq, ddq; see figaroh_motion.py). The worst
+parameter is that whose error makes the largest torque at random states, in % of the noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+
+import numpy as np
+from excitation import PLACES, ROBOTS
+from scipy.interpolate import BPoly
+
+from dynident.demo.arm import true_values
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
+from dynident.excitation import Floor, MotionLimits, Request, Space, design, limits_of, space_of
+from dynident.excitation.expected import Expected, expected, information_of, slowest
+from dynident.excitation.motion import interior_of, motion_pieces
+from dynident.excitation.random_motion import random_motion
+from dynident.excitation.trajectories.feasibility import Feasibility
+from dynident.excitation.trajectories.trajectory import Piece, Purpose, Trajectory
+from dynident.identification import Recipe, identify
+from dynident.io.meshes import read_geometry
+from dynident.log import Log
+from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.regression import Regression, structural_base_parameters
+from dynident.smoothers import Spline
+from dynident.validation.stepper import Machine
+
+NOISE, MARGIN = 0.01, 0.1  # of the torque limit; of all limits
+STEP = 1e-3  # s: the cycle of the drives
+COUNT = 2 * np.pi / 2**17  # rad
+KP, KV, LOW_PASS = 40.0, 100.0, 0.3  # 1/s; 1/s by inertia; of a new velocity in the filtered one, about 60 Hz
+SHARES = {"rotor": 0.006, "viscous": 0.05, "coulomb": 0.02, "offset": 0.004}  # of the torque limit, the truth of LWR4
+RANDOM, STATES, LOW, WHOLE = 100, 400, 0.1, 5
+Array = np.ndarray[Any, np.dtype[np.float64]]
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A model with its truth, its file and what a design is asked for."""
+
+    model: Model
+    nominal: Array
+    truth: Array
+    limits: MotionLimits
+    space: Space
+    request: Request
+
+    @property
+    def feasible(self) -> Feasibility:
+        return Feasibility(self.model, self.nominal, self.limits, self.space, self.request.clearance)
+
+
+def arm(name: str, folder: Path, floor: float) -> Arm:
+    """Return a robot with the default terms, whose truth is known."""
+    file = ROBOTS["demo"](folder).file if name == "demo" else next(f for p in PLACES for f in (p / name).glob("*.urdf"))
+    bodies = RigidBodies(file.read_text(), source=file.name)
+    joints = bodies.joints
+    model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)), name=name)
+    limits = limits_of(model, margin=MARGIN)
+    nominal = np.array([one.value or 0.0 for one in model.parameters])
+    torque, speed = limits.torque / (1 - MARGIN), limits.velocity
+    truth = true_values() if name == "demo" else nominal.copy()
+    if name != "demo":
+        sizes = [share * torque / (speed if kind == "viscous" else 1.0) for kind, share in SHARES.items()]
+        truth[-4 * len(joints) :] = np.concatenate(sizes)
+    space = space_of(read_geometry(bodies, file), (Floor(floor),), limits.lower, limits.upper)
+    return Arm(model, nominal, truth, limits, space, Request(NOISE * torque, duration=30.0))
+
+
+def best_random(one: Arm, periods: int, rng: np.random.Generator, worst: Callable[[Expected], float]) -> Trajectory:
+    """Return the random motion, of as many periods from rest to rest, whose worst parameter is best."""
+    basis = structural_base_parameters(one.model)
+    interior = interior_of(one.feasible, one.space, one.request, basis)
+    t = np.arange(0.0, one.request.period, 1 / one.request.rate)
+    found = []
+    for _ in range(RANDOM):
+        x = random_motion(interior, rng)
+        information = information_of(one.model, interior.family.course(x).states(t), periods / one.request.sigma**2)
+        found.append((worst(expected(one.model, one.nominal, information, basis)), x))
+    for _, x in sorted(found, key=lambda pair: pair[0]):
+        if interior.between(x, one.model) is None:
+            return Trajectory(
+                one.limits.joints, motion_pieces(one.feasible, interior.family, x, one.request, rng, most=periods)
+            )
+    raise SystemExit("none of the random motions keeps to the limits between the points of its grid.")
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A course from samples of q, dq and ddq."""
+
+    t: Array
+    values: Array  # (3, N, n)
+
+    @property
+    def duration(self) -> float:
+        return float(self.t[-1])
+
+    def states(self, t: Array) -> Array:
+        curve = BPoly.from_derivatives(self.t, np.moveaxis(self.values, 1, 0))
+        return np.stack([curve.derivative(k)(t) if k else curve(t) for k in range(4)])
+
+
+def other(one: Arm, file: str) -> Trajectory:
+    """Return the motion of another tool."""
+    given = np.load(file)
+    values = np.stack([given[key] for key in ("q", "dq", "ddq")])
+    return Trajectory(one.limits.joints, (Piece(Sampled(given["t"] - given["t"][0], values), Purpose.MOTION),))
+
+
+def followed(one: Arm, path: Trajectory, rng: np.random.Generator, runs: int) -> tuple[Array, Array, Array]:
+    """Return times (N), and positions as counted and mean torques (runs, N, n) of closed loops.
+
+    The torque of a sample is the mean of the cycles about its time.
+    """
+    machine, every = Machine(one.model, one.truth), round(1 / one.request.rate / STEP)
+    steps = int(path.duration / STEP)
+    reference, speed = path.states(STEP * np.arange(steps + 1))[:2]
+    masses = np.diagonal(one.model.mass_matrix(reference[::50], one.truth), axis1=1, axis2=2)
+    kv, most = KV * np.quantile(masses, LOW, axis=0), one.limits.torque / (1 - MARGIN)
+    n = len(kv)
+    start = rng.uniform(0, COUNT, (runs, n))
+    q, dq, ddq, slow = np.tile(reference[0], (runs, 1)), *(np.zeros((runs, n)) for _ in range(3))
+    rows = (steps - every // 2) // every
+    shown, torque, cycles = *(np.empty((rows, runs, n)) for _ in range(2)), np.zeros((every, runs, n))
+    before = COUNT * np.round((q + start) / COUNT) - start
+    for k in range(steps):
+        seen = COUNT * np.round((q + start) / COUNT) - start
+        slow, before = slow + LOW_PASS * ((seen - before) / STEP - slow), seen
+        cycles[k % every] = np.clip(kv * (KP * (reference[k] - seen) + speed[k] - slow), -most, most)
+        if k % every == 0 and k // every < rows:
+            shown[k // every] = seen
+        last, rest = divmod(k + 1 - every // 2, every)
+        if rest == 0 and last < rows:
+            torque[last] = cycles[: k + 1].mean(axis=0)
+        old = dq
+        q, dq = machine.step(q, dq, ddq, cycles[k % every], STEP)
+        ddq = (dq - old) / STEP
+    return STEP * every * np.arange(rows), np.moveaxis(shown, 1, 0), np.moveaxis(torque, 1, 0)
+
+
+def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, recipe: Recipe) -> tuple[Array, Array]:
+    """Return the errors (runs, r) of the base parameters, and what the fits say of them (runs, r), relative to what was
+    announced."""
+    rng = np.random.default_rng(seed)
+    t, shown, torque = followed(one, path, rng, runs)
+    errors, own, names = [], [], one.model.names
+    alone = Model(one.model.terms[:1], name=one.model.name)
+    for k, (q, tau) in enumerate(zip(shown, torque, strict=True)):
+        log = Log(t, q, tau + one.request.sigma * rng.standard_normal(tau.shape), one.limits.joints)
+        if recipe.terms is None and k >= WHOLE:  # the same fit, without all that a report needs
+            motion = recipe.motion(log)
+            regression = Regression(one.model, (motion,), None, recipe.min_speeds(one.limits.joints))
+            value = dict(zip(names, recipe.estimator(Problem(one.model, (motion,), regression)).value, strict=True))
+        else:
+            result = identify(one.model if recipe.terms is None else alone, {"run": log}, recipe=recipe)
+            if recipe.terms is None:  # the smoother of the first recording does for all
+                recipe = replace(recipe, smoother=result.recipe.smoother)
+            value = dict(zip(result.model.names, result.estimate.value, strict=True))
+            basis, std = result.base.on_data, result.errors.base_std_hac
+            if basis is not None and std is not None and basis.leading == told.basis.leading:
+                own.append(std)
+        errors.append(told.basis.combination @ (np.array([value.get(name, 0.0) for name in names]) - one.truth))
+    return np.array(errors) / told.std, np.array(own) / told.std
+
+
+def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
+    """Return the tables of a robot."""
+    one, began = arm(name, folder, given.floor), time.process_time()
+    made = design(one.model, one.nominal, one.limits, one.space, one.request, np.random.default_rng(given.seed))
+    print(f"{name}: {time.process_time() - began:.1f} s of CPU for the design", flush=True)
+    basis, sigma = made.expected.basis, one.request.sigma
+    states = one.model.random_states(np.random.default_rng(0), STATES)
+    size = np.sqrt(
+        np.square(one.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
+    )
+    worst = lambda told: float(100 * (size * told.std).max())  # noqa: E731
+    periods = sum(piece.purpose is Purpose.MOTION for piece in made.trajectory.pieces)
+    motions = {"designed": made.trajectory}
+    if not given.no_random:
+        motions["best random"] = best_random(one, periods, np.random.default_rng([given.seed, 1]), worst)
+    motions |= {label: other(one, file) for label, file in (text.split("=") for text in given.other)}
+    slow = slowest(one.model, one.limits)
+    splines = Spline(factor=given.factor) if given.factor else Spline.Settings(rule="torque").build()
+    recipe = Recipe(
+        splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(one.limits.joints, slow, strict=True))
+    )
+    if given.draft:
+        recipe = Recipe(splines, PhysicallyConsistent(), time_offset="estimate", base_tilt="estimate", terms="auto")
+    rows: Row = {}
+    for label, path in motions.items():
+        planned = path.states(path.times(one.request.rate))
+        told = expected(one.model, one.truth, information_of(one.model, planned, 1 / sigma**2, slow), basis)
+        errors, own = found(one, path, told, given.runs, given.seed, recipe)
+        rows[label] = _row(told, errors, own, size, worst(told)) | {"duration": path.duration}
+        print(shown(label, rows[label], basis.leading), flush=True)
+    return rows
+
+
+def _row(told: Expected, errors: Array, own: Array, size: Array, worst: float) -> Row:
+    rms, bias = np.sqrt(np.square(errors).mean(axis=0)), errors.mean(axis=0)
+    spread = errors.std(axis=0, ddof=1)
+    row: Row = {"rms": rms, "spread": spread, "bias": np.abs(bias)}
+    if len(own):
+        row["reported"] = np.sqrt(np.square(own).mean(axis=0))
+    row |= {"z": bias / spread * np.sqrt(len(errors)), "announced": worst}
+    return row | {"worst": float(100 * (size * told.std * rms).max()), "log_det": told.log_det}
+
+
+def shown(label: str, row: Row, names: tuple[str, ...]) -> str:
+    """Return the lines of a motion."""
+    head = f"  {label}, {row['duration']:.1f} s: log det {row['log_det']:.1f}; worst parameter: "
+    lines = [f"{head}announced {row['announced']:.2f} %, found {row['worst']:.2f} %"]
+    for key in (key for key in ("rms", "spread", "bias", "reported") if key in row):
+        quantiles = " ".join(f"{x:5.2f}" for x in np.quantile(row[key], (0, 0.05, 0.5, 0.95, 1)))
+        inside = f"   {((row[key] > 0.8) & (row[key] < 1.25)).sum()} of {len(names)} in 0.8 to 1.25"
+        lines.append(f"    {key:9} {quantiles}{'' if key == 'bias' else inside}")
+    rows = zip(names, row["rms"], row["z"], strict=True)
+    off = [f"{name} {x:.2f} (z of the bias {z:+.1f})" for name, x, z in rows if not 0.8 < x < 1.25]
+    return "\n".join([*lines, *([f"    outside: {', '.join(off)}"] if off else [])])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="demo, lwr4")
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--floor", type=float, default=0.0, help="m along z of the root link")
+    parser.add_argument("--draft", action="store_true", help="identify by the drafted configuration")
+    parser.add_argument("--factor", type=float, help="of the noise, that the spline smooths")
+    parser.add_argument("--no-random", action="store_true")
+    parser.add_argument("--other", nargs="*", default=[], metavar="NAME=FILE")
+    parser.add_argument("--out", type=Path, help="a JSON file of all figures")
+    given = parser.parse_args()
+    with TemporaryDirectory() as folder:
+        rows = {name: measured(name, Path(folder), given) for name in given.robots or ("demo", "lwr4")}
+    if given.out:
+        given.out.write_text(json.dumps(rows, indent=1, default=list))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""Surfaces for drawings."""
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.excitation.spaces.capsules import capsules_of
+from dynident.excitation.spaces.geometry import Mesh, geometry_of
+from dynident.excitation.spaces.outlines import outlines, simplified
+from tests.excitation.meshes import volume
+from tests.excitation.spaces.test_capsules import at, shaped
+from tests.robots import ARM, joint, urdf
+
+SHAPES = {
+    '<box size="0.2 0.4 0.6"/>': 0.048,
+    '<sphere radius="0.3"/>': 4 / 3 * np.pi * 0.027,
+    '<cylinder radius="0.1" length="0.4"/>': np.pi * 0.004,
+    '<capsule radius="0.1" length="0.4"/>': np.pi * 0.004 + 4 / 3 * np.pi * 0.001,
+}
+
+
+@pytest.mark.parametrize(("shape", "true"), SHAPES.items())
+def test_an_outline_encloses_the_shape_and_points_outwards(shape, true) -> None:
+    placed = at("0.3 -0.2 1.0", shape).replace("<origin", '<origin rpy="0.3 0.2 0.1"')
+    bodies = dy.RigidBodies(urdf(shaped("base"), shaped("arm", placed), joint("one", "revolute", "base", "arm")))
+    geometry = geometry_of(bodies)
+    (found,) = outlines(geometry, ())
+    assert (found.link, found.body) == ("arm", 0)
+    assert 0.8 * true < volume(found.mesh) < 1.0001 * true
+    assert found.mesh.vertices.mean(axis=0) == pytest.approx([0.3, -0.2, 1.0], abs=1e-9)
+
+
+def test_links_of_unknown_shape_are_drawn_as_capsules() -> None:
+    geometry = geometry_of(dy.RigidBodies(ARM))
+    capsules = capsules_of(geometry)
+    found = outlines(geometry, capsules)
+    assert [one.body for one in found] == [0, 1, 2]
+    for one, capsule in zip(found, capsules, strict=True):
+        true = np.pi * capsule.radius**2 * (np.linalg.norm(capsule.end - capsule.start) + 4 / 3 * capsule.radius)
+        assert 0.8 * true < volume(one.mesh) < true
+
+
+def test_a_mesh_of_many_triangles_becomes_one_of_few() -> None:
+    turn, up = np.meshgrid(np.linspace(0, 2 * np.pi, 81)[:-1], np.linspace(-1.5, 1.5, 60), indexing="ij")
+    points = np.stack((np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)), axis=-1).reshape(-1, 3)
+    here = np.arange(len(points)).reshape(80, 60)
+    right = np.roll(here, -1, axis=0)
+    squares = [(here[:, :-1], right[:, :-1], right[:, 1:]), (here[:, :-1], right[:, 1:], here[:, 1:])]
+    mesh = Mesh(points, np.concatenate([np.stack(one, axis=-1).reshape(-1, 3) for one in squares]))
+    found = simplified(mesh, 500)
+    assert 100 < len(found.triangles) <= 500
+    assert volume(found) == pytest.approx(volume(mesh), rel=0.15)
+    assert simplified(found, 500) is found

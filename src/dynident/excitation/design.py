@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dynident.errors import Note, Severity, brief
 from dynident.excitation.expected import Expected, expected, information_of, slowest, unexcited
 from dynident.excitation.motion import Plan, best_motion, interior_of, reached_motion
-from dynident.excitation.programme import home_of, slow_pieces
-from dynident.excitation.request import Programme, Request
+from dynident.excitation.program import home_of, slow_pieces
+from dynident.excitation.request import Program, Request
 from dynident.excitation.request_checks import check_request, without_memory
 from dynident.excitation.search import Stage
 from dynident.excitation.spaces.space import Distances, Space
@@ -89,7 +89,7 @@ def design(
     feasible = Feasibility(model, theta, limits, space, request.clearance)
     feasible.poses(1, np.random.default_rng(0))  # says what is in the way where the arm can stand nowhere
     slow = slow_pieces(feasible, request, rng)
-    moving, interrupted = request.programme in (Programme.MOTION, Programme.ALL), False
+    moving, interrupted = request.program in (Program.MOTION, Program.ALL), False
     pieces = slow
     if moving:
         rest = _beside(model, limits, request, slow)

@@ -12,6 +12,7 @@ import yaml
 
 import dynident as dy
 from dynident.errors import ConfigError
+from dynident.excitation import LimitError
 from dynident.io.excitation import ExcitationProject
 from tests.cli.commands import run
 from tests.excitation.arms import TWO
@@ -70,6 +71,21 @@ def test_the_trial_is_the_motion_slower(designed: Path) -> None:
     count = len(motion["t"]) - 1
     np.testing.assert_allclose(trial["q"][: 4 * count : 4], motion["q"][:count], atol=1e-9)
     np.testing.assert_allclose(trial["ddq"][: 4 * count : 4], motion["ddq"][:count] / 16, atol=1e-9)
+
+
+def test_a_trial_that_would_need_more_torque_is_left_out(
+    designed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def carried(*_: object) -> None:
+        raise LimitError("torque", "bend", 1.0, 20.0, 15.0, "beyond its limit")
+
+    monkeypatch.setattr("dynident.report.excite_run.verify", carried)
+    (tmp_path / "trial.csv").write_text("of another motion")
+    done = run("excite", designed / "two.urdf", "-o", tmp_path, *QUICK)
+    assert done.exit_code == 0, done.output
+    assert "There is no slower motion for a first run" in done.output
+    assert not list(tmp_path.glob("trial.*"))
+    assert "There is no slower motion for a first run" in (tmp_path / "report.html").read_text()
 
 
 def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced(designed: Path) -> None:

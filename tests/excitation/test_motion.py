@@ -8,17 +8,19 @@ import pytest
 from dynident.errors import InputError
 from dynident.excitation.criterion import InformationCriterion
 from dynident.excitation.expected import expected, information_of
-from dynident.excitation.motion import Plan, best_motion, motion_pieces
+from dynident.excitation.interior import Interior, Spare
+from dynident.excitation.motion import Plan, best_motion, motion_pieces, reached_motion
 from dynident.excitation.random_motion import random_motion
 from dynident.excitation.request import Criterion
 from dynident.excitation.search import Stage
 from dynident.excitation.trajectories.bspline import Clamped
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.fourier import Fourier
+from dynident.excitation.trajectories.ramp import from_rest
 from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from dynident.excitation.verify import verify
 from tests.excitation.arms import LIMITS, MODEL, THETA
-from tests.excitation.requests import BASIS, OPEN, REQUEST, interior
+from tests.excitation.requests import BASIS, OPEN, REQUEST, SPACE, interior
 
 FREE = Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
 SHORT = Plan(1, (Stage(1.0, 8), Stage(0.1, 8)))
@@ -63,13 +65,15 @@ def test_progress_says_what_is_sought(changes, words):
         assert f"log det {value:.1f}" in seen[-1]
 
 
-def test_a_torque_beyond_the_limit_between_the_points_is_mended():
+@pytest.mark.parametrize("rounds", [2, 0])  # of the search; then the motion is made smaller
+def test_a_torque_beyond_the_limit_between_the_points_is_mended(monkeypatch, rounds):
     tau = 0.0
     one = interior(space=OPEN)
     found = best_motion(one, FREE, SHORT, np.random.default_rng(1))
     tau = np.abs(MODEL.torque(*one.states(found.x)[:3], THETA)).max(axis=0)
     tight = replace(LIMITS, torque=0.97 * tau)
     narrow = interior(space=OPEN, limits=tight)
+    monkeypatch.setattr("dynident.excitation.motion.AGAIN", rounds)
     again = best_motion(narrow, replace(FREE, limits=tight), SHORT, np.random.default_rng(1))
     assert narrow.between(again.x, MODEL) is None
     t = np.linspace(0.0, narrow.family.duration, 4001)
@@ -102,3 +106,32 @@ def test_without_the_time_for_the_ways_it_is_said():
     x = random_motion(one, np.random.default_rng(1))
     with pytest.raises(InputError, match=r"takes .* s with the ways to it and back, more than the 4 s"):
         motion_pieces(FREE, one.family, x, replace(REQUEST, duration=4.0), np.random.default_rng(0))
+
+
+def test_what_cannot_be_kept_between_the_points_is_named(monkeypatch):
+    one = interior()
+    far = Spare(np.zeros(2), np.linspace(0.0, 1.0, len(SPACE.pairs)))
+    monkeypatch.setattr(Interior, "between", lambda *_: far)
+    monkeypatch.setattr("dynident.excitation.motion.AGAIN", 0)
+    pair = " and ".join(map(repr, SPACE.pairs[-1]))
+    with pytest.raises(InputError, match=f"{pair} come too close"):
+        best_motion(one, FREE, SHORT, np.random.default_rng(1))
+
+
+def test_where_no_way_leads_into_a_motion_a_smaller_one_is_driven(monkeypatch):
+    one = interior(space=OPEN, duration=13.0)
+    x = random_motion(one, np.random.default_rng(1))
+    size = np.abs(x[:, 1:]).max()
+
+    def small(feasible, family, x, *rest):
+        return from_rest(feasible, family, x, *rest) if np.abs(x[:, 1:]).max() < 0.6 * size else None
+
+    monkeypatch.setattr("dynident.excitation.motion.from_rest", small)
+    request = replace(REQUEST, duration=13.0)
+    pieces = reached_motion(one, FREE, x, request, np.random.default_rng(0))
+    verify(Trajectory(LIMITS.joints, pieces), MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
+    monkeypatch.setattr("dynident.excitation.motion.from_rest", lambda *_: None)
+    with pytest.raises(InputError, match="torque limits hold the arm"):
+        reached_motion(one, FREE, x, request, np.random.default_rng(0))
+    with pytest.raises(InputError, match="another start pose, or none"):
+        reached_motion(one, FREE, x, replace(request, start=np.zeros(2)), np.random.default_rng(0))

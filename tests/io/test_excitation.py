@@ -13,6 +13,8 @@ from dynident.errors import ConfigError, InputError
 from dynident.excitation import Box, Criterion, Cylinder, Floor, Nothing, Program
 from dynident.io.excitation import read_excitation
 from dynident.io.excitation_known import NoiseOrigin
+from dynident.io.recording_draft import recording_config
+from dynident.report.excitation_words import shape_words
 from tests.cli.commands import settings, write_log
 from tests.excitation.arms import TWO
 
@@ -126,3 +128,24 @@ def test_what_cannot_be_read_is_said(robot: Path, tmp_path: Path) -> None:
         _ = read_excitation(
             written(tmp_path / "slider.yaml", {"model": "gallery:slider"}), None, {**SLIDER, "floor": 0}
         ).space
+
+
+def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_path: Path) -> None:
+    (tmp_path / "far" / "arm").mkdir(parents=True)
+    (tmp_path / "far" / "arm" / "part.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\n")
+    shape = '<collision><geometry><mesh filename="package://arm/part.obj"/></geometry></collision></link>'
+    robot.write_text(robot.read_text().replace("</link>", shape))
+    lost = read_excitation(robot)
+    assert lost.geometry is not None
+    assert set(lost.geometry.missing) == {"package://arm/part.obj"}
+    assert any("name the folder of their package (`packages`" in line for line in shape_words(lost))
+    (tmp_path / "cell").mkdir()
+    found = read_excitation(robot, written(tmp_path / "cell" / "cell.yaml", {"packages": ["../far"]}))
+    assert found.geometry is not None
+    assert not found.geometry.missing
+    draft = yaml.safe_load(recording_config(found, tmp_path / "out"))
+    assert draft["excitation"]["packages"] == ["../far"]
+    with pytest.raises(ConfigError, match=r"packages: there is no folder '.*nowhere'"):
+        read_excitation(robot, None, {"packages": ["nowhere"]})
+    with pytest.raises(ConfigError, match=r"packages\[0\]: the name of a folder"):
+        read_excitation(robot, None, {"packages": [3]})

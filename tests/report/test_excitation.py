@@ -15,7 +15,7 @@ from tests.report.designs import designed
 
 def test_the_page_has_all_parts_and_escapes_names() -> None:
     project, found = designed()
-    page = excitation_page(project, found, [("motion.csv", "the motion")])
+    page = excitation_page(project, found, [("motion.csv", "the motion"), ("trial.csv", "slower")])
     for words in (
         "What it will tell",
         "Run <code>trial.csv</code> first",

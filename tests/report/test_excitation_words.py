@@ -56,7 +56,7 @@ def test_unknown_shapes_and_a_missing_program_are_said(monkeypatch: pytest.Monke
     monkeypatch.setitem(project.__dict__, "geometry", replace(project.geometry, missing={"hand.stl": "there is none."}))
     monkeypatch.setitem(project.__dict__, "shapes", None)
     links, program = shape_words(project)
-    assert links.startswith("The shapes of upper, lower are not known (not found: hand.stl)")
+    assert links.startswith("The shapes of upper, lower are not known (hand.stl: there is none)")
     assert "install pin" in program or "pip install" in program
     monkeypatch.setitem(project.__dict__, "geometry", None)
     (said,) = shape_words(project)

@@ -41,14 +41,18 @@ POSITIVE = click.FloatRange(0, min_open=True)
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Rate of the recording.")
 @click.option("--file-rate", type=POSITIVE, metavar="HZ", help="Rate of the files.  [default: that of the recording]")
 @click.option("--floor", type=float, metavar="M", help="Height of a floor, along z of the root link.")
+@click.option(
+    "--package", multiple=True, type=DIRECTORY,
+    help="Folder of a package (package://) with the robot's meshes, or one around it; repeat it.",
+)  # fmt: skip
 @click.option("--noise", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
 @click.option("--starts", type=click.IntRange(1), help="How often the search begins anew.")
 @click.option("--seed", type=click.IntRange(0), help="Of what is drawn: another one gives another motion.")
 @ALLOW_CODE
 @spread
 def excite(
-    robot: Path, out: Path, settings: Path | None, parameter: tuple[str, ...], noise: tuple[str, ...],
-    allow_code: bool, spread: Spread, **given: Any,
+    robot: Path, out: Path, settings: Path | None, parameter: tuple[str, ...], package: tuple[Path, ...],
+    noise: tuple[str, ...], allow_code: bool, spread: Spread, **given: Any,
 ) -> None:  # fmt: skip
     """Design the motion that shows the parameters of ROBOT as accurately as its limits allow, another one for
     validation, and say how accurate a result will be.
@@ -61,12 +65,13 @@ def excite(
     from dynident.cli.bound import noise_given
     from dynident.io.excitation import read_excitation
     from dynident.io.folder import result_folder
-    from dynident.report.excitation import excitation_findings, excitation_heading, excitation_tables
+    from dynident.report.excitation import NO_TRIAL, TRIAL, excitation_findings, excitation_heading, excitation_tables
     from dynident.report.excite_run import CONFIG as DRAFT
     from dynident.report.excite_run import refuse_targets, write_design
 
     changes = {name: value for name, value in given.items() if value is not None}
     changes |= {"parameters": list(parameter), "criterion": "a"} if parameter else {}
+    changes |= {"packages": list(package)} if package else {}
     changes |= {} if (size := noise_given("--noise", noise)) is None else {"noise": size}
     with result_folder(out) as folder, status() as say:
         ready = partial(refuse_targets, folder.path)
@@ -81,6 +86,8 @@ def excite(
         screen.show(table)
     for line in excitation_findings(project, found):
         screen.say(f"* {line}")
+    if not any(path.name.startswith(f"{TRIAL}.") for path in written):
+        screen.say(f"* {NO_TRIAL}")
     for path in written:
         what = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
         if what:

@@ -35,7 +35,8 @@ FINE = 20  # points of the grid by harmonic
 FEWEST = 100  # points of the grid
 SPANS = 2.0  # of a B-spline, by harmonic and period: as free as the series
 AROUND = 4.0  # s that ways and ramps take, about
-AGAIN, ROUNDS = 2, 12  # searches, and motions made smaller, where the limits do not hold between the grid's points
+WIDE = 0.2  # of a torque limit, kept free: a lot
+AGAIN = 2  # searches with more to spare, where the limits do not hold between the grid's points
 SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which are tried
 
 
@@ -80,19 +81,39 @@ def best_motion(
         progress(Step(f"searching, best so far: {_worded(interior.information, best)}", done, total))
 
     found = search(interior, plan.starts, rng, stages=plan.stages, executor=executor, progress=say)
-    for k in range(ROUNDS):
+    for _ in range(AGAIN):
         beyond = interior.between(found.x, feasible.model)
-        if beyond is None:
-            return found
+        if beyond is None or found.interrupted:
+            break
         interior = interior.wider(beyond)
         x = interior.smaller(found.x)
-        if (found.interrupted or k >= AGAIN) and x is not None:
-            found = replace(found, x=x)
-            continue
         first, stages = ((), plan.stages) if x is None else ((x,), plan.stages[-2:])
-        again = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
-        found = replace(again, interrupted=found.interrupted or again.interrupted)
-    raise InputError("no motion was found that keeps to the limits at all times: allow more torque, or less clearance.")
+        found = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
+    return _kept(interior, feasible, found)
+
+
+def _kept(interior: Interior, feasible: Feasibility, found: Found) -> Found:
+    """Return a motion made smaller until it keeps to the limits at all times; InputError where it does not."""
+    x, beyond = found.x, interior.between(found.x, feasible.model)
+    if beyond is None:
+        return found
+    while beyond is not None:
+        interior = interior.wider(beyond)
+        smaller = interior.smaller(x)
+        if smaller is None:
+            raise InputError(f"no motion was found that keeps to the limits at all times: {_in_the_way(interior)}.")
+        x, beyond = smaller, interior.between(smaller, feasible.model)
+    return replace(found, x=x, criterion=interior.information.value(*interior.states(x)[:3]))
+
+
+def _in_the_way(interior: Interior) -> str:
+    """Return which limit most must be kept free of, for what lies between the points of the grid."""
+    spare = interior.spare
+    if spare.torque.max() > WIDE or not spare.distance.size:
+        name = interior.limits.joints[int(spare.torque.argmax())]
+        return f"the torque of joint {name!r} changes too quickly; allow it more, or less velocity"
+    one, other = interior.space.pairs[int(spare.distance.argmax())]
+    return f"{one!r} and {other!r} come too close; allow less clearance, or look at what stands there"
 
 
 def motion_pieces(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -97,7 +98,9 @@ class ExcitationProject:
     def geometry(self) -> Geometry | None:
         """The shapes of the links, None where the model is not made of a robot file."""
         bodies = next((one for one in self.known.model.terms if isinstance(one, RigidBodies)), None)
-        return None if bodies is None else read_geometry(bodies, self.file or Path(bodies.source))
+        return (
+            None if bodies is None else read_geometry(bodies, self.file or Path(bodies.source), self.settings.packages)
+        )
 
     @cached_property
     def space(self) -> Space:
@@ -250,14 +253,21 @@ def _given(
 ) -> ExcitationSettings:
     """Return the settings of the file ``settings``, else those in a configuration, with changes."""
     data: Mapping[str, Any] = {}
-    place = "excitation"
+    place, folder = "excitation", Path()
     if settings is not None:
-        place = str(settings)
+        place, folder = str(settings), Path(settings).parent
         data = settings_in(load_yaml(text_of(settings, ConfigError, CONFIGS), place), place, alone=True)
     elif config is not None:
-        place = f"{config.path}: excitation"
+        place, folder = f"{config.path}: excitation", Path(config.path).parent
         data = settings_in(load_yaml(config.text, config.path), place, alone=False)
-    return excitation_settings({**data, **(changes or {})}, place)
+    changes = dict(changes or {})
+    if isinstance(given := changes.get("packages"), list | tuple):  # these are relative to where we are
+        changes["packages"] = [Path.cwd() / one if isinstance(one, str | Path) else one for one in given]
+    found = excitation_settings({**data, **changes}, place, folder)
+    for one in found.packages:
+        if not os.path.isdir(one):
+            raise ConfigError(f"{place}: packages: there is no folder {str(one)!r}.")
+    return found
 
 
 def _limits(given: ExcitationSettings) -> dict[str, JointLimits]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
 
 from dynident.errors import ConfigError
 from dynident.excitation.request import Request
@@ -60,6 +62,14 @@ def _seed(value: object) -> int:
     return int(number)
 
 
+def _folder(value: object, info: ValidationInfo) -> Path:
+    """Return the whole path of a folder; a relative one starts at that of the settings."""
+    if not isinstance(value, str | Path) or not str(value).strip():
+        raise ValueError("the name of a folder is expected")
+    return Path(os.path.abspath(Path((info.context or {}).get("folder", ".")) / value))
+
+
+Folder = Annotated[Path, BeforeValidator(_folder)]
 Share = Annotated[float, BeforeValidator(_share)]
 Seconds = Annotated[float, BeforeValidator(_within(0.1, 3600.0, "s"))]
 Rate = Annotated[float, BeforeValidator(_within(1.0, 20_000.0, "Hz"))]
@@ -118,6 +128,7 @@ class ExcitationSettings(Section):
     is the share of each limit that is kept free. ``noise`` (N m, N) is that of the torques, one number or by joint;
     null: as the logs or the result show it, else by rule. ``start`` is the pose at rest where the motion begins and
     ends, by joint (rad, m); joints left out are at zero. ``floor`` (m) is a height along z of the root link.
+    ``packages`` are the folders of the packages (``package://``) that hold the robot's meshes, or those around them.
     """
 
     program: Literal["motion", "friction", "gravity", "all"] = "motion"
@@ -139,6 +150,7 @@ class ExcitationSettings(Section):
     floor: Number | None = None
     boxes: Annotated[tuple[BoxSettings, ...], Field(max_length=100)] = ()
     cylinders: Annotated[tuple[CylinderSettings, ...], Field(max_length=100)] = ()
+    packages: Annotated[tuple[Folder, ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
     def _criterion(self) -> Self:
@@ -167,9 +179,10 @@ def settings_in(data: Any, source: str, *, alone: bool) -> Mapping[str, Any]:
     return section or {}
 
 
-def excitation_settings(data: Mapping[str, Any], source: str) -> ExcitationSettings:
-    """Return settings, checked; ConfigError, led by ``source``, where one is wrong."""
+def excitation_settings(data: Mapping[str, Any], source: str, folder: str | Path = ".") -> ExcitationSettings:
+    """Return settings, checked; file names are relative to ``folder``. ConfigError, led by ``source``, where one is
+    wrong."""
     try:
-        return ExcitationSettings.model_validate(dict(data))
+        return ExcitationSettings.model_validate(dict(data), context={"folder": folder})
     except ValidationError as error:
         raise ConfigError(worded(error, dict(data), source)) from None

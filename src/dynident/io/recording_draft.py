@@ -9,6 +9,7 @@ from typing import Any
 
 from dynident.excitation import slowest
 from dynident.identification import SourceFile
+from dynident.io.config_draft import relative
 from dynident.io.excitation import ExcitationProject
 from dynident.io.explicit_config import relocated, settings_text
 from dynident.io.opener import real
@@ -55,6 +56,8 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
     if slow and "min_speed" not in data:
         data, comments = {**data, "min_speed": slow}, comments | {"min_speed": (_SLOW,)}
     given = project.settings.model_dump(mode="json", exclude_unset=True)
+    if "packages" in given:
+        given["packages"] = [relative(Path(one), real(folder)) for one in given["packages"]]
     comments |= {"excitation": () if "floor" in given else (_FLOOR,)}
     return settings_text({**data, "excitation": {"program": project.settings.program, **given}}, comments)
 

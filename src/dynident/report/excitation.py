@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MOTIONS",
+    "NO_TRIAL",
     "SLOWER",
     "TRIAL",
     "excitation_findings",
@@ -54,12 +55,16 @@ _SLOWLY = (
     f"Run `{TRIAL}.csv` first, with nobody near and a hand at the stop: the same path, {SLOWER:g} times slower. The "
     "limits and the distances are those of the files, not of your room."
 )
+NO_TRIAL = (
+    f"There is no slower motion for a first run: {SLOWER:g} times slower, without momentum, the arm needs more torque "
+    "on this path than is allowed, and it may sink where it is stopped. For the first run design another motion, with "
+    "a low `velocity` of each joint under `limits`."
+)
 _RECORD = (
     "Record position and torque of both motions, at the rate of the settings or faster, and save the recordings under "
     "the names in `identify.yaml`."
 )
 _STEPS = (
-    _SLOWLY,
     _RECORD,
     "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
     "For what is still open then: `dynident excite result/result.json -o next`.",
@@ -86,7 +91,8 @@ def excitation_tables(found: Design) -> list[PageTable]:
 
 def excitation_page(project: ExcitationProject, found: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
-    steps = _files(files), _STEPS
+    first = _SLOWLY if any(name.startswith(f"{TRIAL}.") for name, _ in files) else NO_TRIAL
+    steps = _files(files), (first, *_STEPS)
     sections = [
         PageSection("What it will tell", (_facts(found), tuple(excitation_findings(project, found)))),
         *([PageSection("What to do with it", steps)] if files else []),

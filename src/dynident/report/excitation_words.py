@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["floor_words", "limit_words", "noise_words", "shape_words"]
 
 SHOWN, FEW = 8, 3  # joints, and files, in a sentence
+PACKAGED = "package://"
 RATE, MOST = 50.0, 5000  # Hz and samples of the lowest point
 _ORIGINS = {
     NoiseOrigin.GIVEN: "as far as given; of other joints as known, or 1 % of the torque limit",
@@ -56,10 +57,13 @@ def shape_words(project: ExcitationProject) -> Iterator[str]:
         yield "The model is not made of a robot file: nothing keeps the arm clear of itself."
         return
     if links := [geometry.link(body) for body, made in geometry.made.items() if made is Made.JOINTS]:
-        files = f" (not found: {listed(geometry.missing, FEW)})" if geometry.missing else ""
+        lost = (f"{file}: {reason.rstrip('.')}" for file, reason in geometry.missing.items())
+        files = f" ({listed(lost, FEW)})" if geometry.missing else ""
+        packaged = any(file.startswith(PACKAGED) for file in geometry.missing)
+        hint = ", or name the folder of their package (`packages`, `--package`)" if packaged else ""
         yield (
             f"The shapes of {listed(links, SHOWN)} are not known{files}: distances are from the lines between their "
-            "joints, with a thickness by rule. Look whether they are as thick."
+            f"joints, with a thickness by rule. Look whether they are as thick{hint}."
         )
     if project.space.pairs and project.shapes is None:
         yield (

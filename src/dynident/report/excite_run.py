@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident.errors import ConfigError, InputError
-from dynident.excitation import Trajectory, slowed, verify
+from dynident.excitation import LimitError, Trajectory, slowed, verify
 from dynident.identification import versions
 from dynident.io.excitation import ExcitationProject, read_excitation
 from dynident.io.folder import ResultFolder, result_folder
@@ -42,6 +42,7 @@ _USES = {
     "npz": "the same as NumPy arrays",
     "trajectory.yaml": "trajectory_msgs/JointTrajectory of ROS 2",
 }
+_MOTIONS = tuple(f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
 
 
 def excite(
@@ -105,8 +106,7 @@ def _silent(_: str) -> None:
 def refuse_targets(folder: Path) -> None:
     """Raise ConfigError, before long work, where a file that a design writes is one that was read, or where the
     configuration there was written or changed by hand."""
-    motions = (f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
-    refuse_inputs(*(folder / name for name in (*motions, CONFIG, NUMBERS, REPORT)))
+    refuse_inputs(*(folder / name for name in (*_MOTIONS, CONFIG, NUMBERS, REPORT)))
     path = folder / CONFIG
     if path.exists() and sha256(content(path, remember=False)).hexdigest() != _written(folder).get(CONFIG):
         raise ConfigError(
@@ -132,7 +132,8 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
     files: dict[str, str | bytes] = {}
     for stem, trajectory in motions_of(found).items():
         files |= trajectory_files(trajectory, stem, rate)
-    files |= trajectory_files(_trial(found), TRIAL, rate, ROS_RATE / SLOWER)
+    if trial := _trial(found):
+        files |= trajectory_files(trial, TRIAL, rate, ROS_RATE / SLOWER)
     uses = [(name, f"{_STEMS[stem]}: {_USES[ending]}") for name in files for stem, _, ending in [name.partition(".")]]
     if text := recording_config(project, folder.path):
         parse_project(text, folder.path / CONFIG)  # what is written can be read
@@ -142,13 +143,17 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
     uses.append((NUMBERS, "all numbers of this page"))
     files[NUMBERS] = json_text(_numbers(project, found, digests))
     files[REPORT] = excitation_page(project, found, uses)
-    return folder.replace(files, gone=set() if text else {CONFIG})
+    return folder.replace(files, gone={CONFIG, *_MOTIONS})
 
 
-def _trial(found: Design) -> Trajectory:
-    """Return the motion for a first run: the same path, where slow motion may need more torque, which is checked."""
+def _trial(found: Design) -> Trajectory | None:
+    """Return the motion for a first run: the same path, slowly; None where momentum carries the arm on it, so that
+    slow motion takes more torque than is allowed."""
     trial = slowed(found.trajectory, SLOWER)
-    verify(trial, found.model, found.theta, found.limits)
+    try:
+        verify(trial, found.model, found.theta, found.limits)
+    except LimitError:
+        return None
     return trial
 
 

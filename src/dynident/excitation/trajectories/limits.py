@@ -188,7 +188,8 @@ def _check_range(joint: Joint, values: Mapping[str, float | None], own: set[str]
         if value is not None and value <= 0:  # of the file
             raise ModelError(
                 f"limits of joint {joint.name!r}: {name} is {value:g} in {model.name}, which no motion keeps; "
-                f"give the true one (limits, {joint.name}, {name}), or leave the joint out."
+                f"give the true one in the settings, such as `limits: {{{joint.name!r}: {{{name}: 1.0}}}}`, or lock "
+                "the joint."
             )
 
 
@@ -219,7 +220,11 @@ def _check_complete(model: Model, given: Mapping[str, JointLimits], file: Mappin
                 missing.setdefault(f"{end} (in m)", []).append(joint.name)
     if missing:
         lacking = "; ".join(f"{what} of {listed(names)}" for what, names in missing.items())
-        raise ModelError(f"limits: {model.name} does not say, and no rule can: {lacking}. Give each among the limits.")
+        what, names = next(iter(missing.items()))
+        raise ModelError(
+            f"limits: {model.name} does not say, and no rule can: {lacking}. Give each in the settings, such as "
+            f"`limits: {{{names[0]!r}: {{{what.partition(' ')[0]}: 1.0}}}}`."
+        )
 
 
 def _beyond(own: JointLimits, file: Limits) -> tuple[str, ...]:

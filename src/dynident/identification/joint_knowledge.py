@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError
 from dynident.estimators import Estimate
-from dynident.models.memory import loads
+from dynident.models.memory import loading, loads
 from dynident.regression import Regression, rank_of_information
 from dynident.validation import coloured_covariance, correlated_std, robust_covariance
 
@@ -60,7 +60,7 @@ def _load_pulls(regression: Regression, theta: Array, weights: Array) -> Array |
     model, torques = regression.model, []
     if not loads(model.terms):
         return None
-    bodies, load = model.bodies, model.loaded(theta).load
+    bodies, load = model.bodies, theta[loading(model.terms)]
     for motion in regression.motions:
         friction = np.abs(bodies.torque(motion.q, motion.dq, motion.ddq, load)) * np.sign(motion.dq)
         torques.append(friction[:, :, None] * np.eye(friction.shape[1]))

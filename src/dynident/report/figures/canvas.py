@@ -212,9 +212,7 @@ def curve(t: Array, y: Array, name: str, line: Mapping[str, Any], points: int = 
     )
 
 
-def mark_rows(
-    figure: Drawing, labels: Sequence[str], series: Iterable[tuple[Array, str, str, str]], title: str
-) -> None:
+def mark_rows(figure: Drawing, labels: list[str], series: Iterable[tuple[Array, str, str, str]], title: str) -> None:
     """Add marks of positive values in %, one row a label, on a logarithmic axis with a ``title``: for each series its
     values, name, colour and symbol. What is not positive or infinite is left out."""
     rows = np.arange(len(labels))

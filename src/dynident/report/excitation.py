@@ -72,8 +72,8 @@ _STEPS = (
 PROGRAMS = {
     Program.MOTION: "An optimised motion",
     Program.FRICTION: "Each joint at constant speeds",
-    Program.GRAVITY: "Poses at rest",
-    Program.ALL: "An optimised motion, constant speeds and poses at rest",
+    Program.GRAVITY: "Poses for gravity",
+    Program.ALL: "An optimised motion, constant speeds and poses for gravity",
 }
 
 

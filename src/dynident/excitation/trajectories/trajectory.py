@@ -30,7 +30,8 @@ class Course(Protocol):
 
 
 class Purpose(StrEnum):
-    """What a piece is for: the way to its start, the optimised motion, one joint at constant speeds, a pose at rest."""
+    """What a piece is for: the way to its start, the optimised motion, one joint at constant speeds, a pose for gravity
+    (held, or passed slowly)."""
 
     WAY = "way"
     MOTION = "motion"

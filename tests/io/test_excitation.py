@@ -130,6 +130,12 @@ def test_what_cannot_be_read_is_said(robot: Path, tmp_path: Path) -> None:
         ).space
 
 
+def test_a_period_that_nobody_gives_fits_the_duration(robot: Path) -> None:
+    assert read_excitation(robot, None, {"duration": 3.0}).request.period == pytest.approx(1.8)
+    assert read_excitation(robot).request.period == 5.0
+    assert read_excitation(robot, None, {"duration": 3.0, "period": 2.5}).request.period == 2.5
+
+
 def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_path: Path) -> None:
     (tmp_path / "far" / "arm").mkdir(parents=True)
     (tmp_path / "far" / "arm" / "part.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\n")

@@ -73,7 +73,7 @@ class Arm:
         return Feasibility(self.model, self.nominal, self.limits, self.space, self.request.clearance)
 
 
-def arm(name: str, folder: Path, floor: float) -> Arm:
+def arm(name: str, folder: Path, floor: float, duration: float) -> Arm:
     """Return a robot with the default terms, whose truth is known."""
     file = ROBOTS["demo"](folder).file if name == "demo" else next(f for p in PLACES for f in (p / name).glob("*.urdf"))
     bodies = RigidBodies(file.read_text(), source=file.name)
@@ -87,7 +87,7 @@ def arm(name: str, folder: Path, floor: float) -> Arm:
         sizes = [share * torque / (speed if kind == "viscous" else 1.0) for kind, share in SHARES.items()]
         truth[-4 * len(joints) :] = np.concatenate(sizes)
     space = space_of(read_geometry(bodies, file), (Floor(floor),), limits.lower, limits.upper)
-    return Arm(model, nominal, truth, limits, space, Request(NOISE * torque, duration=30.0))
+    return Arm(model, nominal, truth, limits, space, Request(NOISE * torque, duration=duration))
 
 
 def best_random(one: Arm, periods: int, rng: np.random.Generator, worst: Callable[[Expected], float]) -> Trajectory:
@@ -138,7 +138,7 @@ def followed(one: Arm, path: Trajectory, rng: np.random.Generator, runs: int) ->
     """
     machine, every = Machine(one.model, one.truth), round(1 / one.request.rate / STEP)
     steps = int(path.duration / STEP)
-    reference, speed = path.states(STEP * np.arange(steps + 1))[:2]
+    reference, speed = path.states(STEP * np.arange(steps + 1, dtype=float))[:2]
     masses = np.diagonal(one.model.mass_matrix(reference[::50], one.truth), axis1=1, axis2=2)
     kv, most = KV * np.quantile(masses, LOW, axis=0), one.limits.torque / (1 - MARGIN)
     n = len(kv)
@@ -159,7 +159,7 @@ def followed(one: Arm, path: Trajectory, rng: np.random.Generator, runs: int) ->
         old = dq
         q, dq = machine.step(q, dq, ddq, cycles[k % every], STEP)
         ddq = (dq - old) / STEP
-    return STEP * every * np.arange(rows), np.moveaxis(shown, 1, 0), np.moveaxis(torque, 1, 0)
+    return STEP * every * np.arange(rows, dtype=float), np.moveaxis(shown, 1, 0), np.moveaxis(torque, 1, 0)
 
 
 def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, recipe: Recipe) -> tuple[Array, Array]:
@@ -189,7 +189,7 @@ def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, reci
 
 def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     """Return the tables of a robot."""
-    one, began = arm(name, folder, given.floor), time.process_time()
+    one, began = arm(name, folder, given.floor, given.duration), time.process_time()
     made = design(one.model, one.nominal, one.limits, one.space, one.request, np.random.default_rng(given.seed))
     print(f"{name}: {time.process_time() - began:.1f} s of CPU for the design", flush=True)
     basis, sigma = made.expected.basis, one.request.sigma
@@ -197,7 +197,10 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     size = np.sqrt(
         np.square(one.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
     )
-    worst = lambda told: float(100 * (size * told.std).max())  # noqa: E731
+
+    def worst(told: Expected) -> float:
+        return float(100 * (size * told.std).max())
+
     periods = sum(piece.purpose is Purpose.MOTION for piece in made.trajectory.pieces)
     motions = {"designed": made.trajectory}
     if not given.no_random:
@@ -249,6 +252,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--floor", type=float, default=0.0, help="m along z of the root link")
+    parser.add_argument("--duration", type=float, default=30.0, help="s")
     parser.add_argument("--draft", action="store_true", help="identify by the drafted configuration")
     parser.add_argument("--factor", type=float, help="of the noise, that the spline smooths")
     parser.add_argument("--no-random", action="store_true")

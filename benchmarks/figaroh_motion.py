@@ -111,12 +111,14 @@ def main() -> None:
     tool.initialize()
     found = tool.solve(stack_reps=round(given.duration / given.step / (WAYPOINTS - 1)))
     seconds, used = time.perf_counter() - began, time.process_time() - cpu
-    t = np.concatenate([np.asarray(one).ravel() for one in found["T_F"]])
-    keep = np.append(True, np.diff(t) > 1e-9)
-    states = {key: np.vstack(found[name])[keep] for key, name in (("q", "P_F"), ("dq", "V_F"), ("ddq", "A_F"))}
+    first = [slice(int(k > 0), None) for k in range(len(found["T_F"]))]  # a segment begins where the last one ends
+    names = {"q": "P_F", "dq": "V_F", "ddq": "A_F"}
+    states = {key: np.vstack([x[k] for x, k in zip(found[name], first, strict=True)]) for key, name in names.items()}
+    t = np.arange(len(states["q"])) / FREQUENCY  # its own times of segments overlap
     worth = [float(one["obj_values"][-1]) for one in found["iteration_data"] if len(one["obj_values"])]
     print(f"{len(found['T_F'])} segments, {t[-1]:.1f} s of motion in {seconds:.0f} s ({used:.0f} s of CPU); {worth}")
-    np.savez(given.out, t=t[keep], **states, joints=joints, seconds=seconds, cpu=used, base=len(tool.idx_b))
+    q, dq, ddq = (states[key] for key in names)
+    np.savez(given.out, t=t, q=q, dq=dq, ddq=ddq, seconds=seconds, cpu=used, base=len(tool.idx_b))
 
 
 if __name__ == "__main__":

@@ -197,6 +197,7 @@ def main() -> None:
     """Run what is asked for, and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("payload.jsonl"))
     parser.add_argument("--estimator", choices=["least_squares", "consistent"], default="consistent")
     parser.add_argument("--repeat", action="store_true", help="all logs are of one motion")
@@ -207,7 +208,7 @@ def main() -> None:
     rows = [json.loads(line) for line in asked.out.read_text().splitlines()] if asked.out.exists() else []
     done = {(one["robot"], one["seed"]) for one in rows}
     with asked.out.open("a") as file:
-        for seed in range(asked.runs):
+        for seed in range(asked.first_seed, asked.first_seed + asked.runs):
             for robot in ROBOTS:
                 if (robot, seed) not in done:
                     rows.append(one_run(robot, seed, estimator, asked.repeat, lambda text: print(text, flush=True)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError
-from dynident.excitation.request import Criterion, Programme
+from dynident.excitation.request import Criterion, Program
 from dynident.excitation.request_checks import LeftOut, check_request, named_rows, without_memory
 from dynident.models import Dahl
 from tests.excitation.arms import LIMITS, MODEL, THETA
@@ -55,7 +55,7 @@ def test_what_does_not_fit_the_model_is_refused():
 
 
 def test_a_period_matters_to_motions_that_have_one():
-    for changes in ({"family": "bspline"}, {"programme": Programme.FRICTION}):
+    for changes in ({"family": "bspline"}, {"program": Program.FRICTION}):
         check_request(MODEL, THETA, LIMITS, SPACE, replace(REQUEST, period=10.0, **changes))
 
 

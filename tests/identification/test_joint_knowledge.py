@@ -36,6 +36,22 @@ def test_a_joint_with_a_wrong_gain_moves_them_by_its_part() -> None:
     np.testing.assert_allclose(moved / scale, 1e-4 * parts[:, 2] / scale, atol=0.05)
 
 
+def test_friction_that_grows_with_the_load_moves_them_by_its_part() -> None:
+    found, share = result(), 1e-3
+    (log,) = found.validations
+    motion, basis, weights = log.motion, found.base.on_data, found.estimate.residual.weights
+    assert basis is not None
+    assert weights is not None
+    assert found.errors.base_by_load is not None
+    bodies = found.model.bodies
+    load = bodies.torque(motion.q, motion.dq, motion.ddq, found.estimate.value[: len(bodies.parameters)])
+    more = share * np.abs(load) * np.sign(motion.dq) * np.eye(6)[4]
+    Y, rows = found.model.regressor(motion.q, motion.dq, motion.ddq), motion.mask
+    columns = (weights[:, None] * Y[rows][:, :, list(basis.independent)]).reshape(-1, basis.rank)
+    moved = np.linalg.lstsq(columns, (weights * more[rows]).ravel(), rcond=None)[0]
+    np.testing.assert_allclose(share * found.errors.base_by_load[:, 4], moved, rtol=1e-5, atol=1e-9)
+
+
 def test_the_covariance_is_that_of_the_standard_errors() -> None:
     errors = result().errors
     assert errors.base_covariance is not None

@@ -10,7 +10,7 @@ import yaml
 
 import dynident as dy
 from dynident.errors import ConfigError, InputError
-from dynident.excitation import Box, Criterion, Cylinder, Floor, Nothing, Programme
+from dynident.excitation import Box, Criterion, Cylinder, Floor, Nothing, Program
 from dynident.io.excitation import read_excitation
 from dynident.io.excitation_known import NoiseOrigin
 from dynident.io.recording_draft import recording_config
@@ -65,7 +65,7 @@ def test_settings_of_a_file_and_changes_of_them(robot: Path, tmp_path: Path) -> 
     found = read_excitation(robot, written(tmp_path / "cell.yaml", given), {"duration": 20.0})
     assert found.request.duration == 20.0
     assert found.request.criterion is Criterion.CONDITION
-    assert found.request.programme is Programme.FRICTION
+    assert found.request.program is Program.FRICTION
     assert found.origin is NoiseOrigin.GIVEN
     np.testing.assert_allclose(found.request.sigma, [0.2, 0.15])
     np.testing.assert_array_equal(found.request.start, [0.0, 0.5])

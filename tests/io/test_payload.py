@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
+from dynident.errors import InputError, ModelError
 from dynident.identification import SourceFile, Sources
 from dynident.io.payload import payload_data, payload_name, payload_urdf, read_gains, read_loaded
 from dynident.io.results import json_text
 from dynident.models import RigidBodies
-from dynident.payload import Payload, Request, find_payload
+from dynident.payload import Payload, PhysicalBody, Request, find_payload
 from tests.payload.arms import CARRIED, SIX, recorded, result
 
 
@@ -73,6 +73,14 @@ def test_the_data_hold_the_payload_and_its_notes() -> None:
         "unit": "kg",
     }
     assert data["notes"] == ["said"]
+
+
+def test_of_no_payload_the_mass_alone_is_written(tmp_path: Path) -> None:
+    none = replace(weighed(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
+    data = payload_data(none, result().provenance, [])
+    assert [data["seen"], data["payload"][0]["value"], data["payload"][1]["value"]] == [False, 0.1, None]
+    with pytest.raises(ModelError, match="no payload is seen"):
+        payload_urdf(result(), none, tmp_path)
 
 
 def test_the_urdf_holds_arm_and_payload_for_its_folder(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_a_recording_of_the_motion_is_read(robot: Path, tmp_path: Path) -> None:
     logs, _ = project.logs()
     assert [*logs["train"], *logs["validation"]] == ["motion_recorded", "validation_recorded"]
     np.testing.assert_allclose(logs["train"]["motion_recorded"].tau, tau, atol=1e-9)
-    assert project.config.min_speed == {"lift": 0.036, "bend": 0.054}
+    assert project.config.min_speed == {"lift": 0.054, "bend": 0.081}
     assert project.config.excitation is not None
     assert project.config.excitation.duration == 9
 

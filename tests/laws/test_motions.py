@@ -1,4 +1,4 @@
-"""Whatever the robot, motions and programmes for it begin and end at rest, are continuous, and keep all its limits."""
+"""Whatever the robot, motions and programs for it begin and end at rest, are continuous, and keep all its limits."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from dynident.excitation.trajectories.bspline import Clamped
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.fourier import Fourier
-from dynident.excitation.trajectories.friction_programme import friction_programme
+from dynident.excitation.trajectories.friction_program import friction_program
 from dynident.excitation.trajectories.limits import JointLimits, limits_of
 from dynident.excitation.trajectories.poses import static_poses
 from dynident.excitation.trajectories.ramp import from_rest
@@ -47,7 +47,7 @@ def test_what_is_made_passes_the_last_check(kind, seed):
             family = Clamped(8.0, 10)
             pieces = from_rest(feasible, family, scaled(family, rng, limits, 0.7), 1, limits.middle, rng)
         case "friction":
-            pieces = friction_programme(feasible, 15.0 * n, None, rng, speeds=3)
+            pieces = friction_program(feasible, 15.0 * n, None, rng, speeds=3)
         case _:
             pieces = static_poses(feasible, 30.0, limits.middle, np.ones(n), rng)
     trajectory = Trajectory(limits.joints, pieces)

@@ -153,10 +153,12 @@ def test_what_one_joint_does_not_show_is_said_with_the_motion_that_would_show_it
     one = find_payload(result(), {"still": recorded("still", CARRIED, still=(0, 2, 3, 4, 5))}, request=KNOWN)
     notes = [note for note in one.notes if isinstance(note, NotShown)]
     assert notes
-    assert {note.joint for note in notes if note.joint} <= {"j1", "j2", "j3", "j4", "j5", "j6"}
+    joints = [note.joint for note in notes]
+    assert set(joints) <= {"", "j1", "j2", "j3", "j4", "j5", "j6"}
+    assert len(set(joints)) == len(joints)  # one line for each
     helped = [note for note in notes if note.joint]
     assert helped
-    assert all(note.then < note.std for note in helped)
+    assert all(then < std for note in helped for then, std in zip(note.then, note.std, strict=True))
     assert distance(one) < 4
 
 
@@ -194,11 +196,16 @@ def test_friction_by_the_load_sees_that_of_the_payload() -> None:
     blind = identify(arm()[0], {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
     other = find_payload(blind, loaded, request=KNOWN)
     assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) > np.linalg.norm(one.body.values[:4] - TRUTH[:4])
+    assert other.shares[Source.FRICTION].max() > 0.3  # it is an unknown there
+    without = find_payload(blind, loaded, request=replace(KNOWN, load_friction=0.0))
+    assert distance(other) < 2 < distance(without)
+    assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) < np.linalg.norm(without.body.values[:4] - TRUTH[:4])
 
 
 def test_no_payload_is_said() -> None:
     one = find_payload(result(), {"empty": recorded("empty")}, request=KNOWN)
-    assert any(isinstance(note, NoPayload) for note in one.notes)
+    assert [type(note) for note in one.notes] == [NoPayload]
+    assert not one.seen
     assert one.body.mass < 0.05
     assert smallest_eigenvalue(one.value) > 0
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.excitation import Programme
+from dynident.excitation import Program
 from dynident.report.excitation_expected import expected_section, told, valued_of
 from tests.report.designs import designed
 
@@ -43,7 +43,7 @@ def test_what_was_known_before_and_what_stays_open() -> None:
     std[0] = np.inf
     said = list(told(replace(found, expected=replace(one, std=std))))
     assert said[-1] == f"1 base parameter stays open: {one.basis.leading[0]}."
-    slow = replace(found.request, programme=Programme.FRICTION)
+    slow = replace(found.request, program=Program.FRICTION)
     *_, said = told(replace(found, request=slow, expected=replace(one, std=std)))
     assert "`--program motion`" in said
     assert list(told(replace(found, expected=replace(one, std=np.full_like(std, np.inf))))) == [

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from dynident.errors import Note
-from dynident.payload import Payload, Request, find_payload, notes
+from dynident.payload import Payload, PhysicalBody, Request, find_payload, notes
 from dynident.report.payload import (
     gains_table,
     payload_page,
@@ -41,25 +42,36 @@ def test_the_page_holds_all_of_it_and_escapes_names() -> None:
     evil = replace(found(), mount=replace(found().mount, frame="</script><b>"), notes=(notes.NoPayload(0.1, 0.2),))
     page = payload_page(evil, result())
     assert "</script><b>" not in page
-    assert "no payload is seen: its mass is 0.1 ± 0.2 kg." in page
+    assert "no payload is seen: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg." in page
     assert "Gains of the drives" in page
     assert payload_page(replace(found(), logs=()), result()).count("Two results are compared") == 1
+
+
+def test_of_no_payload_the_mass_alone_is_shown() -> None:
+    none = replace(found(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
+    assert payload_words(none) == "No payload is seen on arm_tool0: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg."
+    assert [row[0] for row in payload_table(none).rows] == ["mass"]
+    assert {len(row) for row in shares_table(none).rows} == {2}
+    page = payload_page(none, result())
+    assert "centre of mass" not in page.partition("</style>")[2]
+    assert "No payload is seen" in page
 
 
 @pytest.mark.parametrize(
     ("note", "said"),
     [
         (
-            notes.NotShown("z", 0.05, "m", "j5", 1.5, 0.002),
+            notes.NotShown(("z", "Ixx"), (0.05, 0.01), "j5", 1.5, "rad/s", (0.002, 0.003)),
             (
-                "the motion does not show the centre of mass, z of the payload (± 0.05 m); 10 s of turning j5 back and "
-                "forth at up to 1.5 per s would lower that to ± 0.002 m"
+                "the motion does not show centre of mass, z (± 0.05 m), inertia about the centre of mass, xx "
+                "(± 0.01 kg m^2) of the payload; 10 s of turning j5 back and forth at up to 1.5 rad/s would lower that "
+                "to ± 0.002 m, 0.003 kg m^2; `dynident excite` designs a motion of all joints"
             ),
         ),
         (
-            notes.NotShown("Izz", 0.05, "kg m^2"),
+            notes.NotShown(("Izz",), (0.05,)),
             (
-                "the motion does not show the inertia about the centre of mass, zz of the payload (± 0.05 kg m^2); no "
+                "the motion does not show inertia about the centre of mass, zz (± 0.05 kg m^2) of the payload; no "
                 "single joint would by itself: turn the last joints together, fast, in several postures"
             ),
         ),

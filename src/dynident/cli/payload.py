@@ -39,13 +39,17 @@ __all__ = ["payload"]
     "--friction-change", type=float, default=30.0, show_default=True, metavar="PERCENT",
     help="How much friction and offsets may have drifted, and friction changed by the load, of a joint's friction.",
 )  # fmt: skip
+@click.option(
+    "--load-friction", type=float, default=5.0, show_default=True, metavar="PERCENT",
+    help="Friction that grows with the load, and is not in the model: about so much of the load.",
+)  # fmt: skip
 @click.option("--removed", is_flag=True, help="The arm carried it when RESULT was identified, and does no more.")
 @click.option("--out", type=DIRECTORY, help="Folder for payload.json, report.html, and a URDF with the payload.")
 @ALLOW_CODE
 def payload(
     result: Path, loaded: tuple[str, ...], unloaded: tuple[str, ...], frame: str | None, known_mass: float | None,
     known_centre: tuple[float, float, float] | None, gains: Path | None, gain_error: float, friction_change: float,
-    removed: bool, out: Path | None, allow_code: bool,
+    load_friction: float, removed: bool, out: Path | None, allow_code: bool,
 ) -> None:  # fmt: skip
     """Identify mass, centre of mass and inertia of what the arm in RESULT (the result.json of identify) carries.
 
@@ -58,7 +62,7 @@ def payload(
     from dynident.io.opener import keep, refuse_inputs
     from dynident.io.payload import payload_logs, payload_name, read_gains, read_loaded
     from dynident.io.saved import load
-    from dynident.payload import Request, find_payload
+    from dynident.payload import NoPayload, Request, find_payload
     from dynident.report.payload import gains_table, payload_table, payload_words, shares_table, torque_table
     from dynident.report.wording import note_lines, old_result_lines
 
@@ -67,7 +71,9 @@ def payload(
     with result_folder(out) if out else nullcontext() as folder:
         with status() as say:
             known = read_gains(gains) if gains else None
-            request = Request(frame, known_mass, known_centre, gain_error, known, friction_change, removed)
+            request = Request(
+                frame, known_mass, known_centre, gain_error, known, friction_change, load_friction, removed
+            )
             say("reading the result")
             saved = load(result, allow_code=allow_code)
             if out:
@@ -81,7 +87,7 @@ def payload(
     screen.say(payload_words(found), "bold")
     for table in (payload_table(found), shares_table(found), *torque_table(found), *gains_table(found)):
         screen.show(table)
-    for line in (*old_result_lines(saved), *note_lines(found.notes)):
+    for line in (*old_result_lines(saved), *note_lines(one for one in found.notes if not isinstance(one, NoPayload))):
         say_line(screen, line)
     for words in (*warnings, *more, *said):
         screen.remark(f"Note: {words}")

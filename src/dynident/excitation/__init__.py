@@ -2,7 +2,7 @@
 
 from dynident.excitation.design import Design, Interrupted, design
 from dynident.excitation.expected import Expected, expected, slowest
-from dynident.excitation.request import Criterion, Programme, Request
+from dynident.excitation.request import Criterion, Program, Request
 from dynident.excitation.request_checks import LeftOut
 from dynident.excitation.spaces.capsules import Capsule
 from dynident.excitation.spaces.clearance import CapsuleSpace
@@ -41,7 +41,7 @@ __all__ = [
     "Obstacle",
     "Outline",
     "Piece",
-    "Programme",
+    "Program",
     "Purpose",
     "Request",
     "Space",

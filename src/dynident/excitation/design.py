@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from dynident.errors import Note, Severity, brief
 from dynident.excitation.expected import Expected, expected, information_of, slowest, unexcited
 from dynident.excitation.motion import Plan, best_motion, interior_of, reached_motion
-from dynident.excitation.programme import home_of, slow_pieces
-from dynident.excitation.request import Programme, Request
+from dynident.excitation.program import home_of, slow_pieces
+from dynident.excitation.request import Program, Request
 from dynident.excitation.request_checks import check_request, without_memory
 from dynident.excitation.search import Stage
 from dynident.excitation.spaces.space import Distances, Space
@@ -27,7 +28,7 @@ from dynident.regression import BaseParameters, structural_base_parameters
 __all__ = ["Design", "Interrupted", "design"]
 
 Array = NDArray[np.float64]
-OTHER = 0.79  # of the period: the validation motion has other speeds
+OTHER = 1.58  # periods: the validation motion is longer, with other speeds up to the same frequency
 LONG = 1e4  # s: as long as the ways take
 QUICK = Plan(2, (Stage(1.0, 40), Stage(0.1, 40)))
 
@@ -88,7 +89,7 @@ def design(
     feasible = Feasibility(model, theta, limits, space, request.clearance)
     feasible.poses(1, np.random.default_rng(0))  # says what is in the way where the arm can stand nowhere
     slow = slow_pieces(feasible, request, rng)
-    moving, interrupted = request.programme in (Programme.MOTION, Programme.ALL), False
+    moving, interrupted = request.program in (Program.MOTION, Program.ALL), False
     pieces = slow
     if moving:
         rest = _beside(model, limits, request, slow)
@@ -123,8 +124,8 @@ def _validation(
     feasible: Feasibility, space: Space, request: Request, basis: BaseParameters, rng: np.random.Generator
 ) -> Trajectory:
     """Return another motion, at other speeds: one period, from another start, with few steps."""
-    period = OTHER * min(request.period, request.duration)
-    other = replace(request, family="fourier", period=period, duration=LONG)
+    period, harmonics = OTHER * min(request.period, request.duration), math.ceil(OTHER * request.harmonics)
+    other = replace(request, family="fourier", period=period, harmonics=harmonics, duration=LONG)
     interior = interior_of(feasible, space, replace(other, duration=period), basis)
     found = best_motion(interior, feasible, QUICK, rng)
     return Trajectory(feasible.limits.joints, reached_motion(interior, feasible, found.x, other, rng, most=1))

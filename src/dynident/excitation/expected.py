@@ -28,7 +28,7 @@ __all__ = ["Expected", "expected", "information_of", "slowest", "unexcited"]
 
 Array = NDArray[np.float64]
 BLOCK = 2000  # samples at once
-SLOW = 0.02  # of the velocity limit
+SLOW = 0.03  # of the velocity limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,8 @@ class Expected:
 
 
 def slowest(model: Model, limits: MotionLimits) -> Array:
-    """Return the speed (n) below which the torque of a joint tells nothing, as friction may hold it with any torque up
-    to its own: 2 % of the velocity limit, or zero for a joint without dry friction."""
+    """Return the speed (n) below which a fit leaves out a joint's torque: 3 % of the velocity limit, zero without dry
+    friction, which may hold the joint with any torque up to its own, and after which it moves on with a jerk."""
     state = np.zeros((1, len(limits.joints))), limits.velocity[None], np.zeros((1, len(limits.joints)))
     rubs = np.zeros(len(limits.joints), dtype=bool)
     for term in (one for one in model.terms if isinstance(one, HasSign)):

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 
-__all__ = ["Criterion", "Programme", "Request"]
+__all__ = ["Criterion", "Program", "Request"]
 
 Array = NDArray[np.float64]
 
 
-class Programme(StrEnum):
+class Program(StrEnum):
     """What the arm does: the optimised motion, each joint at constant speeds, poses at rest, or all of these."""
 
     MOTION = "motion"
@@ -44,7 +44,7 @@ class Request:
     """
 
     sigma: Array
-    programme: Programme = Programme.MOTION
+    program: Program = Program.MOTION
     criterion: Criterion = Criterion.D_OPTIMAL
     family: str = "fourier"
     duration: float = 30.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, choices, listed
-from dynident.excitation.request import Criterion, Programme, Request
+from dynident.excitation.request import Criterion, Program, Request
 from dynident.excitation.spaces.pairing import refuse_contact
 from dynident.excitation.spaces.space import Space
 from dynident.excitation.trajectories.limits import MotionLimits
@@ -60,7 +60,7 @@ def check_request(model: Model, theta: Array, limits: MotionLimits, space: Space
             raise ConfigError(f"{name} is {count}; give 1 or more.")
     if request.family not in FAMILIES:
         raise ConfigError(f"family is {request.family!r}; {choices(request.family, FAMILIES)}")
-    moves = request.programme in (Programme.MOTION, Programme.ALL)
+    moves = request.program in (Program.MOTION, Program.ALL)
     if moves and request.family == "fourier" and request.period > request.duration:
         raise ConfigError(
             f"the period of {request.period:g} s is longer than the duration of {request.duration:g} s: give a shorter "

@@ -1,4 +1,5 @@
-"""What a fit knows of all base parameters together: their covariance, and what the torque of each joint contributes."""
+"""What a fit knows of all base parameters together: their covariance, and what the torque of each joint contributes, or
+friction that grows with the load there."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError
 from dynident.estimators import Estimate
+from dynident.models.memory import loads
 from dynident.regression import Regression, rank_of_information
 from dynident.validation import coloured_covariance, correlated_std, robust_covariance
 
@@ -25,17 +27,18 @@ def joint_knowledge(
     more: Array,
     std: Array,
     robust: Callable[..., Array] = correlated_std,
-) -> tuple[Array, Array, Array] | tuple[None, None, None]:
+) -> tuple[Array, Array, Array, Array | None] | tuple[None, None, None, None]:
     """Return the covariance (r, r) of the base parameters that the columns ``kept`` lead, (r, n) the parts that the
-    torque of each joint has in them, and its share (n) in their errors; None where the columns are dependent to working
-    precision.
+    torque of each joint has in them, its share (n) in their errors, and (r, n) what friction abs(load_j) sign(dq_j) of
+    each joint adds to them; None where the columns are dependent to working precision.
 
     With R = U S V' the triangular factor of the weighted columns, the errors of S V' beta are independent where
     residuals are white. Their variances v are those of correlated residuals (``robust``), so that the covariance is
     V S^-1 diag(v) S^-1 V' + ``more`` (r, r): the estimated covariance itself, of few independent samples, would show
     directions that seem to be known without error. Where there is no such figure, all variances are larger by the
     median of those of ``std`` (r) over those for white residuals. A joint contributes
-    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r.
+    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r. The load
+    is the torque of the bodies; what it adds is None where there are none, or where the rows are not all at hand.
     """
     triangular, n = regression.triangular_factors, len(regression.model.joints)
     w = np.ones(n) if estimate.residual.weights is None else np.asarray(estimate.residual.weights)
@@ -43,12 +46,25 @@ def joint_knowledge(
     scale = np.linalg.norm(factor, axis=0)
     _, size, axes = np.linalg.svd(factor / np.where(scale > 0, scale, 1.0))
     if not (scale > 0).all() or not size[-1] > np.finfo(float).eps * len(kept) * size[0]:
-        return None, None, None
+        return None, None, None, None
     to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
     pulls = np.einsum("j,jik,ji->kj", w**2, triangular.factors[:, :, kept], triangular.factors[:, :, -1])
     shares = np.square(w[:, None, None] * (triangular.factors[:, :, kept] @ back)).sum(axis=(1, 2)) / len(kept)
     covariance = _covariance(regression, estimate, kept, (to_axes, back), std, robust) + more
-    return covariance, back @ (back.T @ pulls), shares
+    by_load = _load_pulls(regression, estimate.value, w) if robust is correlated_std else None
+    return covariance, back @ (back.T @ pulls), shares, None if by_load is None else back @ (back.T @ by_load[kept])
+
+
+def _load_pulls(regression: Regression, theta: Array, weights: Array) -> Array | None:
+    """Return sum_j w_j^2 Y_j' abs(load_j) sign(dq_j) (p, n), None where the model has no bodies."""
+    model, torques = regression.model, []
+    if not loads(model.terms):
+        return None
+    bodies, load = model.bodies, model.loaded(theta).load
+    for motion in regression.motions:
+        friction = np.abs(bodies.torque(motion.q, motion.dq, motion.ddq, load)) * np.sign(motion.dq)
+        torques.append(friction[:, :, None] * np.eye(friction.shape[1]))
+    return regression.pulls(torques, weights)
 
 
 def _covariance(

@@ -56,8 +56,9 @@ class StandardErrors:
 
     ``base_covariance`` (r, r) is of the base parameters together, for correlated residuals, too, and ``base_by_joint``
     (r, n) what the torque of each joint contributes to their values by least squares: an error of its gain acts so;
-    ``base_shares`` (n) are the shares of its torque in their errors, one in all. Where all p parameters are
-    determined, these are of them. None in results of older versions.
+    ``base_shares`` (n) are the shares of its torque in their errors, one in all. ``base_by_load`` (r, n) is what
+    friction of each joint would add to them that is as large as the load there, the torque of the bodies. Where all p
+    parameters are determined, these are of them. None in results of older versions, and by the load of logs in pieces.
     """
 
     std: Array
@@ -67,6 +68,7 @@ class StandardErrors:
     base_covariance: Array | None = None
     base_by_joint: Array | None = None
     base_shares: Array | None = None
+    base_by_load: Array | None = None
 
     __repr__ = brief
 

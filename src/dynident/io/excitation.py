@@ -28,7 +28,7 @@ from dynident.excitation import (
     MotionLimits,
     Nothing,
     Obstacle,
-    Programme,
+    Program,
     Request,
     Space,
     design,
@@ -181,7 +181,7 @@ def read_excitation(
     origin, sigma = noise(known, given.noise, limits, given.margin, given.rate)
     request = Request(
         sigma,
-        Programme(given.program),
+        Program(given.program),
         Criterion(given.criterion),
         given.family,
         given.duration,

@@ -24,7 +24,7 @@ from dynident.payload import NAMES, UNITS, DriveGains, Payload, SameRecording
 __all__ = ["FORMAT", "payload_data", "payload_logs", "payload_name", "payload_urdf", "read_gains", "read_loaded"]
 
 FORMAT, VERSION = "dynident payload", 1
-REQUESTED = ("known_mass", "known_centre", "gain_error", "friction_change", "removed")
+REQUESTED = ("known_mass", "known_centre", "gain_error", "friction_change", "load_friction", "removed")
 WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
 
@@ -108,16 +108,18 @@ def read_gains(path: Path) -> DriveGains:
 
 
 def payload_data(found: Payload, sources: Sources, words: Sequence[str]) -> dict[str, Any]:
-    """Return a payload as plain values, with its notes in words."""
+    """Return a payload as plain values, with its notes in words; of one that is not seen the mass alone."""
+    shown = [found.seen or name == "mass" for name in NAMES]
     body, request, gains = found.body, found.request, found.gains
     return {
         "format": FORMAT,
         "version": VERSION,
         "frame": found.mount.frame,
         "body": found.mount.body,
+        "seen": found.seen,
         "payload": [
-            {"name": name, "value": value, "std": std, "unit": unit}
-            for name, value, std, unit in zip(NAMES, body.values, body.std, UNITS, strict=True)
+            {"name": name, "value": value if show else None, "std": std if show else None, "unit": unit}
+            for name, value, std, unit, show in zip(NAMES, body.values, body.std, UNITS, shown, strict=True)
         ],
         "parameters": {"value": found.value, "unconstrained": found.free, "covariance": found.covariance},
         "shares": {source.value: share for source, share in found.shares.items()},
@@ -143,8 +145,10 @@ def payload_urdf(found: Identification, payload: Payload, folder: Path) -> tuple
     """Return the URDF of the identified arm with the payload as a link, for a folder, and what to say of it.
 
     Where the result cannot be written as a URDF, the arm has the inertias of its file. Raises ModelError where that is
-    none, or the text, loaded again, has another torque.
+    none, no payload is seen, or the text, loaded again, has another torque.
     """
+    if not payload.seen:
+        raise ModelError("no payload is seen")
     bodies = next(term for term in found.model.terms if isinstance(term, RigidBodies))
     if bodies.format != "urdf":
         raise ModelError(f"{bodies.source}: it is an MJCF; a payload is written into a URDF.")

@@ -143,8 +143,8 @@ class BasePart(Part):
 class IdentifiabilityPart(Part):
     """Base parameters that the data show, those that any motion could show, and what the data leave out.
 
-    ``covariance``, ``by_joint`` and ``shares``: of those on the data, or of all parameters where these are null; see
-    ``StandardErrors``.
+    ``covariance``, ``by_joint``, ``shares`` and ``by_load``: of those on the data, or of all parameters where these are
+    null; see ``StandardErrors``.
     """
 
     on_data: BasePart | None
@@ -153,6 +153,7 @@ class IdentifiabilityPart(Part):
     covariance: list[list[float]] | None = None
     by_joint: list[list[float]] | None = None
     shares: list[float] | None = None
+    by_load: list[list[float]] | None = None
 
 
 class RunPart(Part):

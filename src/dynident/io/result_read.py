@@ -193,6 +193,7 @@ def _errors(file: ResultFile, source: str) -> StandardErrors:
         _known(joint.covariance, (r, r), "base_parameters.covariance", source),
         _known(joint.by_joint, (r, n), "base_parameters.by_joint", source),
         None if joint.shares is None else _matrix([joint.shares], (1, n), "base_parameters.shares", source)[0],
+        _known(joint.by_load, (r, n), "base_parameters.by_load", source),
     )
 
 

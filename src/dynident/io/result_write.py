@@ -130,6 +130,7 @@ def _identifiability(found: Identification) -> dict[str, Any]:
         "covariance": found.errors.base_covariance,
         "by_joint": found.errors.base_by_joint,
         "shares": found.errors.base_shares,
+        "by_load": found.errors.base_by_load,
     }
 
 

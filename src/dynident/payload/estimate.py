@@ -3,7 +3,8 @@
 Each identification i measures base parameters b_i = B_i theta_i + H_i e + n_i, of covariance C_i (``Evidence``). All
 have one theta; recordings after the result have changes d of friction and offsets, which are the same in all of them;
 those with the payload have its parameters phi in the columns T of its body, and changes l of friction, by the load.
-e are the errors of the gains of the drives. d, l and e have expected sizes, by which they count as measured to be zero.
+e are the errors of the gains, k what friction grows by with the load, as K_i k, in all of them. d, l, k and e have
+expected sizes, by which they count as measured to be zero.
 """
 
 from __future__ import annotations
@@ -77,6 +78,7 @@ class _Unknowns:
     beta: slice
     drift: slice
     friction: slice
+    load: slice
     gains: slice
     phi: slice
 
@@ -122,15 +124,16 @@ def solved(
     """Return the unknowns; ``theta`` (p) are the arm's parameters and ``basis`` its base parameters on any motion."""
     drift, friction = _changes(model, basis, theta, request.friction_change)
     n, r = len(model.joints), basis.rank
-    place = _Unknowns.of(r, drift.shape[1], friction.shape[1], n, 10)
-    rows = [_measured(one, source, basis, mount, (drift, friction), place, request.removed)
+    known = all(one.by_load is not None for several in evidence.values() for one in several)
+    place = _Unknowns.of(r, drift.shape[1], friction.shape[1], n if known and request.load_friction else 0, n, 10)
+    rows = [_measured(one, source, basis, mount, (drift, friction), place, request)
             for source, several in evidence.items() for one in several]  # fmt: skip
     size = sum(part.stop - part.start for part in vars(place).values())
     rows += _changes_prior(place, size)
     rows.append(_gains_prior(request, place, size, n))
     torque = float(np.abs(basis.scale * theta).max())
-    known = np.full(r, FREE * (torque or 1.0)) / basis.scale[list(basis.independent)]
-    rows.append(_Rows(Source.PRIOR, _unit(size, place.beta, 1.0 / known), np.zeros(r), weak=True))
+    wide = np.full(r, FREE * (torque or 1.0)) / basis.scale[list(basis.independent)]
+    rows.append(_Rows(Source.PRIOR, _unit(size, place.beta, 1.0 / wide), np.zeros(r), weak=True))
     mass = LARGEST if request.known_mass is None else request.known_mass
     for _ in range(ROUNDS):
         x = _least_squares([*rows, *_body(place, size, mass, request)])[0]
@@ -145,18 +148,20 @@ def _measured(
     mount: Mount,
     changes: tuple[Array, Array],
     place: _Unknowns,
-    removed: bool,
+    request: Request,
 ) -> _Rows:
     white = one.white()
     combination = white @ one.combination
     left = np.zeros((len(white), place.phi.stop))
     left[:, place.beta] = combination[:, list(basis.independent)]
     left[:, place.gains] = white @ one.by_joint
+    if one.by_load is not None and place.load.stop > place.load.start:
+        left[:, place.load] = 0.01 * request.load_friction * white @ one.by_load
     if source is not Source.ARM:
         left[:, place.drift] = combination @ changes[0]
     if source is Source.LOADED:
         left[:, place.friction] = combination @ changes[1]
-        left[:, place.phi] = combination @ mount.turn * (-1.0 if removed else 1.0)
+        left[:, place.phi] = combination @ mount.turn * (-1.0 if request.removed else 1.0)
     return _Rows(source, left, white @ one.value, evidence=one, white=white)
 
 
@@ -181,7 +186,7 @@ def _changes(model: Model, basis: BaseParameters, theta: Array, percent: float) 
 
 
 def _changes_prior(place: _Unknowns, size: int) -> list[_Rows]:
-    pairs = ((Source.DRIFT, place.drift), (Source.FRICTION, place.friction))
+    pairs = ((Source.DRIFT, place.drift), (Source.FRICTION, place.friction), (Source.FRICTION, place.load))
     found = []
     for source, part in pairs:
         left = _unit(size, part, np.ones(part.stop - part.start))

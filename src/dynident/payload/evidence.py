@@ -21,7 +21,8 @@ class Evidence:
     (r, r), the parts ``by_joint`` (r, n) that the torque of each joint has in them, and its ``shares`` (n) in their
     errors.
 
-    Where the torque of joint j is (1 + e_j) times the true one, the values are too large by ``by_joint`` e.
+    Where the torque of joint j is (1 + e_j) times the true one, the values are too large by ``by_joint`` e; where its
+    friction grows with k_j times the load, which the model does not know, by ``by_load`` (r, n) k, None if not known.
     """
 
     value: Array
@@ -29,6 +30,7 @@ class Evidence:
     covariance: Array
     by_joint: Array
     shares: Array
+    by_load: Array | None = None
 
     __repr__ = brief
 
@@ -41,7 +43,7 @@ class Evidence:
         free = None if consistency is None else consistency.unconstrained
         theta = found.estimate.value if free is None else free
         B = np.eye(len(theta)) if base is None else base.combination
-        return cls(B @ theta, B, errors.base_covariance, errors.base_by_joint, errors.base_shares)
+        return cls(B @ theta, B, errors.base_covariance, errors.base_by_joint, errors.base_shares, errors.base_by_load)
 
     def white(self) -> Array:
         """Return what makes the errors of the values independent, of variance one (r, r); InputError where the

@@ -12,19 +12,19 @@ __all__ = ["GainsUnknown", "NoPayload", "NotShown", "OtherArm", "PayloadOrDrift"
 
 @dataclass(frozen=True)
 class NotShown(Note):
-    """The motion with the payload does not show a ``component`` of it, of standard error ``std`` (SI).
+    """The motion with the payload does not show ``components`` of it, of standard errors ``std`` (SI).
 
-    Ten seconds of turning ``joint`` alone, back and forth at up to ``speed`` (rad/s, m/s), would lower it to ``then``;
-    no joint is named where none would by itself.
+    Ten seconds of turning ``joint`` alone, back and forth at up to ``speed`` (``unit`` rad/s, m/s), would lower them to
+    ``then``; no joint is named where none would by itself.
     """
 
     advises: ClassVar[bool] = True
-    component: str
-    std: float
-    unit: str
+    components: tuple[str, ...]
+    std: tuple[float, ...]
     joint: str = ""
     speed: float = 0.0
-    then: float = 0.0
+    unit: str = "rad/s"
+    then: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class GainsUnknown(Note):
 
 @dataclass(frozen=True)
 class NoPayload(Note):
-    """The mass (kg) is less than two standard errors from nothing."""
+    """The mass (kg) is less than three standard errors from nothing, so that nothing else is known of it."""
 
     mass: float
     std: float

@@ -13,7 +13,7 @@ from dynident.estimators import LeastSquares
 from dynident.identification import Identification, identify
 from dynident.log import Log, together
 from dynident.models import Model
-from dynident.payload.body import NAMES, UNITS, PhysicalBody, consistent, physical, slopes
+from dynident.payload.body import NAMES, PhysicalBody, consistent, physical, slopes
 from dynident.payload.estimate import Solved, Source, solved
 from dynident.payload.evidence import Evidence
 from dynident.payload.mount import Mount, mount_of
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 MOST, WRONG = 5.0, 20.0  # times the error of the training, and %: with more left, a recording is of another arm
 SHOWN = (0.2, 0.03, 1.0)  # of mass, m, of mass (0.1 m)^2: a component with a larger standard error is not shown
 CLEAR = 2.0  # standard errors; and of the misfit per degree of freedom
+SEEN = 3.0  # standard errors of the mass, from which on there is a payload
 TELLING = (0.01, 0.003, 0.2)  # of mass, m, of mass (0.1 m)^2: an error by drift or gains that is worth a note
 MAINLY = 0.5  # share of the variance
 KIND = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
@@ -72,6 +73,11 @@ class Payload:
     notes: tuple[Note, ...] = field(default=())
 
     __repr__ = brief
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is a payload; else its mass alone is known, to be about nothing."""
+        return bool(self.body.mass >= SEEN * self.body.std[0])
 
 
 def find_payload(
@@ -219,8 +225,9 @@ def _notes(
     sizes = _sizes(body.mass)
     if payload.factor > CLEAR:
         yield OtherArm(payload.factor)
-    if body.mass < CLEAR * body.std[0]:
+    if not payload.seen:
         yield NoPayload(body.mass, float(body.std[0]))
+        return
     yield from _not_shown(payload, found, other, information)
     drift = payload.shares.get(Source.DRIFT, np.zeros(10)) + payload.shares.get(Source.FRICTION, np.zeros(10))
     for k in range(4):
@@ -242,17 +249,22 @@ def _not_shown(
     if hidden and logs:
         poses, variance = together([one.motion for one in logs])["q"], _per_second(found.model, other, logs)
         ways = turnings(found.model, payload.mount, payload.value, information, variance, poses)
-    told = [(k, _way_to_show(k, float(body.std[k]), ways)) for k in hidden]
-    yield from (note for k, note in told if KIND[k] < 2)
-    moments = sorted((note for k, note in told if KIND[k] == 2), key=lambda note: note.std)
-    yield from {note.joint: note for note in moments}.values()  # of the inertia the worst for each joint
+    groups: dict[Turning | None, list[int]] = {}
+    for k in hidden:
+        groups.setdefault(_way_to_show(k, float(body.std[k]), ways), []).append(k)
+    for way, several in groups.items():
+        names, std = tuple(NAMES[k] for k in several), tuple(float(body.std[k]) for k in several)
+        if way is None:
+            yield NotShown(names, std)
+            continue
+        kind = next(one.kind for one in found.model.joints if one.name == way.joint)
+        unit = "m/s" if kind == "prismatic" else "rad/s"
+        yield NotShown(names, std, way.joint, way.speed, unit, tuple(float(way.std[k]) for k in several))
 
 
-def _way_to_show(k: int, std: float, ways: Sequence[Turning]) -> NotShown:
+def _way_to_show(k: int, std: float, ways: Sequence[Turning]) -> Turning | None:
     best = best_of(ways, k) if ways else None
-    if best is None or best.std[k] > HELPS * std:
-        return NotShown(NAMES[k], std, UNITS[k])
-    return NotShown(NAMES[k], std, UNITS[k], best.joint, best.speed, float(best.std[k]))
+    return None if best is None or best.std[k] > HELPS * std else best
 
 
 def _per_second(model: Model, other: Identification, logs: Sequence[LogValidation]) -> Array:

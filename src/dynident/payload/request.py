@@ -50,7 +50,9 @@ class Request:
     is how wrong the gains of the drives may be, one standard deviation, all of them together and each by itself, where
     ``gains`` of an earlier payload of known mass are not given. ``friction_change`` (%): by how much friction and
     offset of a joint may differ between the result and the recordings, and friction again by the load, one standard
-    deviation in % of the joint's largest friction parameter. Raises ConfigError for a number out of range.
+    deviation in % of the joint's largest friction parameter. ``load_friction`` (%): friction of a joint that grows with
+    its load, by about this much of the load, which the model does not know. Raises ConfigError for a number out of
+    range.
     """
 
     frame: str | None = None
@@ -59,6 +61,7 @@ class Request:
     gain_error: float = 3.0
     gains: DriveGains | None = None
     friction_change: float = 30.0
+    load_friction: float = 5.0
     removed: bool = False
 
     def __post_init__(self) -> None:
@@ -66,7 +69,8 @@ class Request:
             raise ConfigError(f"the known mass is {self.known_mass:g} kg; give a number above 0.")
         if self.known_centre is not None and (self.known_mass is None or not np.isfinite(self.known_centre).all()):
             raise ConfigError("the known centre of mass needs the known mass, and three numbers in m.")
-        for name, value in (("gain error", self.gain_error), ("friction change", self.friction_change)):
+        given = {"gain error": self.gain_error, "friction change": self.friction_change}
+        for name, value in (given | {"friction by the load": self.load_friction}).items():
             if not 0 <= value <= MOST:
                 raise ConfigError(f"the {name} is {value:g} %; give a number from 0 to {MOST:g}.")
         if self.gains is not None and self.known_mass is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.excitation import Programme, Trajectory
+from dynident.excitation import Program, Trajectory
 from dynident.identification import versions
 from dynident.regression import UnexcitedParameters
 from dynident.report import figures
@@ -69,11 +69,11 @@ _STEPS = (
     "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
     "For what is still open then: `dynident excite result/result.json -o next`.",
 )
-PROGRAMMES = {
-    Programme.MOTION: "An optimised motion",
-    Programme.FRICTION: "Each joint at constant speeds",
-    Programme.GRAVITY: "Poses at rest",
-    Programme.ALL: "An optimised motion, constant speeds and poses at rest",
+PROGRAMS = {
+    Program.MOTION: "An optimised motion",
+    Program.FRICTION: "Each joint at constant speeds",
+    Program.GRAVITY: "Poses at rest",
+    Program.ALL: "An optimised motion, constant speeds and poses at rest",
 }
 
 
@@ -108,7 +108,7 @@ def excitation_page(project: ExcitationProject, found: Design, files: Sequence[t
 def excitation_heading(found: Design) -> str:
     """Return what the motion is, in a sentence."""
     first, second = (number(one.duration, 3) for one in (found.trajectory, found.validation))
-    return f"{PROGRAMMES[found.request.programme]}, {first} s, and another of {second} s for validation."
+    return f"{PROGRAMS[found.request.program]}, {first} s, and another of {second} s for validation."
 
 
 def _files(files: Sequence[tuple[str, str]]) -> PageTable:

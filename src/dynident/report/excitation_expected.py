@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import listed
-from dynident.excitation import Expected, Programme, expected
+from dynident.excitation import Expected, Program, expected
 from dynident.regression import UnexcitedParameters
 from dynident.report import figures
 from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, number
@@ -25,7 +25,7 @@ WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known wel
 LONGER = 4.0  # times the duration
 SHORT = 30  # signs of a formula
 SHOWN = 6  # parameters in a sentence
-WHOLE = (Programme.MOTION, Programme.ALL)
+WHOLE = (Program.MOTION, Program.ALL)
 _WHAT = (
     "Standard errors of the base parameters, the combinations that act on the torque each in its own way, from the "
     "information of the motion: the regressor along it, weighted by the noise of the torques. They hold for the model "
@@ -68,7 +68,7 @@ def told(found: Design) -> Iterator[str]:
     if one.open:
         stay = "stays" if len(one.open) == 1 else "stay"
         other = (
-            "" if found.request.programme in WHOLE else "; the optimised motion shows more (`--program motion`, `all`)"
+            "" if found.request.program in WHOLE else "; the optimised motion shows more (`--program motion`, `all`)"
         )
         yield f"{count(len(one.open), 'base parameter')} {stay} open: {listed(one.open, SHOWN)}{other}."
 

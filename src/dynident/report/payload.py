@@ -33,6 +33,8 @@ MEANINGS = {
     "mass": "mass", "x": "centre of mass, x", "y": "centre of mass, y", "z": "centre of mass, z",
     **{name: f"inertia about the centre of mass, {name[1:]}" for name in NAMES[4:]},
 }  # fmt: skip
+UNIT = dict(zip(NAMES, UNITS, strict=True))
+_TOGETHER = "turn the last joints together, fast, in several postures, as `dynident excite` designs it"
 LEAST = 0.005  # share of the variance, below which a source is not named
 
 _WHAT = (
@@ -42,7 +44,9 @@ _WHAT = (
 
 
 def payload_words(found: Payload) -> str:
-    """Return mass and centre of mass in a sentence."""
+    """Return mass and centre of mass in a sentence, or that there is nothing."""
+    if not found.seen:
+        return f"No payload is seen on {found.mount.frame}: {_nothing(found.body.mass, float(found.body.std[0]))}."
     body, (x, y, z) = found.body, 1e3 * found.body.centre
     dx, dy, dz = 1e3 * body.std[1:4]
     verb = "carried" if found.request.removed else "carries"
@@ -52,12 +56,16 @@ def payload_words(found: Payload) -> str:
     )
 
 
+def _nothing(mass: float, std: float) -> str:
+    return f"its mass is {mass:.2g} ± {std:.2g} kg, so it is below {max(mass, 0.0) + 3 * std:.2g} kg"
+
+
 def payload_table(found: Payload) -> PageTable:
-    """Return the ten components with their standard errors."""
-    body = found.body
+    """Return the ten components with their standard errors, or the mass alone where no payload is seen."""
+    body, shown = found.body, NAMES if found.seen else NAMES[:1]
     rows = tuple(
-        (MEANINGS[name], number(float(value)), number(float(std), 2), unit)
-        for name, value, std, unit in zip(NAMES, body.values, body.std, UNITS, strict=True)
+        (MEANINGS[name], number(float(value)), number(float(std), 2), UNIT[name])
+        for name, value, std in zip(shown, body.values, body.std, strict=False)
     )
     columns = (Column("payload", numeric=False), Column("value"), Column("std"), Column("unit", numeric=False))
     return PageTable(columns, rows, f"Payload in the frame of {found.mount.frame}")
@@ -65,9 +73,10 @@ def payload_table(found: Payload) -> PageTable:
 
 def shares_table(found: Payload) -> PageTable:
     """Return what the errors of mass and centre come from, in % of the variance."""
-    kept = [(source, share) for source, share in found.shares.items() if (np.asarray(share[:4]) > LEAST).any()]
-    rows = tuple((SOURCES[source], *(f"{100 * float(x):.0f}" for x in share[:4])) for source, share in kept)
-    columns = (Column("error by", numeric=False), *(Column(f"{name}, %") for name in NAMES[:4]))
+    shown = 4 if found.seen else 1
+    kept = [(source, share[:shown]) for source, share in found.shares.items() if (share[:shown] > LEAST).any()]
+    rows = tuple((SOURCES[source], *(f"{100 * float(x):.0f}" for x in share)) for source, share in kept)
+    columns = (Column("error by", numeric=False), *(Column(f"{name}, %") for name in NAMES[:shown]))
     return PageTable(columns, rows, "What the errors come from, in % of the variance")
 
 
@@ -97,22 +106,21 @@ def gains_table(found: Payload, always: bool = False) -> Iterator[PageTable]:
 def payload_page(found: Payload, arm: Identification) -> str:
     """Return a payload as one HTML page."""
     body = found.body
-    facts = Facts(
-        (
-            (f"{number(body.mass)} kg", f"mass, ± {number(float(body.std[0]), 2)} kg"),
+    facts = [(f"{number(body.mass)} kg", f"mass, ± {number(float(body.std[0]), 2)} kg")]
+    if found.seen:
+        facts += [
             (f"{number(1e3 * float(np.linalg.norm(body.centre)))} mm", f"centre of mass from {found.mount.frame}"),
             (f"{number(1e3 * float(body.std[1:4].max()), 2)} mm", "largest standard error of the centre"),
-        )
-    )
+        ]
     notes = tuple(f"{words(note)}." for note in found.notes)
-    figure = Figure(
-        figures.payload_figure(found, {source.value: name for source, name in SOURCES.items()}),
-        "Shares of the variance of each component.",
-    )
+    drawn: list[PageBlock] = [shares_table(found)]
+    if found.seen:
+        drawing = figures.payload_figure(found, {source.value: name for source, name in SOURCES.items()})
+        drawn.append(Figure(drawing, "Shares of the variance of each component."))
     sections = [
-        PageSection("What the arm carries", (facts, payload_words(found), payload_table(found), _WHAT)),
+        PageSection("What the arm carries", (Facts(tuple(facts)), payload_words(found), payload_table(found), _WHAT)),
         PageSection("Warnings", (notes or "None.",)),
-        PageSection("Where the errors come from", (shares_table(found), figure)),
+        PageSection("Where the errors come from", tuple(drawn)),
         PageSection("Torque", tuple(torque_table(found)) or ("Two results are compared: no recording is here.",)),
         PageSection("Gains of the drives", tuple(gains_table(found, always=True))),
         PageSection("Settings and versions", tuple(_settings(found, arm))),
@@ -129,6 +137,7 @@ def _settings(found: Payload, arm: Identification) -> Iterator[PageBlock]:
         [
             ("frame", found.mount.frame), ("known mass", known or "none"), ("gains", gains),
             ("friction may change by", f"{request.friction_change:g} %"),
+            ("friction by the load", f"about {request.load_friction:g} % of it"),
             ("removed", "yes" if request.removed else "no"),
             ("standard errors made larger by", number(found.factor, 3)),
         ],
@@ -141,13 +150,16 @@ def _settings(found: Payload, arm: Identification) -> Iterator[PageBlock]:
 
 @words.register
 def _(note: said.NotShown) -> str:
-    name = MEANINGS[note.component]
-    text = f"the motion does not show the {name} of the payload (± {note.std:.2g} {note.unit})"
+    named = ", ".join(
+        f"{MEANINGS[name]} (± {std:.2g} {UNIT[name]})" for name, std in zip(note.components, note.std, strict=True)
+    )
+    text = f"the motion does not show {named} of the payload; "
     if not note.joint:
-        return f"{text}; no single joint would by itself: turn the last joints together, fast, in several postures"
+        return f"{text}no single joint would by itself: {_TOGETHER}"
+    then = ", ".join(f"{std:.2g} {UNIT[name]}" for name, std in zip(note.components, note.then, strict=True))
     return (
-        f"{text}; 10 s of turning {note.joint} back and forth at up to {note.speed:.2g} per s would lower that to "
-        f"± {note.then:.2g} {note.unit}"
+        f"{text}10 s of turning {note.joint} back and forth at up to {note.speed:.2g} {note.unit} would lower that to "
+        f"± {then}; `dynident excite` designs a motion of all joints"
     )
 
 
@@ -171,7 +183,7 @@ def _(note: said.GainsUnknown) -> str:
 
 @words.register
 def _(note: said.NoPayload) -> str:
-    return f"no payload is seen: its mass is {note.mass:.2g} ± {note.std:.2g} kg"
+    return f"no payload is seen: {_nothing(note.mass, note.std)}"
 
 
 @words.register

@@ -1,4 +1,4 @@
-"""Courses of the programmes: one joint at a constant speed, and an arm that stands."""
+"""Courses of the programs: one joint at a constant speed, and an arm that stands."""
 
 from __future__ import annotations
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError
-from dynident.excitation.programme import FRICTION, GRAVITY, home_of, slow_pieces
-from dynident.excitation.request import Programme
+from dynident.excitation.program import FRICTION, GRAVITY, home_of, slow_pieces
+from dynident.excitation.request import Program
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from tests.excitation.arms import LIMITS, MODEL, THETA, smooth_and_at_rest
@@ -16,8 +16,8 @@ from tests.excitation.requests import OPEN, REQUEST
 FREE = Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
 
 
-def pieces(programme, duration, start=None, seed=0):
-    request = replace(REQUEST, programme=programme, duration=duration, start=start)
+def pieces(program, duration, start=None, seed=0):
+    request = replace(REQUEST, program=program, duration=duration, start=start)
     return slow_pieces(FREE, request, np.random.default_rng(seed))
 
 
@@ -26,23 +26,23 @@ def kinds(found):
 
 
 def test_the_motion_alone_has_nothing_beside_it():
-    assert pieces(Programme.MOTION, 10.0) == ()
+    assert pieces(Program.MOTION, 10.0) == ()
 
 
 @pytest.mark.parametrize(
-    ("programme", "duration", "purposes"),
+    ("program", "duration", "purposes"),
     [
-        (Programme.FRICTION, 40.0, {Purpose.FRICTION}),
-        (Programme.GRAVITY, 20.0, {Purpose.POSE}),
-        (Programme.ALL, 100.0, {Purpose.FRICTION, Purpose.POSE}),
+        (Program.FRICTION, 40.0, {Purpose.FRICTION}),
+        (Program.GRAVITY, 20.0, {Purpose.POSE}),
+        (Program.ALL, 100.0, {Purpose.FRICTION, Purpose.POSE}),
     ],
 )
 @pytest.mark.parametrize("start", [None, np.array([0.5, 0.5])])
-def test_programmes_keep_their_time_and_return(programme, duration, purposes, start):
-    found = pieces(programme, duration, start)
+def test_programs_keep_their_time_and_return(program, duration, purposes, start):
+    found = pieces(program, duration, start)
     assert kinds(found) == purposes
     trajectory = Trajectory(LIMITS.joints, found)
-    share = FRICTION + GRAVITY if programme is Programme.ALL else 1.0
+    share = FRICTION + GRAVITY if program is Program.ALL else 1.0
     assert 0.5 * share * duration < trajectory.duration <= share * duration * (1 + 1e-9)
     ends = smooth_and_at_rest(trajectory)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
@@ -54,20 +54,20 @@ def test_programmes_keep_their_time_and_return(programme, duration, purposes, st
 def test_less_time_makes_fewer_speeds(monkeypatch):
     tried = []
 
-    def programme(feasible, duration, start, rng, speeds):
+    def program(feasible, duration, start, rng, speeds):
         tried.append((speeds, rng.normal()))
         if speeds > 3:
             raise ConfigError("no time")
         return ()
 
-    monkeypatch.setattr("dynident.excitation.programme.friction_programme", programme)
-    pieces(Programme.FRICTION, 10.0)
+    monkeypatch.setattr("dynident.excitation.program.friction_program", program)
+    pieces(Program.FRICTION, 10.0)
     assert [speeds for speeds, _ in tried] == [5, 4, 3]
     assert len({drawn for _, drawn in tried}) == 1
 
 
 def test_too_little_time_is_said_with_the_shares():
     with pytest.raises(ConfigError, match="of the duration of 5 s, 40% are for friction and 20% for poses"):
-        pieces(Programme.ALL, 5.0)
+        pieces(Program.ALL, 5.0)
     with pytest.raises(ConfigError, match="give it more time"):
-        pieces(Programme.FRICTION, 1.0)
+        pieces(Program.FRICTION, 1.0)

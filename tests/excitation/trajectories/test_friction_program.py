@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError
-from dynident.excitation.trajectories.friction_programme import friction_programme
+from dynident.excitation.trajectories.friction_program import friction_program
 from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from dynident.excitation.verify import verify
 from tests.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post, smooth_and_at_rest
@@ -17,7 +17,7 @@ START = np.array([-1.0, 0.3])
 @pytest.mark.parametrize("start", [None, START])
 @pytest.mark.parametrize("duration", [40.0, 90.0])
 def test_it_keeps_the_limits_and_the_clearance_and_fills_its_time(start, duration):
-    pieces = friction_programme(AROUND, duration, start, np.random.default_rng(0))
+    pieces = friction_program(AROUND, duration, start, np.random.default_rng(0))
     trajectory = Trajectory(LIMITS.joints, pieces)
     first, last = smooth_and_at_rest(trajectory)
     np.testing.assert_allclose(first, last, atol=1e-9)
@@ -28,7 +28,7 @@ def test_it_keeps_the_limits_and_the_clearance_and_fills_its_time(start, duratio
 
 
 def test_each_joint_goes_to_and_fro_over_the_same_way_at_each_speed_slow_to_fast():
-    pieces = friction_programme(FREE, 60.0, None, np.random.default_rng(0), speeds=4)
+    pieces = friction_program(FREE, 60.0, None, np.random.default_rng(0), speeds=4)
     for joint, name in enumerate(LIMITS.joints):
         sweeps = [one.course for one in pieces if one.purpose is Purpose.FRICTION and one.label == name]
         assert len(sweeps) == 8
@@ -47,7 +47,7 @@ def test_where_the_torque_does_not_suffice_the_joint_starts_more_gently():
     weak = replace(FREE, limits=replace(LIMITS, torque=np.array([13.0, 4.5])))
     used = []
     for feasible in (FREE, weak):
-        pieces = friction_programme(feasible, 60.0, START, np.random.default_rng(0))
+        pieces = friction_program(feasible, 60.0, START, np.random.default_rng(0))
         verify(Trajectory(LIMITS.joints, pieces), MODEL, THETA, feasible.limits)
         used.append({one.course.acceleration for one in pieces if one.label == "lift"})
     assert used[0] == {LIMITS.acceleration[0]}
@@ -56,6 +56,6 @@ def test_where_the_torque_does_not_suffice_the_joint_starts_more_gently():
 
 def test_too_little_time_and_no_room_are_said():
     with pytest.raises(ConfigError, match=r"takes \d+\.\d s for 2 joints, .* but has 5\.0 s"):
-        friction_programme(FREE, 5.0, None, np.random.default_rng(0))
+        friction_program(FREE, 5.0, None, np.random.default_rng(0))
     with pytest.raises(ConfigError, match="no way was found"):
-        friction_programme(AROUND, 60.0, np.zeros(2), np.random.default_rng(0))
+        friction_program(AROUND, 60.0, np.zeros(2), np.random.default_rng(0))

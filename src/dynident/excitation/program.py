@@ -6,31 +6,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
-from dynident.excitation.request import Programme, Request
+from dynident.excitation.request import Program, Request
 from dynident.excitation.trajectories.feasibility import Feasibility
-from dynident.excitation.trajectories.friction_programme import friction_programme
+from dynident.excitation.trajectories.friction_program import friction_program
 from dynident.excitation.trajectories.poses import static_poses
 from dynident.excitation.trajectories.trajectory import Piece
 
 __all__ = ["FRICTION", "GRAVITY", "home_of", "slow_pieces"]
 
 Array = NDArray[np.float64]
-FRICTION, GRAVITY = 0.4, 0.2  # shares of the duration of ``Programme.ALL``; the motion has the rest
+FRICTION, GRAVITY = 0.4, 0.2  # shares of the duration of ``Program.ALL``; the motion has the rest
 SPEEDS = (5, 4, 3, 2)  # of each joint: fewer where there is no time for more
 
 
 def slow_pieces(feasible: Feasibility, request: Request, rng: np.random.Generator) -> tuple[Piece, ...]:
-    """Return what of a request's programme is not the optimised motion: from rest to rest in one pose, none for
-    ``Programme.MOTION``.
+    """Return what of a request's program is not the optimised motion: from rest to rest in one pose, none for
+    ``Program.MOTION``.
 
     Raises ConfigError where the time does not suffice.
     """
-    match request.programme:
-        case Programme.FRICTION:
+    match request.program:
+        case Program.FRICTION:
             return _friction(feasible, request.duration, request.start, rng)
-        case Programme.GRAVITY:
+        case Program.GRAVITY:
             return static_poses(feasible, request.duration, request.start, _weights(request), rng)
-        case Programme.ALL:
+        case Program.ALL:
             try:
                 friction = _friction(feasible, FRICTION * request.duration, request.start, rng)
                 home = home_of(friction)
@@ -56,7 +56,7 @@ def _friction(
     for speeds in SPEEDS:
         rng.bit_generator.state = state
         try:
-            return friction_programme(feasible, duration, start, rng, speeds)
+            return friction_program(feasible, duration, start, rng, speeds)
         except ConfigError:
             if speeds == SPEEDS[-1]:
                 raise

@@ -14,7 +14,7 @@ from dynident.excitation.trajectories.sweep import Sweep, run_up
 from dynident.excitation.trajectories.trajectory import Piece, Purpose
 from dynident.excitation.trajectories.way import way
 
-__all__ = ["friction_programme"]
+__all__ = ["friction_program"]
 
 Array = NDArray[np.float64]
 POSES, PLACES = 24, 33  # poses that are tried, and positions of each joint there
@@ -51,7 +51,7 @@ class _Run:
         return sum(one.duration for one in self.sweeps(steady))
 
 
-def friction_programme(
+def friction_program(
     feasible: Feasibility, duration: float, start: Array | None, rng: np.random.Generator, speeds: int = 5
 ) -> tuple[Piece, ...]:
     """Return each joint moving alone at so many ``speeds`` in both directions, from and to the pose ``start`` (n; None:

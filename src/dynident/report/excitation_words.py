@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.errors import install_command, listed
 from dynident.excitation import CapsuleSpace, Floor, Interrupted, LeftOut, Made
+from dynident.excitation.spaces.obstacles import obstacle_name
 from dynident.io.excitation_known import NoiseOrigin
 from dynident.report.page import number
 from dynident.report.wording import words
@@ -65,6 +66,10 @@ def shape_words(project: ExcitationProject) -> Iterator[str]:
             f"The shapes of {listed(links, SHOWN)} are not known{files}: distances are from the lines between their "
             f"joints, with a thickness by rule. Look whether they are as thick{hint}."
         )
+    standing = {obstacle_name(one) for one in project.obstacles}
+    for one, other in project.space.left_out if isinstance(project.space, CapsuleSpace) else ():
+        if other in standing:
+            yield f"{one} is at {other} in every pose, as what is mounted there: this pair is not watched."
     if project.space.pairs and project.shapes is None:
         yield (
             "Distances are those of capsules around the links; the last check also looks at their real shapes where "

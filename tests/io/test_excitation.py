@@ -14,7 +14,7 @@ from dynident.excitation import Box, Criterion, Cylinder, Floor, Nothing, Progra
 from dynident.io.excitation import read_excitation
 from dynident.io.excitation_known import NoiseOrigin
 from dynident.io.recording_draft import recording_config
-from dynident.report.excitation_words import shape_words
+from dynident.report.excitation_words import body_words, shape_words
 from tests.cli.commands import settings, write_log
 from tests.excitation.arms import TWO
 
@@ -155,3 +155,11 @@ def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_pat
         read_excitation(robot, None, {"packages": ["nowhere"]})
     with pytest.raises(ConfigError, match=r"packages\[0\]: the name of a folder"):
         read_excitation(robot, None, {"packages": [3]})
+
+
+def test_masses_and_inertias_that_cannot_be_are_said(robot: Path) -> None:
+    assert list(body_words(read_excitation(robot))) == []
+
+    robot.write_text(robot.read_text().replace('ixx="', 'ixx="9'))
+    (said,) = body_words(read_excitation(robot))
+    assert "where mass or inertia of upper, lower cannot be right: see `dynident check`" in said

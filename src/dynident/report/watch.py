@@ -22,6 +22,7 @@ from dynident.online import (
     Gap,
     NewMotion,
     Passed,
+    Resting,
     Resumed,
     Signal,
     Unreadable,
@@ -165,15 +166,21 @@ def _(event: Fault, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG0
     if event.kind is FaultKind.JUMP:
         return f"{one} at {stamps(event.since)}, by {_signed(event.size)} rad or m, which no joint can do"
     if event.kind is FaultKind.STILL:
-        why = "it rests longer than usual, or its sensor is dead; nothing is watched until it moves"
+        why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"
         return f"{one}, since {stamps(event.since)}: {why}"
-    return f"{one}, since {stamps(event.since)}: its sensor is dead; nothing is watched until it works again"
+    stops = "nothing is" if event.signal is Signal.POSITION else "this joint's torque is not"
+    return f"{one}, since {stamps(event.since)}: its sensor is dead; {stops} watched until it works again"
 
 
 @_said.register
 def _(event: Back, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
     name = "position" if event.signal is Signal.POSITION else "torque"
     return f"the {name} of {event.joint} changes again, after a fault since {stamps(event.since)}"
+
+
+@_said.register
+def _(event: Resting, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return f"the robot has hardly moved since {stamps(event.since)}: there is nothing to watch until it does"
 
 
 @_said.register

@@ -106,6 +106,12 @@ class Watcher:
         return self._known
 
     @property
+    def baseline_blocks(self) -> tuple[int, int]:
+        """How many blocks of the baseline there are so far, and how many it takes."""
+        need = self._detector.baseline
+        return (need if self._known.reference is not None else len(self._known.blocks)), need
+
+    @property
     def groups(self) -> tuple[Group, ...]:
         """What may change."""
         return self._detector.candidates.groups

@@ -33,10 +33,11 @@ from scipy.interpolate import BPoly
 
 from dynident.demo.arm import true_values
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
-from dynident.excitation import Floor, MotionLimits, Request, Space, design, limits_of, space_of
-from dynident.excitation.expected import Expected, expected, information_of, slowest
+from dynident.excitation import Floor, MotionLimits, Program, Request, Space, design, limits_of, space_of
+from dynident.excitation.expected import Expected, expected, information_of
 from dynident.excitation.motion import interior_of, motion_pieces
 from dynident.excitation.random_motion import random_motion
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.trajectory import Piece, Purpose, Trajectory
 from dynident.identification import Recipe, identify
@@ -73,7 +74,7 @@ class Arm:
         return Feasibility(self.model, self.nominal, self.limits, self.space, self.request.clearance)
 
 
-def arm(name: str, folder: Path, floor: float, duration: float) -> Arm:
+def arm(name: str, folder: Path, floor: float, duration: float, program: Program = Program.MOTION) -> Arm:
     """Return a robot with the default terms, whose truth is known."""
     file = ROBOTS["demo"](folder).file if name == "demo" else next(f for p in PLACES for f in (p / name).glob("*.urdf"))
     bodies = RigidBodies(file.read_text(), source=file.name)
@@ -87,7 +88,7 @@ def arm(name: str, folder: Path, floor: float, duration: float) -> Arm:
         sizes = [share * torque / (speed if kind == "viscous" else 1.0) for kind, share in SHARES.items()]
         truth[-4 * len(joints) :] = np.concatenate(sizes)
     space = space_of(read_geometry(bodies, file), (Floor(floor),), limits.lower, limits.upper)
-    return Arm(model, nominal, truth, limits, space, Request(NOISE * torque, duration=duration))
+    return Arm(model, nominal, truth, limits, space, Request(NOISE * torque, program, duration=duration))
 
 
 def best_random(one: Arm, periods: int, rng: np.random.Generator, worst: Callable[[Expected], float]) -> Trajectory:
@@ -95,10 +96,10 @@ def best_random(one: Arm, periods: int, rng: np.random.Generator, worst: Callabl
     basis = structural_base_parameters(one.model)
     interior = interior_of(one.feasible, one.space, one.request, basis)
     t = np.arange(0.0, one.request.period, 1 / one.request.rate)
-    found = []
+    found, slow, weights = [], slowest(one.model, one.limits), periods / one.request.sigma**2
     for _ in range(RANDOM):
         x = random_motion(interior, rng)
-        information = information_of(one.model, interior.family.course(x).states(t), periods / one.request.sigma**2)
+        information = information_of(one.model, interior.family.course(x).states(t), weights, slow)
         found.append((worst(expected(one.model, one.nominal, information, basis)), x))
     for _, x in sorted(found, key=lambda pair: pair[0]):
         if interior.between(x, one.model) is None:
@@ -189,7 +190,7 @@ def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, reci
 
 def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     """Return the tables of a robot."""
-    one, began = arm(name, folder, given.floor, given.duration), time.process_time()
+    one, began = arm(name, folder, given.floor, given.duration, Program(given.program)), time.process_time()
     made = design(one.model, one.nominal, one.limits, one.space, one.request, np.random.default_rng(given.seed))
     print(f"{name}: {time.process_time() - began:.1f} s of CPU for the design", flush=True)
     basis, sigma = made.expected.basis, one.request.sigma
@@ -203,7 +204,7 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
 
     periods = sum(piece.purpose is Purpose.MOTION for piece in made.trajectory.pieces)
     motions = {"designed": made.trajectory}
-    if not given.no_random:
+    if periods and not given.no_random:
         motions["best random"] = best_random(one, periods, np.random.default_rng([given.seed, 1]), worst)
     motions |= {label: other(one, file) for label, file in (text.split("=") for text in given.other)}
     slow = slowest(one.model, one.limits)
@@ -253,6 +254,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--floor", type=float, default=0.0, help="m along z of the root link")
     parser.add_argument("--duration", type=float, default=30.0, help="s")
+    parser.add_argument("--program", default="motion", choices=[one.value for one in Program], help="of the design")
     parser.add_argument("--draft", action="store_true", help="identify by the drafted configuration")
     parser.add_argument("--factor", type=float, help="of the noise, that the spline smooths")
     parser.add_argument("--no-random", action="store_true")

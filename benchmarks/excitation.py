@@ -3,9 +3,10 @@
 Robots are the demo arm and those of the examples whose files are in examples/data or beside the checkout. Each motion
 is designed within the limits of the robot file less 10 %, clear of itself and of the floor. It is compared with the
 best of 100 random series of the same periods, harmonics and limits, each made as large as these allow, and with the
-recording of the example, as if it were as long, sampled alike. Printed are seconds, log det of the information, the
-condition number of the weighted regressor with columns of length one, and the worst base parameter: the largest torque
-error at random states, in % of the noise of the torque, that the expected error of one base parameter makes. The
+recording of the example, as if it were as long, sampled alike. Samples of a joint that are too slow for a fit do not
+count. Printed are seconds, log det of the information, the condition number of the weighted regressor with columns of
+length one, and the worst base parameter: the largest torque error at random states, in % of the noise of the torque,
+that the expected error of one base parameter makes. The
 random motions have their best by each of the figures, not one motion by all.
 """
 
@@ -38,6 +39,7 @@ from dynident.excitation.request import Criterion, Request
 from dynident.excitation.spaces.exact_space import exact_space
 from dynident.excitation.spaces.pairing import space_of
 from dynident.excitation.spaces.space import Floor, Space
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.limits import MotionLimits, limits_of
 from dynident.excitation.trajectories.trajectory import Purpose
@@ -140,16 +142,17 @@ def measured(robot: Robot, workers: int, seed: int, floor: float, random: int, c
     row: Row = {"seconds": time.perf_counter() - began, "cpu": _cpu() - cpu, "pairs": len(space.pairs)}
     row["duration"] = made.trajectory.duration
     basis = structural_base_parameters(model)
+    slow = slowest(model, limits)
     figures = partial(_figures, model, theta, basis, sigma)
     periods = [piece for piece in made.trajectory.pieces if piece.purpose is Purpose.MOTION]
     t = np.arange(0.0, request.period, 1 / request.rate)
     samples = len(t) * len(periods)
     states = periods[0].course.states(t)
-    row["design"] = figures(information_of(model, states, len(periods) / sigma**2))
+    row["design"] = figures(information_of(model, states, len(periods) / sigma**2, slow))
     row |= _of_random(robot, limits, space, request, basis, len(periods), random, seed, figures)
     used = robot.recorded
     recorded = np.stack([used.q, used.dq, used.ddq])[:, used.mask]
-    row["recorded"] = figures(information_of(model, recorded, samples / recorded.shape[1] / sigma**2))
+    row["recorded"] = figures(information_of(model, recorded, samples / recorded.shape[1] / sigma**2, slow))
     row["reached"] = made.checked[0].reached.max(axis=1).tolist()
     row["nearest"] = None if made.checked[0].nearest is None else made.checked[0].nearest.distance
     return row
@@ -169,11 +172,11 @@ def _of_random(
     """Return the best figures of random motions, the median of the worst parameter, and that of the best log det."""
     feasible = Feasibility(robot.model, robot.theta, limits, space, request.clearance)
     interior = interior_of(feasible, space, request, basis)
-    rng, found = np.random.default_rng([seed, 1]), []
+    rng, found, slow = np.random.default_rng([seed, 1]), [], slowest(robot.model, limits)
     t = np.arange(0.0, request.period, 1 / request.rate)
     for _ in range(count):
         states = interior.family.course(random_motion(interior, rng)).states(t)
-        found.append(figures(information_of(robot.model, states, periods / request.sigma**2)))
+        found.append(figures(information_of(robot.model, states, periods / request.sigma**2, slow)))
     best = {"log_det": max(one["log_det"] for one in found)}
     best |= {key: min(one[key] for one in found) for key in ("condition", "worst")}
     by_log_det = max(found, key=lambda one: one["log_det"])["worst"]

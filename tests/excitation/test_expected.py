@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from dynident.excitation.expected import expected, information_of, slowest, unexcited
+from dynident.excitation.expected import expected, information_of, unexcited
 from dynident.log import Motion
-from dynident.models import Coulomb, Model
 from dynident.regression import Regression, base_std
-from tests.excitation.arms import LIMITS, MODEL, THETA
+from tests.excitation.arms import MODEL, THETA
 from tests.excitation.requests import BASIS
 
 SIGMA = np.array([0.4, 0.1])
@@ -45,15 +44,6 @@ def test_slow_samples_count_as_little_as_in_a_fit():
     motion = Motion(np.arange(len(q)) / 100.0, q, dq, ddq, np.zeros_like(q), names, np.ones(len(q), dtype=bool), "x")
     factors = Regression(MODEL, (motion,), min_speed=tuple(slow)).triangular_factors
     np.testing.assert_allclose(found.std, base_std(BASIS, factors, SIGMA, 1 / SIGMA), rtol=1e-6)
-
-
-@pytest.mark.parametrize("width", [0.0, 0.05])
-def test_only_dry_friction_holds_a_joint(width):
-    np.testing.assert_allclose(slowest(MODEL, LIMITS), 0.03 * LIMITS.velocity)
-    bodies, *_ = MODEL.terms
-    one = Model((bodies, Coulomb(bodies.joints, on=("bend",), width=width)), name="x")
-    np.testing.assert_allclose(slowest(one, LIMITS), [0.0, 0.03 * LIMITS.velocity[1]])
-    np.testing.assert_array_equal(slowest(Model((bodies,), name="x"), LIMITS), 0.0)
 
 
 def test_what_stays_open_is_said_with_the_joint_that_would_show_it():

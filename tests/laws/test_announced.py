@@ -13,9 +13,10 @@ import pytest
 
 from dynident.estimators import LeastSquares, Problem
 from dynident.excitation.design import design
-from dynident.excitation.expected import slowest
 from dynident.excitation.motion import Plan
+from dynident.excitation.request import Program
 from dynident.excitation.search import Stage
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.log import Log, Motion
 from dynident.regression import Regression
 from dynident.smoothers import Spline
@@ -55,19 +56,22 @@ def found(path, sigma, basis, rng):
     return np.array(errors)
 
 
-@pytest.fixture(scope="module")
-def ratios():
+def ratios(program, duration):
+    """Errors found (runs, r) over the standard errors announced."""
     module = importlib.import_module("dynident.excitation.design")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "Plan", lambda starts: Plan(starts, (Stage(1.0, 12), Stage(0.1, 12))))
         patch.setattr(module, "QUICK", Plan(1, (Stage(1.0, 6),)))
-        request = replace(REQUEST, rate=1 / STEP / EVERY)
+        request = replace(REQUEST, program=program, duration=duration, rate=1 / STEP / EVERY)
         made = design(MODEL, THETA, LIMITS, OPEN, request, np.random.default_rng(0))
     told = made.expected
     errors = found(made.trajectory, request.sigma, told.basis, np.random.default_rng(1))
     return errors / told.std
 
 
-def test_errors_found_are_those_announced(ratios):
-    rms = np.sqrt(np.square(ratios).mean(axis=0))
+@pytest.mark.parametrize(
+    ("program", "duration"), [(Program.MOTION, REQUEST.duration), (Program.GRAVITY, 25.0), (Program.FRICTION, 30.0)]
+)
+def test_errors_found_are_those_announced(program, duration):
+    rms = np.sqrt(np.square(ratios(program, duration)).mean(axis=0))
     assert ((rms > 0.8) & (rms < 1.25)).all(), rms

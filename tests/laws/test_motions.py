@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from dynident.excitation.trajectories.bspline import Clamped
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.fourier import Fourier
 from dynident.excitation.trajectories.friction_program import friction_program
 from dynident.excitation.trajectories.limits import JointLimits, limits_of
-from dynident.excitation.trajectories.poses import static_poses
+from dynident.excitation.trajectories.poses import gravity_program
 from dynident.excitation.trajectories.ramp import from_rest
-from dynident.excitation.trajectories.trajectory import Trajectory
+from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from dynident.excitation.verify import verify
 from dynident.models import Coulomb, Model, RigidBodies, Viscous
 from tests.excitation.arms import scaled, smooth_and_at_rest
@@ -49,7 +50,13 @@ def test_what_is_made_passes_the_last_check(kind, seed):
         case "friction":
             pieces = friction_program(feasible, 15.0 * n, None, rng, speeds=3)
         case _:
-            pieces = static_poses(feasible, 30.0, limits.middle, np.ones(n), rng)
+            pieces = gravity_program(feasible, 30.0, limits.middle, np.ones(n), rng)
     trajectory = Trajectory(limits.joints, pieces)
     smooth_and_at_rest(trajectory, limits)
     assert verify(trajectory, feasible.model, feasible.theta, limits).reached.max() <= 1 + 1e-6
+    slow = slowest(feasible.model, limits)
+    for one in pieces:
+        if one.purpose in (Purpose.FRICTION, Purpose.POSE):
+            t = np.linspace(0.0, one.course.duration, 999)
+            moving = np.abs(one.course.states(t)[1]).max(axis=0)
+            assert (moving[moving > 0] > slow[moving > 0]).all()  # a fit takes what is shown

@@ -30,7 +30,7 @@ POSITIVE = click.FloatRange(0, min_open=True)
 )  # fmt: skip
 @click.option(
     "--program", type=click.Choice(PROGRAMS),
-    help="An optimised motion, constant speeds of each joint, poses at rest, or all of these.",
+    help="An optimised motion, constant speeds of each joint, poses for gravity, or all of these.",
 )  # fmt: skip
 @click.option("--duration", type=POSITIVE, metavar="S", help="Most seconds that it may take, with its ways.")
 @click.option("--criterion", type=click.Choice(["d", "a", "condition"]), help="What is optimised.")

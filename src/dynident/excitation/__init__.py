@@ -1,7 +1,7 @@
 """Motions that show the parameters of a robot: trajectories within its limits, and what they will tell."""
 
 from dynident.excitation.design import Design, Interrupted, design
-from dynident.excitation.expected import Expected, expected, slowest
+from dynident.excitation.expected import Expected, expected
 from dynident.excitation.request import Criterion, Program, Request
 from dynident.excitation.request_checks import LeftOut
 from dynident.excitation.spaces.capsules import Capsule
@@ -11,6 +11,7 @@ from dynident.excitation.spaces.geometry import Geometry, Made, Mesh
 from dynident.excitation.spaces.outlines import Outline, outlines
 from dynident.excitation.spaces.pairing import space_of
 from dynident.excitation.spaces.space import Box, Cylinder, Distances, Floor, Nothing, Obstacle, Space
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.excitation.trajectories.limits import JointLimits, MotionLimits, limits_of
 from dynident.excitation.trajectories.nearest import Nearest
 from dynident.excitation.trajectories.slowed import slowed

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity, brief
-from dynident.excitation.expected import Expected, expected, information_of, slowest, unexcited
+from dynident.excitation.expected import Expected, expected, information_of, unexcited
 from dynident.excitation.motion import Plan, best_motion, interior_of, reached_motion
 from dynident.excitation.program import home_of, slow_pieces
 from dynident.excitation.request import Program, Request
 from dynident.excitation.request_checks import check_request, without_memory
 from dynident.excitation.search import Stage
 from dynident.excitation.spaces.space import Distances, Space
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.limits import MotionLimits
 from dynident.excitation.trajectories.trajectory import Piece, Trajectory

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.excitation.criterion import base_information
-from dynident.excitation.trajectories.limits import MotionLimits
-from dynident.models import HasSign
 from dynident.regression import (
     BaseParameters,
     UnexcitedParameters,
@@ -24,11 +22,10 @@ from dynident.regression import (
 if TYPE_CHECKING:
     from dynident.models import Model
 
-__all__ = ["Expected", "expected", "information_of", "slowest", "unexcited"]
+__all__ = ["Expected", "expected", "information_of", "unexcited"]
 
 Array = NDArray[np.float64]
 BLOCK = 2000  # samples at once
-SLOW = 0.03  # of the velocity limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +52,6 @@ class Expected:
         """Standard errors (r) in % of the values; infinite where that is zero."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where(self.value == 0, np.inf, 100 * self.std / np.abs(self.value)))
-
-
-def slowest(model: Model, limits: MotionLimits) -> Array:
-    """Return the speed (n) below which a fit leaves out a joint's torque: 3 % of the velocity limit, zero without dry
-    friction, which may hold the joint with any torque up to its own, and after which it moves on with a jerk."""
-    state = np.zeros((1, len(limits.joints))), limits.velocity[None], np.zeros((1, len(limits.joints)))
-    rubs = np.zeros(len(limits.joints), dtype=bool)
-    for term in (one for one in model.terms if isinstance(one, HasSign)):
-        rubs |= term.regressor(*state).any(axis=(0, 2))
-    return np.where(rubs & np.isfinite(limits.velocity), SLOW * limits.velocity, 0.0)
 
 
 def information_of(model: Model, states: Array, weights: Array, min_speed: Array | None = None) -> Array:

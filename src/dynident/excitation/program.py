@@ -1,4 +1,4 @@
-"""What an arm does besides the optimised motion: each joint at constant speeds, and poses at rest."""
+"""What an arm does besides the optimised motion: each joint at constant speeds, and poses for gravity."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dynident.errors import ConfigError
 from dynident.excitation.request import Program, Request
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.friction_program import friction_program
-from dynident.excitation.trajectories.poses import static_poses
+from dynident.excitation.trajectories.poses import gravity_program
 from dynident.excitation.trajectories.trajectory import Piece
 
 __all__ = ["FRICTION", "GRAVITY", "home_of", "slow_pieces"]
@@ -29,16 +29,16 @@ def slow_pieces(feasible: Feasibility, request: Request, rng: np.random.Generato
         case Program.FRICTION:
             return _friction(feasible, request.duration, request.start, rng)
         case Program.GRAVITY:
-            return static_poses(feasible, request.duration, request.start, _weights(request), rng)
+            return gravity_program(feasible, request.duration, request.start, _weights(request), rng)
         case Program.ALL:
             try:
                 friction = _friction(feasible, FRICTION * request.duration, request.start, rng)
                 home = home_of(friction)
-                return (*friction, *static_poses(feasible, GRAVITY * request.duration, home, _weights(request), rng))
+                return (*friction, *gravity_program(feasible, GRAVITY * request.duration, home, _weights(request), rng))
             except ConfigError as error:
                 raise ConfigError(
                     f"of the duration of {request.duration:g} s, {FRICTION:.0%} are for friction and {GRAVITY:.0%} for "
-                    f"poses at rest: {error}"
+                    f"poses: {error}"
                 ) from error
     return ()
 

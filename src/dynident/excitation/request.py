@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Program(StrEnum):
-    """What the arm does: the optimised motion, each joint at constant speeds, poses at rest, or all of these."""
+    """What the arm does: the optimised motion, each joint at constant speeds, poses for gravity, or all of these."""
 
     MOTION = "motion"
     FRICTION = "friction"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.excitation.trajectories.friction_program import friction_program
 from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
 from dynident.excitation.verify import verify
@@ -32,7 +33,7 @@ def test_each_joint_goes_to_and_fro_over_the_same_way_at_each_speed_slow_to_fast
     for joint, name in enumerate(LIMITS.joints):
         sweeps = [one.course for one in pieces if one.purpose is Purpose.FRICTION and one.label == name]
         assert len(sweeps) == 8
-        assert [one.joint for one in sweeps] == [joint] * 8
+        assert (np.array([one.direction for one in sweeps]) == np.eye(2)[joint]).all()
         speeds = [one.speed for one in sweeps]
         assert speeds == sorted(speeds)
         assert max(speeds) == pytest.approx(LIMITS.velocity[joint])
@@ -41,6 +42,14 @@ def test_each_joint_goes_to_and_fro_over_the_same_way_at_each_speed_slow_to_fast
             assert there.distance == -back.distance
             np.testing.assert_allclose(there.end, back.pose)
             assert there.cruise > 0.1
+
+
+def test_where_there_is_little_room_the_slowest_speed_is_above_what_a_fit_leaves_out():
+    narrow = replace(FREE, limits=replace(LIMITS, lower=LIMITS.lower / 12, upper=LIMITS.upper / 12))
+    pieces = friction_program(narrow, 60.0, None, np.random.default_rng(0))
+    speeds = [one.course.speed for one in pieces if one.label == "lift"]
+    assert min(speeds) == pytest.approx(1.5 * slowest(MODEL, LIMITS)[0])
+    assert min(speeds) > max(speeds) / 20
 
 
 def test_where_the_torque_does_not_suffice_the_joint_starts_more_gently():

@@ -1,4 +1,4 @@
-"""One joint at constant speed, with limited acceleration and jerk."""
+"""A line at constant speed, with limited acceleration and jerk."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ rooms, sizes = st.floats(0.0, 5.0), st.floats(0.5, 50.0)
 def test_a_sweep_keeps_its_limits_and_ends_at_rest_where_it_should(speed, acceleration, jerk, extra, sign):
     ramp, full = run_up(speed, acceleration, jerk)
     distance = sign * (speed * (2 * ramp + full) + extra)
-    sweep = Sweep(np.array([0.5, -1.0]), 1, distance, speed, acceleration, jerk)
+    sweep = Sweep(np.array([0.5, -1.0]), np.array([0.0, 1.0]), distance, speed, acceleration, jerk)
     t = np.linspace(0, sweep.duration, 999)
     q, dq, ddq, jerks = sweep.states(t)
     assert (q[:, 0] == 0.5).all()
@@ -29,7 +29,7 @@ def test_a_sweep_keeps_its_limits_and_ends_at_rest_where_it_should(speed, accele
 
 
 def test_each_is_the_derivative_of_the_one_before():
-    sweep = Sweep(np.zeros(1), 0, 2.0, 1.0, 4.0, 60.0)
+    sweep = Sweep(np.zeros(2), np.array([1.0, -0.3]), 2.0, 1.0, 4.0, 60.0)
     t, h = np.linspace(0.01, sweep.duration - 0.01, 57), 1e-6
     slope = (sweep.states(t + h) - sweep.states(t - h))[:3] / (2 * h)
     np.testing.assert_allclose(slope, sweep.states(t)[1:], atol=1e-4)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, listed
+from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.excitation.trajectories.feasibility import Feasibility
 from dynident.excitation.trajectories.sweep import Sweep, run_up
 from dynident.excitation.trajectories.trajectory import Piece, Purpose
@@ -19,6 +20,7 @@ __all__ = ["friction_program"]
 Array = NDArray[np.float64]
 POSES, PLACES = 24, 33  # poses that are tried, and positions of each joint there
 SLOWEST = 0.05  # of the greatest speed
+ABOVE = 1.5  # times what a fit leaves out as too slow, at least
 STEADY = 0.4  # of its way that a joint is at its constant speed at least
 FLEETING = 0.1  # s at a constant speed: less shows nothing
 GENTLER, SLOWER = 0.5, 0.9  # of acceleration and jerk, and of the speed, where the torque does not suffice
@@ -39,12 +41,13 @@ class _Run:
 
     def sweeps(self, steady: float) -> Iterator[Sweep]:
         """Yield a way there and one back for each speed, which is constant for ``steady`` s where there is room."""
+        direction = np.eye(len(self.pose))[self.joint]
         for speed in self.speeds.tolist():
             ramp, full = run_up(speed, self.acceleration, self.jerk)
             distance = min(self.room, speed * (steady + 2 * ramp + full))
-            there = Sweep(self.pose, self.joint, distance, speed, self.acceleration, self.jerk)
+            there = Sweep(self.pose, direction, distance, speed, self.acceleration, self.jerk)
             yield there
-            yield Sweep(there.end, self.joint, -distance, speed, self.acceleration, self.jerk)
+            yield Sweep(there.end, direction, -distance, speed, self.acceleration, self.jerk)
 
     def time(self, steady: float) -> float:
         """Return how long (s) all sweeps take."""
@@ -58,7 +61,8 @@ def friction_program(
     chosen), within ``duration`` (s).
 
     The speeds of a joint are spread evenly in the logarithm, from a twentieth of the greatest that it can keep for a
-    while. Raises ConfigError where the time does not suffice, or a joint cannot move.
+    while, but from above what a fit leaves out as too slow. Raises ConfigError where the time does not suffice, or a
+    joint cannot move.
     """
     pose, free = _roomiest(feasible, start, rng)
     home = pose if start is None else start
@@ -106,9 +110,11 @@ def _run(feasible: Feasibility, pose: Array, joint: int, ends: tuple[float, floa
     begin, room = pose.copy(), high - low
     begin[joint] = low
     limit, acceleration, jerk = (float(size[joint]) for size in limits.sizes[1:])
+    above = ABOVE * float(slowest(feasible.model, limits)[joint])
     for _ in range(TRIES):
         fastest = _fastest(room, limit, acceleration, jerk)
-        run = _Run(begin, joint, room, np.geomspace(SLOWEST * fastest, fastest, speeds), acceleration, jerk)
+        slow = min(max(SLOWEST * fastest, above), fastest)
+        run = _Run(begin, joint, room, np.geomspace(slow, fastest, speeds), acceleration, jerk)
         if room > 0 and all(map(feasible.allows, list(run.sweeps(np.inf))[-2:])):
             return run
         acceleration, jerk, limit = GENTLER * acceleration, GENTLER * jerk, SLOWER * limit

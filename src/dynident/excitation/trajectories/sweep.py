@@ -1,4 +1,4 @@
-"""Courses of the programs: one joint at a constant speed, and an arm that stands."""
+"""Courses of the programs: an arm that moves along a line at a constant speed, and one that stands."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def run_up(speed: float, acceleration: float, jerk: float) -> tuple[float, float
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """The joint number ``joint`` from rest in a ``pose`` (n) by ``distance`` (rad, m) to rest, at a constant ``speed``
-    in between; the others stand. ``acceleration`` and ``jerk`` are the largest on the way to that speed and back.
+    """An arm from rest in a ``pose`` (n) to rest, by ``distance`` times ``direction`` (n), at a constant ``speed`` in
+    between; ``acceleration`` and ``jerk`` are the largest on the way to that speed and back, all along the direction.
 
     The distance is at least that of a run-up and a run-out.
     """
 
     pose: Array
-    joint: int
+    direction: Array
     distance: float
     speed: float
     acceleration: float
@@ -70,9 +70,7 @@ class Sweep:
     @property
     def end(self) -> Array:
         """The pose (n) in which it ends."""
-        out = self.pose.copy()
-        out[self.joint] += self.distance
-        return out
+        return np.asarray(self.pose + self.distance * self.direction)
 
     def states(self, t: Array) -> Array:
         """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
@@ -80,7 +78,7 @@ class Sweep:
         k = np.clip(np.searchsorted(self._edges, t, side="right") - 1, 0, 6)
         out = np.zeros((4, len(t), len(self.pose)))
         out[0] = self.pose
-        out[:, :, self.joint] += _after(self._begin[:, k], t - self._edges[k])
+        out += _after(self._begin[:, k], t - self._edges[k])[:, :, None] * self.direction
         return out
 
     @cached_property
@@ -90,7 +88,7 @@ class Sweep:
 
     @cached_property
     def _begin(self) -> Array:
-        """The states (4, 7) of the joint, less where it begins, at the beginning of each part of constant jerk."""
+        """The states (4, 7) along the direction, at the beginning of each part of constant jerk."""
         states = [np.zeros(4)]
         for sign, length in zip((1, 0, -1, 0, -1, 0, 1), np.diff(self._edges), strict=True):
             states[-1][3] = sign * np.copysign(self.jerk, self.distance)

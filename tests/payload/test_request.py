@@ -20,6 +20,8 @@ GAINS = DriveGains(("a",), np.array([1.1]), np.array([[1e-4]]), 2.0)
         ({"known_mass": np.inf}, "known mass is inf kg"),
         ({"gain_error": -1.0}, "gain error is -1 %"),
         ({"friction_change": 101.0}, "friction change is 101 %"),
+        ({"load_friction": np.nan}, "friction by the load is nan %"),
+        ({"known_mass": 1.0, "known_centre": (0.0, 0.0, 50.0)}, "50 m away; give it in m"),
         ({"gains": GAINS, "known_mass": 1.0}, "give one of them"),
         ({"known_centre": (0.0, 0.0, 0.1)}, "known centre of mass needs the known mass"),
         ({"known_mass": 1.0, "known_centre": (0.0, 0.0, np.nan)}, "three numbers in m"),

@@ -80,7 +80,7 @@ def test_of_no_payload_the_mass_alone_is_shown() -> None:
             "record the same motion without the payload on the same day",
         ),
         (notes.PayloadOrDrift(Component.MASS, 0.9, unloaded=True), "move the arm through more postures"),
-        (notes.GainsUnknown(0.09, 0.01, 3.0), "with known gains it were ± 0.01 kg"),
+        (notes.GainsUnknown(0.09, 0.01, 3.0), "with known gains it would be ± 0.01 kg"),
         (notes.OtherArm(3.14), "leave 3.1 times what the standard errors allow"),
         (notes.SameRecording("a.csv"), "a.csv: the result was made from it"),
     ],

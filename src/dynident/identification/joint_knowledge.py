@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError
 from dynident.estimators import Estimate
-from dynident.models.memory import loading, loads
+from dynident.models.memory import loading
 from dynident.regression import Regression, rank_of_information
 from dynident.validation import coloured_covariance, correlated_std, robust_covariance
 
@@ -57,12 +57,12 @@ def joint_knowledge(
 
 def _load_pulls(regression: Regression, theta: Array, weights: Array) -> Array | None:
     """Return sum_j w_j^2 Y_j' abs(load_j) sign(dq_j) (p, n), None where the model has no bodies."""
-    model, torques = regression.model, []
-    if not loads(model.terms):
+    own, torques = loading(regression.model.terms), []
+    if not own.any():
         return None
-    bodies, load = model.bodies, theta[loading(model.terms)]
+    bodies = regression.model.bodies
     for motion in regression.motions:
-        friction = np.abs(bodies.torque(motion.q, motion.dq, motion.ddq, load)) * np.sign(motion.dq)
+        friction = np.abs(bodies.torque(motion.q, motion.dq, motion.ddq, theta[own])) * np.sign(motion.dq)
         torques.append(friction[:, :, None] * np.eye(friction.shape[1]))
     return regression.pulls(torques, weights)
 

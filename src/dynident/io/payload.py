@@ -5,23 +5,29 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dynident.errors import InputError, ModelError
+from dynident.errors import ConfigError, InputError, ModelError
 from dynident.export import Identified, check_payload_link, identified_urdf, relocated, with_payload_link
 from dynident.identification import Identification, Sources
+from dynident.io.config import parse_config
 from dynident.io.fields import is_deep
 from dynident.io.opener import content, keep, real
+from dynident.io.recording_parts import recording_parts
 from dynident.io.saved import load, read_log_like
 from dynident.log import Log
 from dynident.models import RigidBodies
-from dynident.payload import Component, DriveGains, Payload, SameRecording
+from dynident.payload import Component, DriveGains, Evidence, Payload, SameRecording
 
-__all__ = ["FORMAT", "payload_data", "payload_logs", "payload_name", "payload_urdf", "read_gains", "read_loaded"]
+__all__ = [
+    "FORMAT", "check_places", "payload_data", "payload_logs", "payload_name", "payload_urdf", "read_arm", "read_gains",
+    "read_loaded",
+]  # fmt: skip
 
 FORMAT, VERSION = "dynident payload", 1
 REQUESTED = ("known_mass", "known_centre", "gain_error", "friction_change", "load_friction", "removed")
@@ -43,7 +49,27 @@ def read_loaded(
         return logs, warnings
     if len(texts) > 1:
         raise InputError(f"{results[0]}: is a result; give one result, or recordings alone.")
-    return load(results[0], allow_code=allow_code), ()
+    return read_arm(results[0], allow_code=allow_code), ()
+
+
+def read_arm(path: str | Path, *, allow_code: bool = False) -> Identification:
+    """Return a result that can be compared; InputError where it lacks the covariance that this takes, and the errors of
+    ``load``."""
+    found = load(path, allow_code=allow_code)
+    Evidence.of(found, str(path))
+    return found
+
+
+def check_places(result: Path, loaded: Sequence[str], unloaded: Sequence[str], out: Path | None) -> None:
+    """Raise InputError where a recording is named as with and without the payload, ConfigError where ``out`` is the
+    folder of the result."""
+    for text in loaded:
+        if text in unloaded:
+            raise InputError(f"{text}: is named as a recording with the payload and as one without; name it once.")
+    if out is not None and out.resolve() == result.resolve().parent:
+        raise ConfigError(
+            f"{out}: is the folder of {result.name}, whose report would be replaced; name another folder."
+        )
 
 
 def payload_logs(
@@ -56,16 +82,18 @@ def payload_logs(
 ) -> tuple[dict[str, Log], tuple[SameRecording, ...], tuple[str, ...]]:
     """Return recordings named on a command line by name, notes on those left out, and what reading warns of.
 
-    ``new``: those that the result was made from are left out. Raises InputError where torques are missing, and the
-    errors of ``read_log_like``.
+    ``new``: those that the result was fitted to are left out, as they count there. Raises InputError where torques are
+    missing, or one with the payload was fitted to without it, and the errors of ``read_log_like``.
     """
-    known = {one.path for one in found.provenance.logs}
+    known = _fitted(found, allow_code) if texts else set()
     logs, notes, warnings = dict[str, Log](), [], list[str]()
     for text in texts:
         files = [part.rpartition("=")[2] for part in text.split(",")]
         for file in files:
             keep(file)
-        if new and all(str(real(Path(file))) in known for file in files):
+        if all(str(real(Path(file))) in known for file in files):
+            if not new:
+                raise InputError(f"{text}: the result was made from it; name a recording that differs by the payload.")
             notes.append(SameRecording(text))
             continue
         say(f"reading {text}")
@@ -76,6 +104,19 @@ def payload_logs(
         for log in reading.logs:
             logs[_unused(log.source, logs)] = log
     return logs, tuple(notes), tuple(warnings)
+
+
+def _fitted(found: Identification, allow_code: bool) -> set[str]:
+    """Return the files of the recordings that a result was fitted to; not those that were held out."""
+    given = found.provenance.configuration
+    if given is None:
+        return set()
+    config = parse_config(given.text, Path(given.path).parent, given.path, allow_code=allow_code)
+    files = set()
+    for path in (path for spec in config.train for path in spec.file.values()):
+        with suppress(InputError):  # recordings that are no longer there
+            files |= {str(real(file)) for file in recording_parts(path)}
+    return files
 
 
 def _unused(name: str, logs: Mapping[str, Log]) -> str:

@@ -68,7 +68,7 @@ class OtherArm(Note):
 
 @dataclass(frozen=True)
 class SameRecording(Note):
-    """A recording ``source`` without the payload is one that the result was made from; it counts there already."""
+    """A recording ``source`` without the payload is one that the result was fitted to; it counts there already."""
 
     severity: ClassVar[Severity] = Severity.INFO
     source: str

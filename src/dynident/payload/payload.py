@@ -202,12 +202,19 @@ def _loaded_logs(
         pairs = ((alone, factor), (whole, factor), (other.estimate.value, np.ones_like(factor)))
         found = LoadedLog(one.name, *(_left(other.model, one, theta, gain) for theta, gain in pairs))
         if found.with_payload > max(MOST * usual, WRONG):
-            raise InputError(
-                f"{one.name}: the arm of the result with any payload leaves {found.with_payload:.3g} % of the torque, "
-                f"and a fit to this recording alone {found.free:.3g} %: it is of another arm, or its columns, units or "
-                "gains are others."
-            )
+            raise InputError(_of_another(found, request))
         yield found
+
+
+def _of_another(log: LoadedLog, request: Request) -> str:
+    known = request.known_mass
+    what = "any payload" if known is None else f"a payload of {known:g} kg"
+    cause = "" if known is None else "the known mass is another (leave it out to see which), "
+    return (
+        f"{log.name}: the arm of the result with {what} leaves {log.with_payload:.3g} % of the torque, and a fit to "
+        f"this recording alone {log.free:.3g} %: {cause}it is of another arm, or its columns, units or gains are "
+        "others."
+    )
 
 
 def _left(model: Model, log: LogValidation, theta: Array, factor: Array) -> float:

@@ -13,6 +13,7 @@ __all__ = ["DriveGains", "Request"]
 
 Array = NDArray[np.float64]
 MOST = 100.0  # %
+FARTHEST = 5.0  # m: a centre of mass beyond is in mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,8 @@ class Request:
             raise ConfigError(f"the known mass is {self.known_mass:g} kg; give a number above 0.")
         if self.known_centre is not None and (self.known_mass is None or not np.isfinite(self.known_centre).all()):
             raise ConfigError("the known centre of mass needs the known mass, and three numbers in m.")
+        if self.known_centre is not None and max(map(abs, self.known_centre)) > FARTHEST:
+            raise ConfigError(f"the known centre of mass is {max(map(abs, self.known_centre)):g} m away; give it in m.")
         given = {"gain error": self.gain_error, "friction change": self.friction_change}
         for name, value in (given | {"friction by the load": self.load_friction}).items():
             if not 0 <= value <= MOST:

@@ -176,8 +176,8 @@ def _(note: said.PayloadOrDrift) -> str:
 def _(note: said.GainsUnknown) -> str:
     return (
         f"the mass is known to ± {note.std:.2g} kg because the gains of the drives are taken as known to "
-        f"{note.common:g} %; with known gains it were ± {note.data:.2g} kg. A common error of all gains is only seen "
-        "with a payload that was weighed (--known-mass, then --gains)"
+        f"{note.common:g} %; with known gains it would be ± {note.data:.2g} kg. A common error of all gains is only "
+        "seen with a payload that was weighed (--known-mass, then --gains)"
     )
 
 

@@ -31,6 +31,19 @@ def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return result(tmp_path_factory.mktemp("slider"))
 
 
+@pytest.fixture(scope="module")
+def text() -> str:
+    return "".join(f"{row}\n" for row in rows())
+
+
+@pytest.fixture(scope="module")
+def undisturbed(slider: Path, text: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Event], Watch]:
+    """Return what a watch says of the whole stream in one go, and the watch."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    (folder / "stream.csv").write_text(text)
+    return watched(slider, folder / "stream.csv", folder / "out")
+
+
 def watched(slider: Path, stream: Path, out: Path, how: WatchSettings = HOW) -> tuple[list[Event], Watch]:
     with result_folder(out) as folder:
         one = watch_of(load(slider), slider, str(stream), how, folder)
@@ -46,26 +59,23 @@ def same(one: Knowledge, other: Knowledge) -> None:
         np.testing.assert_array_equal(a.score, b.score)
 
 
-def test_a_change_is_found_in_a_file(slider: Path, tmp_path: Path) -> None:
-    stream = tmp_path / "stream.csv"
-    stream.write_text("".join(f"{row}\n" for row in rows()))
-    events, _ = watched(slider, stream, tmp_path / "out")
+def test_a_change_is_found_in_a_file(undisturbed: tuple[list[Event], Watch]) -> None:
+    events, watch = undisturbed
     (found,) = [one for one in events if isinstance(one, Changed)]
     assert found.joint == "slider"
     assert abs(found.since - CHANGE) <= 2.0
-    said = [json.loads(line) for line in (tmp_path / "out" / EVENTS).read_text().splitlines()]
+    assert watch.folder is not None
+    said = [json.loads(line) for line in (watch.folder.path / EVENTS).read_text().splitlines()]
     assert said == [{"id": k, **json.loads(json.dumps(event_data(one)))} for k, one in enumerate(events, 1)]
 
 
-def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(slider: Path, tmp_path: Path) -> None:
-    lines = rows()
-    whole, stream = tmp_path / "whole.csv", tmp_path / "stream.csv"
-    whole.write_text("".join(f"{row}\n" for row in lines))
-    expected, one = watched(slider, whole, tmp_path / "one")
-    text = whole.read_bytes()
-    found, cuts = list[Event](), [0, 7, 90_001, 150_000, 200_003, len(text)]
+def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(
+    slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path
+) -> None:
+    (expected, one), stream = undisturbed, tmp_path / "stream.csv"
+    found, cuts = list[Event](), [0, 7, 90_001, 200_003, len(text)]
     for start, stop in itertools.pairwise(cuts):
-        with open(stream, "ab") as file:
+        with open(stream, "a") as file:
             file.write(text[start:stop])
         events, other = watched(slider, stream, tmp_path / "other")
         found += [event for event in events if not isinstance(event, Resumed)]
@@ -73,12 +83,11 @@ def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(slider: Path, tmp_path
     same(one.watcher.knowledge, other.watcher.knowledge)
 
 
-def test_a_killed_watch_goes_on(slider: Path, tmp_path: Path) -> None:
-    """Killed again and again while it reads a file that grows, it knows in the end what an undisturbed one knows."""
-    lines, stream, out = rows(), tmp_path / "stream.csv", tmp_path / "out"
-    whole = tmp_path / "whole.csv"
-    whole.write_text("".join(f"{row}\n" for row in lines))
-    expected, one = watched(slider, whole, tmp_path / "one")
+def test_a_killed_watch_goes_on(
+    slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path
+) -> None:
+    """Killed while it reads a file that grows, it knows in the end what an undisturbed one knows."""
+    (expected, one), stream, out = undisturbed, tmp_path / "stream.csv", tmp_path / "out"
     stream.write_text("")
     command = [
         sys.executable,
@@ -91,15 +100,14 @@ def test_a_killed_watch_goes_on(slider: Path, tmp_path: Path) -> None:
         str(out),
         *map(str, SETTINGS),
     ]
-    for share, least in ((0.5, 1), (0.95, 2)):  # events until it is killed: the baseline, and each start
-        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        stream.write_text("".join(f"{row}\n" for row in lines[: int(share * len(lines))]) + lines[-1][:9])
-        end = time.monotonic() + 60
-        while time.monotonic() < end and (not (out / EVENTS).is_file() or _lines(out) < least):
-            time.sleep(0.02)
-        os.kill(child.pid, signal.SIGKILL)
-        child.wait()
-    stream.write_text(whole.read_text())
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    stream.write_text(text[: len(text) // 2])
+    end = time.monotonic() + 60
+    while time.monotonic() < end and (not (out / EVENTS).is_file() or not (out / EVENTS).read_text()):
+        time.sleep(0.02)
+    os.kill(child.pid, signal.SIGKILL)  # it has said that the baseline is complete
+    child.wait()
+    stream.write_text(text)
     events, other = watched(slider, stream, out)
     assert isinstance(events[0], Resumed)
     said = [one["event"] for one in map(json.loads, (out / EVENTS).read_text().splitlines())]
@@ -107,17 +115,14 @@ def test_a_killed_watch_goes_on(slider: Path, tmp_path: Path) -> None:
     same(one.watcher.knowledge, other.watcher.knowledge)
 
 
-def _lines(out: Path) -> int:
-    return len((out / EVENTS).read_text().splitlines())
-
-
 def test_a_signal_in_the_midst_of_samples_loses_none(
-    slider: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    slider: Path,
+    text: str,
+    undisturbed: tuple[list[Event], Watch],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    stream, whole = tmp_path / "stream.csv", tmp_path / "whole.csv"
-    text = "".join(f"{row}\n" for row in rows())
-    whole.write_text(text)
-    expected, one = watched(slider, whole, tmp_path / "one")
+    (expected, one), stream = undisturbed, tmp_path / "stream.csv"
     stream.write_text(text[:150_000])
     watched(slider, stream, tmp_path / "out")
     stream.write_text(text)

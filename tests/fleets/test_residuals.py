@@ -54,7 +54,7 @@ def test_the_residual_of_each_joint_is_a_group_in_units_of_its_torque() -> None:
     np.testing.assert_array_equal(np.hstack([one.directions for one in groups]), np.eye(3))
 
 
-@pytest.mark.parametrize(("robots", "logs", "fleets"), [(10, 10, 15), (3, 4, 40)])
+@pytest.mark.parametrize(("robots", "logs", "fleets"), [(10, 10, 10), (3, 4, 25)])
 def test_quiet_robots_are_flagged_no_more_often_than_said(robots: int, logs: int, fleets: int) -> None:
     """A count above these has a probability of 1e-3 at the rate stated."""
     rng, chances, flagged, rate = np.random.default_rng(robots + logs), [], 0, 0.05
@@ -98,7 +98,7 @@ def test_a_residual_that_a_change_of_parameters_explains_is_left_out(late: int, 
 @pytest.mark.parametrize("odd", [0, 1, 2, 3])
 def test_one_odd_log_is_no_change_of_a_residual(odd: int) -> None:
     """Of few robots no other log says that such logs are."""
-    for seed in range(5):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         histories = fleet(rng, 3, 4)
         left = residuals(rng, histories, {1: lambda log: np.array([0.0, 1.2 * (log == odd), 0.0])})

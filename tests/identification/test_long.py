@@ -23,8 +23,8 @@ from dynident.identification import (
     prepared,
 )
 from dynident.jobs import run_jobs
-from dynident.log import Log
-from dynident.models import record, simulate
+from dynident.log import Log, Motion
+from dynident.models import record
 from dynident.models.gallery import two_link_arm
 from dynident.regression import ParallelFilter
 from dynident.smoothers import Butterworth, Smoother, Spline
@@ -57,11 +57,13 @@ class Held:
 
 
 def recording(sigma_tau: float = 0.02, samples: int = 12_000, seed: int = 0) -> Log:
+    """On a motion that is chosen, whose torque follows: to integrate the equations of a minute takes seconds."""
     t = np.arange(samples) * 0.005
-    truth = simulate(
-        ARM, THETA, lambda s: (1.13 * np.sin(1.7 * s) + 0.3 * np.sin(0.3 * s), 0.78 * np.cos(2.3 * s)), t,
-        tolerance=1e-9,
-    )  # fmt: skip
+    s, rate = t[:, None, None], np.array([[1.7, 0.3, 3.1], [2.3, 0.7, 3.9]])
+    size = np.array([[0.9, 0.4, 0.3], [0.7, 0.5, 0.2]])
+    q, dq, ddq = (np.sum(size * rate**k * np.sin(rate * s + k * np.pi / 2), axis=2) for k in range(3))
+    names = tuple(joint.name for joint in ARM.joints)
+    truth = Motion(t, q, dq, ddq, ARM.torque(q, dq, ddq, THETA), names, np.ones(samples, dtype=bool))
     return record(truth, 1e-5, sigma_tau, np.random.default_rng(seed), source="day").log
 
 

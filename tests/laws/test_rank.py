@@ -287,7 +287,7 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     motion = moved(true, np.arange(4000) * 0.005)
     recipe = Recipe(estimator=PhysicallyConsistent(costs=False), outliers="keep")
     inside, total, worst = 0, 0, 0.0
-    for seed in range(6):
+    for seed in range(4):
         found = identify(model, [recorded(motion, seed)], recipe=recipe)
         basis, std = found.base.on_data, found.errors.base_std_hac
         assert basis is not None
@@ -314,7 +314,7 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
         return replace(motion, tau=log.tau)
 
     recipe = Recipe(smoother, PhysicallyConsistent(costs=False), outliers="keep")
-    for seed in range(3):
+    for seed in range(2):
         found = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
         basis, estimate, errors = found.base.on_data, found.estimate, found.errors
         assert basis is not None

@@ -74,11 +74,13 @@ def level(*more: str) -> str:
 
 
 def short(example: str) -> str:
-    """Two seconds of the recording and nothing to choose but the tilt of the base: for what depends on neither."""
+    """Two seconds of the recording and nothing to choose, with the base as level: for what depends on neither."""
     settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text())
     train = [one | {"window": [0, 2]} for one in settings["train"]]
     estimator = {"kind": "consistent", "strength": 0.0}
-    return yaml.safe_dump({"estimator": estimator, "train": train, "validation": [], "delay": 0.0, **UNCHOSEN})
+    model = settings["model"] | {"base_tilt": "none"}
+    changes = {"model": model, "estimator": estimator, "train": train, "validation": [], "delay": 0.0, **UNCHOSEN}
+    return yaml.safe_dump(changes)
 
 
 def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> list[float]:

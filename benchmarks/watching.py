@@ -32,7 +32,19 @@ from dynident.demo.arm import JOINTS, TIME_OFFSET, true_model, true_values
 from dynident.demo.recording import ENCODER, NOISE, REMAINS, TORQUE
 from dynident.identification import Identification
 from dynident.io.project import read_project
-from dynident.online import Alarm, Back, Changed, Event, Fault, Passed, Watcher, WatchSettings
+from dynident.online import (
+    Alarm,
+    Back,
+    Changed,
+    Event,
+    Fault,
+    NewMotion,
+    Passed,
+    Signal,
+    Unsteady,
+    Watcher,
+    WatchSettings,
+)  # fmt: skip
 from dynident.regression import GroupKind
 from dynident.report.watch import Stamps, event_line
 
@@ -50,12 +62,12 @@ NAMES = tuple(joint.name for joint in JOINTS)
 @dataclass(frozen=True)
 class Happening:
     """What happens from ``start`` to ``stop`` (s): ``share`` of the change ``of`` the parameters, by time; or the
-    encoder of a ``dead`` joint. ``signs`` are the kind and joint of what a watch should say."""
+    encoder of a ``dead`` joint. ``sign`` is the group of what a watch should say, and its joint."""
 
     name: str
     start: float
     stop: float
-    signs: tuple[str, str]
+    sign: tuple[GroupKind | None, str]
     of: dict[str, float] = field(default_factory=dict)
     slow: bool = False
     dead: str = ""
@@ -71,7 +83,7 @@ HAPPENINGS = (
               {"Fv_elbow": 2.4, "Fc_elbow": 0.88}, slow=True),
     Happening("payload of 1 kg", 2400, 3600, (GroupKind.PAYLOAD, "wrist_roll"),
               {"hand.mass": 1.0, "hand.mz": 0.1, "hand.Ixx": 0.01, "hand.Iyy": 0.01}),
-    Happening("encoder of wrist_pitch dead", 4500, 4560, ("frozen", "wrist_pitch"), dead="wrist_pitch"),
+    Happening("encoder of wrist_pitch dead", 4500, 4560, (None, "wrist_pitch"), dead="wrist_pitch"),
     Happening("offset of shoulder_lift by 2 N m", 6000, 1e9, (GroupKind.OFFSET, "shoulder_lift"),
               {"offset_shoulder_lift": 2.0}),
 )  # fmt: skip
@@ -171,21 +183,23 @@ def watched(found: Identification, arm: Arm, settings: WatchSettings, hours: flo
 
 def said(events: Sequence[Event], one: Happening) -> tuple[float, ...]:
     """Return when a happening was said first at its start, and at its end where it has one; nan where it was not."""
-    kind, joint = one.signs
-    found = [
-        event.time for event in events
-        if (isinstance(event, Changed | Alarm | Fault) and (event.kind, event.joint) == (kind, joint))
-        or (isinstance(event, Back) and event.joint == joint and bool(one.dead))
-    ]  # fmt: skip
+    found = [event.time for event in events if says(event, one)]
     ends = [one.start] if one.slow or one.stop > 3600 * HOURS else [one.start, one.stop]
     return tuple(min((t - end for t in found if t >= end), default=np.nan) for end in ends)
 
 
+def says(event: Event, one: Happening) -> bool:
+    """Return whether an event says what happened, or of a dead encoder also that it works again."""
+    if one.dead:
+        return isinstance(event, Fault | Back) and (event.signal, event.joint) == (Signal.POSITION, one.dead)
+    return isinstance(event, Alarm | Changed | Passed) and (event.kind, event.joint) == one.sign
+
+
 def explained(event: Event, happenings: Sequence[Happening]) -> bool:
     """Return whether what an event says is true."""
-    if not isinstance(event, Alarm | Changed | Passed | Fault):
+    if not isinstance(event, Alarm | Changed | Passed | Fault | Unsteady | NewMotion):
         return True
-    return any((event.kind, event.joint) == one.signs and event.time >= one.start for one in happenings)
+    return any(says(event, one) and event.time >= one.start for one in happenings)
 
 
 def main() -> None:

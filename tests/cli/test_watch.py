@@ -31,6 +31,7 @@ def test_a_file_is_watched_to_its_end(slider: Path, tmp_path: Path) -> None:
     assert "most likely friction of slider" in said[2]
     assert "friction of slider changed" in said[3]
     assert "+1." in said[3]
+    assert said[-2].startswith("The stream has ended at 60.0 s: 1 change was found since 2")
     assert said[-1] == f"Changes: {tmp_path / 'out' / 'changes.jsonl'}"
     again = run("watch", slider, stream, "--once", "--out", tmp_path / "out", "--quiet", *SETTINGS)
     assert again.exit_code == 0
@@ -50,6 +51,18 @@ def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:
     assert events["BadLines"]["text"] == "no object"
     assert events["Changed"]["kind"] == "friction"
     assert events["Changed"]["joint"] == "slider"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(0, "has ended without a sample"), (12, "within the baseline: it has 11 of 25 blocks of motion")],
+)
+def test_of_a_short_stream_it_is_said_that_it_is(slider: Path, tmp_path: Path, seconds: float, said: str) -> None:
+    stream = tmp_path / "stream.csv"
+    stream.write_text("".join(f"{row}\n" for row in rows(seconds)))
+    done = run("watch", slider, stream, "--once", *SETTINGS)
+    assert done.exit_code == 0, done.output
+    assert said in done.stdout
 
 
 def test_what_cannot_be_watched_is_said(slider: Path, tmp_path: Path) -> None:

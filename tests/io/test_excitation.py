@@ -14,7 +14,7 @@ from dynident.excitation import Box, Criterion, Cylinder, Floor, Nothing, Progra
 from dynident.io.excitation import read_excitation
 from dynident.io.excitation_known import NoiseOrigin
 from dynident.io.recording_draft import recording_config
-from dynident.report.excitation_words import shape_words
+from dynident.report.excitation_words import body_words, shape_words
 from tests.cli.commands import settings, write_log
 from tests.excitation.arms import TWO
 
@@ -130,6 +130,12 @@ def test_what_cannot_be_read_is_said(robot: Path, tmp_path: Path) -> None:
         ).space
 
 
+def test_a_period_that_nobody_gives_fits_the_duration(robot: Path) -> None:
+    assert read_excitation(robot, None, {"duration": 3.0}).request.period == pytest.approx(1.8)
+    assert read_excitation(robot).request.period == 5.0
+    assert read_excitation(robot, None, {"duration": 3.0, "period": 2.5}).request.period == 2.5
+
+
 def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_path: Path) -> None:
     (tmp_path / "far" / "arm").mkdir(parents=True)
     (tmp_path / "far" / "arm" / "part.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\n")
@@ -149,3 +155,11 @@ def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_pat
         read_excitation(robot, None, {"packages": ["nowhere"]})
     with pytest.raises(ConfigError, match=r"packages\[0\]: the name of a folder"):
         read_excitation(robot, None, {"packages": [3]})
+
+
+def test_masses_and_inertias_that_cannot_be_are_said(robot: Path) -> None:
+    assert list(body_words(read_excitation(robot))) == []
+
+    robot.write_text(robot.read_text().replace('ixx="', 'ixx="9'))
+    (said,) = body_words(read_excitation(robot))
+    assert "where mass or inertia of upper, lower cannot be right: see `dynident check`" in said

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
 from dynident.errors import InputError
-from dynident.io.followed import FollowedFile
+from dynident.io.followed import FollowedFile, StandardInput
 
 
 @pytest.fixture
@@ -90,6 +91,12 @@ def test_another_file_is_read_from_its_beginning(log: Path) -> None:
     assert not other.found
     assert other.read() == (b"other head\n", True, False)
     other.close()
+
+
+def test_a_standard_input_that_is_closed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(InputError, match="standard input is closed"):
+        StandardInput()
 
 
 def test_what_is_no_file_is_refused(tmp_path: Path) -> None:

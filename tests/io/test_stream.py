@@ -47,6 +47,12 @@ def test_rows_become_samples_in_si(tmp_path: Path) -> None:
     check(reader(tmp_path), [HEAD, *ROWS])
 
 
+def test_names_that_come_alone_or_again_are_no_samples(tmp_path: Path) -> None:
+    one = reader(tmp_path)
+    assert len(one.push([HEAD]).t) == 0
+    check(one, [ROWS[0], HEAD, ROWS[1]])
+
+
 def test_other_separators_and_decimal_commas(tmp_path: Path) -> None:
     check(
         reader(tmp_path),

@@ -1,4 +1,5 @@
-"""docs/symptoms.md has the words that checks, verdict and estimators print: of each type, and no others."""
+"""docs/symptoms.md has the words that checks, verdict and estimators print: of each type, and no others. Those on a
+payload are in docs/payload.md."""
 
 from __future__ import annotations
 
@@ -19,14 +20,18 @@ from dynident.checks.robot_notes import MissingTerm, TermKind
 from dynident.errors import Note, Remark, Use
 from dynident.identification.verdict.reasons import Noted, Reason
 from dynident.identification.verdict.steps import Sharpen
+from dynident.payload import notes as payload_notes
 from dynident.report.advice import sentences  # noqa: F401  # with it the words of reasons are there
 from dynident.report.excitation_words import noise_words  # noqa: F401  # and those of designed motions
 from dynident.report.finding_words import finding_words  # noqa: F401  # and those of findings
+from dynident.report.payload import payload_words  # noqa: F401  # and those of payloads
 from dynident.report.wording import words
 from dynident.validation.free_run import Broken, Failure
 from dynident.validation.residuals import Cause
 
-PAGE = (Path(__file__).parents[2] / "docs" / "symptoms.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "symptoms.md").read_text(encoding="utf-8")
+PAYLOAD_PAGE = (DOCS / "payload.md").read_text(encoding="utf-8")
 PLAIN = {int: 2, float: 1e-3, str: "one", bool: False}
 # what a reader needs no help with, and what passes on the words of another
 LEFT_OUT = {"Averaged", "SmoothSigns"}
@@ -43,7 +48,12 @@ def kinds(base: type) -> Iterator[type]:
 
 
 def printed() -> list[type]:
-    return [kind for base in (Note, Reason, Cause, Failure) for kind in kinds(base)]
+    every = [kind for base in (Note, Reason, Cause, Failure) for kind in kinds(base)]
+    return [kind for kind in every if kind not in of_payloads()]
+
+
+def of_payloads() -> list[type]:
+    return [kind for kind in kinds(Note) if kind.__module__ == payload_notes.__name__]
 
 
 def example(hint: Any) -> Any:
@@ -92,6 +102,14 @@ def test_each_type_of_message_has_its_entry(kind: type) -> None:
         return
     found = [phrase for phrase in quoted() if any(phrase in text for text in texts(kind))]
     assert found, f"docs/symptoms.md quotes nothing of what is printed: {texts(kind)[0]}"
+
+
+def test_each_type_of_note_on_a_payload_has_its_row_and_no_others() -> None:
+    rows, kinds = re.findall(r'^\| "([^"]+)"', PAYLOAD_PAGE, flags=re.MULTILINE), of_payloads()
+    assert len(kinds) == len(payload_notes.__all__)
+    for kind in kinds:
+        assert any(row in text for row in rows for text in texts(kind)), f"docs/payload.md: {texts(kind)[0]}"
+    assert [row for row in rows if not any(row in text for kind in kinds for text in texts(kind))] == []
 
 
 def test_every_effect_that_a_model_may_lack_has_its_entry() -> None:

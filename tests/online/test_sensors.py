@@ -24,8 +24,13 @@ def recorded(count: float = COUNT, rests: bool = False) -> tuple[Array, Array]:
 
 
 def seen(q: Array, tau: Array, velocity: float | None = 3.0) -> tuple[list[Fault | Back], NDArray[np.bool_]]:
-    found = Sensors(("one", "two"), (velocity, velocity)).check(T, q, tau)
-    return [one for one in found.events if isinstance(one, Fault | Back)], found.rows
+    sensors, events, rows = Sensors(("one", "two"), (velocity, velocity)), list[Fault | Back](), np.zeros(0, dtype=bool)
+    while len(rows) < len(T):
+        some = slice(len(rows), None)
+        found = sensors.check(T[some], q[some], tau[some])
+        events += [one for one in found.events if isinstance(one, Fault | Back)]
+        rows = np.append(rows, found.rows)
+    return events, rows
 
 
 @pytest.mark.parametrize("count", [COUNT, 2 * np.pi / 2**12])
@@ -77,8 +82,34 @@ def test_no_numbers_are_seen_after_three_samples(signal: Signal) -> None:
     assert isinstance(back, Back)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.MISSING, signal, "one")
     assert fault.time == T[BEGIN + 2]
-    assert not rows[BEGIN:END].any()
+    assert not rows[BEGIN : BEGIN + 2].any()
+    assert rows[BEGIN + 2 : END].any() == (signal is Signal.TORQUE)  # of the other joint
     assert rows[:BEGIN].all()
+
+
+def test_a_joint_that_is_known_to_rest_is_not_still_until_it_moved_again() -> None:
+    q, tau = recorded(2 * np.pi / 2**10)
+    q[BEGIN:END, 1] = q[BEGIN, 1]
+    sensors = Sensors(("one", "two"), (3.0, 3.0))
+    end = len(sensors.check(T, q, tau).rows)
+    sensors.excuse("two")
+    found = sensors.check(T[end:], q[end:], tau[end:])
+    (jump,) = found.events  # this one was dead: where it moves again is said
+    assert isinstance(jump, Fault)
+    assert (jump.kind, jump.since) == (FaultKind.JUMP, STOP)
+    assert found.rows.all()
+    assert len(found.rows) == len(T) - end
+    assert not sensors.excused.any()
+
+
+def test_of_a_torque_without_a_number_the_other_joints_are_heard() -> None:
+    q, tau = recorded()
+    tau[BEGIN:END, 0] = np.nan
+    found = Sensors(("one", "two"), (3.0, 3.0)).check(T, q, tau)
+    assert found.heard[:, 1].all()
+    assert not found.heard[BEGIN + 2 : END, 0].any()
+    assert found.heard[: BEGIN + 2, 0].all()
+    assert found.cuts == ()
 
 
 def test_a_single_missing_number_is_only_left_out() -> None:

@@ -60,3 +60,5 @@ def test_the_table_marks_what_is_open_or_has_no_value() -> None:
     assert table.rows[0][1:] == ("2.000", "0.10", "5.0")
     assert table.rows[1][1:] == ("-", "open", "-")
     assert valued_of(found.expected).sum() == 1
+    rounded = np.where(found.expected.value == 0, 1e-12, found.expected.value)
+    assert valued_of(replace(found.expected, value=rounded)).sum() == 1

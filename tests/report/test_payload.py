@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import Note
-from dynident.payload import Payload, PhysicalBody, Request, find_payload, notes
+from dynident.payload import Component, Payload, PhysicalBody, Request, find_payload, notes
 from dynident.report.payload import (
     gains_table,
     payload_page,
@@ -61,7 +61,7 @@ def test_of_no_payload_the_mass_alone_is_shown() -> None:
     ("note", "said"),
     [
         (
-            notes.NotShown(("z", "Ixx"), (0.05, 0.01), "j5", 1.5, "rad/s", (0.002, 0.003)),
+            notes.NotShown((Component.Z, Component.IXX), (0.05, 0.01), "j5", 1.5, "rad/s", (0.002, 0.003)),
             (
                 "the motion does not show centre of mass, z (± 0.05 m), inertia about the centre of mass, xx "
                 "(± 0.01 kg m^2) of the payload; 10 s of turning j5 back and forth at up to 1.5 rad/s would lower that "
@@ -69,17 +69,17 @@ def test_of_no_payload_the_mass_alone_is_shown() -> None:
             ),
         ),
         (
-            notes.NotShown(("Izz",), (0.05,)),
+            notes.NotShown((Component.IZZ,), (0.05,)),
             (
                 "the motion does not show inertia about the centre of mass, zz (± 0.05 kg m^2) of the payload; no "
                 "single joint would by itself: turn the last joints together, fast, in several postures"
             ),
         ),
         (
-            notes.PayloadOrDrift("mass", 0.9, unloaded=False),
+            notes.PayloadOrDrift(Component.MASS, 0.9, unloaded=False),
             "record the same motion without the payload on the same day",
         ),
-        (notes.PayloadOrDrift("mass", 0.9, unloaded=True), "move the arm through more postures"),
+        (notes.PayloadOrDrift(Component.MASS, 0.9, unloaded=True), "move the arm through more postures"),
         (notes.GainsUnknown(0.09, 0.01, 3.0), "with known gains it were ± 0.01 kg"),
         (notes.OtherArm(3.14), "leave 3.1 times what the standard errors allow"),
         (notes.SameRecording("a.csv"), "a.csv: the result was made from it"),

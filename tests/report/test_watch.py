@@ -20,6 +20,7 @@ from dynident.online import (
     Gap,
     NewMotion,
     Passed,
+    Resting,
     Resumed,
     Signal,
     Unreadable,
@@ -36,7 +37,8 @@ CHANGED = Changed(
 )  # fmt: skip
 SAID: list[tuple[Event, str]] = [
     (BaselineKnown(600.0, 0.0, (1.0, 0.5), (0.4, 0.4)),
-     "elbow 1.0, wrist 0.50; more than twice that of the identification at elbow"),
+     "elbow 1.0, wrist 0.50; more than twice that of the identification at elbow."),
+    (BaselineKnown(600.0, 0.0, (5.0, 0.5), (0.4, 0.4)), "at elbow; at one, more than ten times: check"),
     (Unsteady(600.0, FRICTION, "elbow", 0.0), "friction of elbow changed within the baseline since 0.0 s"),
     (NewMotion(700.0, 640.0), "moves as it did not in the baseline since 640.0 s"),
     (Alarm(45.0, PAYLOAD, "wrist", 30.0, (29.0, 31.0), 20.0),
@@ -49,9 +51,10 @@ SAID: list[tuple[Event, str]] = [
     (Fault(9.1, FaultKind.FROZEN, Signal.POSITION, "elbow", 9.0),
      "the position of elbow does not change any more, since 9.0 s"),
     (Fault(9.1, FaultKind.MISSING, Signal.TORQUE, "elbow", 9.0), "the torque of elbow gives no number, since 9.0 s"),
-    (Fault(9.1, FaultKind.STILL, Signal.POSITION, "elbow", 9.0), "it rests longer than usual, or its sensor is dead"),
+    (Fault(9.1, FaultKind.STILL, Signal.POSITION, "elbow", 9.0), "the torques are not those of a rest"),
     (Fault(9.1, FaultKind.JUMP, Signal.POSITION, "elbow", 9.0, -0.5), "jumps at 9.0 s, by -0.500 rad or m"),
-    (Back(20.0, Signal.POSITION, "elbow", 9.0), "the position of elbow changes again, after a fault since 9.0 s"),
+    (Back(20.0, Signal.POSITION, "elbow", 9.0), "the position of elbow works again, after a fault since 9.0 s"),
+    (Resting(310.0, 10.0), "the robot has hardly moved since 10.0 s"),
     (Gap(20.0, 4.0), "no sample came for 4.00 s"),
     (ClockReset(0.0, 20.0), "the time was set back, from 20.0 s"),
     (BadLines(20.0, 2, 17, "x\x1b[31m"),
@@ -77,6 +80,11 @@ def test_no_event_is_without_a_sentence() -> None:
 
 def test_dates_are_shown_where_the_stream_has_them() -> None:
     assert event_line(Gap(3600.0, 4.0), (), Stamps(86_400.0 * 20_000)).text.startswith("2024-10-04 01:00:00: ")
+
+
+def test_lines_before_the_first_sample_have_no_time() -> None:
+    line = event_line(BadLines(float("nan"), 1, 2, "x"), (), Stamps())
+    assert line.text == "at the start: line 2 could not be read and is left out: 'x'."
 
 
 def test_the_rate_of_false_alarms_is_said() -> None:

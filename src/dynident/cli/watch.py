@@ -64,7 +64,7 @@ def watch(
     from dynident.io.saved import load
     from dynident.io.watch_run import watch_of
     from dynident.online import WatchSettings
-    from dynident.report.watch import watch_words
+    from dynident.report.watch import Stamps, end_words, watch_words
 
     how = WatchSettings(false_alarms, block, baseline, 6 * block, tolerance)
     keep(result)
@@ -79,6 +79,8 @@ def watch(
         if not as_json:
             console().remark(watch_words(how))
         _say(one, as_json, follow=not once)
+    if not as_json:
+        console().remark(end_words(one.watcher, one.events, Stamps(one.reader.zero)))
     if out and not as_json:
         from dynident.io.watch_run import EVENTS
 

@@ -8,7 +8,7 @@ they can be had. Nothing that the design uses to keep within limits (bounds, wor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,11 +88,14 @@ def verify(
     samples, reached = 0, np.zeros((5, len(limits.joints)))
     kept: list[tuple[Array, Array]] = []
     last: Array | None = None
-    for start, piece in zip(trajectory.edges, trajectory.pieces, strict=False):
+    for k in trajectory.firsts:  # what is repeated is looked at once
+        start, piece = trajectory.edges[k], trajectory.pieces[k]
         t = np.linspace(0.0, piece.course.duration, max(3, int(np.ceil(piece.course.duration * RATE)) + 1))
         states = piece.course.states(t)
         _check_derivatives(states, t, float(start), limits)
         _check_joined(states[:, 0] if last is None else last, states[:, 0], float(start), limits)
+        if trajectory.pieces[k + 1 : k + 2] and trajectory.pieces[k + 1].course is piece.course:
+            _check_joined(states[:, -1], states[:, 0], float(trajectory.edges[k + 1]), limits)
         tau = _torque(model, theta, states)
         fine = _finer(t, states, tau, limits)
         finer = piece.course.states(fine)
@@ -219,8 +222,11 @@ def _second_route(model: Model, theta: Array, kept: Sequence[tuple[Array, Array]
 
 def _near(space: Distances, trajectory: Trajectory, clearance: float) -> Nearest | None:
     """Return where the arm comes closest; LimitError where that is nearer than the clearance."""
-    found = nearest(space, trajectory, clearance)
-    if found is not None and found.distance < clearance - ROUNDING:
+    found = nearest(space, trajectory.once, clearance)
+    if found is None:
+        return None
+    found = replace(found, time=trajectory.first_time(found.time))
+    if found.distance < clearance - ROUNDING:
         one, other = found.pair
         what = (
             f"{one!r} and {other!r} are {1000 * found.distance:.2f} mm apart at {found.time:.4f} s, nearer than the "

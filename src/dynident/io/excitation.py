@@ -59,6 +59,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 Robot = RobotSettings | str
 CONFIGS = (".yaml", ".yml")
+PERIOD = 0.6  # of the duration, at most, where nobody gives it: the ways take time, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +268,8 @@ def _given(
     for one in found.packages:
         if not os.path.isdir(one):
             raise ConfigError(f"{place}: packages: there is no folder {str(one)!r}.")
+    if "period" not in found.model_fields_set and found.period > PERIOD * found.duration:
+        return found.model_copy(update={"period": PERIOD * found.duration})
     return found
 
 

@@ -35,9 +35,11 @@ class Stream(Protocol):
 
 
 class StandardInput:
-    """Standard input, which cannot be read again; it ends when who writes to it does."""
+    """Standard input, which cannot be read again; it ends when who writes to it does. Raises InputError without one."""
 
     def __init__(self) -> None:
+        if sys.stdin is None:  # closed by who started this
+            raise InputError("standard input is closed; give the path of a file, or write to it: ... | dynident watch")
         self._file = sys.stdin.buffer
 
     def read(self) -> Read:

@@ -19,7 +19,7 @@ from dynident.io.opener import content, keep, real
 from dynident.io.saved import load, read_log_like
 from dynident.log import Log
 from dynident.models import RigidBodies
-from dynident.payload import NAMES, UNITS, DriveGains, Payload, SameRecording
+from dynident.payload import Component, DriveGains, Payload, SameRecording
 
 __all__ = ["FORMAT", "payload_data", "payload_logs", "payload_name", "payload_urdf", "read_gains", "read_loaded"]
 
@@ -109,7 +109,7 @@ def read_gains(path: Path) -> DriveGains:
 
 def payload_data(found: Payload, sources: Sources, words: Sequence[str]) -> dict[str, Any]:
     """Return a payload as plain values, with its notes in words; of one that is not seen the mass alone."""
-    shown = [found.seen or name == "mass" for name in NAMES]
+    shown = [found.seen or one is Component.MASS for one in Component]
     body, request, gains = found.body, found.request, found.gains
     return {
         "format": FORMAT,
@@ -118,8 +118,8 @@ def payload_data(found: Payload, sources: Sources, words: Sequence[str]) -> dict
         "body": found.mount.body,
         "seen": found.seen,
         "payload": [
-            {"name": name, "value": value if show else None, "std": std if show else None, "unit": unit}
-            for name, value, std, unit, show in zip(NAMES, body.values, body.std, UNITS, shown, strict=True)
+            {"name": name, "value": value if show else None, "std": std if show else None, "unit": name.unit}
+            for name, value, std, show in zip(Component, body.values, body.std, shown, strict=True)
         ],
         "parameters": {"value": found.value, "unconstrained": found.free, "covariance": found.covariance},
         "shares": {source.value: share for source, share in found.shares.items()},

@@ -120,7 +120,7 @@ class SampleReader:
             if values is not None:
                 rows.append(values)
         found = BadLines(math.nan, len(bad), *bad[0]) if bad else None
-        return self._samples(np.array(rows).reshape(len(rows), -1), found)
+        return self._samples(np.array(rows).reshape(len(rows), 1 + len(self._needed)), found)
 
     def _values(self, text: str) -> list[float] | None:
         """Return time and needed columns of a line, None where it holds none; ValueError where it cannot be read."""
@@ -136,6 +136,8 @@ class SampleReader:
         cells = row_cells(text, self.separator)
         if len(cells) == len(self.names) + 1 and not cells[-1]:
             cells = cells[:-1]
+        if cells == self.names:
+            return None  # who writes has begun again
         if len(cells) != len(self.names):
             raise ValueError("another number of cells")
         return self._timed(dict(zip(self.names, cells, strict=True)))

@@ -49,11 +49,6 @@ class Placements:
         by_body = wrench @ np.concatenate((turning, pushing), axis=2).swapaxes(1, 2)
         return np.asarray((by_body * self._carries(body)) @ layout.drive)
 
-    def jacobians(self, body: ArrayLike, points: Array) -> Array:
-        """Return the derivatives (N, P, 3, n) by q of points (N, P, 3) that are fixed to their bodies."""
-        unit = np.broadcast_to(np.eye(3)[:, None, None], (3, *points.shape))
-        return np.stack([self.pulled(body, points, one) for one in unit], axis=2)
-
     def _carries(self, body: ArrayLike) -> Array:
         """Return whether bodies (columns) carry or are those of points (rows): ones and zeros (P, B)."""
         body = np.asarray(body, dtype=np.intp)

@@ -85,6 +85,13 @@ class Detector:
         how = self._watch if known.phase is Phase.WATCH else self._settle
         return how(known, known.reference, block)
 
+    def differs(self, known: Knowledge, block: Scores) -> bool:
+        """Return whether a block is surely not as usual, alone; False where it is not known what is usual."""
+        if known.reference is None or known.phase is not Phase.WATCH:
+            return False
+        sums = self._window(known.reference, [block])
+        return bool(self.candidates.evidence(known.reference, sums, clipped=False).max() > SURE)
+
     def _baseline(self, known: Knowledge, block: Scores) -> tuple[Knowledge, tuple[Event, ...]]:
         blocks = (*known.blocks, block)
         if len(blocks) < self.baseline:

@@ -8,7 +8,7 @@ from dynident.regression import GroupKind
 
 __all__ = [
     "Alarm", "Back", "BadLines", "BaselineKnown", "Changed", "ClockReset", "Event", "Fault", "FaultKind", "Gap",
-    "NewMotion", "Passed", "Resumed", "Signal", "Unreadable", "Unsteady",
+    "NewMotion", "Passed", "Resting", "Resumed", "Signal", "Unreadable", "Unsteady",
 ]  # fmt: skip
 
 from enum import StrEnum
@@ -90,6 +90,13 @@ class Passed(Event):
 
     kind: GroupKind
     joint: str
+    since: float
+
+
+@dataclass(frozen=True)
+class Resting(Event):
+    """The robot has hardly moved ``since`` a time (s): there is nothing to watch until it does."""
+
     since: float
 
 

@@ -31,6 +31,12 @@ class Gram:
 
     __repr__ = brief
 
+    def without(self, joint: int) -> Gram:
+        """Return the sums without the rows of a joint."""
+        kept = np.where(np.arange(len(self.rows)) == joint, 0.0, 1.0)
+        information, score = self.information * kept[:, None, None], self.score * kept[:, None]
+        return Gram(information, score, self.squares * kept, self.rows * kept)
+
     def __add__(self, other: Gram) -> Gram:
         """Return the sums over both."""
         return Gram(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))

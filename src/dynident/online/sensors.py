@@ -1,8 +1,9 @@
 """Sensors that fail, seen at once: no numbers, values that freeze, jumps.
 
 A position that froze stops within one sample, which no joint can do: its last step is many times as large as steps
-usually differ from one to the next. What comes to rest does not. Where it froze near a turn, it can only be told from
-a rest by how long it lasts while others move.
+usually differ from one to the next. What comes to rest does not. Where it froze near a turn, only the torques of the
+arm can tell it from a rest: it is said to be still when that lasts longer than usual while others move, and who has the
+torques may ``excuse`` it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ HELD, HELD_FOR = 10, 0.05  # samples, and s, of a position that froze
 ABRUPT = 8.0  # times the usual difference of two steps: what a joint cannot do
 SILENT = 1.0  # s of a torque that does not change while the robot moves
 STILL = 5.0  # s of a position that does not change while others do
-LONGER = 10.0  # times the longest that was usual before
+LONGER = 10.0  # times the longest that was usual before, of a torque
+RATHER = 2.0  # times the longest that was usual before, of a position
+MOST = 60.0  # s: what is usual asks for no more
 RECOVERED = 10  # samples that a sensor must work again
 FASTEST = 2.0  # times the velocity limit
 LARGEST = 20.0  # times the largest usual step, where there is no limit
@@ -32,17 +35,19 @@ FAR = 0.01  # rad, m: what others move at least while one does not
 MEMORY = 500.0  # samples over which what is usual is averaged
 SETTLED = 50  # samples until something is usual
 KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL)
-LOST = (1, 2, 3)  # of them, by number from one: those without which nothing can be computed
+LOST = (1, 2, 3)  # of them, by number from one: those without which a sensor says nothing
 
 
 @dataclass(frozen=True)
 class Checked:
-    """What of N samples can be used, ``rows`` (N), and what there is to say.
+    """What of the first N samples can be used, ``rows`` (N), by joint with its torque ``heard`` (N, n), and what there
+    is to say. The N-th is the last one, or one where a position is said to be still.
 
     ``cuts`` are the rows at which a motion ends: what was not yet used of it is to go.
     """
 
     rows: NDArray[np.bool_]
+    heard: NDArray[np.bool_]
     cuts: tuple[int, ...]
     events: tuple[Event, ...]
 
@@ -67,6 +72,7 @@ class Sensors:
         self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
         self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
         self.alive = np.zeros(n)  # whether it has ever changed: a channel that is not recorded does not die
+        self.excused = np.zeros(n)  # whether it is known to rest, until it changes
         self.moved = np.zeros(m)  # samples in which it moved
         self.gone = self.held = self.leaps = self.faulty = self.dead = False  # whether any of these is
 
@@ -86,17 +92,36 @@ class Sensors:
 
     def check(self, t: Array, q: Array, tau: Array) -> Checked:
         """Look at samples: t (N) s, increasing; q and tau (N, n), nan where there is no number."""
-        rows, cuts, events = np.zeros(len(t), dtype=bool), list[int](), list[Event]()
+        n, cuts, events = len(self.joints), list[int](), list[Event]()
+        rows, heard = np.zeros(len(t), dtype=bool), np.ones((len(t), n), dtype=bool)
         values = np.concatenate([q, tau], axis=1)
-        there = np.isfinite(values).all(axis=1)
+        number = np.isfinite(values)
+        there = number.all(axis=1)
         for k, (at, x) in enumerate(zip(t.tolist(), values, strict=True)):
             found = self._sample(at, x, all_there=bool(there[k]))
             rows[k] = there[k] and not self.dead
+            if self.faulty and not self.dead:
+                heard[k] = ~np.isin(self.fault[n:], LOST)
+                rows[k] = number[k, :n].all() and number[k, n:][heard[k]].all()
             if found:
                 events += found
-                if any(isinstance(one, Fault) for one in found):
-                    cuts.append(k)
-        return Checked(rows, tuple(cuts), tuple(events))
+                faults = [one for one in found if isinstance(one, Fault) and one.signal is Signal.POSITION]
+                cuts += [k] if faults else []
+                if any(one.kind is FaultKind.STILL for one in faults):
+                    return Checked(rows[: k + 1], heard[: k + 1], tuple(cuts), tuple(events))
+        return Checked(rows, heard, tuple(cuts), tuple(events))
+
+    @property
+    def doubtful(self) -> float:
+        """The time (s) since which values do not change of which a fault may still be said; infinite without such."""
+        held = (self.run > 0) & (self.alive > 0) & (self.fault == 0) & (self.excused == 0)
+        return float(self.since[held].min(initial=np.inf))
+
+    def excuse(self, joint: str) -> None:
+        """Take back that a position is still: the joint rests."""
+        k = self.joints.index(joint)
+        self.fault[k], self.excused[k] = 0.0, 1.0
+        self._note()
 
     def forget(self) -> None:
         """Take the next sample as the first after a gap: what came before says nothing of its steps."""
@@ -128,7 +153,7 @@ class Sensors:
         n, d = len(self.joints), x - self.value
         same = d == 0
         if same.any() or self.held:
-            self._runs(t, same)
+            self._runs(t, same, d)
         self._usual(d, same)
         size = np.abs(d[:n])
         if self.leaps or (size > self.least * (t - self.t)).any():
@@ -139,7 +164,7 @@ class Sensors:
             yield from self._frozen(t)
         self.value, self.step = x, np.where(same, self.step, d) if self.held else d
 
-    def _runs(self, t: float, same: NDArray[np.bool_]) -> None:
+    def _runs(self, t: float, same: NDArray[np.bool_], d: Array) -> None:
         """Note which values begin and end not to change."""
         begins = same & (self.run == 0)
         if begins.any():
@@ -151,7 +176,9 @@ class Sensors:
             self.path_then = np.where(begins, self.path, self.path_then)
         ends = ~same & (self.run > 0)
         if ends.any():
-            well = ends & (self.fault == 0) & (self.path - self.path_then > FAR)  # not in a rest of the whole arm
+            well = ends & ((self.fault == 0) | (self.fault == 3)) & (self.path - self.path_then > FAR)  # others moved
+            well &= (np.abs(d) <= ABRUPT * np.sqrt(self.bend)) | (np.arange(len(d)) >= len(self.joints))  # from rest
+            self.excused[ends] = 0.0
             self.longest = np.where(well, np.maximum(self.longest, t - self.since), self.longest)
             self.run = np.where(ends, 0.0, self.run)
         self.held = bool(same.any())
@@ -190,8 +217,10 @@ class Sensors:
         long = self.run >= HELD
         moved = self.path - self.path_then > FAR
         stopped = position & long & (held >= HELD_FOR) & (self.abrupt > ABRUPT)
-        silent = ~position & long & moved & (self.alive > 0) & (held >= np.maximum(SILENT, LONGER * self.longest))
-        still = position & long & moved & (held >= np.maximum(STILL, LONGER * self.longest))
+        moved &= self.alive > 0
+        usual = np.where(position, RATHER, LONGER) * self.longest
+        silent = ~position & long & moved & (held >= np.clip(usual, SILENT, MOST))
+        still = position & long & moved & (self.excused == 0) & (held >= np.clip(usual, STILL, MOST))
         yield from self._failed(t, (stopped | silent) & ~np.isin(self.fault, LOST), 2, self.since)
         yield from self._failed(t, still & (self.fault == 0), 3, self.since)
 
@@ -210,7 +239,8 @@ class Sensors:
         self._note()
 
     def _note(self) -> None:
-        self.faulty, self.dead = bool(self.fault.any()), bool(np.isin(self.fault, LOST).any())
+        self.faulty = bool(self.fault.any())
+        self.dead = bool(np.isin(self.fault[: len(self.joints)], LOST).any())
 
     def _channel(self, k: int) -> tuple[Signal, str]:
         n = len(self.joints)

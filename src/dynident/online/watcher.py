@@ -15,9 +15,9 @@ from dynident.identification import Identification
 from dynident.log import Log
 from dynident.online.candidates import Candidates
 from dynident.online.detector import Detector, Knowledge
-from dynident.online.events import ClockReset, Event, Gap, Unreadable
+from dynident.online.events import Back, ClockReset, Event, Fault, FaultKind, Gap, Resting, Signal, Unreadable
 from dynident.online.evidence import threshold
-from dynident.online.scores import Scorer
+from dynident.online.scores import Gram, Scorer
 from dynident.online.sensors import Sensors
 from dynident.online.tracker import Block, Tracker, smoothing_of
 from dynident.regression import Group, GroupKind, groups_of
@@ -25,6 +25,7 @@ from dynident.regression import Group, GroupKind, groups_of
 __all__ = ["WatchSettings", "Watcher"]
 
 Array = NDArray[np.float64]
+Part = tuple[Gram, float, float, int]
 FIRST = 10.0  # s of motion that show how much is to be smoothed
 LAG = 12.0  # bandwidths: exp(-12 / sqrt 2) = 2e-4 is left of the error at a cut
 EVERY = 0.5  # s of samples that are smoothed together
@@ -34,6 +35,8 @@ BACK = 10  # samples in a row of an earlier time: the clock was set back
 BREAK = 1.0  # s without a sample that are said
 GAP = 12.0  # usual steps: a longer one ends a motion
 PUSHED = 256  # samples that are looked at together
+RESTS = 300.0  # s without a block of motion that are said
+SMEAR = 0.5  # s beside a torque that cannot be used, by filters
 
 
 @dataclass(frozen=True)
@@ -89,12 +92,24 @@ class Watcher:
         self._known: Knowledge = self._detector.start()
         self._held = self._empty()  # samples of the first seconds
         self._gram, self._span = self._scorer.nothing, (math.nan, math.nan, 0)
+        self._waiting = tuple[Part, ...]()  # complete blocks of which a sensor may still be doubted
+        self._deaf = dict[int, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
+        self._moved, self._refused = (
+            math.nan,
+            "",
+        )  # when it moved last, or has said that it does not; what was unreadable
         self._last, self._step, self._back, self._replay = math.nan, math.nan, 0, False
 
     @property
     def knowledge(self) -> Knowledge:
         """What is known so far."""
         return self._known
+
+    @property
+    def baseline_blocks(self) -> tuple[int, int]:
+        """How many blocks of the baseline there are so far, and how many it takes."""
+        need = self._detector.baseline
+        return (need if self._known.reference is not None else len(self._known.blocks)), need
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -144,8 +159,12 @@ class Watcher:
                     events.append(ClockReset(at, self._last))
                 elif step > BREAK:
                     events.append(Gap(at, step))
-                events += self._cut(used=True)
+                self._cut(used=self._back < BACK)
                 self._sensors.forget()
+                events += self._released()
+                self._moved = at
+                if self._back >= BACK:
+                    self._deaf = {j: (-math.inf, stop) for j, (_, stop) in self._deaf.items() if stop == math.inf}
                 if self._back >= BACK and self._smoothing is not None:
                     self._tracker = self._made(*self._smoothing)  # its stamps may only increase
                 start = k
@@ -157,22 +176,80 @@ class Watcher:
 
     def _checked(self, t: Array, q: Array, tau: Array) -> list[Event]:
         """Take samples between which there is no gap, without those of sensors that fail."""
-        found = self._sensors.check(t, q, tau)
-        events, start = list(found.events), 0
-        for cut in (*found.cuts, len(t)):
-            rows = start + np.flatnonzero(found.rows[start:cut])
-            events += self._motion(t[rows], q[rows], tau[rows])
-            if cut < len(t):
-                events += self._cut(used=False)
-            start = cut
-        return sorted(events, key=lambda one: one.time)
+        events = list[Event]()
+        if math.isnan(self._moved) and len(t):
+            self._moved = float(t[0])
+        while len(t):
+            found = self._sensors.check(t, q, tau)
+            n, start, heard = len(found.rows), 0, np.where(found.heard, tau[: len(found.rows)], 0.0)
+            said = list(found.events)
+            for cut in (*found.cuts, n):
+                rows = start + np.flatnonzero(found.rows[start:cut])
+                events += self._motion(t[rows], q[rows], heard[rows])
+                for one in [one for one in said if cut < n and one.time == t[cut] and isinstance(one, Fault)]:
+                    if one.signal is Signal.POSITION and not self._doubted(one):
+                        said.remove(one)
+                start = cut
+            self._hear(said)
+            events += [*said, *self._released()]
+            t, q, tau = t[n:], q[n:], tau[n:]
+        return sorted([*events, *self._rests()], key=lambda one: one.time)
+
+    def _doubted(self, fault: Fault) -> bool:
+        """Drop what a failed position may have spoiled; return False where torques show that the joint only rests."""
+        spoiled = [one for one in self._waiting if one[2] > fault.since]
+        if fault.kind is FaultKind.STILL:
+            gram = sum((one[0] for one in spoiled), self._gram)
+            samples = self._span[2] + sum(one[3] for one in spoiled)
+            whole = self._scorer.scores(gram, fault.since, fault.time, samples)
+            if not self._detector.differs(self._known, whole):
+                self._sensors.excuse(fault.joint)
+                return False
+        self._waiting = self._waiting[: len(self._waiting) - len(spoiled)]
+        self._cut(used=False)
+        return True
+
+    def _hear(self, events: list[Event]) -> None:
+        """Note from when to when the torques of joints cannot be used, and when positions can be used again."""
+        for one in events:
+            if not isinstance(one, Fault | Back):
+                continue
+            if one.signal is Signal.POSITION:
+                self._moved = one.time
+            else:
+                stop = math.inf if isinstance(one, Fault) else one.time
+                self._deaf[self.joints.index(one.joint)] = (one.since, stop)
+
+    def _released(self) -> list[Event]:
+        """Give the blocks to the detector of which no sensor is doubted."""
+        events, sure = list[Event](), self._sensors.doubtful
+        while self._waiting and self._waiting[0][2] <= sure:
+            (gram, start, stop, samples), *rest = self._waiting
+            self._waiting = tuple(rest)
+            for j, (since, until) in self._deaf.items():
+                if since - SMEAR < stop and start < until + SMEAR:
+                    gram = gram.without(j)
+            if gram.rows.max() < MOVING * samples:
+                continue
+            self._moved = stop
+            self._known, found = self._detector.step(self._known, self._scorer.scores(gram, start, stop, samples))
+            events += found
+        return events
+
+    def _rests(self) -> list[Event]:
+        """Say once of a rest that it is long."""
+        if self._sensors.dead or self._last - self._moved < RESTS:
+            return []
+        since, self._moved = self._moved, math.inf
+        return [Resting(since + RESTS, since)]
 
     def _motion(self, t: Array, q: Array, tau: Array) -> list[Event]:
         """Smooth samples, and reduce what is final to blocks."""
         if not len(t):
             return []
         if self._tracker is not None:
-            return self._scored(self._tracker.push(t, q, tau))
+            self._scored(self._tracker.push(t, q, tau))
+            return []
         first = float(self._held[0][0]) if len(self._held[0]) else float(t[0])
         enough = int(np.searchsorted(t, first + FIRST)) + 1  # whatever comes at a time
         held, rest = ([x[:enough] for x in (t, q, tau)], [x[enough:] for x in (t, q, tau)])
@@ -188,43 +265,37 @@ class Watcher:
             log = Log(t, q, tau, self.joints, "the first seconds of the stream")
             self._smoothing = smoothing_of(self._found, log)
         except (ConfigError, InputError) as error:
-            return [Unreadable(float(t[-1]), len(t), str(error))]
+            before, self._refused = self._refused, str(error)
+            return [] if before == str(error) else [Unreadable(float(t[-1]), len(t), str(error))]
         self._tracker = self._made(*self._smoothing)
-        return self._scored(self._tracker.push(t, q, tau))
+        self._scored(self._tracker.push(t, q, tau))
+        return []
 
     def _made(self, step: float, bandwidth: Array) -> Tracker:
         lag = LAG * float(bandwidth.max()) + 2 * step
         return Tracker(self._found, step, bandwidth, lag, every=max(2, round(EVERY / step)))
 
-    def _scored(self, blocks: tuple[Block, ...]) -> list[Event]:
-        events = list[Event]()
+    def _scored(self, blocks: tuple[Block, ...]) -> None:
+        """Add to the block that was begun, and to those that wait when it is complete."""
         for one in blocks:
             gram, t = self._scorer.gram(one.entries), one.motion.t
             start, _, samples = self._span
             begin = float(t[0]) if math.isnan(start) else start
             self._gram, self._span = self._gram + gram, (begin, float(t[-1]), samples + int(one.motion.mask.sum()))
             if t[-1] - begin >= self.settings.block - EVERY / 2:
-                events += self._full()
-        return events
+                if self._span[2]:
+                    self._waiting = (*self._waiting, (self._gram, *self._span))
+                self._gram, self._span = self._scorer.nothing, (math.nan, math.nan, 0)
 
-    def _full(self) -> list[Event]:
-        """Give a complete block to the detector, unless the arm was at rest."""
-        gram, (start, stop, samples) = self._gram, self._span
-        self._gram, self._span = self._scorer.nothing, (math.nan, math.nan, 0)
-        if samples == 0 or gram.rows.max() < MOVING * samples:
-            return []
-        self._known, events = self._detector.step(self._known, self._scorer.scores(gram, start, stop, samples))
-        return list(events)
-
-    def _cut(self, *, used: bool) -> list[Event]:
+    def _cut(self, *, used: bool) -> None:
         """End a motion; what is left of it is ``used``, or dropped together with the block that was begun."""
         blocks = () if self._tracker is None else self._tracker.finish()
-        events = self._scored(blocks) if used else []
         if self._tracker is None:
             self._held = self._empty()
-        if not used:
+        if used:
+            self._scored(blocks)
+        else:
             self._gram, self._span = self._scorer.nothing, (math.nan, math.nan, 0)
-        return events
 
     def _groups(self) -> tuple[Group, ...]:
         """Return what may change: groups of base parameters, and what is left of each joint."""
@@ -246,6 +317,8 @@ class Watcher:
             "known": self._known, "gram": self._gram, "span": self._span, "held": self._held,
             "smoothing": self._smoothing, "threshold": self.threshold,
             "tracker": None if self._tracker is None else self._tracker.state, "sensors": self._sensors.state,
+            "waiting": self._waiting, "rest": (self._moved, self._refused),
+            "deaf": [(j, *one) for j, one in self._deaf.items()],
             "clock": (self._last, self._step, self._back, self._replay),
         }  # fmt: skip
 
@@ -256,6 +329,8 @@ class Watcher:
         self._detector = replace(self._detector, threshold=self.threshold.evidence)
         self._sensors.restore(state["sensors"])
         self._last, self._step, self._back, self._replay = state["clock"]
+        self._waiting, (self._moved, self._refused) = tuple(state["waiting"]), state["rest"]
+        self._deaf = {j: (since, until) for j, since, until in state["deaf"]}
         if self._smoothing is not None:
             self._tracker = self._made(*self._smoothing)
             self._tracker.restore(state["tracker"])

@@ -1,6 +1,6 @@
 """What an arm carries: the ten inertial parameters of a payload, from recordings with and without it."""
 
-from dynident.payload.body import NAMES, UNITS, PhysicalBody
+from dynident.payload.body import Component, PhysicalBody
 from dynident.payload.estimate import Solved, Source, solved
 from dynident.payload.evidence import Evidence
 from dynident.payload.mount import Mount, mount_of
@@ -9,8 +9,7 @@ from dynident.payload.payload import LoadedLog, Payload, find_payload
 from dynident.payload.request import DriveGains, Request
 
 __all__ = [
-    "NAMES",
-    "UNITS",
+    "Component",
     "DriveGains",
     "Evidence",
     "GainsUnknown",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +14,34 @@ from dynident.estimators.constraints import BodyConstraint, Constraints
 from dynident.estimators.constraints.cone import minimise
 from dynident.models import to_physical
 
-__all__ = ["NAMES", "UNITS", "PhysicalBody", "consistent", "physical"]
+__all__ = ["Component", "PhysicalBody", "consistent", "physical"]
 
 Array = NDArray[np.float64]
-NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-UNITS = ("kg", *["m"] * 3, *["kg m^2"] * 6)
 LENGTH, LIGHTEST = 0.1, 0.05  # m, kg: the size of a payload, for the scale of its pseudo-inertia
 MARGIN = 1e-6  # least eigenvalue of the scaled pseudo-inertia
 STEP = 1e-6
+
+
+class Component(StrEnum):
+    """A component of a body: mass, centre of mass, inertia about it."""
+
+    MASS = "mass"
+    X = "x"
+    Y = "y"
+    Z = "z"
+    IXX = "Ixx"
+    IXY = "Ixy"
+    IYY = "Iyy"
+    IXZ = "Ixz"
+    IYZ = "Iyz"
+    IZZ = "Izz"
+
+    @property
+    def unit(self) -> str:
+        """Its unit in SI."""
+        if self is Component.MASS:
+            return "kg"
+        return "m" if self in (Component.X, Component.Y, Component.Z) else "kg m^2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +88,7 @@ def consistent(phi: Array, information: Array) -> Array:
 
 
 def physical(phi: Array) -> Array:
-    """Return mass, centre and inertia about it (10) of the parameters (10), in the order of ``NAMES``."""
+    """Return mass, centre and inertia about it (10) of the parameters (10), in the order of ``Component``."""
     mass, centre, tensor = to_physical(phi, "the payload")
     return np.array([mass, *centre, *tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 

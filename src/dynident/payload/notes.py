@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dynident.errors import Note, Severity
+from dynident.payload.body import Component
 
 __all__ = ["GainsUnknown", "NoPayload", "NotShown", "OtherArm", "PayloadOrDrift", "SameRecording"]
 
@@ -19,7 +20,7 @@ class NotShown(Note):
     """
 
     advises: ClassVar[bool] = True
-    components: tuple[str, ...]
+    components: tuple[Component, ...]
     std: tuple[float, ...]
     joint: str = ""
     speed: float = 0.0
@@ -33,7 +34,7 @@ class PayloadOrDrift(Note):
     identified: the data do not tell it from the payload. ``unloaded``: whether recordings without it were given."""
 
     advises: ClassVar[bool] = True
-    component: str
+    component: Component
     share: float
     unloaded: bool
 

@@ -13,7 +13,7 @@ from dynident.estimators import LeastSquares
 from dynident.identification import Identification, identify
 from dynident.log import Log, together
 from dynident.models import Model
-from dynident.payload.body import NAMES, PhysicalBody, consistent, physical, slopes
+from dynident.payload.body import Component, PhysicalBody, consistent, physical, slopes
 from dynident.payload.estimate import Solved, Source, solved
 from dynident.payload.evidence import Evidence
 from dynident.payload.mount import Mount, mount_of
@@ -230,9 +230,9 @@ def _notes(
         return
     yield from _not_shown(payload, found, other, information)
     drift = payload.shares.get(Source.DRIFT, np.zeros(10)) + payload.shares.get(Source.FRICTION, np.zeros(10))
-    for k in range(4):
+    for k, component in enumerate(list(Component)[:4]):
         if drift[k] > MAINLY and body.std[k] > TELLING[KIND[k]] * sizes[k]:
-            yield PayloadOrDrift(NAMES[k], float(drift[k]), unloaded)
+            yield PayloadOrDrift(component, float(drift[k]), unloaded)
     by_gains = float(payload.shares.get(Source.GAINS, np.zeros(1))[0])
     if by_gains > MAINLY and body.std[0] > TELLING[0] * body.mass and request.known_mass is None:
         data = float(body.std[0]) * np.sqrt(max(1.0 - by_gains, 0.0))
@@ -253,7 +253,7 @@ def _not_shown(
     for k in hidden:
         groups.setdefault(_way_to_show(k, float(body.std[k]), ways), []).append(k)
     for way, several in groups.items():
-        names, std = tuple(NAMES[k] for k in several), tuple(float(body.std[k]) for k in several)
+        names, std = tuple(list(Component)[k] for k in several), tuple(float(body.std[k]) for k in several)
         if way is None:
             yield NotShown(names, std)
             continue

@@ -14,7 +14,7 @@ from dynident.regression import UnexcitedParameters
 from dynident.report import figures
 from dynident.report.excitation_expected import WELL, expected_section, told, valued_of
 from dynident.report.excitation_scene import scene_section
-from dynident.report.excitation_words import floor_words, limit_words, noise_words, shape_words
+from dynident.report.excitation_words import body_words, floor_words, limit_words, noise_words, shape_words
 from dynident.report.page import (
     Column,
     Facts,
@@ -80,7 +80,7 @@ PROGRAMS = {
 def excitation_findings(project: ExcitationProject, found: Design) -> list[str]:
     """Return in plain sentences what the motion will tell, what stays open, what was assumed, and the notes."""
     notes = (words(one) for one in found.notes if not isinstance(one, UnexcitedParameters))  # a table has these
-    around = (*shape_words(project), *floor_words(project, found))
+    around = (*body_words(project), *shape_words(project), *floor_words(project, found))
     return [*told(found), *around, *noise_words(project), *limit_words(found), *notes]
 
 
@@ -149,7 +149,7 @@ def _used_table(found: Design) -> PageTable:
     columns = [Column("joint", numeric=False)]
     columns += [Column(head, f"{name}, % of the limit") for name in MOTIONS for head in heads]
     shares = np.concatenate([one.reached for one in found.checked])  # (10, n)
-    cells = [[number(100 * share, 3) for share in row] for row in shares.T.tolist()]
+    cells = [[number(round(100 * share, 4), 3) for share in row] for row in shares.T.tolist()]
     rows = tuple((joint, *row) for joint, row in zip(found.limits.joints, cells, strict=True))
     title = "How much of the limits is used, the margin taken off; of the range, from its middle"
     return PageTable(tuple(columns), rows, title)

@@ -23,6 +23,7 @@ __all__ = ["WELL", "expected_section", "told", "valued_of"]
 Array = NDArray[np.float64]
 WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known well, and fairly
 LONGER = 4.0  # times the duration
+ROUNDING = 1e-9  # of the largest value
 SHORT = 30  # signs of a formula
 SHOWN = 6  # parameters in a sentence
 WHOLE = (Program.MOTION, Program.ALL)
@@ -81,8 +82,9 @@ def _grades(shares: Array) -> str:
 
 
 def valued_of(one: Expected) -> NDArray[np.bool_]:
-    """Return which base parameters (r) have a value, so that their errors are a share of it."""
-    return np.asarray(one.value != 0)
+    """Return which base parameters (r) have a value, no rounding error, so that their errors are a share of it."""
+    size = np.abs(one.value)
+    return np.asarray(size > ROUNDING * size.max(initial=0.0))
 
 
 def _worst(one: Expected) -> int:

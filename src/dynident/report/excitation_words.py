@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynident.checks import Topic, check_robot
 from dynident.errors import install_command, listed
 from dynident.excitation import CapsuleSpace, Floor, Interrupted, LeftOut, Made
+from dynident.excitation.spaces.obstacles import obstacle_name
 from dynident.io.excitation_known import NoiseOrigin
+from dynident.models import RigidBodies
 from dynident.report.page import number
 from dynident.report.wording import words
 
@@ -17,9 +20,10 @@ if TYPE_CHECKING:
     from dynident.excitation import Design
     from dynident.io.excitation import ExcitationProject
 
-__all__ = ["floor_words", "limit_words", "noise_words", "shape_words"]
+__all__ = ["body_words", "floor_words", "limit_words", "noise_words", "shape_words"]
 
 SHOWN, FEW = 8, 3  # joints, and files, in a sentence
+DOUBTED = (Topic.IMPOSSIBLE, Topic.MASSLESS, Topic.FAR)
 PACKAGED = "package://"
 RATE, MOST = 50.0, 5000  # Hz and samples of the lowest point
 _ORIGINS = {
@@ -50,6 +54,19 @@ def floor_words(project: ExcitationProject, found: Design) -> Iterator[str]:
     )
 
 
+def body_words(project: ExcitationProject) -> Iterator[str]:
+    """Yield where the torque is that of a robot file whose masses and inertias cannot be right."""
+    if project.known.found is not None:
+        return
+    for bodies in (one for one in project.known.model.terms if isinstance(one, RigidBodies)):
+        found = check_robot(bodies.file, [joint.name for joint in bodies.joints])
+        if links := dict.fromkeys(one.link for one in found if one.topic in DOUBTED and one.link):
+            yield (
+                f"Torques are by the robot file, where mass or inertia of {listed(links, SHOWN)} cannot be right: see "
+                "`dynident check` of it. Do not rely on the torque limits until it is corrected."
+            )
+
+
 def shape_words(project: ExcitationProject) -> Iterator[str]:
     """Yield which shapes of links are not known, and where no real shapes were looked at."""
     geometry = project.geometry
@@ -65,6 +82,10 @@ def shape_words(project: ExcitationProject) -> Iterator[str]:
             f"The shapes of {listed(links, SHOWN)} are not known{files}: distances are from the lines between their "
             f"joints, with a thickness by rule. Look whether they are as thick{hint}."
         )
+    standing = {obstacle_name(one) for one in project.obstacles}
+    for one, other in project.space.left_out if isinstance(project.space, CapsuleSpace) else ():
+        if other in standing:
+            yield f"{one} is at {other} in every pose, as what is mounted there: this pair is not watched."
     if project.space.pairs and project.shapes is None:
         yield (
             "Distances are those of capsules around the links; the last check also looks at their real shapes where "

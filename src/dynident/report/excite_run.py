@@ -33,7 +33,7 @@ __all__ = ["CONFIG", "NUMBERS", "REPORT", "excite", "refuse_targets", "write_des
 CONFIG, NUMBERS, REPORT = "identify.yaml", "excite.json", "report.html"
 FORMAT, VERSION = "dynident-excite", 1
 _STEMS = {
-    TRIAL: f"the motion {SLOWER:g} times slower, for the first run",
+    TRIAL: f"the motion {SLOWER:g} times slower, one period of it, for the first run",
     MOTIONS[0]: "the motion",
     MOTIONS[1]: "another one, to judge the fit",
 }
@@ -147,9 +147,9 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
 
 
 def _trial(found: Design) -> Trajectory | None:
-    """Return the motion for a first run: the same path, slowly; None where momentum carries the arm on it, so that
-    slow motion takes more torque than is allowed."""
-    trial = slowed(found.trajectory, SLOWER)
+    """Return the motion for a first run: the same path, once and slowly; None where momentum carries the arm on it, so
+    that slow motion takes more torque than is allowed."""
+    trial = slowed(found.trajectory.once, SLOWER)
     try:
         verify(trial, found.model, found.theta, found.limits)
     except LimitError:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.payload import NAMES, UNITS, Source
+from dynident.payload import Component, Source
 from dynident.payload import notes as said
 from dynident.report import figures
 from dynident.report.page import Column, Facts, Figure, PageBlock, PageSection, PageTable, number, pairs, render
@@ -30,10 +30,10 @@ SOURCES = {
     Source.PRIOR: "what is known of it",
 }
 MEANINGS = {
-    "mass": "mass", "x": "centre of mass, x", "y": "centre of mass, y", "z": "centre of mass, z",
-    **{name: f"inertia about the centre of mass, {name[1:]}" for name in NAMES[4:]},
-}  # fmt: skip
-UNIT = dict(zip(NAMES, UNITS, strict=True))
+    Component.MASS: "mass",
+    **{one: f"centre of mass, {one}" for one in (Component.X, Component.Y, Component.Z)},
+    **{one: f"inertia about the centre of mass, {one[1:]}" for one in list(Component)[4:]},
+}
 _TOGETHER = "turn the last joints together, fast, in several postures, as `dynident excite` designs it"
 LEAST = 0.005  # share of the variance, below which a source is not named
 
@@ -62,9 +62,9 @@ def _nothing(mass: float, std: float) -> str:
 
 def payload_table(found: Payload) -> PageTable:
     """Return the ten components with their standard errors, or the mass alone where no payload is seen."""
-    body, shown = found.body, NAMES if found.seen else NAMES[:1]
+    body, shown = found.body, list(Component) if found.seen else [Component.MASS]
     rows = tuple(
-        (MEANINGS[name], number(float(value)), number(float(std), 2), UNIT[name])
+        (MEANINGS[name], number(float(value)), number(float(std), 2), name.unit)
         for name, value, std in zip(shown, body.values, body.std, strict=False)
     )
     columns = (Column("payload", numeric=False), Column("value"), Column("std"), Column("unit", numeric=False))
@@ -76,7 +76,7 @@ def shares_table(found: Payload) -> PageTable:
     shown = 4 if found.seen else 1
     kept = [(source, share[:shown]) for source, share in found.shares.items() if (share[:shown] > LEAST).any()]
     rows = tuple((SOURCES[source], *(f"{100 * float(x):.0f}" for x in share)) for source, share in kept)
-    columns = (Column("error by", numeric=False), *(Column(f"{name}, %") for name in NAMES[:shown]))
+    columns = (Column("error by", numeric=False), *(Column(f"{name}, %") for name in list(Component)[:shown]))
     return PageTable(columns, rows, "What the errors come from, in % of the variance")
 
 
@@ -151,12 +151,12 @@ def _settings(found: Payload, arm: Identification) -> Iterator[PageBlock]:
 @words.register
 def _(note: said.NotShown) -> str:
     named = ", ".join(
-        f"{MEANINGS[name]} (± {std:.2g} {UNIT[name]})" for name, std in zip(note.components, note.std, strict=True)
+        f"{MEANINGS[name]} (± {std:.2g} {name.unit})" for name, std in zip(note.components, note.std, strict=True)
     )
     text = f"the motion does not show {named} of the payload; "
     if not note.joint:
         return f"{text}no single joint would by itself: {_TOGETHER}"
-    then = ", ".join(f"{std:.2g} {UNIT[name]}" for name, std in zip(note.components, note.then, strict=True))
+    then = ", ".join(f"{std:.2g} {name.unit}" for name, std in zip(note.components, note.then, strict=True))
     return (
         f"{text}10 s of turning {note.joint} back and forth at up to {note.speed:.2g} {note.unit} would lower that to "
         f"± {then}; `dynident excite` designs a motion of all joints"

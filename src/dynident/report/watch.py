@@ -22,17 +22,19 @@ from dynident.online import (
     Gap,
     NewMotion,
     Passed,
+    Resting,
     Resumed,
     Signal,
     Unreadable,
     Unsteady,
+    Watcher,
     WatchSettings,
 )
 from dynident.regression import GroupKind
 from dynident.report.page import number
 from dynident.report.wording import Line
 
-__all__ = ["Stamps", "event_line", "watch_words"]
+__all__ = ["Stamps", "end_words", "event_line", "watch_words"]
 
 GROUPS = {
     GroupKind.FRICTION: "friction of {}",
@@ -48,7 +50,7 @@ FAULTS = {
     FaultKind.JUMP: "jumps",
 }
 SURE, FEW = 2.0, 4  # standard errors from which on a part of a change is named, and how many are
-MORE = 2.0  # times the residual of the fit that are pointed out
+MORE, MUCH = 2.0, 10.0  # times the residual of the fit that are pointed out, and that ask for a reason
 DAY = 86_400.0
 
 
@@ -60,6 +62,8 @@ class Stamps:
 
     def __call__(self, t: float) -> str:
         """Word a stamp (s)."""
+        if np.isnan(t):
+            return "at the start"
         if np.isnan(self.zero):
             return f"{t:.1f} s"
         return datetime.fromtimestamp(self.zero + t, UTC).strftime("%Y-%m-%d %H:%M:%S")
@@ -82,6 +86,22 @@ def watch_words(settings: WatchSettings) -> str:
     )
 
 
+def end_words(watcher: Watcher, events: Sequence[Event], stamps: Stamps) -> str:
+    """Say at the end of a stream how far the watch has come."""
+    if np.isnan(watcher.latest):
+        return "The stream has ended without a sample."
+    end, (there, need) = f"The stream has ended at {stamps(watcher.latest)}", watcher.baseline_blocks
+    if there < need:
+        return (
+            f"{end}, within the baseline: it has {there} of {need} blocks of motion, and no change was sought. "
+            "With --baseline S it is shorter."
+        )
+    since = max((one.time for one in events if isinstance(one, BaselineKnown)), default=watcher.latest)
+    found = sum(isinstance(one, Changed) for one in events)
+    changes = {0: "no change was found", 1: "1 change was found"}.get(found, f"{found} changes were found")
+    return f"{end}: {changes} since {stamps(since)}, when the baseline was complete."
+
+
 def what(kind: GroupKind, joint: str) -> str:
     """Word what can change, such as "friction of elbow"."""
     return GROUPS[kind].format(joint)
@@ -98,6 +118,8 @@ def _(event: BaselineKnown, joints: Sequence[str], stamps: Stamps) -> str:
     left = listed((f"{joint} {number(now, 2)}" for joint, now, _ in pairs), 8)
     worse = [joint for joint, now, then in pairs if now > MORE * then]
     more = f"; more than twice that of the identification at {listed(worse, 8)}" if worse else ""
+    if any(now > MUCH * then for _, now, then in pairs):
+        more += "; at one, more than ten times: check that robot, units and gains are those of the result"
     return (
         f"the baseline since {stamps(event.since)} is complete, changes are sought from now on; "
         f"the model leaves (rms, N m or N) {left}{more}"
@@ -165,15 +187,21 @@ def _(event: Fault, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG0
     if event.kind is FaultKind.JUMP:
         return f"{one} at {stamps(event.since)}, by {_signed(event.size)} rad or m, which no joint can do"
     if event.kind is FaultKind.STILL:
-        why = "it rests longer than usual, or its sensor is dead; nothing is watched until it moves"
+        why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"
         return f"{one}, since {stamps(event.since)}: {why}"
-    return f"{one}, since {stamps(event.since)}: its sensor is dead; nothing is watched until it works again"
+    stops = "nothing is" if event.signal is Signal.POSITION else "this joint's torque is not"
+    return f"{one}, since {stamps(event.since)}: its sensor is dead; {stops} watched until it works again"
 
 
 @_said.register
 def _(event: Back, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
     name = "position" if event.signal is Signal.POSITION else "torque"
-    return f"the {name} of {event.joint} changes again, after a fault since {stamps(event.since)}"
+    return f"the {name} of {event.joint} works again, after a fault since {stamps(event.since)}"
+
+
+@_said.register
+def _(event: Resting, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
+    return f"the robot has hardly moved since {stamps(event.since)}: there is nothing to watch until it does"
 
 
 @_said.register
@@ -188,8 +216,9 @@ def _(event: ClockReset, joints: Sequence[str], stamps: Stamps) -> str:  # noqa:
 
 @_said.register
 def _(event: BadLines, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
-    lines = "1 line" if event.count == 1 else f"{event.count} lines"
-    return f"{lines} could not be read and are left out, the first is line {event.line}: {event.text!r}"
+    if event.count == 1:
+        return f"line {event.line} could not be read and is left out: {event.text!r}"
+    return f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}"
 
 
 @_said.register

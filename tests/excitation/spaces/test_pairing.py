@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.errors import InputError
+from dynident.errors import ConfigError, InputError
 from dynident.excitation.spaces.capsules import Capsule
 from dynident.excitation.spaces.geometry import geometry_of
 from dynident.excitation.spaces.pairing import capsule_space, neighbours, poses, refuse_contact, space_of
@@ -66,8 +66,10 @@ def test_ranges_that_are_given_count() -> None:
     kept = capsule_space(CHAIN, [along(0), along(2)], lower=-ends, upper=ends)
     assert kept.pairs == ()  # neighbours, as b has no capsule
     assert kept.left_out == ()
-    floor = capsule_space(CHAIN, [along(3)], [Floor(1.4)], -ends, ends)
-    assert floor.left_out == (("d", "floor"),)
+    hanging = np.array([2.75, 0.0, 0.0, 0.0])
+    floor = capsule_space(CHAIN, [along(0)], [Floor(-0.1)], hanging - ends, hanging + ends)
+    assert floor.left_out == (("a", "floor"),)
+    assert capsule_space(CHAIN, [along(0)], [Floor(-0.1)]).left_out == ()
 
 
 def test_boxes_of_its_own_do_not_meet_the_first_body() -> None:
@@ -105,3 +107,24 @@ def test_the_space_of_a_geometry_has_its_capsules_and_boxes() -> None:
     space = space_of(geometry_of(CHAIN), [Floor(-1.0)])
     assert [one.link for one in space.capsules] == ["a", "b", "c", "d"]  # the base has no shape
     assert ("d", "floor") in space.pairs
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "words"),
+    [
+        (Floor(3.0), r"'floor': in every pose 'a' overlaps it by 2\d\d\d mm or more, so that no motion"),
+        (Box("room", (0.0, 0.0, 0.5), (6.0, 6.0, 6.0)), "'room': in every pose 'a' overlaps it"),
+        (Box("mount", (0.0, 0.0, 0.1), (0.2, 0.2, 0.2)), "'mount': in every pose 'c' overlaps it"),
+    ],
+)
+def test_an_obstacle_that_the_arm_is_always_in_is_refused(obstacle, words) -> None:
+    tall = [along(0), along(1), Capsule("c", 2, np.array([0.0, 0.0, -3.0]), np.array([0.0, 0.0, 3.0]), 3.0)]
+    with pytest.raises(ConfigError, match=words):
+        capsule_space(CHAIN, tall if "mount" in words else [along(k) for k in range(4)], [obstacle])
+
+
+def test_a_link_may_stand_on_the_floor_but_not_the_end_of_the_arm() -> None:
+    assert capsule_space(CHAIN, [along(k) for k in range(4)], [Floor(0.1)]).left_out == (("a", "floor"),)
+    end = [along(0), along(1), along(2), Capsule("d", 3, np.zeros(3), np.array([0.0, 0.0, 0.3]), 3.0)]
+    with pytest.raises(ConfigError, match="'floor': in every pose 'd' overlaps it"):
+        capsule_space(CHAIN, end, [Floor(0.1)])

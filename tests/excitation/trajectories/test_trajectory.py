@@ -43,6 +43,22 @@ def test_times_are_at_the_rate_with_the_end():
     assert len(TWO.times(1000.0)) == 2501
 
 
+def test_what_repeats_is_left_out_once():
+    (way, motion), back = TWO.pieces, Piece(Line(2.0, 3.0), Purpose.WAY)
+    whole = Trajectory(("a", "b"), (way, motion, motion, motion, back, motion))
+    assert whole.once.pieces == (way, motion, back, motion)
+    assert TWO.once.pieces == TWO.pieces
+    for t, first in ((1.0, 1.0), (2.3, 2.3), (2.6, 3.6), (4.6, 5.6)):
+        assert whole.first_time(t) == pytest.approx(first)
+        np.testing.assert_allclose(whole.states(np.array([first])), whole.once.states(np.array([t])))
+
+
+def test_times_of_any_order_have_their_states():
+    t = np.array([2.4, 0.3, 2.1, -1.0, 1.0])
+    np.testing.assert_array_equal(TWO.states(t)[:, np.argsort(t)], TWO.states(np.sort(t)))
+    assert TWO.states(np.empty(0)).shape == (4, 0, 2)
+
+
 def test_a_trajectory_of_nothing_is_refused():
     with pytest.raises(ConfigError, match="no pieces"):
         Trajectory(("a",), ())

@@ -38,6 +38,18 @@ class Capsule:
 
     __repr__ = brief
 
+    @property
+    def solid(self) -> Solid:
+        """It as a solid, with z along it."""
+        along = self.end - self.start
+        length = float(np.linalg.norm(along))
+        z = along / length if length else np.array([0.0, 0.0, 1.0])
+        x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+        x /= np.linalg.norm(x)
+        frame = np.eye(4)
+        frame[:3, :3], frame[:3, 3] = np.stack((x, np.cross(z, x), z), axis=1), (self.start + self.end) / 2
+        return Solid(self.link, self.body, ShapeKind.CAPSULE, (self.radius, length / 2), frame)
+
 
 @dataclass(frozen=True, eq=False)
 class _Part:

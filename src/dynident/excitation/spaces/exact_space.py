@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.excitation.spaces.capsules import Capsule, still_boxes
+from dynident.excitation.spaces.capsules import still_boxes
 from dynident.excitation.spaces.clearance import CapsuleSpace
 from dynident.excitation.spaces.geometry import Geometry, Made, Mesh, Solid
 from dynident.excitation.spaces.obstacles import obstacle_name
@@ -86,7 +86,7 @@ def exact_space(
     if any(importlib.util.find_spec(name) is None for name in ("pinocchio", "coal")):
         return None
     by_rule = [one for one in space.capsules if geometry.made.get(one.body) is Made.JOINTS]
-    solids = (*geometry.solids, *map(_as_solid, by_rule))
+    solids = (*geometry.solids, *(one.solid for one in by_rule))
     own = still_boxes(geometry)
     obstacles = tuple(one for one in space.obstacles if one not in own)
     parts = [*(one.body for one in solids), *map(obstacle_name, obstacles)]
@@ -239,15 +239,3 @@ def _standing(obstacle: Obstacle) -> tuple[Any, Array]:
     low, high = np.clip((obstacle.bottom, obstacle.top), -HUGE, HUGE)
     frame[:3, 3] = *obstacle.centre, (low + high) / 2
     return coal.Cylinder(obstacle.radius, float(high - low)), frame
-
-
-def _as_solid(capsule: Capsule) -> Solid:
-    """Return a capsule as a solid, with z along it."""
-    along = capsule.end - capsule.start
-    length = float(np.linalg.norm(along))
-    z = along / length if length else np.array([0.0, 0.0, 1.0])
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = np.stack((x, np.cross(z, x), z), axis=1), (capsule.start + capsule.end) / 2
-    return Solid(capsule.link, capsule.body, ShapeKind.CAPSULE, (capsule.radius, length / 2), frame)

@@ -42,7 +42,7 @@ def outlines(geometry: Geometry, capsules: Sequence[Capsule], most: int = MOST) 
     for body, made in geometry.made.items():
         parts = [_surface(one) for one in geometry.solids if one.body == body]
         if made is Made.JOINTS:
-            parts = [_capsule(one.start, one.end, one.radius) for one in capsules if one.body == body]
+            parts = [_surface(one.solid) for one in capsules if one.body == body]
         if parts:
             each = max(most // len(parts), 4)
             out.append(Outline(geometry.link(body), body, _joined([simplified(one, each) for one in parts])))
@@ -75,40 +75,33 @@ def _clustered(mesh: Mesh, cell: float) -> Mesh:
 
 def _surface(solid: Solid) -> Mesh:
     """Return the surface of a solid in the frame of its body."""
-    size, up = np.array(solid.size), np.array([0.0, 0.0, 1.0])
+    size = np.array(solid.size)
     if solid.mesh is not None:
         mesh = solid.mesh
     elif solid.kind is ShapeKind.BOX:
         mesh = _box(size)
     elif solid.kind is ShapeKind.CAPSULE:
-        mesh = _capsule(-size[1] * up, size[1] * up, size[0])
+        mesh = _capsule(size[1], size[0])
     elif solid.kind is ShapeKind.CYLINDER:
-        mesh = _turned(np.array([[0, -size[1]], [size[0], -size[1]], [size[0], size[1]], [0, size[1]]]), np.eye(3))
+        mesh = _turned(np.array([[0, -size[1]], [size[0], -size[1]], [size[0], size[1]], [0, size[1]]]))
     else:
-        ball = _capsule(0 * up, 0 * up, 1.0)
+        ball = _capsule(0.0, 1.0)
         mesh = Mesh(ball.vertices * size, ball.triangles)
     return Mesh(mesh.vertices @ solid.frame[:3, :3].T + solid.frame[:3, 3], mesh.triangles)
 
 
-def _capsule(start: Array, end: Array, radius: float) -> Mesh:
-    along = end - start
-    length = float(np.linalg.norm(along))
-    z = along / length if length else np.array([0.0, 0.0, 1.0])
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
+def _capsule(half: float, radius: float) -> Mesh:
+    """Return the surface of a capsule along z about the origin."""
     up = np.linspace(0.0, np.pi / 2, ALONG + 1)
-    cap = radius * np.stack((np.cos(up), np.sin(up)), axis=1)
-    profile = np.concatenate((cap[::-1] * np.array([1.0, -1.0]), cap + np.array([0.0, length])))
-    mesh = _turned(profile, np.array([x, np.cross(z, x), z]))
-    return Mesh(mesh.vertices + start, mesh.triangles)
+    cap = radius * np.stack((np.cos(up), np.sin(up)), axis=1) + np.array([0.0, half])
+    return _turned(np.concatenate((cap[::-1] * np.array([1.0, -1.0]), cap)))
 
 
-def _turned(profile: Array, axes: Array) -> Mesh:
-    """Return the surface of a profile (K, 2), distance from and height along the third of the ``axes`` (3, 3), turned
-    about that."""
+def _turned(profile: Array) -> Mesh:
+    """Return the surface of a profile (K, 2), distance from and height along z, turned about that."""
     turn = 2 * np.pi * np.arange(AROUND) / AROUND
-    ring = np.outer(np.cos(turn), axes[0]) + np.outer(np.sin(turn), axes[1])
-    points = profile[:, None, :1] * ring + profile[:, None, 1:] * axes[2]
+    ring = np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1)
+    points = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 0.0, 1.0])
     here = np.arange(len(points) * AROUND).reshape(-1, AROUND)
     low, high = here[:-1], here[1:]
     after_low, after_high = np.roll(low, -1, axis=1), np.roll(high, -1, axis=1)

@@ -8,10 +8,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError
+from dynident.errors import ConfigError, InputError
 from dynident.excitation.spaces.capsules import Capsule, capsules_of, still_boxes
 from dynident.excitation.spaces.clearance import CapsuleSpace
 from dynident.excitation.spaces.geometry import Geometry
+from dynident.excitation.spaces.obstacles import obstacle_name
 from dynident.excitation.spaces.space import Box, Distances, Obstacle
 from dynident.models import RigidBodies
 
@@ -32,6 +33,7 @@ Integers = NDArray[np.intp]
 POSES = 600
 CLEARANCE, BESIDE = 0.01, 0.01  # m: what is kept free, and more than that by which links are near each other
 USUAL = 0.9  # share of the poses in which links are near each other that are left out
+WITHIN = 0.15  # m inside an obstacle: more than a link reaches that is mounted on it
 WHOLE = np.pi  # rad or m: the range of a joint without limits, to both sides
 
 
@@ -51,6 +53,8 @@ def capsule_space(
     more than the ``clearance`` (m), because they are parts of a wrist, and what is nearer to an obstacle than the
     clearance in all of them, because it stands there. The poses are spread evenly between ``lower`` and ``upper`` (n;
     None: of the file). Boxes of its ``own`` are parts of links that stand still.
+
+    Raises ConfigError for an obstacle that the end of the arm is at in all of them, or another link 150 mm inside it.
     """
     capsules, obstacles = tuple(capsules), (*own, *obstacles)
     # boxes of its own count as parts of the root link here
@@ -61,10 +65,27 @@ def capsule_space(
     moving = [place for place, one in enumerate(capsules) if one.body >= 0]
     encounters = _places([*on_own, *((one, other) for other in range(len(own), len(obstacles)) for one in moving)])
     every = CapsuleSpace(bodies, capsules, obstacles, meetings, encounters)
-    kept = ~always_near(every.distances(spread(bodies, lower, upper)), len(meetings) + len(on_own), clearance)
+    distances = every.distances(spread(bodies, lower, upper))
+    kept = ~always_near(distances, len(meetings) + len(on_own), clearance)
     met, near = kept[: len(meetings)], kept[len(meetings) :]
+    _refuse_within(every, distances[:, len(meetings) :].max(axis=0), near, len(own))
     unwatched = meetings[~met], encounters[~near]
     return CapsuleSpace(bodies, capsules, obstacles, meetings[met], encounters[near], unwatched)
+
+
+def _refuse_within(space: CapsuleSpace, best: Array, near: NDArray[np.bool_], own: int) -> None:
+    """Raise ConfigError where a link at the end of the arm is at an obstacle in every pose, or another one deep inside
+    it; ``best`` are the largest distances (M) of the encounters, of which ``near`` ones are kept. The first obstacles
+    are the arm's ``own``."""
+    inner = {body.parent for body in space.bodies.arm.bodies}
+    for k in np.flatnonzero(~near & (space.encounters[:, 1] >= own)):
+        capsule, obstacle = space.capsules[space.encounters[k, 0]], space.obstacles[space.encounters[k, 1]]
+        if capsule.body not in inner or best[k] < -WITHIN:
+            where = f"overlaps it by {-1e3 * best[k]:.0f} mm or more" if best[k] < 0 else "is nearer than the clearance"
+            raise ConfigError(
+                f"{obstacle_name(obstacle)!r}: in every pose {capsule.link!r} {where}, so that no motion keeps clear "
+                "of it. Correct its place and size, in m along the axes of the root link, or leave it out."
+            )
 
 
 def candidates(bodies: RigidBodies, parts: Sequence[int]) -> list[tuple[int, int]]:

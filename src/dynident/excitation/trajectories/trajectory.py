@@ -71,6 +71,22 @@ class Trajectory:
         """The length (s) of all pieces."""
         return float(self.edges[-1])
 
+    @cached_property
+    def once(self) -> Trajectory:
+        """The same without the pieces that repeat the course of the one before, such as all periods but the first."""
+        return Trajectory(self.joints, tuple(self.pieces[k] for k in self.firsts))
+
+    @cached_property
+    def firsts(self) -> tuple[int, ...]:
+        """The places of the pieces that do not repeat the course of the one before."""
+        before = (None, *(piece.course for piece in self.pieces))
+        return tuple(k for k, piece in enumerate(self.pieces) if piece.course is not before[k])
+
+    def first_time(self, t: float) -> float:
+        """Return the first time (s) at which the arm is where ``once`` is at t."""
+        k = int(np.clip(np.searchsorted(self.once.edges, t, side="right") - 1, 0, len(self.firsts) - 1))
+        return float(self.edges[self.firsts[k]] + t - self.once.edges[k])
+
     def times(self, rate: float) -> Array:
         """Return times in s, at ``rate`` (Hz) from 0, and the end."""
         t = np.arange(int(np.floor(self.duration * rate * (1 + EPSILON))) + 1) / rate
@@ -84,8 +100,10 @@ class Trajectory:
         t = np.asarray(t, dtype=float)
         out = np.empty((4, len(t), len(self.joints)))
         which = np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.pieces) - 1)
-        for k in np.unique(which):
-            mine, course = which == k, self.pieces[k].course
+        order = np.argsort(which, kind="stable")
+        for mine in np.split(order, np.flatnonzero(np.diff(which[order])) + 1) if len(t) else ():
+            k = int(which[mine[0]])
+            course = self.pieces[k].course
             out[:, mine] = course.states(np.clip(t[mine] - self.edges[k], 0.0, course.duration))
         out[1:, (t < 0) | (t > self.duration)] = 0.0
         return out

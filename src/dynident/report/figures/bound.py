@@ -8,7 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Array, Drawing, Trace, panels, plain, trace
+from dynident.report.figures.canvas import (
+    AMBER,
+    BLUE,
+    GREEN,
+    INK,
+    RED,
+    Array,
+    Drawing,
+    Trace,
+    mark_rows,
+    panels,
+    plain,
+    trace,
+)
 from dynident.report.figures.study import colours_of, method_name, scientific
 
 if TYPE_CHECKING:
@@ -41,24 +54,7 @@ def bound_figure(found: AccuracyBound, labels: Sequence[str]) -> Drawing:
     shown = {"fit": (fit, "this fit", INK, "x-thin-open"), **{
         name: (values, CHANGE_NAMES[name], *LOOKS[name]) for name, values in series.items()
     }}  # fmt: skip
-    rows = np.arange(len(labels))
-    for values, title, colour, symbol in shown.values():
-        good = np.isfinite(values) & (values > 0)
-        marks = trace(
-            "scatter",
-            x=values[good],
-            y=rows[good],
-            mode="markers",
-            name=title,
-            marker={"color": colour, "size": 9, "symbol": symbol, "line": {"width": 1.6}},
-            text=[labels[k] for k in np.flatnonzero(good)],
-            hovertemplate="%{text}: %{x:.3g} %",
-            meta="ink" if colour == INK else None,
-        )
-        figure.add(marks)
-    figure.axes("y", tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
-    figure.axes("x", type="log", title="standard deviation, % of the value", dtick=1, exponentformat="power")
-    figure.layout.update(hovermode="closest")
+    mark_rows(figure, labels, shown.values(), "standard deviation, % of the value")
     return figure
 
 

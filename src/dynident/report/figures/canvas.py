@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal
@@ -35,6 +35,7 @@ __all__ = [
     "Drawing",
     "Trace",
     "curve",
+    "mark_rows",
     "only",
     "origin",
     "panels",
@@ -209,6 +210,31 @@ def curve(t: Array, y: Array, name: str, line: Mapping[str, Any], points: int = 
         meta="ink" if line["color"] == INK else None,
         hovertemplate="%{y:.4g}",
     )
+
+
+def mark_rows(
+    figure: Drawing, labels: Sequence[str], series: Iterable[tuple[Array, str, str, str]], title: str
+) -> None:
+    """Add marks of positive values in %, one row a label, on a logarithmic axis with a ``title``: for each series its
+    values, name, colour and symbol. What is not positive or infinite is left out."""
+    rows = np.arange(len(labels))
+    for values, name, colour, symbol in series:
+        good = np.isfinite(values) & (values > 0)
+        marks = trace(
+            "scatter",
+            x=values[good],
+            y=rows[good],
+            mode="markers",
+            name=name,
+            marker={"color": colour, "size": 9, "symbol": symbol, "line": {"width": 1.6}},
+            text=[labels[k] for k in np.flatnonzero(good)],
+            hovertemplate="%{text}: %{x:.3g} %",
+            meta="ink" if colour == INK else None,
+        )
+        figure.add(marks)
+    figure.axes("y", tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
+    figure.axes("x", type="log", title=title, dtick=1, exponentformat="power")
+    figure.layout.update(hovermode="closest")
 
 
 def trace(kind: str, **properties: Any) -> Trace:

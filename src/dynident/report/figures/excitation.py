@@ -12,13 +12,13 @@ from dynident.report.figures.canvas import (
     AMBER,
     BLUE,
     GREEN,
-    INK,
     PALE,
     RED,
     Array,
     Drawing,
     Trace,
     curve,
+    mark_rows,
     panels,
     plain,
     trace,
@@ -89,7 +89,6 @@ def expected_figure(labels: Sequence[str], percent: Array, mark: float, before: 
     """Draw the expected standard error of each parameter in % of its value, on a logarithmic axis with a line at a
     ``mark``, and that known ``before``; what is infinite is left out."""
     labels = [plain(label) for label in labels]
-    rows = np.arange(len(labels))
     figure = panels([""], 120 + 20 * len(labels), shared=False)
     figure.add(
         trace(
@@ -104,21 +103,6 @@ def expected_figure(labels: Sequence[str], percent: Array, mark: float, before: 
     )
     series = [(percent, "with this motion", GREEN, "circle")]
     series += [] if before is None else [(before, "known before", AMBER, "circle-open")]
-    for values, title, colour, symbol in series:
-        good = np.isfinite(values) & (values > 0)
-        marks = trace(
-            "scatter",
-            x=values[good],
-            y=rows[good],
-            mode="markers",
-            name=title,
-            marker={"color": colour, "size": 9, "symbol": symbol, "line": {"width": 1.6}},
-            text=[labels[k] for k in np.flatnonzero(good)],
-            hovertemplate="%{text}: %{x:.3g} %",
-            meta="ink" if colour == INK else None,
-        )
-        figure.add(marks)
-    figure.axes("y", tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
-    figure.axes("x", type="log", title="expected standard error, % of the value", dtick=1, exponentformat="power")
-    figure.layout.update(hovermode="closest", showlegend=before is not None)
+    mark_rows(figure, labels, series, "expected standard error, % of the value")
+    figure.layout.update(showlegend=before is not None)
     return figure

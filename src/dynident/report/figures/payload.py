@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.payload import NAMES, Source
+from dynident.payload import Component, Source
 from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Drawing, panels, trace
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def payload_figure(found: Payload, titles: Mapping[str, str]) -> Drawing:
     figure = panels([""], 360, shared=False)
     for source, share in found.shares.items():
         bars = trace(
-            "bar", x=list(NAMES), y=100 * np.asarray(share), name=titles.get(source.value, source.value),
+            "bar", x=list(Component), y=100 * np.asarray(share), name=titles.get(source.value, source.value),
             marker={"color": COLOURS[source]}, hovertemplate="%{y:.3g} %",
         )  # fmt: skip
         figure.add(bars)

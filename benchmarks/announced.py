@@ -185,7 +185,7 @@ def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, reci
             if basis is not None and std is not None and basis.leading == told.basis.leading:
                 own.append(std)
         errors.append(told.basis.combination @ (np.array([value.get(name, 0.0) for name in names]) - one.truth))
-    return np.array(errors) / told.std, np.array(own) / told.std
+    return np.array(errors) / told.std, np.array(own).reshape(-1, len(told.std)) / told.std
 
 
 def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
@@ -218,6 +218,8 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     for label, path in motions.items():
         planned = path.states(path.times(one.request.rate))
         told = expected(one.model, one.truth, information_of(one.model, planned, 1 / sigma**2, slow), basis)
+        if told.open:
+            raise SystemExit(f"{name}, {label}: {len(told.open)} base parameters stay open, the first {told.open[0]}.")
         errors, own = found(one, path, told, given.runs, given.seed, recipe)
         rows[label] = _row(told, errors, own, size, worst(told)) | {"duration": path.duration}
         print(shown(label, rows[label], basis.leading), flush=True)

@@ -96,6 +96,32 @@ def find_payload(
 
     Raises InputError where the result is of an older version, the results are of different models, the payload is
     negative, or the recordings are of another arm; ModelError where there is no such frame; the errors of ``identify``.
+
+    An arm of two joints picks up 1 kg:
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> body = '<link name="{}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>'
+    >>> body += '<inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    >>> hinge = '<joint name="{}" type="continuous"><parent link="{}"/><child link="{}"/>'
+    >>> hinge += '<origin xyz="{} 0 0"/><axis xyz="0 1 0"/></joint>'
+    >>> text = '<robot name="arm"><link name="base"/>' + body.format("upper") + body.format("fore")
+    >>> text += hinge.format("shoulder", "base", "upper", 0) + hinge.format("elbow", "upper", "fore", 0.4) + "</robot>"
+    >>> bodies = dy.RigidBodies(text)
+    >>> arm, rng = dy.Model((bodies, dy.Viscous(bodies.joints))), np.random.default_rng(0)
+    >>> empty = np.array([*(one.value for one in bodies.parameters), 0.5, 0.3])
+    >>> full = empty.copy()
+    >>> full[[10, 11, 16, 19]] += 1.0, 0.3, 0.09, 0.09  # a point at 0.3 m of the fore arm
+    >>> t = np.arange(2000) * 0.005
+    >>> rate, phase = np.array([2.0, 3.1]), np.array([0.0, 1.0])
+    >>> def recorded(theta):
+    ...     q, dq, ddq = (rate**k * np.sin(np.outer(t, rate) + phase + k * np.pi / 2) for k in range(3))
+    ...     tau = arm.torque(q, dq, ddq, theta) + 0.02 * rng.standard_normal(q.shape)
+    ...     return dy.Log(t, q + 1e-5 * rng.standard_normal(q.shape), tau, ("shoulder", "elbow"))
+    >>> found = dy.identify(arm, recorded(empty), estimator=dy.LeastSquares())
+    >>> payload = find_payload(found, {"loaded": recorded(full)})
+    >>> f"{payload.body.values[0]:.1f} kg at {payload.body.values[1]:.1f} m"
+    '1.0 kg at 0.3 m'
     """
     request, say = request or Request(), progress or (lambda _: None)
     mount = mount_of(found.model, request.frame)

@@ -54,10 +54,12 @@ def test_all_else_is_preserved_and_names_are_free_ones() -> None:
     assert text[:start] + text[stop:] == SIX
 
 
-def test_a_name_is_written_as_it_is_in_the_file() -> None:
-    text = SIX.replace("arm_tool0", "a &amp; &quot;b&quot;")
-    after = with_payload_link(text, 'a & "b"', *BODY)
-    assert '<parent link="a &amp; &quot;b&quot;"/>' in after
+def test_any_name_is_escaped_and_found_whatever_stands_before_it() -> None:
+    text = SIX.replace('<link name="arm_tool0"', '<link rename="other" name="a &amp; &quot;b\'&quot;"')
+    text = text.replace('"arm_tool0"', '"a &amp; &quot;b\'&quot;"')
+    after = with_payload_link(text, 'a & "b\'"', *BODY)
+    parents = [one.parent for one in read_urdf(parse(after, "a"), "a").joints if one.child == "payload"]
+    assert parents == ['a & "b\'"']
     assert check_payload_link(text, after, RigidBodies(text), added()) < 1e-9
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from xml.sax.saxutils import quoteattr
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,6 @@ def with_payload_link(xml: str, frame: str, mass: float, centre: Array, tensor: 
         raise ModelError(f"the payload's frame {frame!r} is no link of the URDF.")
     name = next(one for one in (NAME, *(f"{NAME}_{k}" for k in range(2, 1000))) if one not in links)
     joint = next(one for one in (f"{name}_joint", *(f"{name}_joint_{k}" for k in range(2, 1000))) if one not in joints)
-    parent = next(node for node in text.root.children if node.attributes.get("name") == frame and node.tag == "link")
     values = " ".join(f'{key}="{float(tensor[place])!r}"' for key, place in TENSOR.items())
     lines = (
         f'<link name="{name}">',
@@ -43,19 +44,12 @@ def with_payload_link(xml: str, frame: str, mass: float, centre: Array, tensor: 
         "  </inertial>",
         "</link>",
         f'<joint name="{joint}" type="fixed">',
-        f"  <parent link={_quoted(xml, parent.start, parent.inside)}/>",
+        f"  <parent link={quoteattr(frame)}/>",
         f'  <child link="{name}"/>',
         "</joint>",
     )
     text.insert(text.root, *lines)
     return str(text)
-
-
-def _quoted(xml: str, start: int, stop: int) -> str:
-    """Return the name in a start tag as it is written there, with its quotes and escapes."""
-    tag = xml.encode()[start:stop].decode()
-    rest = tag[tag.index("name") :].partition("=")[2].lstrip()
-    return rest[: rest.index(rest[0], 1) + 1]
 
 
 def check_payload_link(before: str, after: str, bodies: RigidBodies, added: Array) -> float:

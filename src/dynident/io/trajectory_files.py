@@ -114,7 +114,7 @@ def _from_csv(text: str) -> Sampled:
 def _npz(one: Sampled) -> bytes:
     file = BytesIO()
     arrays = {key: getattr(one, key) for key in ("t", *NAMES)}
-    np.savez(file, joints=np.array(one.joints), allow_pickle=False, **arrays)
+    np.savez(file, joints=np.array(one.joints), **arrays)
     return file.getvalue()
 
 

@@ -125,6 +125,17 @@ def test_a_configuration_changed_by_hand_is_not_replaced(designed: Path, tmp_pat
     assert "would be replaced, but this run reads it" in inside.output
 
 
+def test_the_report_of_another_command_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "two.urdf").write_text(TWO)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.html").write_text("of identify")
+    done = run("excite", tmp_path / "two.urdf", "-o", tmp_path / "out", *QUICK)
+    assert done.exit_code == 1
+    assert "report.html: is the report of another command" in " ".join(done.output.split())
+    assert [one.name for one in (tmp_path / "out").iterdir()] == ["report.html"]
+    assert (tmp_path / "out" / "report.html").read_text() == "of identify"
+
+
 def test_from_python_nothing_is_written_unless_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "two.urdf").write_text(TWO)
     monkeypatch.chdir(tmp_path)

@@ -60,12 +60,20 @@ def payload(
 
     from dynident.io.folder import result_folder
     from dynident.io.opener import keep, refuse_inputs
-    from dynident.io.payload import check_places, payload_logs, payload_name, read_arm, read_gains, read_loaded
+    from dynident.io.payload import (
+        NUMBERS,
+        check_places,
+        payload_logs,
+        payload_name,
+        read_arm,
+        read_gains,
+        read_loaded,
+    )
     from dynident.payload import NoPayload, Request, find_payload
     from dynident.report.payload import gains_table, payload_table, payload_words, shares_table, torque_table
     from dynident.report.wording import note_lines, old_result_lines
 
-    check_places(result, loaded, unloaded, out)
+    check_places(loaded, unloaded, out)
     for file in (result, *([gains] if gains else [])):
         keep(file)
     with result_folder(out) if out else nullcontext() as folder:
@@ -77,7 +85,7 @@ def payload(
             say("reading the result")
             saved = read_arm(result, allow_code=allow_code)
             if out:
-                refuse_inputs(*(out / name for name in ("payload.json", "report.html", payload_name(saved))))
+                refuse_inputs(*(out / name for name in (NUMBERS, "report.html", payload_name(saved))))
             with_it, warnings = read_loaded(saved, loaded, allow_code=allow_code, say=say)
             without, notes, more = payload_logs(saved, unloaded, allow_code=allow_code, new=True, say=say)
             found = find_payload(saved, with_it, without, request, progress=say)

@@ -26,11 +26,14 @@ from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
-from dynident.errors import InputError
+from dynident.errors import ConfigError, InputError
 from dynident.io.opener import real, refuse_inputs
 
-__all__ = ["ResultFolder", "held", "result_folder", "settle", "whole_file", "write_whole"]
+__all__ = [
+    "REPORT", "ResultFolder", "held", "refuse_other_report", "result_folder", "settle", "whole_file", "write_whole",
+]  # fmt: skip
 
+REPORT = "report.html"  # of each command that writes a folder
 LOCK, STAGED, READY = ".dynident.lock", ".dynident.tmp", ".dynident.new"
 PUT, GONE = "put", "gone"  # in both hidden folders: the new files, and empty files named as those to be removed
 TEMPORARY = re.compile(r"\.dynident-[0-9a-f]{32}\.tmp")
@@ -80,6 +83,15 @@ class ResultFolder:
             (staged / GONE / name).touch()
         for folder in (staged / PUT, staged / GONE, staged):
             _sync(folder)
+
+
+def refuse_other_report(folder: Path, numbers: str) -> None:
+    """Raise ConfigError where a folder holds the report of another command: one without the file ``numbers``, which
+    this command writes beside its own."""
+    if os.path.exists(folder / REPORT) and not os.path.exists(folder / numbers):
+        raise ConfigError(
+            f"{folder / REPORT}: is the report of another command, and would be replaced; name another folder."
+        )
 
 
 @contextmanager

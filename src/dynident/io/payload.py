@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from dynident.errors import ConfigError, InputError, ModelError
+from dynident.errors import InputError, ModelError
 from dynident.export import Identified, check_payload_link, identified_urdf, relocated, with_payload_link
 from dynident.identification import Identification, Sources
 from dynident.io.config import parse_config
 from dynident.io.fields import is_deep
+from dynident.io.folder import refuse_other_report
 from dynident.io.opener import content, keep, real
 from dynident.io.recording_parts import recording_parts
 from dynident.io.saved import load, read_log_like
@@ -25,11 +26,12 @@ from dynident.models import RigidBodies
 from dynident.payload import Component, DriveGains, Evidence, Payload, SameRecording
 
 __all__ = [
-    "FORMAT", "check_places", "payload_data", "payload_logs", "payload_name", "payload_urdf", "read_arm", "read_gains",
-    "read_loaded",
+    "FORMAT", "NUMBERS", "check_places", "payload_data", "payload_logs", "payload_name", "payload_urdf", "read_arm",
+    "read_gains", "read_loaded",
 ]  # fmt: skip
 
 FORMAT, VERSION = "dynident payload", 1
+NUMBERS = "payload.json"
 REQUESTED = ("known_mass", "known_centre", "gain_error", "friction_change", "load_friction", "removed")
 WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
@@ -60,16 +62,14 @@ def read_arm(path: str | Path, *, allow_code: bool = False) -> Identification:
     return found
 
 
-def check_places(result: Path, loaded: Sequence[str], unloaded: Sequence[str], out: Path | None) -> None:
-    """Raise InputError where a recording is named as with and without the payload, ConfigError where ``out`` is the
-    folder of the result."""
+def check_places(loaded: Sequence[str], unloaded: Sequence[str], out: Path | None) -> None:
+    """Raise InputError where a recording is named as with and without the payload, ConfigError where ``out`` holds the
+    report of another command, such as that of the result."""
     for text in loaded:
         if text in unloaded:
             raise InputError(f"{text}: is named as a recording with the payload and as one without; name it once.")
-    if out is not None and out.resolve() == result.resolve().parent:
-        raise ConfigError(
-            f"{out}: is the folder of {result.name}, whose report would be replaced; name another folder."
-        )
+    if out is not None:
+        refuse_other_report(out, NUMBERS)
 
 
 def payload_logs(

@@ -17,7 +17,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.excitation import LimitError, Trajectory, slowed, verify
 from dynident.identification import versions
 from dynident.io.excitation import ExcitationProject, read_excitation
-from dynident.io.folder import ResultFolder, result_folder
+from dynident.io.folder import REPORT, ResultFolder, refuse_other_report, result_folder
 from dynident.io.opener import content, refuse_inputs, watched
 from dynident.io.project import parse_project
 from dynident.io.recording_draft import recording_config
@@ -28,9 +28,9 @@ from dynident.report.excitation import MOTIONS, SLOWER, TRIAL, excitation_findin
 if TYPE_CHECKING:
     from dynident.excitation import Design
 
-__all__ = ["CONFIG", "NUMBERS", "REPORT", "excite", "refuse_targets", "write_design"]
+__all__ = ["CONFIG", "NUMBERS", "excite", "refuse_targets", "write_design"]
 
-CONFIG, NUMBERS, REPORT = "identify.yaml", "excite.json", "report.html"
+CONFIG, NUMBERS = "identify.yaml", "excite.json"
 FORMAT, VERSION = "dynident-excite", 1
 _STEMS = {
     TRIAL: f"the motion {SLOWER:g} times slower, one period of it, for the first run",
@@ -60,8 +60,9 @@ def excite(
 
     ``robot`` is a robot file, a configuration, or a result, to whose information the motion then adds. What motion, in
     which surroundings, say the keys of the configuration's section ``excitation``, a file of such ``settings``, or
-    keywords, such as ``duration=20``. In the folder ``out`` are written ``motion`` and ``validation`` as .csv, .npz and
-    .trajectory.yaml (ROS 2), ``identify.yaml``, which will read their recordings, ``excite.json`` and ``report.html``.
+    keywords, such as ``duration=20``. In the folder ``out`` are written ``motion``, ``validation`` and a slow ``trial``
+    as .csv, .npz and .trajectory.yaml (ROS 2), ``identify.yaml``, which will read the recordings, ``excite.json`` and
+    ``report.html``.
     The search is spread over ``executor``; ``progress`` is called with a few words before each step.
 
     Raises ConfigError for wrong settings and limits, ModelError for the model, InputError where nothing can be read or
@@ -104,9 +105,10 @@ def _silent(_: str) -> None:
 
 
 def refuse_targets(folder: Path) -> None:
-    """Raise ConfigError, before long work, where a file that a design writes is one that was read, or where the
-    configuration there was written or changed by hand."""
+    """Raise ConfigError, before long work, where a file that a design writes is one that was read, the report
+    there is that of another command, or the configuration was written or changed by hand."""
     refuse_inputs(*(folder / name for name in (*_MOTIONS, CONFIG, NUMBERS, REPORT)))
+    refuse_other_report(folder, NUMBERS)
     path = folder / CONFIG
     if path.exists() and sha256(content(path, remember=False)).hexdigest() != _written(folder).get(CONFIG):
         raise ConfigError(

@@ -80,10 +80,14 @@ def test_logs_that_count_stay_and_new_ones_are_like_them(robot: Path, tmp_path: 
     old = [{"file": {"i": "a/motion_recorded_i.dat", "q": "a/positions.txt"}, "width": {"q": 2}}]
     path = written(tmp_path / "arm.yaml", {"model": {"file": "cad/two.urdf"}, **CHANNELS, "train": old})
     project = read_excitation(path)
-    known = replace(project.known, found=object())
+    p = len(project.known.theta)
+    known = replace(project.known, found=object(), information=np.eye(p))
     found = yaml.safe_load(recording_config(replace(project, known=known), tmp_path))
     new = {"file": {"i": "motion_recorded_2_i.dat", "q": "motion_recorded_2_q.txt"}, "width": {"q": 2}}
     assert found["train"] == [*old, new]
+    alone = replace(project.known, found=object())  # their noise was taken, but what they tell is not announced
+    found = yaml.safe_load(recording_config(replace(project, known=alone), tmp_path))
+    assert len(found["train"]) == 1
     assert found["validation"][0]["file"]["q"] == "validation_recorded_q.txt"
     assert robot.exists()
 

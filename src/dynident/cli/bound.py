@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from dynident.cli.options import CONFIG, DIRECTORY, FILE
+from dynident.cli.options import CONFIG, DIRECTORY, FILE, noise_given
 from dynident.cli.terminal import console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.bounds import TorqueNoise
 
-__all__ = ["bound", "noise_given"]
+__all__ = ["bound"]
 
 
 @click.command(short_help="Show the best accuracy that any method can reach.")
@@ -64,21 +64,3 @@ def bound(
         tell(screen, "Numbers", write_text(json_file, numbers))
     for what, path in zip(("Numbers", "Report"), written, strict=False):
         tell(screen, what, path)
-
-
-def noise_given(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
-    """Return the value of an option: one number, numbers by joint, or None."""
-    from dynident.errors import ConfigError
-
-    by_joint: dict[str, float] = {}
-    for word in words:
-        joint, _, text = word.rpartition("=")
-        try:
-            by_joint[joint] = float(text)
-        except ValueError as error:
-            raise ConfigError(f"{option} {word}: give a number in SI units, or joint=number.") from error
-    if "" not in by_joint:
-        return by_joint or None
-    if len(words) > 1:
-        raise ConfigError(f"{option} is given {len(words)} times; give one number for all, or one joint=number each.")
-    return by_joint[""]

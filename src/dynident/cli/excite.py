@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from dynident.cli.launcher import command
-from dynident.cli.options import ALLOW_CODE, CONFIG, DESIGNED, DIRECTORY
+from dynident.cli.options import ALLOW_CODE, CONFIG, DESIGNED, DIRECTORY, noise_given
 from dynident.cli.terminal import console, status, tell
 from dynident.cli.workers import Spread, spread
 
@@ -62,7 +62,6 @@ def excite(
     """
     from functools import partial
 
-    from dynident.cli.bound import noise_given
     from dynident.io.excitation import read_excitation
     from dynident.io.folder import result_folder
     from dynident.report.excitation import NO_TRIAL, TRIAL, excitation_findings, excitation_heading, excitation_tables

@@ -25,6 +25,7 @@ __all__ = [
     "ROBOT",
     "ROBOTS",
     "common",
+    "noise_given",
 ]
 
 CONFIGS = (".yaml", ".yml")
@@ -145,3 +146,21 @@ def common(command: Decorated) -> Decorated:
     """Add the options that every command has."""
     log = click.option("--log-file", type=FILE, expose_value=False, callback=_open_log, help=_LOG_HELP)
     return log(_QUIET(_VERBOSE(_MEMORY(command))))
+
+
+def noise_given(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
+    """Return the value of an option: one number, numbers by joint, or None."""
+    from dynident.errors import ConfigError
+
+    by_joint: dict[str, float] = {}
+    for word in words:
+        joint, _, text = word.rpartition("=")
+        try:
+            by_joint[joint] = float(text)
+        except ValueError as error:
+            raise ConfigError(f"{option} {word}: give a number in SI units, or joint=number.") from error
+    if "" not in by_joint:
+        return by_joint or None
+    if len(words) > 1:
+        raise ConfigError(f"{option} is given {len(words)} times; give one number for all, or one joint=number each.")
+    return by_joint[""]

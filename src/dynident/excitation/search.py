@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, brief
+from dynident.errors import ConfigError, InputError, brief
 from dynident.excitation.interior import Interior, Point
 from dynident.excitation.polish import fits, polished
 from dynident.excitation.random_motion import random_motion
-from dynident.jobs import Status, run_jobs
+from dynident.jobs import run_jobs
 from dynident.regression.triangular import one_thread
 
 __all__ = ["Found", "Stage", "improved", "search"]
@@ -108,11 +108,11 @@ def search(
             reached, reason = list[_Reached](), ""
             for one in run_jobs(partial(_run, interior, tuple(stages)), jobs, executor):
                 done += 1
-                if one.status is Status.OK and one.value is not None:
+                if isinstance(one.value, _Reached):
                     reached.append(one.value)
                     best = [min([*best, one.value], key=lambda got: (got.criterion, got.number))]
                 else:
-                    reason = one.reason
+                    reason = one.reason if one.value is None else one.value
                 if best and progress is not None:
                     progress(best[0].criterion, done, total)
             if not reached:
@@ -127,7 +127,15 @@ def search(
     return Found(best[0].x, best[0].criterion, count, interrupted)
 
 
-def _run(interior: Interior, stages: tuple[Stage, ...], job: _Job) -> _Reached:
+def _run(interior: Interior, stages: tuple[Stage, ...], job: _Job) -> _Reached | str:
+    """Return where a motion has come to, or why there is none."""
+    try:
+        return _moved(interior, stages, job)
+    except (ConfigError, InputError) as error:
+        return str(error)
+
+
+def _moved(interior: Interior, stages: tuple[Stage, ...], job: _Job) -> _Reached:
     with one_thread():
         x = random_motion(interior, np.random.default_rng(job.seed)) if job.x is None else job.x
         stage = stages[job.stage]

@@ -33,20 +33,20 @@ _COLUMNS = "? columns and units as your recorder has them; or draft this anew fr
 def recording_config(project: ExcitationProject, folder: Path) -> str:
     """Return the configuration, to lie in ``folder``, that reads the recordings of both motions.
 
-    Columns, gains and all else are those of the configuration that the project came from, whose own training, where
-    it counts, stays in the fit; without one they are to be confirmed. The settings of the motion are in it, too. ""
-    where a model was made from Python, so that no configuration can name it.
+    Columns, gains and all else are those of the configuration that the project came from, whose own training stays in
+    the fit where the announced errors count it; without one they are to be confirmed. The settings of the motion are in
+    it, too. "" where a model was made from Python, so that no configuration can name it.
     """
     data, was = _data(project)
     if not data:
         return ""
-    known = project.known.found is not None
+    counts = project.known.information is not None
     data = relocated({**data, "model": data["model"]}, was, real(folder))
     comments: dict[str, tuple[str, ...]] = {"": _HEAD}
     if "time" not in data:
         data = {"model": data["model"], **_channels(project.known.model.joints)}
         comments |= {"time": (_COLUMNS,)}
-    old = list(data.get("train") or ()) if known else []
+    old = list(data.get("train") or ()) if counts else []
     like = old[0] if old else next(iter(data.get("train") or ()), {})
     taken = {_label(one) for one in (*old, *(data.get("validation") or ()))}
     logs = {role: _free(like, name, taken) for role, name in RECORDED.items()}

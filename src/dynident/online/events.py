@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from dynident.regression import GroupKind
 
@@ -10,8 +11,6 @@ __all__ = [
     "Alarm", "Back", "BadLines", "BaselineKnown", "Changed", "ClockReset", "Event", "Fault", "FaultKind", "Gap",
     "NewMotion", "Passed", "Resting", "Resumed", "Signal", "Unreadable", "Unsteady",
 ]  # fmt: skip
-
-from enum import StrEnum
 
 
 @dataclass(frozen=True)

@@ -94,10 +94,8 @@ class Watcher:
         self._gram, self._span = self._scorer.nothing, (math.nan, math.nan, 0)
         self._waiting = tuple[Part, ...]()  # complete blocks of which a sensor may still be doubted
         self._deaf = dict[int, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
-        self._moved, self._refused = (
-            math.nan,
-            "",
-        )  # when it moved last, or has said that it does not; what was unreadable
+        self._moved = math.nan  # when it moved last, infinite once it was said that it does not
+        self._refused = ""  # what was unreadable
         self._last, self._step, self._back, self._replay = math.nan, math.nan, 0, False
 
     @property

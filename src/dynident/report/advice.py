@@ -63,7 +63,7 @@ _REMEDIES = {
 }
 _EXCITATIONS = {
     steps.ExcitingMotion.CONSTANT_SPEEDS: "move {joint} at several constant speeds in both directions",
-    steps.ExcitingMotion.MANY_POSES: "hold {joint} at rest or move it slowly in many poses",
+    steps.ExcitingMotion.MANY_POSES: "move {joint} slowly to and fro in many poses",
     steps.ExcitingMotion.ACCELERATE: "accelerate {joint} harder, in several poses of the others",
 }
 _DESIGNED = {  # by the program that designs such a motion

@@ -105,7 +105,7 @@ def _distances(project: ExcitationProject, found: Design) -> Iterator[PageBlock]
     yield Figure(figures.distance_figure(t, all_of.min(axis=1), found.request.clearance), caption)
     yield _closest(space.pairs, t, all_of)
     if isinstance(space, CapsuleSpace) and project.geometry is not None:
-        yield tuple(_made(project.geometry, space))
+        yield tuple(_made(project.geometry))
 
 
 def _closest(pairs: tuple[tuple[str, str], ...], t: Array, distances: Array) -> PageTable:
@@ -121,14 +121,11 @@ def _closest(pairs: tuple[tuple[str, str], ...], t: Array, distances: Array) -> 
     return PageTable(columns, cells, "Closest pairs")
 
 
-def _made(geometry: Geometry, space: CapsuleSpace) -> Iterator[str]:
-    """Yield what the capsules of the links are made of, which meshes are missing, and what is not watched."""
+def _made(geometry: Geometry) -> Iterator[str]:
+    """Yield what the capsules of the links are made of, and which meshes are missing."""
     for made in Made:
         if links := [geometry.link(body) for body, one in geometry.made.items() if one is made]:
             yield f"Distances of {', '.join(links)}: by capsules around {_MADE[made]}."
     if geometry.missing:
         names = listed((f"{file} ({reason.rstrip('.')})" for file, reason in geometry.missing.items()), FEW)
         yield f"Meshes that could not be read: {names}."
-    if space.left_out:
-        named = ", ".join(f"{one} and {other}" for one, other in space.left_out)
-        yield f"Not watched, because they are close to each other in nearly every pose: {named}."

@@ -73,19 +73,22 @@ def shape_words(project: ExcitationProject) -> Iterator[str]:
     if geometry is None:
         yield "The model is not made of a robot file: nothing keeps the arm clear of itself."
         return
-    if links := [geometry.link(body) for body, made in geometry.made.items() if made is Made.JOINTS]:
+    if unknown := [geometry.link(body) for body, made in geometry.made.items() if made is Made.JOINTS]:
         lost = (f"{file}: {reason.rstrip('.')}" for file, reason in geometry.missing.items())
         files = f" ({listed(lost, FEW)})" if geometry.missing else ""
         packaged = any(file.startswith(PACKAGED) for file in geometry.missing)
         hint = ", or name the folder of their package (`packages`, `--package`)" if packaged else ""
         yield (
-            f"The shapes of {listed(links, SHOWN)} are not known{files}: distances are from the lines between their "
+            f"The shapes of {listed(unknown, SHOWN)} are not known{files}: distances are from the lines between their "
             f"joints, with a thickness by rule. Look whether they are as thick{hint}."
         )
     standing = {obstacle_name(one) for one in project.obstacles}
-    for one, other in project.space.left_out if isinstance(project.space, CapsuleSpace) else ():
+    left = project.space.left_out if isinstance(project.space, CapsuleSpace) else ()
+    for one, other in left:
         if other in standing:
             yield f"{one} is at {other} in every pose, as what is mounted there: this pair is not watched."
+    if links := [f"{one} and {other}" for one, other in left if other not in standing]:
+        yield f"Not watched, because they are close to each other in nearly every pose: {listed(links, SHOWN)}."
     if project.space.pairs and project.shapes is None:
         yield (
             "Distances are those of capsules around the links; the last check also looks at their real shapes where "

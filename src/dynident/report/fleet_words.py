@@ -12,6 +12,7 @@ from dynident.errors import listed
 from dynident.fleets import Shape
 from dynident.regression import Group, GroupKind
 from dynident.report.figures import Array
+from dynident.report.group_words import kind_words, signed
 from dynident.report.page import Column, PageTable, number
 
 if TYPE_CHECKING:
@@ -28,13 +29,6 @@ __all__ = [
     "worst_first",
 ]
 
-GROUPS = {
-    GroupKind.FRICTION: "friction of {}",
-    GroupKind.PAYLOAD: "payload at {}",
-    GroupKind.OFFSET: "offset of {}",
-    GroupKind.RIPPLE: "ripple of {}",
-    GroupKind.RESIDUAL: "torque that the model leaves at {}",
-}
 VERBS = {
     (Shape.STEP, 1): "rose",
     (Shape.STEP, -1): "fell",
@@ -54,7 +48,7 @@ CLEAR = 3.0  # odds from which on one shape is clear
 
 def group_words(group: Group) -> str:
     """Word what can change, such as "friction of elbow"."""
-    return GROUPS[group.kind].format(group.joint)
+    return kind_words(group.kind, group.joint)
 
 
 def day_words(day: float, start: datetime | None) -> str:
@@ -111,8 +105,8 @@ def _sizes(change: Change) -> Iterator[str]:
         yield _relative(change)
         return
     for k in changed_in(change):
-        size = f"{change.group.names[k]} by {_signed(change.size[k])} +- {number(float(change.std[k]), 2)}"
-        rate = f" ({_signed(RATE * change.per_day[k])} in {RATE:.0f} days)" if change.per_day is not None else ""
+        size = f"{change.group.names[k]} by {signed(change.size[k])} +- {number(float(change.std[k]), 2)}"
+        rate = f" ({signed(RATE * change.per_day[k])} in {RATE:.0f} days)" if change.per_day is not None else ""
         yield f"{size} {change.group.units[k]}{rate}"
 
 
@@ -120,11 +114,7 @@ def _relative(change: Change) -> str:
     """Return the size of a logarithm in percent; the standard error to first order."""
     factor = float(np.exp(change.size[0]))
     std = number(100 * factor * float(change.std[0]), 2)
-    return f"{change.group.names[0]} by {_signed(100 * (factor - 1))} +- {std} %"
-
-
-def _signed(value: float) -> str:
-    return f"{'+' if value > 0 else ''}{number(float(value), 3)}"
+    return f"{change.group.names[0]} by {signed(100 * (factor - 1))} +- {std} %"
 
 
 def change_table(found: FleetResult, changes: Sequence[Change], most: int) -> PageTable:

@@ -31,18 +31,12 @@ from dynident.online import (
     WatchSettings,
 )
 from dynident.regression import GroupKind
+from dynident.report.group_words import kind_words, signed
 from dynident.report.page import number
 from dynident.report.wording import Line
 
 __all__ = ["Stamps", "end_words", "event_line", "watch_words"]
 
-GROUPS = {
-    GroupKind.FRICTION: "friction of {}",
-    GroupKind.PAYLOAD: "payload at {}",
-    GroupKind.OFFSET: "offset of {}",
-    GroupKind.RIPPLE: "ripple of {}",
-    GroupKind.RESIDUAL: "torque that the model leaves at {}",
-}
 FAULTS = {
     FaultKind.MISSING: "gives no number",
     FaultKind.FROZEN: "does not change any more",
@@ -102,11 +96,6 @@ def end_words(watcher: Watcher, events: Sequence[Event], stamps: Stamps) -> str:
     return f"{end}: {changes} since {stamps(since)}, when the baseline was complete."
 
 
-def what(kind: GroupKind, joint: str) -> str:
-    """Word what can change, such as "friction of elbow"."""
-    return GROUPS[kind].format(joint)
-
-
 @singledispatch
 def _said(event: Event, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
     raise TypeError(f"there is no text for {type(event).__name__}")
@@ -129,8 +118,8 @@ def _(event: BaselineKnown, joints: Sequence[str], stamps: Stamps) -> str:
 @_said.register
 def _(event: Unsteady, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
     return (
-        f"{what(event.kind, event.joint)} changed within the baseline since {stamps(event.since)}; its first half is "
-        "left out, and it goes on"
+        f"{kind_words(event.kind, event.joint)} changed within the baseline since {stamps(event.since)}; its first "
+        "half is left out, and it goes on"
     )
 
 
@@ -145,7 +134,7 @@ def _(event: NewMotion, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: 
 @_said.register
 def _(event: Alarm, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
     return (
-        f"a change since about {stamps(event.since)}, most likely {what(event.kind, event.joint)}; "
+        f"a change since about {stamps(event.since)}, most likely {kind_words(event.kind, event.joint)}; "
         "its size is being measured"
     )
 
@@ -156,7 +145,7 @@ def _(event: Changed, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: AR
     when = f"at about {stamps(event.since)}"
     if stamps(low) != stamps(high):
         when = f"between {stamps(low)} and {stamps(high)}"
-    return f"{what(event.kind, event.joint)} changed {when}: {listed(_sizes(event), FEW)}"
+    return f"{kind_words(event.kind, event.joint)} changed {when}: {listed(_sizes(event), FEW)}"
 
 
 def _sizes(event: Changed) -> Iterator[str]:
@@ -168,24 +157,20 @@ def _sizes(event: Changed) -> Iterator[str]:
     ratio = np.divide(np.abs(size), std, out=np.zeros_like(size), where=np.isfinite(std) & (std > 0))
     order = [int(k) for k in np.argsort(-ratio, kind="stable")]
     for k in [k for k in order if ratio[k] >= SURE] or order[:1]:
-        whole = "" if np.isclose(event.total[k], size[k]) else f" ({_signed(event.total[k])} since the baseline)"
-        yield f"{event.names[k]} by {_signed(size[k])} +- {number(float(std[k]), 2)} {event.units[k]}{whole}"
-
-
-def _signed(value: float) -> str:
-    return f"{'+' if value > 0 else ''}{number(float(value), 3)}"
+        whole = "" if np.isclose(event.total[k], size[k]) else f" ({signed(event.total[k])} since the baseline)"
+        yield f"{event.names[k]} by {signed(size[k])} +- {number(float(std[k]), 2)} {event.units[k]}{whole}"
 
 
 @_said.register
 def _(event: Passed, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
-    return f"the change since {stamps(event.since)} ({what(event.kind, event.joint)}) has passed"
+    return f"the change since {stamps(event.since)} ({kind_words(event.kind, event.joint)}) has passed"
 
 
 @_said.register
 def _(event: Fault, joints: Sequence[str], stamps: Stamps) -> str:  # noqa: ARG001
     one = f"the {event.signal.value} of {event.joint} {FAULTS[event.kind]}"
     if event.kind is FaultKind.JUMP:
-        return f"{one} at {stamps(event.since)}, by {_signed(event.size)} rad or m, which no joint can do"
+        return f"{one} at {stamps(event.since)}, by {signed(event.size)} rad or m, which no joint can do"
     if event.kind is FaultKind.STILL:
         why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"
         return f"{one}, since {stamps(event.since)}: {why}"

@@ -177,7 +177,7 @@ def test_another_smoother_is_used_until_the_degree_changes(smoother: Butterworth
 
 
 def test_the_noise_that_is_given_stays(arm: Bench) -> None:
-    given = Spline(sigma={name: 2e-4 for name in JOINTS}, ends=9.0, factor=2.0)
+    given = Spline(sigma=dict.fromkeys(JOINTS, 0.0002), ends=9.0, factor=2.0)
     on = bench(recipe=Recipe(given))
     assert on.recipe(on.start.with_degree(1.0)).smoother == replace(given, factor=10**0.5)
     assert on.smoothed(on.start, "log 1", JOINTS[0]).noise == 2e-4

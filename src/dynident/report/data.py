@@ -17,6 +17,7 @@ from dynident.report.words import ROLES, count, labelled, logs_of, points
 if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.log import Motion
+    from dynident.validation import LogValidation
 
 __all__ = ["data_section", "excitation_table", "smoothing_section"]
 
@@ -88,7 +89,10 @@ def _with_unit(value: float | None, unit: str) -> str:
 
 
 def _log_table(identification: Identification) -> PageTable:
-    heads = ("rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s")
+    heads = ["rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s"]
+    excluded = {one.name: _excluded(one) for one in identification.validations}
+    if any(excluded.values()):
+        heads.append("excluded, s")
     columns = (Column("log", numeric=False), Column("role", numeric=False), *map(Column, heads))
     rows = []
     for log in identification.validations:
@@ -103,9 +107,16 @@ def _log_table(identification: Identification) -> PageTable:
             number(100.0 * float(mask.mean()), 3),
             number(float(used[0] - t[0]), 2),
             number(float(t[-1] - used[-1]), 2),
+            *([number(excluded[log.name], 3)] * any(excluded.values())),
         ]
         rows.append((log.name, ROLES.get(log.role, log.role), *cells))
     return PageTable(columns, tuple(rows), "Recordings")
+
+
+def _excluded(log: LogValidation) -> float:
+    """Return how long (s) a log is that is neither fitted nor judged because the configuration excludes it."""
+    gone = None if log.recorded is None else log.recorded.excluded
+    return 0.0 if gone is None else float(gone.mean() * (log.motion.t[-1] - log.motion.t[0]))
 
 
 def excitation_table(identification: Identification) -> tuple[PageBlock, ...]:

@@ -40,6 +40,7 @@ __all__ = [
     "pairs",
     "relative",
     "render",
+    "unit_text",
 ]
 
 
@@ -153,6 +154,7 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
+ABOVE = str.maketrans("-+0123456789", "\u207b\u207a\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery
 
 
@@ -169,6 +171,11 @@ def number(value: float | None, digits: int = 4) -> str:
     if 1e-4 <= abs(value) < 1e5:
         return f"{value:.{max(digits - 1 - int(exponent), 0)}f}"
     return f"{mantissa}e{int(exponent)}"
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it is typeset: its powers stand above the line."""
+    return re.sub(r"\^(-?\d+)(?![\d.])", lambda power: power[1].translate(ABOVE), unit)
 
 
 def relative(path: str) -> str:

@@ -13,7 +13,8 @@ from dynident.estimators import Provenance
 from dynident.io.families import TERMS
 from dynident.models import CoupledFriction, CoupledMotor, Equation, HasEquations, Lagrangian, Loads, declares
 from dynident.report.mathml import MINUS, Exact, Known, inline, named, pieces, primed, symbol
-from dynident.report.page import PageBlock, PageSection, unit_text
+from dynident.report.page import PageBlock, PageSection
+from dynident.report.typography import unit_text
 from dynident.report.words import count, listed
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ and the styles are part of the page, which needs no network.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
+from dynident.report.typography import cell, sentence, unit_text
+
 if TYPE_CHECKING:
     import jinja2
     from markupsafe import Markup
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from dynident.report.figures import Drawing
 
 __all__ = [
+    "UNIT",
     "Badge",
     "Code",
     "Column",
@@ -40,14 +42,13 @@ __all__ = [
     "pairs",
     "relative",
     "render",
-    "unit_text",
 ]
 
 
 @dataclass(frozen=True)
 class Column:
     """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
-    sentences, which a terminal wraps.
+    sentences, which a terminal wraps, ``unit`` units.
     """
 
     title: str
@@ -55,6 +56,10 @@ class Column:
     numeric: bool = True
     muted: bool = False
     prose: bool = False
+    unit: bool = False
+
+
+UNIT = Column("unit", numeric=False, unit=True)
 
 
 @dataclass(frozen=True)
@@ -154,7 +159,6 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
-ABOVE = str.maketrans("-+0123456789", "\u207b\u207a\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery
 
 
@@ -171,11 +175,6 @@ def number(value: float | None, digits: int = 4) -> str:
     if 1e-4 <= abs(value) < 1e5:
         return f"{value:.{max(digits - 1 - int(exponent), 0)}f}"
     return f"{mantissa}e{int(exponent)}"
-
-
-def unit_text(unit: str) -> str:
-    """Return a unit as it is typeset: its powers stand above the line."""
-    return re.sub(r"\^(-?\d+)(?![\d.])", lambda power: power[1].translate(ABOVE), unit)
 
 
 def relative(path: str) -> str:
@@ -215,7 +214,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json, "words": _words}
+    environment.filters |= {"kind": _kind, "cell": cell, "unit": unit_text, "json": _json, "words": sentence}
     return environment
 
 
@@ -249,19 +248,6 @@ def _has_figure(block: PageBlock) -> bool:
     if isinstance(block, PageSection | Fold):
         return any(_has_figure(inner) for inner in block.blocks)
     return isinstance(block, Figure)
-
-
-def _minus(cell: str) -> str:
-    """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
-    return cell.replace("-", "\u2212") if len(cell) > 1 else cell
-
-
-def _words(text: str) -> Markup:
-    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
-    from markupsafe import Markup, escape
-
-    safe = str(escape(text.replace("+-", "±").replace(" %", "\u00a0%")))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
 
 
 def _json(figure: Drawing) -> Markup:

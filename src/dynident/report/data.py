@@ -64,7 +64,7 @@ def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
         ("low-pass", "low-pass of the fit"),
         ("smoother used", "smoother"),
     ):
-        if settings.get(key, "None") != "None":
+        if key in settings:
             yield meaning, settings[key]
 
 

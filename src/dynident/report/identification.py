@@ -11,6 +11,7 @@ from dynident.identification.verdict.reasons import Noted
 from dynident.report.advice import IN_SENTENCES
 from dynident.report.check import finding_groups, finding_row, finding_table
 from dynident.report.data import data_section, smoothing_section
+from dynident.report.equations import model_section
 from dynident.report.exports import export_results, export_section
 from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
@@ -45,6 +46,7 @@ def identification_page(identification: Identification, exports: Sequence[Export
     sections = [
         verdict_section(identification),
         data_section(identification),
+        *model_section(identification),
         *pieces_section(identification),
         error_section(identification),
         torque_section(identification),

@@ -7,7 +7,6 @@ and the styles are part of the page, which needs no network.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
+from dynident.report.typography import cell, sentence, unit_text
+
 if TYPE_CHECKING:
     import jinja2
     from markupsafe import Markup
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from dynident.report.figures import Drawing
 
 __all__ = [
+    "UNIT",
     "Badge",
     "Code",
     "Column",
@@ -46,7 +48,7 @@ __all__ = [
 @dataclass(frozen=True)
 class Column:
     """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
-    sentences, which a terminal wraps.
+    sentences, which a terminal wraps, ``unit`` units.
     """
 
     title: str
@@ -54,6 +56,10 @@ class Column:
     numeric: bool = True
     muted: bool = False
     prose: bool = False
+    unit: bool = False
+
+
+UNIT = Column("unit", numeric=False, unit=True)
 
 
 @dataclass(frozen=True)
@@ -208,7 +214,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json, "words": _words}
+    environment.filters |= {"kind": _kind, "cell": cell, "unit": unit_text, "json": _json, "words": sentence}
     return environment
 
 
@@ -242,19 +248,6 @@ def _has_figure(block: PageBlock) -> bool:
     if isinstance(block, PageSection | Fold):
         return any(_has_figure(inner) for inner in block.blocks)
     return isinstance(block, Figure)
-
-
-def _minus(cell: str) -> str:
-    """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
-    return cell.replace("-", "\u2212") if len(cell) > 1 else cell
-
-
-def _words(text: str) -> Markup:
-    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
-    from markupsafe import Markup, escape
-
-    safe = str(escape(text.replace("+-", "±").replace(" %", "\u00a0%")))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
 
 
 def _json(figure: Drawing) -> Markup:

@@ -9,7 +9,7 @@ import numpy as np
 from dynident.estimators import Provenance
 from dynident.models import INERTIAL
 from dynident.report import figures
-from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
 from dynident.report.words import listed, motion_known
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     columns += [Column("if independent", muted=True)] * robust
     reference = "nominal" if figures.only_nominal(identification.model) else "true"
-    columns += [Column(reference)] * known + [Column("unit", numeric=False)]
+    columns += [Column(reference)] * known + [UNIT]
     columns += [Column("determined by", numeric=False)] * bool(verdict) + [
         Column("meaning", numeric=False, prose=True)
     ] * meant

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from dynident.report import figures
-from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import causes_words, words
 from dynident.report.words import ROLES, labelled, listed, points
 
@@ -79,9 +79,7 @@ def joint_table(identification: Identification) -> PageTable:
         for log in identification.validations
         for joint in identification.model.joints
     ]
-    return PageTable(
-        (*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered"
-    )
+    return PageTable((*columns, UNIT), tuple(rows), "Torque error per log and joint, unfiltered")
 
 
 def unknown_noise(identification: Identification) -> Iterator[str]:
@@ -97,7 +95,7 @@ def unknown_noise(identification: Identification) -> Iterator[str]:
 
 def _matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
-    heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
+    heads = [Column("joint", numeric=False), UNIT]
     for log in identification.validations:
         name = f"{log.name} ({ROLES.get(log.role, log.role)})"
         heads += [Column(title, name) for title in ("error, %", "times white noise", "rmse")]

@@ -27,8 +27,8 @@ from dynident.report.validation import (
     unknown_noise,
 )
 from dynident.report.verdict import verdict_results, verdict_section
-from dynident.report.wording import Line, causes_words, note_lines, status_words, words
-from dynident.report.words import ROLES, count, listed, logs_of
+from dynident.report.wording import Line, note_lines, residual_words, status_words, words
+from dynident.report.words import ROLES, count, day, listed, logs_of
 
 if TYPE_CHECKING:
     from dynident.errors import Finding
@@ -43,7 +43,7 @@ MOST = 5  # findings of the checks in a terminal
 def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
     """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it."""
     sections = [
-        verdict_section(identification),
+        verdict_section(identification, exports),
         data_section(identification),
         *pieces_section(identification),
         error_section(identification),
@@ -71,8 +71,16 @@ def _lead(identification: Identification) -> str:
     )
     return (
         f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "
-        f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}."
+        f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}.{_dates(identification)}"
     )
+
+
+def _dates(identification: Identification) -> str:
+    """Return when it was identified, and of what days the files of the recordings are."""
+    sources = identification.provenance
+    days = sorted({one.modified[:10] for one in sources.logs if one.modified})
+    files = f" from files of {' to '.join(dict.fromkeys((days[0], days[-1])))}" if days else ""
+    return f" Identified {day(sources.identified)}{files}." if sources.identified else ""
 
 
 def _warnings(identification: Identification) -> Iterator[PageBlock]:
@@ -128,7 +136,7 @@ def result_words(identification: Identification, exports: Sequence[Export] = ())
         "status": status_words(identification.estimate),
         "warnings": [words(note) for note in identification.notes],
         "residuals": {
-            log.name: {joint: said for joint, test in log.residuals.items() if (said := causes_words(test))}
+            log.name: {joint: said for joint in log.residuals if (said := residual_words(log, joint))}
             for log in identification.validations
         },
         "exports": export_results(exports),

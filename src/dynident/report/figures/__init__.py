@@ -10,6 +10,7 @@ from dynident.report.figures.excitation import Quantity, designed_figure, distan
 from dynident.report.figures.fleet import Course, Mark, course_figure, pooled_figure, robots_figure
 from dynident.report.figures.identification import (
     error_figure,
+    glance_figure,
     motion_figure,
     run_figure,
     smoothing_figure,
@@ -39,6 +40,7 @@ __all__ = [
     "efficiency_figure",
     "error_figure",
     "expected_figure",
+    "glance_figure",
     "interval_figure",
     "method_name",
     "motion_figure",

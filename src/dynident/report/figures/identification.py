@@ -30,7 +30,7 @@ from dynident.report.figures.canvas import (
 if TYPE_CHECKING:
     from dynident.validation import FreeRun, LogValidation
 
-__all__ = ["error_figure", "motion_figure", "run_figure", "smoothing_figure", "torque_figure"]
+__all__ = ["error_figure", "glance_figure", "motion_figure", "run_figure", "smoothing_figure", "torque_figure"]
 
 HELD_OUT = (BLUE, GREEN, AMBER, RED)
 
@@ -52,6 +52,17 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
         line = {"color": colour, "width": width}
         figure.add(curve(log.motion.t - zero, values, name, line, points), row=row)
     return _since(figure, zero)
+
+
+def glance_figure(log: LogValidation, joint: str, unit: str = "N m", points: int = 1000) -> Drawing:
+    """Draw a joint's measured and predicted torque over time in one small panel, as ``torque_figure`` does."""
+    whole = torque_figure(log, joint, unit, points)
+    figure = panels([whole.layout["yaxis"]["title"]["text"]], 250)
+    for one in whole.data[:2]:
+        figure.add(one)
+    figure.layout["xaxis"]["title"] = whole.layout["xaxis2"]["title"]
+    figure.layout["margin"] = {"t": 30, "b": 40}
+    return figure
 
 
 def motion_figure(

@@ -28,8 +28,9 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     held, train = logs_of(identification, "validation"), logs_of(identification, "train")
     logs, said = (held, "held out") if held else (train, "training")
     log = max(logs, key=_error)
-    yield from _over_floor(log, said)
-    yield _whole(held, train)
+    yield from _over_floor(log)
+    *rest, note = _whole(held, train)
+    yield *rest, note + "; what the sensors allow is not known" * (log.over_floor is None)
     worst = worst_joint(identification)
     if worst is None:
         return
@@ -53,16 +54,16 @@ def worst_joint(identification: Identification) -> tuple[LogValidation, str] | N
     return None if worst is None else worst[0]
 
 
-def _over_floor(log: LogValidation, said: str) -> Iterator[tuple[str, ...]]:
+def _over_floor(log: LogValidation) -> Iterator[tuple[str, ...]]:
     """Yield the error on a log over what the sensors allow, with how that is known."""
     if log.over_floor is None:
         return
     white = any(one.origin is FloorOrigin.WHITE for one in log.floors.values())
-    known = f" of {len(log.floors)} of {len(log.errors.rmse)} joints" * (len(log.floors) < len(log.errors.rmse))
-    how = "at most: only white noise counts" if white else "by motion that repeats"
+    known = f"; {len(log.floors)} of {len(log.errors.rmse)} joints" * (len(log.floors) < len(log.errors.rmse))
+    how = "at most, by white noise alone" if white else "by motion that repeats"
     yield (
         f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×",
-        f"what the sensors allow, {said}",
+        "what the sensors allow",
         "at the noise floor" if log.at_floor else f"{how}{known}",
     )
 
@@ -99,7 +100,7 @@ def _weight(identification: Identification, logs: list[LogValidation], said: str
         limit = number(identification.model.limits[joint].effort, 3)
         return (
             f"{number(size, 2)} %",
-            f"rms error against effort limit, {said}",
+            f"rms of effort limit, {said}",
             f"{joint}: {_rms(identification, log, joint)} of {limit}",
         )
     worst = _worst([((log, joint), size) for log in logs for joint, size in log.errors.rmse.items()])

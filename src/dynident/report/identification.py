@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dynident.errors import Severity
 from dynident.identification import judge
 from dynident.identification.verdict.reasons import Noted
+from dynident.report import figures
 from dynident.report.advice import IN_SENTENCES
 from dynident.report.check import finding_groups, finding_row, finding_table
 from dynident.report.data import data_section, smoothing_section
@@ -76,11 +77,15 @@ def _lead(identification: Identification) -> str:
 
 
 def _dates(identification: Identification) -> str:
-    """Return when it was identified, and of what days the files of the recordings are."""
+    """Return when it was identified, and when it was recorded by the stamps, or of what days the files are."""
     sources = identification.provenance
-    days = sorted({one.modified[:10] for one in sources.logs if one.modified})
-    files = f" from files of {' to '.join(dict.fromkeys((days[0], days[-1])))}" if days else ""
-    return f" Identified {day(sources.identified)}{files}." if sources.identified else ""
+    stamps = sorted({figures.clock(float(log.motion.t[0]))[:10] for log in identification.validations} - {""})
+    files = sorted({one.modified[:10] for one in sources.logs if one.modified})
+    when = f" Identified {day(sources.identified)}." if sources.identified else ""
+    if stamps or files:
+        first, *_, last = 2 * (stamps or files)
+        when += f" {'Recorded' if stamps else 'Files of'} {first}{f' to {last}' * (first != last)}."
+    return when
 
 
 def _warnings(identification: Identification) -> Iterator[PageBlock]:

@@ -174,7 +174,7 @@ def terminal_parameters(identification: Identification) -> tuple[PageTable, tupl
     table = parameter_table(identification, tuple(k for k in seen if not long or k in other))
     said = [f"{len(parameters) - len(other)} inertial parameters are in the report."] * long
     if names := [parameters[k].name for k in unseen if not long or k in other]:
-        said.append(f"These data do not show alone, and the report has the values of: {listed(names)}.")
+        said.append(f"Not shown alone by these data (values in the report): {listed(names)}.")
     return table, (*said, *rank_sentence(identification))
 
 

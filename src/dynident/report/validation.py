@@ -22,9 +22,9 @@ _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
     "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Over the "
     "noise floor: the unfiltered error over what the sensors allow of any model. That is the scatter between two "
-    "passes of the same motion, where there are two; else the least that white noise of torque and positions leaves "
-    "(w), of which coloured noise is not part, so that the figure is the most it can be. It is not known (-) where the torque "
-    "was filtered before it was recorded, and no motion is repeated."
+    "passes of the same motion, where there are two; else the least that white noise of torque and positions leaves, "
+    "of which coloured noise is not part, so that the figure is the most it can be (≤). It is not known (-) where the "
+    "torque was filtered before it was recorded, and no motion is repeated."
 )
 _RESIDUALS = (
     "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
@@ -124,11 +124,11 @@ def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str, str]:
 
 
 def over_floor(log: LogValidation, joint: str | None = None) -> str:
-    """Return how many times the noise floor the error on a log is, of a joint or of all: "1.8 w" by white noise."""
+    """Return how many times the noise floor the error on a log is, of a joint or of all: "≤ 1.8" by white noise."""
     chosen = [one for name, one in log.floors.items() if joint in (None, name)]
     ratio = log.over_floor if joint is None else chosen[0].ratio if chosen else None
     white = any(one.origin is FloorOrigin.WHITE for one in chosen)
-    return f"{number(ratio, 2)}{' w' * white}"
+    return f"{'≤ ' * white}{number(ratio, 2)}"
 
 
 def _left(identification: Identification) -> PageTable:

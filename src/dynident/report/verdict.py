@@ -21,7 +21,7 @@ __all__ = ["verdict_results", "verdict_section", "verdict_text"]
 
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "good", Use.DO_NOT_USE: "bad"}
 SENTENCES = 3  # above the numbers
-REASON = 150  # signs of a reason in a sentence of the page
+REASON = 110  # signs of a reason in a sentence of the page
 FIRST_STEPS = 3  # in sight; the others are behind a fold
 MOST_STEPS = 5  # besides remedies, in a terminal; the report has all
 
@@ -84,10 +84,8 @@ def _picture(identification: Identification, arm: Figure | None) -> tuple[PageBl
     worst = worst_joint(identification)
     if worst is None:
         return ()
-    log, joint = worst
+    (log, joint), several = worst, len(identification.model.joints) > 1
     unit = next(one.effort for one in identification.model.joints if one.name == joint)
-    torque = Figure(
-        figures.glance_figure(log, joint, unit),
-        f"The worst joint: {joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured.",
-    )
+    caption = f"{joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured."
+    torque = Figure(figures.glance_figure(log, joint, unit), f"{'The worst joint: ' * several}{caption}")
     return (torque,) if arm is None else (Beside((arm, torque)),)

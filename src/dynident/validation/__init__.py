@@ -2,7 +2,7 @@
 
 from dynident.validation.clusters import clustered_std
 from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
-from dynident.validation.followed import FollowTest, SmoothedAway, follow_tests, smoothed_away
+from dynident.validation.followed import HARMFUL, FollowTest, SmoothedAway, follow_tests, smoothed_away
 from dynident.validation.free_run import (
     Broken,
     CascadePD,
@@ -45,6 +45,7 @@ from dynident.validation.sensor_noise import sensor_noise
 
 __all__ = [
     "AT_FLOOR",
+    "HARMFUL",
     "LOW",
     "REPEATED",
     "SEED",

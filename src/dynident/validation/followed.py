@@ -22,7 +22,7 @@ from dynident.splines import Fixed, coloured_noise, smooth
 if TYPE_CHECKING:
     from dynident.validation.prediction import LogValidation
 
-__all__ = ["FollowTest", "SmoothedAway", "follow_tests", "smoothed_away"]
+__all__ = ["HARMFUL", "FollowTest", "SmoothedAway", "follow_tests", "smoothed_away"]
 
 Array = NDArray[np.float64]
 SMALL = 0.05  # share of what was taken away that may follow the motion: the error of the noise estimate is as large
@@ -94,7 +94,7 @@ def follow_tests(motion: Motion, recorded: Log) -> dict[str, FollowTest]:
     step = float(np.diff(motion.t).mean())
     found = {}
     for k, j in enumerate(moves):
-        moments = _expected(width[j] / step, float(rho[k]))
+        moments = _expected(float(width[j]) / step, float(rho[k]))
         parts = [one[mask, k] for one in (*taken, left)]
         found[motion.joints[j]] = _tested(parts, moments, float(noise[k]), step, smoothed.ddq[mask, j])
     return found

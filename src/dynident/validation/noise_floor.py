@@ -30,7 +30,7 @@ QUANTILE = 1.645  # standard errors that leave 5 % of a normal distribution abov
 ALIKE = 0.5  # of the scatter, the most by which predicted torques of two passes may differ: else it is another motion
 MOST = 5  # other logs in which a motion is sought
 FEWEST = 30  # independent samples
-MEDIAN_NOISE = 3.0  # N times the relative variance of the noise power from the median of fourth differences
+MEDIAN_NOISE = 10.5  # N times the relative variance of the noise power from the median of fourth differences
 
 
 class FloorOrigin(StrEnum):

@@ -5,7 +5,7 @@ readable on white and on black; a page may repaint them in its own text colour.
 """
 
 from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
-from dynident.report.figures.canvas import Array, Drawing, share, thin
+from dynident.report.figures.canvas import Array, Drawing, clock, share, thin
 from dynident.report.figures.excitation import Quantity, designed_figure, distance_figure, expected_figure
 from dynident.report.figures.fleet import Course, Mark, course_figure, pooled_figure, robots_figure
 from dynident.report.figures.identification import (
@@ -33,6 +33,7 @@ __all__ = [
     "Quantity",
     "bound_figure",
     "box",
+    "clock",
     "course_figure",
     "cylinder",
     "designed_figure",

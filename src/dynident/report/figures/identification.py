@@ -19,6 +19,7 @@ from dynident.report.figures.canvas import (
     TIME,
     Array,
     Drawing,
+    clock,
     curve,
     only,
     origin,
@@ -168,7 +169,7 @@ def _since(figure: Drawing, zero: float) -> Drawing:
     """Return the figure with its axis of time named after where it counts from."""
     for axis in figure.layout.values() if zero else ():
         if isinstance(axis, dict) and axis.get("title") == {"text": TIME}:
-            axis["title"] = {"text": f"time since {zero:.0f} s, s"}
+            axis["title"] = {"text": f"time since {clock(zero) or f'{zero:.0f} s'}, s"}
     return figure
 
 

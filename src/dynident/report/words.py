@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "motion_known", "percent", "points", "short"]
+__all__ = ["ROLES", "count", "day", "labelled", "listed", "logs_of", "motion_known", "percent", "points", "short"]
 
 ROLES = {"train": "training", "validation": "held out"}
 CURVES = 11  # of a log and joint: torques, motion, free simulation
@@ -48,6 +48,11 @@ def labelled(identification: Identification) -> list[tuple[str, int]]:
 def count(number_of: int, noun: str) -> str:
     """Word a count, such as "1 log" or "2 logs"."""
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
+
+
+def day(stamp: str) -> str:
+    """Word a time that is given in ISO 8601, such as "2026-11-22 14:05 UTC"; "" stays."""
+    return f"{stamp[:10]} {stamp[11:16]} UTC" if stamp else ""
 
 
 def percent(value: float, digits: int = 3) -> str:

@@ -5,11 +5,12 @@ readable on white and on black; a page may repaint them in its own text colour.
 """
 
 from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
-from dynident.report.figures.canvas import Array, Drawing, share, thin
+from dynident.report.figures.canvas import Array, Drawing, clock, share, thin
 from dynident.report.figures.excitation import Quantity, designed_figure, distance_figure, expected_figure
 from dynident.report.figures.fleet import Course, Mark, course_figure, pooled_figure, robots_figure
 from dynident.report.figures.identification import (
     error_figure,
+    glance_figure,
     motion_figure,
     run_figure,
     smoothing_figure,
@@ -32,6 +33,7 @@ __all__ = [
     "Quantity",
     "bound_figure",
     "box",
+    "clock",
     "course_figure",
     "cylinder",
     "designed_figure",
@@ -39,6 +41,7 @@ __all__ = [
     "efficiency_figure",
     "error_figure",
     "expected_figure",
+    "glance_figure",
     "interval_figure",
     "method_name",
     "motion_figure",

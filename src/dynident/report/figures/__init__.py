@@ -18,31 +18,55 @@ from dynident.report.figures.identification import (
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
 from dynident.report.figures.payload import payload_figure
 from dynident.report.figures.pieces import pieces_figure
-from dynident.report.figures.scene import Mesh, box, cylinder, plate, scene_figure
+from dynident.report.figures.robot import Ellipsoid, centres, ellipsoids, key, outlined, path_of, standing, surface
+from dynident.report.figures.scene import (
+    METAL,
+    STILL,
+    Layer,
+    Mesh,
+    Moving,
+    Replay,
+    box,
+    cylinder,
+    plate,
+    scene_figure,
+    solid,
+)
 from dynident.report.figures.study import method_name, scientific, spread_figure, trace_figure
 from dynident.report.figures.terms import trial_figure
 
 __all__ = [
     "CHANGE_NAMES",
+    "METAL",
+    "STILL",
     "Array",
     "Course",
     "Drawing",
+    "Ellipsoid",
+    "Layer",
     "Mark",
     "Mesh",
+    "Moving",
     "Quantity",
+    "Replay",
     "bound_figure",
     "box",
+    "centres",
     "course_figure",
     "cylinder",
     "designed_figure",
     "distance_figure",
     "efficiency_figure",
+    "ellipsoids",
     "error_figure",
     "expected_figure",
     "interval_figure",
+    "key",
     "method_name",
     "motion_figure",
     "only_nominal",
+    "outlined",
+    "path_of",
     "payload_figure",
     "pieces_figure",
     "plate",
@@ -55,7 +79,10 @@ __all__ = [
     "share",
     "singular_figure",
     "smoothing_figure",
+    "solid",
     "spread_figure",
+    "standing",
+    "surface",
     "thin",
     "torque_figure",
     "trace_figure",

@@ -153,6 +153,7 @@ def _inertia(theta: Array) -> BodyInertia | None:
         return None
     mass, centre, tensor = to_physical(theta)
     moments, axes = np.linalg.eigh(tensor)
+    axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation
     return BodyInertia(float(mass), centre, moments, axes)
 
 

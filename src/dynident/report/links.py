@@ -19,6 +19,7 @@ __all__ = ["WORDS", "link_section", "missing_words", "shape_words", "title_of"]
 
 ZERO = 1e-9  # of what is mm, kg or kg m^2, below which it is rounding
 FEW = 5  # meshes in a sentence
+SMALL = 0.01  # share of a value
 WORDS = {
     DeterminedBy.DATA: "the data",
     DeterminedBy.COMBINATION: "the data, with other links",
@@ -27,8 +28,9 @@ WORDS = {
     DeterminedBy.NOTHING: "nothing",
 }
 _LINKS = (
-    "Centre of mass and principal moments, which are about it, in the frame of the link. ±: standard error. After >, "
-    "the error is larger: the data alone leave the value open and the prior chose, whose error is not known."
+    "The centre of mass is in the frame of the link, and the principal moments are about it. ±: standard error. > or -: "
+    "the data alone leave the value open, and what the prior chose has an error that is not known; that of the data "
+    "comes before it, where it is above 1 % of the value."
 )
 _OPEN = (
     "The data alone leave mass, centre of mass and moments of each link open: only combinations of links act on the "
@@ -74,17 +76,18 @@ def _table(
         for k, unit in zip(range(*part.indices(7)), units, strict=True):
             cells.append(_cell(unit * file[k]))
             if found:
-                cells += [_cell(unit * value[k]), _error(unit * one.std[k], bool(one.sure[k]), float(value[k]))]
+                cells += [_cell(unit * value[k]), _error(unit * one.std[k], bool(one.sure[k]), unit * value[k])]
         rows.append(tuple(cells))
     return PageTable(columns, tuple(rows), caption)
 
 
 def _cell(value: float) -> str:
-    return number(0.0 if abs(value) < ZERO else float(value))
+    return number(0.0 if abs(value) < ZERO else float(value), 3)
 
 
 def _error(std: float, sure: bool, value: float) -> str:
-    if not np.isfinite(value) or not np.isfinite(std):
+    """Return a standard error; where it is only a part, which is small, it says nothing."""
+    if not np.isfinite(value) or not np.isfinite(std) or (not sure and std < SMALL * abs(value)):
         return "-"
     return number(float(std), 2) if sure else f"> {number(float(std), 2)}"
 

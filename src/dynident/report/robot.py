@@ -103,6 +103,7 @@ def _surfaces(bodies: RigidBodies, links: Sequence[LinkInertia], shown: Sequence
         name = title_of(bodies.arm.bodies[one.body].links)
         said = "<br>".join(map(plain, [name] if link is None else _hover(link)))
         colour = figures.STILL if link is None else COLOURS[link.mostly]
+        colour = figures.lighter(colour) if len(out) % 2 else colour
         out.append(figures.surface(one, name, colour, hoverinfo="text", hovertext=said))
     return out
 

@@ -18,7 +18,17 @@ from dynident.report.figures.identification import (
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
 from dynident.report.figures.payload import payload_figure
 from dynident.report.figures.pieces import pieces_figure
-from dynident.report.figures.robot import Ellipsoid, centres, ellipsoids, key, outlined, path_of, standing, surface
+from dynident.report.figures.robot import (
+    Ellipsoid,
+    centres,
+    ellipsoids,
+    key,
+    lighter,
+    outlined,
+    path_of,
+    standing,
+    surface,
+)
 from dynident.report.figures.scene import (
     METAL,
     STILL,
@@ -62,6 +72,7 @@ __all__ = [
     "expected_figure",
     "interval_figure",
     "key",
+    "lighter",
     "method_name",
     "motion_figure",
     "only_nominal",

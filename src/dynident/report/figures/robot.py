@@ -13,10 +13,11 @@ from dynident.excitation import Outline
 from dynident.report.figures.canvas import AMBER, INK, Array, Trace, trace
 from dynident.report.figures.scene import STILL, Faces, Mesh, Moving, solid
 
-__all__ = ["Ellipsoid", "centres", "ellipsoids", "key", "outlined", "path_of", "standing", "surface"]
+__all__ = ["Ellipsoid", "centres", "ellipsoids", "key", "lighter", "outlined", "path_of", "standing", "surface"]
 
 ROUND, UP = 16, 8  # corners of a parallel of an ellipsoid, and steps from pole to pole
 SMOOTH = 32  # corners of a circle around it
+LIGHTER = 0.28  # share of the way to white
 THIN = 0.02  # least half axis, as a share of the largest: what is drawn of a rod or plate
 
 
@@ -44,6 +45,12 @@ def surface(outline: Outline, name: str, colour: str, opacity: float = 1.0, **mo
     mesh = Mesh(name, outline.mesh.vertices, outline.mesh.triangles)
     body = np.full(len(mesh.vertices), outline.body, dtype=np.intp)
     return Moving(solid(mesh, colour, opacity, **more), mesh.vertices, body)
+
+
+def lighter(colour: str) -> str:
+    """Return a colour (#rrggbb) a little lighter, to tell neighbours of one colour apart."""
+    parts = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return "#" + "".join(f"{round(one + LIGHTER * (255 - one)):02x}" for one in parts)
 
 
 def standing(outline: Outline) -> Trace:
@@ -87,7 +94,10 @@ def key(name: str, colour: str) -> Trace:
     """Return what shows a colour in the legend, and nothing else."""
     marker = {"color": colour, "size": 10, "symbol": "square"}
     nowhere = {"x": [None], "y": [None], "z": [None]}
-    return trace("scatter3d", mode="markers", marker=marker, name=name, hoverinfo="skip", showlegend=True) | nowhere
+    return (
+        trace("scatter3d", mode="markers", marker=marker, name=name, hoverinfo="skip", showlegend=True, legendrank=1)
+        | nowhere
+    )
 
 
 def path_of(points: Array) -> Trace:

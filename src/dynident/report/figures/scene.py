@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.models import RigidBodies
-from dynident.report.figures.canvas import GRID, TEMPLATE, Array, Drawing, Trace, plain, trace
+from dynident.report.figures.canvas import TEMPLATE, Array, Drawing, Trace, plain, trace
 
 __all__ = ["METAL", "STILL", "Layer", "Mesh", "Moving", "Replay", "box", "cylinder", "plate", "scene_figure", "solid"]
 
@@ -23,6 +23,8 @@ STILL = "#9a9a9a"
 HEIGHT = 620
 POSES = 60  # of a course, within whose reach the view stays
 ROOM = 0.03  # share of the view around that
+LINES = "#a3a9b0"  # of the grid: thin, as WebGL draws them
+LIGHT = {"x": 600, "y": 1000, "z": 3000}
 CUBE = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 Faces = NDArray[np.intp]
 
@@ -135,7 +137,7 @@ def solid(mesh: Mesh, colour: str, opacity: float = 1.0, **more: Any) -> Trace:
     """Return a mesh as a trace."""
     x, y, z = mesh.vertices.T
     i, j, k = mesh.faces.T
-    shine = {"ambient": 0.55, "diffuse": 0.7, "specular": 0.15, "roughness": 0.8}
+    shine = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.15, "roughness": 0.8}
     return trace(
         "mesh3d",
         x=x.astype(np.float32),
@@ -148,6 +150,7 @@ def solid(mesh: Mesh, colour: str, opacity: float = 1.0, **more: Any) -> Trace:
         opacity=opacity,
         flatshading=True,
         lighting=shine,
+        lightposition=LIGHT,
         name=plain(mesh.name),
         **{"hoverinfo": "name", **more},
     )
@@ -170,7 +173,7 @@ def _reach(
     """Return from where to where all is at any time, along x, y and z, so that the view need not change."""
     poses = np.concatenate([one.q[:: -(-len(one.q) // POSES)] for one in replays])
     place, found = bodies.placements(poses), []
-    for one in moving:
+    for one in (one for one in moving if one.trace.get("visible", True)):
         for body in np.unique(one.body):
             own = one.points[one.body == body]
             low, high = (edge(own, axis=0) for edge in (np.nanmin, np.nanmax))
@@ -190,17 +193,20 @@ def _packed(values: Array) -> str:
 
 def _layout(lengths: Sequence[tuple[float, float]], height: int) -> dict[str, Any]:
     font = {"family": "sans-serif", "size": 12}  # WebGL knows no inherited ones
+    sizes = np.array([high - low for low, high in lengths])
     axis = {
         "tickfont": font,
         "backgroundcolor": "rgba(0, 0, 0, 0)",
-        "gridcolor": GRID,
+        "gridcolor": LINES,
         "showspikes": False,
-        "zerolinecolor": GRID,
+        "zerolinecolor": LINES,
+        "nticks": 5,
     }
     scene = {
-        "aspectmode": "data",
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", (sizes / sizes.max()).tolist(), strict=True)),
         "dragmode": "turntable",
-        "camera": {"eye": {"x": 1.15, "y": 0.95, "z": 0.55}},
+        "camera": {"eye": {"x": 1.1, "y": 0.92, "z": 0.55}},
         **{
             f"{one}axis": {**axis, "range": between, "title": {"text": f"{one}, m", "font": font}}
             for one, between in zip("xyz", lengths, strict=True)

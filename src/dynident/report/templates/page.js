@@ -20,8 +20,9 @@
     Plotly.newPlot(box, data, layout, {
       responsive: true,
       displaylogo: false,
-      displayModeBar: box.clientWidth > 600 && "hover",
-      modeBarButtons: motion ? [["resetCameraDefault3d", "toImage"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d", "toImage"]],
+      displayModeBar: (motion || box.clientWidth > 600) && "hover",
+      scrollZoom: false, // a wheel over a figure means to scroll the page
+      modeBarButtons: motion ? [["zoom3d", "tableRotation", "resetCameraDefault3d", "toImage"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d", "toImage"]],
     });
     if (motion) Scene.draw(box, motion);
     else Scene.follow(box);

@@ -186,7 +186,7 @@ def smoothing_section(identification: Identification) -> PageSection:
                 log.motion, joint.name, joint.unit, fine, log.recorded, log.motion.time_offset
             )
             caption = f"{joint.name}: position and its derivatives, samples that were used."
-            views.append(((label, joint.name), (Figure(figure, caption),)))
+            views.append(((label, joint.name), (Figure(figure.of(label), caption),)))
     gallery = Gallery(("log", "joint"), tuple(views))
     return PageSection("Smoothing", (_SMOOTHING, *_followed(identification), *_smoothing(identification), gallery))
 

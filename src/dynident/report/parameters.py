@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.estimators import Provenance
+from dynident.identification.links import DeterminedBy, determined_by
 from dynident.models import INERTIAL
 from dynident.report import figures
 from dynident.report.page import UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
@@ -28,11 +28,12 @@ FULL_LIST = 40  # a terminal shows up to this many parameters all
 ONE_FIGURE = 30  # more parameters are drawn group by group
 LONGEST = 300  # signs of a warning in a terminal
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
-PROVENANCES = {
-    Provenance.DATA: "data",
-    Provenance.PRIOR: "prior",
-    Provenance.BOUND: "at a bound",
-    Provenance.UNIDENTIFIABLE: "not identifiable",
+DETERMINED = {
+    DeterminedBy.DATA: "data",
+    DeterminedBy.COMBINATION: "in combination",
+    DeterminedBy.PRIOR: "prior",
+    DeterminedBy.BOUND: "at a bound",
+    DeterminedBy.NOTHING: "not identifiable",
 }
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
@@ -92,7 +93,7 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     robust = identification.errors.std_hac is not None
     known = any(parameters[k].value is not None for k in shown)
     meant = any(parameters[k].expression for k in shown) and not any(parameter.body for parameter in parameters)
-    verdict = _verdicts(identification)
+    verdict = tuple(DETERMINED[one] for one in determined_by(identification))
     sized = bool(np.isfinite(errors[list(shown)]).any())
     columns = [Column("parameter", numeric=False), Column("value")]
     columns += [Column("std. error"), Column("%"), *[Column("if independent", muted=True)] * robust] * sized
@@ -117,17 +118,6 @@ def _by_data(identification: Identification) -> tuple[tuple[int, ...], tuple[int
     """Return the places of the parameters that the data show by themselves, and of the others."""
     known = np.isfinite(identification.errors.best)
     return tuple(map(int, np.flatnonzero(known))), tuple(map(int, np.flatnonzero(~known)))
-
-
-def _verdicts(identification: Identification) -> tuple[str, ...]:
-    """Return what determined each parameter; for an estimator that does not tell, as the base parameters show it."""
-    estimate, basis = identification.estimate, identification.base.on_data
-    if estimate.provenance or basis is None:
-        return tuple(PROVENANCES[one] for one in estimate.provenance)
-    alone, none = set(basis.determined), set(basis.without_effect)
-    return tuple(
-        "data" if name in alone else "not identifiable" if name in none else "in combination" for name in estimate.names
-    )
 
 
 def _certain(identification: Identification) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dynident.report import figures
-from dynident.report.page import UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import residual_words, words
 from dynident.report.words import ROLES, labelled, listed, points
 from dynident.validation import FloorOrigin
@@ -152,8 +152,9 @@ def _left(identification: Identification) -> PageTable:
     return PageTable((*columns, *more), tuple(rows), "What is left of the torque, unfiltered")
 
 
-def torque_section(identification: Identification) -> PageSection:
-    """Return the section of the torques: one figure at a time, by log and joint."""
+def torque_section(identification: Identification, robot: Sequence[PageBlock] = ()) -> PageSection:
+    """Return the section of the torques: one figure at a time, by log and joint, beside the ``robot``, if it is given
+    as words and a view of it."""
     fine = points(identification)
     views = []
     for label, k in labelled(identification):
@@ -163,9 +164,13 @@ def torque_section(identification: Identification) -> PageSection:
                 f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
                 f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
             )
-            figure = Figure(figures.torque_figure(log, joint.name, joint.effort, fine), caption)
-            views.append(((label, joint.name), (figure,)))
-    return PageSection("Torques", (_TORQUES, Gallery(("log", "joint"), tuple(views))))
+            figure = figures.torque_figure(log, joint.name, joint.effort, fine).of(label)
+            views.append(((label, joint.name), (Figure(figure, caption),)))
+    gallery = Gallery(("log", "joint"), tuple(views))
+    if not robot:
+        return PageSection("Torques", (_TORQUES, gallery))
+    *said, view = robot
+    return PageSection("The robot and its torques", (_TORQUES, *said, Beside((view, gallery))))
 
 
 def simulation_section(identification: Identification) -> Iterator[PageSection]:
@@ -199,7 +204,12 @@ def _runs(identification: Identification) -> Iterator[Gallery]:
     views = tuple(
         (
             (label, joint),
-            (Figure(figures.run_figure(run, joint, units[joint], fine), f"{joint}: measured and simulated position."),),
+            (
+                Figure(
+                    figures.run_figure(run, joint, units[joint], fine).of(label),
+                    f"{joint}: measured and simulated position.",
+                ),
+            ),
         )
         for label, k in labelled(identification)
         if (run := runs.get(identification.validations[k].name))

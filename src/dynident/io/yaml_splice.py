@@ -40,7 +40,7 @@ def added(text: str, inside: Place, index: int, key: Any, value: Any) -> str:
     in a sequence."""
     entries = inside.entries
     if inside.flow:
-        new = flow(value) if inside.kind == "sequence" else f"{_scalar(key)}: {flow(value)}"
+        new = flow(value) if inside.kind == "sequence" else f"{_key(key)}: {flow(value)}"
         if not entries:
             at = inside.inside + 1
             pad = " " if text[at : at + 1] == "}" else ""
@@ -66,7 +66,7 @@ def dropped(text: str, inside: Place, index: int) -> str:
 def flow(value: Any) -> str:
     """Return a value of plain types as YAML on one line, which can stand within brackets."""
     if isinstance(value, Mapping):
-        inside = ", ".join(f"{_scalar(key)}: {flow(one)}" for key, one in value.items())
+        inside = ", ".join(f"{_key(key)}: {flow(one)}" for key, one in value.items())
         return f"{{ {inside} }}" if inside else "{}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(flow, value))}]"
@@ -86,12 +86,17 @@ def _scalar(value: Any) -> str:
     return str(text).strip()[1:-1]
 
 
+def _key(key: Any) -> str:
+    """Return a key; ``on`` needs no quotes, as keys are never read as truth values."""
+    return "on" if key == "on" else _scalar(key)
+
+
 def _pair(key: Any, value: Any, column: int) -> list[str]:
     """Return the lines of an entry of a mapping that begins at a column."""
-    one = f"{_scalar(key)}: {flow(value)}"
+    one = f"{_key(key)}: {flow(value)}"
     if _fits(" " * column, one, value):
         return [one]
-    return [f"{_scalar(key)}:", *_block(value, 2)]
+    return [f"{_key(key)}:", *_block(value, 2)]
 
 
 def _block(value: Mapping[Any, Any] | list[Any], column: int) -> list[str]:

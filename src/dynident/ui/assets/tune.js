@@ -1,0 +1,170 @@
+// What the page does by itself: it asks for one thing at a time, paints figures, and keeps their zoom together.
+(() => {
+  const REST = 180; // ms after which a slider that stands is taken as set
+  const PAUSE = 600; // ms without a change after which the whole identification begins
+  const LOST = 4000; // ms after which an answer is no longer waited for
+  const none = () => window.dash_clientside.no_update;
+  const put = (id, props) => window.dash_clientside.set_props(id, props);
+  const now = (id) => window.dash_component_api?.getLayout(id)?.props ?? {};
+  const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
+  const box = (id) => document.querySelector(`#${id} .js-plotly-plot`);
+  const timed = ["motion", "torque"];
+  let busy = 0, next = null, moved = 0, resting = 0, pausing = 0, zoom = null, zero = 0, leaving = false;
+
+  // ---- asking -------------------------------------------------------------------------------------------------
+  function ask(wanted) {
+    if (busy && performance.now() - busy < LOST) {
+      next = wanted;
+      return none();
+    }
+    busy = performance.now();
+    return wanted;
+  }
+
+  function answered() {
+    busy = 0;
+    if (!next) return;
+    const wanted = next;
+    next = null;
+    busy = performance.now();
+    put("wanted", { data: wanted });
+  }
+
+  const asked = (search, degree) => ({ search, degree, zoom: zoom && zoom.map((t) => t + zero), at: performance.now() });
+
+  // ---- painting -----------------------------------------------------------------------------------------------
+  function painted(figure, id) {
+    const { data, layout } = figure;
+    layout.font = { ...layout.font, color: ink() };
+    for (const trace of data.filter((trace) => trace.meta === "ink")) {
+      trace.line = { ...trace.line, color: ink() };
+      if (trace.marker) trace.marker.color = ink();
+    }
+    if (timed.includes(id)) {
+      layout.dragmode = leaving && id === "motion" ? "select" : "zoom";
+      if (zoom) for (const axis of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) layout[axis].range = [...zoom];
+    }
+    if (matchMedia("(pointer: coarse)").matches) layout.dragmode = false; // a finger means to scroll the page
+    requestAnimationFrame(() => bind(id));
+    return { data, layout };
+  }
+
+  function bind(id) {
+    const gd = box(id);
+    if (!gd) return void requestAnimationFrame(() => bind(id));
+    if (gd.bound || !gd.on) return;
+    gd.bound = true;
+    if (!timed.includes(id)) return;
+    gd.on("plotly_relayout", (change) => zoomed(id, change));
+    gd.on("plotly_selected", (event) => {
+      const range = event?.range && Object.entries(event.range).find(([key]) => key.startsWith("x"))?.[1];
+      if (!range) return;
+      put("drawn", { data: { window: range.map((t) => t + zero), at: performance.now() } });
+      window.Plotly.relayout(gd, { selections: [] });
+    });
+  }
+
+  function zoomed(id, change) {
+    const key = Object.keys(change).find((key) => /^xaxis\d*\.(range|autorange)/.test(key));
+    if (!key) return;
+    const axis = key.split(".")[0];
+    const range = change[`${axis}.range`] ?? (`${axis}.range[0]` in change ? [change[`${axis}.range[0]`], change[`${axis}.range[1]`]] : null);
+    if (JSON.stringify(range) === JSON.stringify(zoom)) return;
+    zoom = range;
+    for (const other of timed.filter((one) => one !== id)) {
+      const gd = box(other);
+      if (!gd?.layout) continue;
+      const last = Object.keys(gd.layout).filter((name) => /^xaxis\d*$/.test(name)).pop();
+      window.Plotly.relayout(gd, zoom ? { [`${last}.range`]: [...zoom] } : { [`${last}.autorange`]: true });
+    }
+    const wanted = ask(asked(now("address").search ?? "", null));
+    if (wanted !== none()) put("wanted", { data: wanted });
+  }
+
+  function repaint() {
+    for (const gd of document.querySelectorAll(".js-plotly-plot")) {
+      if (!gd.data) continue;
+      window.Plotly.relayout(gd, { "font.color": ink() });
+      const inked = gd.data.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
+      if (inked.length) window.Plotly.restyle(gd, { "line.color": ink(), "marker.color": ink() }, inked);
+    }
+  }
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+
+  // ---- the server ---------------------------------------------------------------------------------------------
+  let missed = 0;
+  setInterval(async () => {
+    if (document.hidden || !document.getElementById("tune")) return;
+    try {
+      await fetch("alive", { cache: "no-store" });
+      if (missed > 1) put("gone", { data: false });
+      missed = 0;
+    } catch {
+      if (++missed === 2) put("gone", { data: true });
+    }
+  }, 3000);
+
+  window.dash_clientside = Object.assign({}, window.dash_clientside, {
+    tune: {
+      reload: (ready) => (ready && location.reload(), none()),
+
+      tab: () => crypto.randomUUID(),
+
+      // The slider moved, or the setting changed: ask for the curves; what rests is set, what pauses is identified.
+      moved(degree, search, synced) {
+        const by = window.dash_clientside.callback_context.triggered.map((one) => one.prop_id);
+        if (by.length === 1 && by[0] === "degree.value") {
+          if (degree === null || Math.abs(degree - synced?.degree) < 1e-9) return none();
+          moved = performance.now();
+          clearTimeout(resting);
+          clearTimeout(pausing);
+          resting = setTimeout(() => put("slid", { data: degree }), REST);
+          return ask(asked(search, degree));
+        }
+        clearTimeout(pausing);
+        pausing = setTimeout(() => put("rested", { data: { search, at: performance.now() } }), PAUSE);
+        return ask(asked(search, null));
+      },
+
+      shown(data) {
+        setTimeout(answered);
+        if (!data) return [none(), none(), none(), none()];
+        if (data.zero !== zero) zoom = null;
+        zero = data.zero ?? 0;
+        document.documentElement.dataset.answered = data.at;
+        return [
+          data.motion ? painted(data.motion, "motion") : none(),
+          data.residual ? painted(data.residual, "residual") : none(),
+          data.words,
+          data.degree,
+        ];
+      },
+
+      figure(data, id) {
+        return data ? painted(data, id) : none();
+      },
+      curve: (data) => (data ? painted(data, "curve") : none()),
+      torque: (data) => (data ? painted(data, "torque") : none()),
+
+      // Controls follow the setting, except a slider that is being moved.
+      applied(synced) {
+        for (const [name, value] of Object.entries(synced?.controls ?? {})) {
+          const id = { control: name };
+          if (JSON.stringify(now(id).value ?? null) !== JSON.stringify(value)) put(id, { value });
+        }
+        if (synced && performance.now() - moved > 2 * REST && now("degree").value !== synced.degree)
+          put("degree", { value: synced.degree });
+        return none();
+      },
+
+      leaving(clicks, pressed) {
+        leaving = pressed !== "true";
+        const gd = box("motion");
+        if (gd) window.Plotly.relayout(gd, { dragmode: leaving ? "select" : "zoom" });
+        return leaving ? "true" : "false";
+      },
+
+      gone: (gone) => (gone ? "The server has ended. Type the command again: it prints a new address." : ""),
+    },
+  });
+})();

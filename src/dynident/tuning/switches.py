@@ -1,0 +1,149 @@
+"""Which terms a model has beside its bodies: kinds that are switched on and off joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError, brief
+from dynident.identification.terms.candidates import KINDS, Seen
+from dynident.identification.terms.combined import combined
+from dynident.log import Motion, together
+from dynident.models import CoupledMotor, HasMemory, Joint, JointTerm, Loads, Model, RigidBodies, Term, needs_load
+
+__all__ = ["Switches", "kind_of", "seen"]
+
+Array = NDArray[np.float64]
+FASTEST_SHARE = 1e-6  # of a unit: what a joint that never moves is taken to move, so that shapes have a size
+
+
+@dataclass(frozen=True, eq=False)
+class Switches:
+    """A ``model`` as a configuration has it, its terms included, and for each of its joints the terms on that joint alone by
+    kind: its ``own``, and those ``offered`` beside them.
+
+    What acts on several joints (bodies, coupled motors, terms of the user) is always there. ``kinds`` are the names of
+    all kinds that can be switched, none where the model was not built of a robot file.
+    """
+
+    model: Model
+    own: tuple[Mapping[str, tuple[Term, ...]], ...]
+    offered: tuple[Mapping[str, tuple[Term, ...]], ...]
+
+    __repr__ = brief
+
+    @classmethod
+    def of(cls, model: Model, motions: Sequence[Motion], *, switchable: bool) -> Switches:
+        """Return the switches of a model; the sizes of kinds that it lacks are those that the motions show."""
+        joints = model.joints
+        if not switchable:
+            return cls(model, ({},) * len(joints), ({},) * len(joints))
+        own = tuple(_own(model, joint.name) for joint in joints)
+        loaded = any(isinstance(term, Loads) and term.loads for term in model.terms)
+        more = [dict(_offered(one, loaded=loaded)) for one in map(lambda joint: seen(joints, joint, motions), joints)]
+        pairs = zip(own, more, strict=True)
+        return cls(
+            model, own, tuple({kind: one for kind, one in some.items() if kind not in had} for had, some in pairs)
+        )
+
+    @property
+    def start(self) -> tuple[tuple[str, ...], ...]:
+        """The kinds of each joint that the model has."""
+        return tuple(map(tuple, self.own))
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds that can be switched."""
+        return tuple(dict.fromkeys(kind for one in (*self.own, *self.offered) for kind in one))
+
+    def terms(self, chosen: tuple[tuple[str, ...], ...]) -> tuple[Term, ...]:
+        """Return the terms that are switched on, and those beside the bodies that always are; coupled motors last."""
+        have = [term for term in self.model.terms if not isinstance(term, RigidBodies | CoupledMotor)]
+        if all(set(kinds) == set(had) for kinds, had in zip(chosen, self.start, strict=True)):
+            return tuple(have)
+        pieces = [
+            [term for kind in _ordered(kinds, self.own[j]) for term in self._piece(j, kind)]
+            for j, kinds in enumerate(chosen)
+        ]
+        return (*combined(self.model.joints, pieces), *(term for term in have if not isinstance(term, JointTerm)))
+
+    def with_terms(self, chosen: tuple[tuple[str, ...], ...]) -> Model:
+        """Return the model with these kinds, in the order in which a configuration builds it."""
+        if not self.kinds:
+            return self.model
+        bodies = (term for term in self.model.terms if isinstance(term, RigidBodies))
+        motors = (term for term in self.model.terms if isinstance(term, CoupledMotor))
+        return replace(self.model, terms=(*bodies, *self.terms(chosen), *motors), load=None)
+
+    @cached_property
+    def superset(self) -> Model:
+        """The model with all kinds on all joints, except those that remember the motion."""
+        if not self.kinds:
+            return self.model
+        every = []
+        for own, more in zip(self.own, self.offered, strict=True):
+            some = {**own, **more}
+            every.append(tuple(kind for kind, terms in some.items() if not any(map(_remembers, terms))))
+        return self.with_terms(tuple(every))
+
+    def _piece(self, joint: int, kind: str) -> tuple[Term, ...]:
+        found = self.own[joint].get(kind) or self.offered[joint].get(kind)
+        if found is None:
+            raise ModelError(f"{self.model.joints[joint].name}: there is no term of kind {kind!r}.")
+        return found
+
+
+def _remembers(term: Term) -> bool:
+    return isinstance(term, HasMemory)
+
+
+def _ordered(kinds: Sequence[str], own: Mapping[str, object]) -> list[str]:
+    """Return kinds in one order, whichever they were switched on in: the joint's own first."""
+    known = [*own, *(one.name for one in KINDS)]
+    return sorted(set(kinds), key=lambda kind: known.index(kind) if kind in known else len(known))
+
+
+def _own(model: Model, joint: str) -> dict[str, tuple[Term, ...]]:
+    """Return the terms of a model on a joint alone, by kind."""
+    found: dict[str, tuple[Term, ...]] = {}
+    for term in model.terms:
+        if isinstance(term, JointTerm) and joint in term.acts_on:
+            found[kind_of(term)] = (*found.get(kind_of(term), ()), term.alone(joint))
+    return found
+
+
+def _offered(one: Seen, *, loaded: bool) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """Yield a kind with the middle one of its sizes; of dry friction with a sign, the sign itself."""
+    known = set[str]()
+    for kind in KINDS:
+        if kind.name in known or (kind.needs_load and not loaded):
+            continue
+        known.add(kind.name)
+        sizes = kind.sizes(one)
+        yield kind.name, (sizes[0 if kind.presumed else len(sizes) // 2],)
+
+
+def kind_of(term: Term) -> str:
+    """Return the kind of a term: the name by which a configuration lists it, for others that of its class."""
+    return _NAMES.get(type(term), type(term).__name__)
+
+
+def seen(joints: tuple[Joint, ...], joint: Joint, motions: Sequence[Motion]) -> Seen:
+    """Return what motions show of a joint."""
+    j = [one.name for one in joints].index(joint.name)
+    states = together(motions, [np.flatnonzero(one.mask) for one in motions])
+    q, dq = states["q"][:, j], states["dq"][:, j]
+    speed, reach = (max(float(x), FASTEST_SHARE) for x in (np.sqrt(np.mean(dq**2)), np.ptp(q)))
+    return Seen(joints, joint, speed, reach, max(float(one.t[-1] - one.t[0]) for one in motions))
+
+
+def _names() -> dict[type, str]:
+    joint = Joint("joint")
+    return {type(kind.sizes(Seen((joint,), joint, 1.0, 1.0, 1.0))[0]): kind.name for kind in KINDS}
+
+
+_NAMES = _names()

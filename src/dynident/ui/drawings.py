@@ -29,10 +29,12 @@ from dynident.report.figures.canvas import (
 if TYPE_CHECKING:
     from dynident.tuning import DegreeCurve, LogFit, Smoothed
 
-__all__ = ["Zoom", "curve_drawing", "motion_drawing", "residual_drawing", "torque_drawing"]
+__all__ = ["SLIDER", "Zoom", "curve_drawing", "motion_drawing", "residual_drawing", "torque_drawing"]
 
 Zoom = tuple[float, float] | None  # s of the log, None for all of it
 POINTS, AROUND = 1400, 120  # of a curve: where it is seen, and on either side
+SLIDER = -3.0, 4.0  # log S/n, from one end of the slider to the other
+NEAR = 0.12  # of log S/n: marks that are one
 LEFT_OUT = "rgba(128, 128, 128, 0.18)"
 MARGIN = {"l": 62, "r": 8, "t": 8, "b": 40}
 
@@ -94,35 +96,48 @@ def residual_drawing(one: Smoothed, unit: str) -> Drawing:
         figure.layout["annotations"] = [_note("cut-off", float(np.log10(one.cutoff)), "x")]
     if np.isfinite(white):
         shapes.append(_band(white))
-    figure.layout.update(shapes=shapes, showlegend=False, margin=MARGIN, hovermode="x")
+    figure.layout.update(shapes=shapes, showlegend=False, margin=MARGIN, hovermode="x", font={"size": 12})
     return figure
 
 
 def curve_drawing(found: DegreeCurve, at: float, joint: int, alone: bool) -> Drawing:
     """Draw the cross-validated error over the degree of smoothing, with the marks, and where the setting is (``at``)."""
-    figure = panels(["error, %"], 190, shared=False)
+    figure = panels([""], 170, shared=False)
     figure.add(_plain_line(found.degrees, found.errors, "cross-validated error", BLUE, 2.0))
-    marks = [(name, place(degrees, joint, alone)) for name, degrees in found.marks.items()]
+    marks = _marks(found, joint, alone)
+    x = np.array([degree for degree, _ in marks])
     figure.add(
         trace(
             "scatter",
-            x=np.array([degree for _, degree in marks]),
-            y=np.interp([degree for _, degree in marks], found.degrees, found.errors),
-            text=[name for name, _ in marks],
+            x=x,
+            y=np.interp(x, found.degrees, found.errors),
+            text=[name for _, name in marks],
             mode="markers+text",
-            textposition="top center",
+            textposition=["bottom right", "top left"][: len(marks)] * len(marks),
             textfont={"size": 11},
             cliponaxis=False,
             name="choices",
             marker={"color": AMBER, "size": 8, "symbol": "diamond"},
-            hovertemplate="%{text}: S/n = 10^%{x:.2f}, %{y:.3g} %<extra></extra>",
+            hovertemplate="%{text}: log S/n = %{x:.2f}, %{y:.3g} %<extra></extra>",
         )
     )
     figure.layout["shapes"] = [_across("x", "y domain", at, BLUE)]
-    figure.layout["xaxis"] |= {"title": {"text": "log S/n"}, "range": [float(found.degrees[0]), float(found.degrees[-1])]}
-    figure.layout["yaxis"] |= {"nticks": 4}
-    figure.layout.update(showlegend=False, margin={"l": 46, "r": 10, "t": 20, "b": 36}, hovermode="closest", dragmode=False)
+    figure.layout["xaxis"] |= {"title": {"text": "log S/n"}, "range": list(SLIDER), "dtick": 1, "automargin": False}
+    figure.layout["yaxis"] |= {"nticks": 4, "ticksuffix": " %", "automargin": False}
+    figure.layout.update(showlegend=False, margin={"l": 46, "r": 10, "t": 14, "b": 36}, hovermode="closest", dragmode=False)
+    figure.layout["font"] = {"size": 11}
     return figure
+
+
+def _marks(found: DegreeCurve, joint: int, alone: bool) -> list[tuple[float, str]]:
+    """Return where marks stand, in order, and their names; those in one place are one."""
+    known: list[tuple[float, str]] = []
+    for degree, name in sorted((place(degrees, joint, alone), name) for name, degrees in found.marks.items()):
+        if known and degree - known[-1][0] < NEAR:
+            known[-1] = known[-1][0], f"{known[-1][1]}, {name}"
+        else:
+            known.append((degree, name))
+    return known
 
 
 def place(degrees: Sequence[float], joint: int, alone: bool) -> float:
@@ -156,7 +171,7 @@ def _timed(figure: Drawing, left_out: Sequence[tuple[float, float]], zero: float
     ]
     title = f"time since {zero:.0f} s, s" if zero else TIME
     figure.layout[f"xaxis{rows}"]["title"] = {"text": title}
-    figure.layout.update(margin={**MARGIN, "t": 30}, selectdirection="h", uirevision=of)
+    figure.layout.update(margin={**MARGIN, "t": 30}, selectdirection="h", uirevision=of, font={"size": 12})
     return figure
 
 

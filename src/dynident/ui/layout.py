@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from dash import dcc, html
 
 from dynident.errors import shortened
+from dynident.ui.drawings import SLIDER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,7 +35,7 @@ def starting(name: str) -> Any:
             dcc.Store(id="ready"),
             html.H1(f"Tune {name}"),
             html.Div("starting", id="step", className="lead", role="status"),
-            html.Div(html.Div(id="bar"), className="bar", id="track", **{"aria-hidden": "true"}),
+            html.Div(html.Div(id="bar"), className="bar", id="track"),
             html.Div(id="failure", role="alert"),
             html.Button("Read again", id="again", className="quiet", hidden=True),
         ],
@@ -110,7 +111,7 @@ def _controls(bench: Bench, view: View) -> list[Any]:
                 html.Output(id="degree-words"),
                 dcc.Graph(id="curve", figure=EMPTY, config={**DRAW, "displayModeBar": False}, className="plot small"),
                 dcc.Input(
-                    id="degree", type="range", min=-3, max=4, step=0.02, value=tuning.degree[joint], className="slider"
+                    id="degree", type="range", min=SLIDER[0], max=SLIDER[1], step=0.02, value=tuning.degree[joint]
                 ),
                 html.Div(id="marks", className="choices"),
             ],

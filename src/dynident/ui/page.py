@@ -113,7 +113,7 @@ class Page:
             one = bench.smoothed(tuning, view.log, view.joint)
         except DynidentError as error:
             return at | {"words": html.Span(str(error), role="alert", className="wrong")}
-        unit = _joint(bench, view.joint).position
+        unit = _joint(bench, view.joint).unit
         left_out = tuning.windows(view.log)
         return at | {
             "motion": plain(motion_drawing(one, unit, left_out, _zoom(wanted))),

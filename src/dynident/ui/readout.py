@@ -124,7 +124,7 @@ def _moved(now: float | None, before: float | None) -> Any:
     """Return by how many points an error moved, with a sign as well as a colour."""
     if now is None or before is None or not abs(now - before) > SAME:
         return "" if before is None else html.Span("±0", className="muted")
-    sign, tone = ("▼", "good") if now < before else ("▲", "bad")
+    sign, tone = ("▼", "less") if now < before else ("▲", "more")
     return html.Span(f"{sign} {number(abs(now - before), 2)}", className=tone)
 
 

@@ -9,6 +9,7 @@ import sys
 import threading
 import webbrowser
 from dataclasses import dataclass
+from http.server import ThreadingHTTPServer
 from typing import TYPE_CHECKING
 
 from dynident.errors import ConfigError
@@ -17,7 +18,7 @@ from dynident.ui.guard import Application, Guard
 if TYPE_CHECKING:
     from werkzeug.serving import BaseWSGIServer
 
-__all__ = ["Address", "bound_socket", "open_browser", "server_of"]
+__all__ = ["Address", "answer", "bound_socket", "open_browser", "server_of"]
 
 LOOPBACK = "127.0.0.1"
 
@@ -71,6 +72,12 @@ def server_of(application: Application, own: socket.socket, token: str, content_
     made = make_server(LOOPBACK, port, guarded, threaded=True, request_handler=Quiet, fd=own.fileno())
     own.close()  # the server has its own copy
     return made
+
+
+def answer(server: BaseWSGIServer) -> None:
+    """Answer until a signal ends it, which is raised."""
+    # that of werkzeug itself takes all signals for Ctrl-C
+    ThreadingHTTPServer.serve_forever(server)  # type: ignore[arg-type]  # both are socket servers
 
 
 def open_browser(address: Address) -> None:

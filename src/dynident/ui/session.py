@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynident.errors import ConfigError, DynidentError, Step
+from dynident.errors import DynidentError, Step
 from dynident.ui.latest import Latest
 from dynident.ui.whole import WholeRuns
 
@@ -35,6 +35,7 @@ class Session:
     bench: Bench | None = None
     runs: WholeRuns | None = None
     project: Project | None = None
+    saved: Tuning | None = None
 
     def __post_init__(self) -> None:
         self.latest = Latest()
@@ -54,35 +55,11 @@ class Session:
             self.fault("".join(traceback.format_exception(error)))
 
     def _loaded(self) -> None:
-        from dynident.io.project import read_project
+        from dynident.io.tuned import read_bench
 
-        project = read_project(self.path, self._say)
-        bench = bench_of(project, self._say)
+        self.project, bench = read_bench(self.path, self._say)
         self.runs = WholeRuns(bench.whole)
         self.bench = bench
 
     def _say(self, step: str) -> None:
         self.step = Step.of(step)
-
-
-def bench_of(project: Project, progress: Report) -> Bench:
-    """Return the bench of a configuration; ConfigError and InputError where its logs cannot be used."""
-    from dynident.identification import identify
-    from dynident.tuning import Bench
-
-    if project.long:
-        raise ConfigError(
-            f"{project.path.name}: the training is too long to be tuned by hand, and is fitted in pieces; name a window of "
-            "it in a configuration of its own."
-        )
-    logs, _ = project.logs(progress)
-    found = identify(project.model, logs["train"], logs["validation"], project.recipe, progress=progress)
-    return Bench.of(project.model, logs, found, switchable=robot_is_file(project))
-
-
-def robot_is_file(project: Project) -> bool:
-    """Tell whether the model is of a robot file, so that the configuration lists its terms."""
-    from dynident.io.robot import SUFFIXES, model_file
-
-    file = model_file(project.config.model, project.path.parent)
-    return file is not None and file.suffix.lower() in SUFFIXES

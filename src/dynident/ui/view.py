@@ -27,6 +27,11 @@ class View:
     alone: bool = False
 
     @classmethod
+    def start(cls, bench: Bench) -> View:
+        """Return what is shown first."""
+        return cls(bench.start, bench.joints[0], bench.log_names[0])
+
+    @classmethod
     def of_query(cls, text: str, bench: Bench) -> View:
         """Return what an address (its part after the question mark) asks for; ConfigError where it makes no sense."""
         from dynident.tuning import of_query

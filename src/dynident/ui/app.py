@@ -37,6 +37,7 @@ def made(session: Session, token: str) -> Dash:
     app.layout = page.layout
     app.server.add_url_rule(f"/{token}/page.css", "page.css", _styles)
     app.server.add_url_rule(f"/{token}/alive", "alive", lambda: ("", 204))
+    app.server.add_url_rule(f"/{token}/curves", "curves", page.asked_curves, methods=["POST"])
     _starting(app, page)
     _asked_of_server(app, page)
     _done_by_page(app)
@@ -81,7 +82,6 @@ def _asked_of_server(app: Dash, page: Page) -> None:
         address,
         prevent_initial_call="initial_duplicate",
     )(page.sync)
-    app.callback(Output("motion-data", "data"), Input("wanted", "data"), tab)(page.curves)
     shown = (("numbers", "children"), ("errors", "children"), ("changed", "children"), ("parameters", "children"))
     more = (("last", "data"), ("fit-complaint", "children"), ("state", "children"))
     app.callback([Output(*one) for one in (*shown, *more)], address, State("last", "data"), tab, **first)(page.fit)
@@ -108,9 +108,7 @@ def _done_by_page(app: Dash) -> None:
     first = {"prevent_initial_call": False}
     by("tab", Output("tab", "data"), Input("tune", "id"), **first)
     moved = Input("degree", "value"), Input("address", "search"), Input("tab", "data"), State("synced", "data")
-    by("moved", Output("wanted", "data"), *moved, **first)
-    shown = (("motion", "figure"), ("residual", "figure"), ("motion-words", "children"), ("degree-words", "children"))
-    by("shown", [Output(*one) for one in shown], Input("motion-data", "data"))
+    by("moved", Output("moved", "data"), *moved, **first)
     by("curve", Output("curve", "figure"), Input("curve-data", "data"))
     by("torque", Output("torque", "figure"), Input("torque-data", "data"))
     by("applied", Output("synced", "modified_timestamp"), Input("synced", "data"))

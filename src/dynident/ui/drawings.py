@@ -32,17 +32,19 @@ if TYPE_CHECKING:
 __all__ = ["SLIDER", "Zoom", "curve_drawing", "motion_drawing", "residual_drawing", "torque_drawing"]
 
 Zoom = tuple[float, float] | None  # s of the log, None for all of it
-POINTS, AROUND = 1400, 120  # of a curve: where it is seen, and on either side
+POINTS, COARSE, AROUND = 1400, 600, 120  # of a curve: where it is seen, while a slider moves, on either side
 SLIDER = -3.0, 4.0  # log S/n, from one end of the slider to the other
 NEAR = 0.12  # of log S/n: marks that are one
 LEFT_OUT = "rgba(128, 128, 128, 0.18)"
 MARGIN = {"l": 62, "r": 8, "t": 8, "b": 40}
 
 
-def motion_drawing(one: Smoothed, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None) -> Drawing:
+def motion_drawing(
+    one: Smoothed, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None, *, fine: bool = True
+) -> Drawing:
     """Draw a joint's measured and smoothed position, what was taken away, velocity and acceleration over time.
 
-    Windows that are ``left_out`` (s) are grey; samples outside the mask are gaps of what is smoothed.
+    Windows that are ``left_out`` (s) are grey; curves that are not ``fine`` have fewer points. Samples outside the mask are gaps of what is smoothed.
     """
     titles = [f"position, {unit}", f"taken away, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
     figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
@@ -55,7 +57,7 @@ def motion_drawing(one: Smoothed, unit: str, left_out: Sequence[tuple[float, flo
         (4, "acceleration", only(one.ddq, one.mask), RED, 1.3),
     )
     for row, name, values, colour, width in drawn:
-        line = _line(one.t, values, name, {"color": colour, "width": width}, zoom, zero)
+        line = _line(one.t, values, name, {"color": colour, "width": width}, zoom, zero, POINTS if fine else COARSE)
         figure.add(line | {"showlegend": row == 1}, row=row)
     return _timed(figure, left_out, zero, rows=4, of=f"{one.log}/{one.joint}")
 
@@ -145,14 +147,16 @@ def place(degrees: Sequence[float], joint: int, alone: bool) -> float:
     return float(degrees[joint]) if alone else float(np.median(np.asarray(degrees)))
 
 
-def _line(t: Array, y: Array, name: str, line: dict[str, Any], zoom: Zoom, zero: float) -> Trace:
+def _line(
+    t: Array, y: Array, name: str, line: dict[str, Any], zoom: Zoom, zero: float, points: int = POINTS
+) -> Trace:
     """Return a thinned curve, with most points where it is seen."""
-    if zoom is None or len(t) <= POINTS:
-        return curve(t - zero, y, name, line, POINTS)
+    if zoom is None or len(t) <= points:
+        return curve(t - zero, y, name, line, points)
     ends = np.searchsorted(t, zoom)
     first, last = max(int(ends[0]) - 1, 0), min(int(ends[1]) + 1, len(t))
-    parts = [(slice(0, first), AROUND), (slice(first, last), POINTS), (slice(last, None), AROUND)]
-    pieces = [thin(t[part], y[part], points) for part, points in parts if len(t[part])]
+    parts = [(slice(0, first), AROUND), (slice(first, last), points), (slice(last, None), AROUND)]
+    pieces = [thin(t[part], y[part], most) for part, most in parts if len(t[part])]
     x, values = (np.concatenate(columns) for columns in zip(*pieces, strict=True))
     return curve(x - zero, values, name, line, len(x) + 8)
 

@@ -73,7 +73,7 @@ def page(name: str, bench: Bench, view: View) -> Any:
 
 
 STORES = (
-    *("tab", "wanted", "motion-data", "slid", "drawn", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),
+    *("tab", "moved", "slid", "drawn", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from dash import ctx, html, no_update
 from dash.exceptions import PreventUpdate
 
 from dynident.errors import DynidentError
+from dynident.report.figures.canvas import origin
 from dynident.report.page import number
 from dynident.ui import layout, readout
 from dynident.ui.differences import changes, degree_words
@@ -98,30 +100,32 @@ class Page:
             "",
         )
 
-    def curves(self, wanted: Mapping[str, Any], tab: str) -> Any:
-        """Return the curves of the joint that is drawn, for the degree at which its slider is."""
-        return self._newest(tab, "curves", lambda: self._curves(wanted))
+    def asked_curves(self) -> Any:
+        """Answer a request for curves."""
+        from flask import Response, request
 
-    def _curves(self, wanted: Mapping[str, Any]) -> dict[str, Any]:
-        bench = self.bench
-        at = {"at": wanted.get("at")}
+        found = self.curves(request.get_json())
+        return Response(json.dumps(found), mimetype="application/json")
+
+    def curves(self, wanted: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the curves of the joint that is drawn, for the degree at which its slider is, or what is wrong with it.
+
+        While the slider moves they are less ``fine``, and without the spectrum.
+        """
         try:
-            view = View.of_query(wanted.get("search") or "", bench)
+            bench = self.bench
+            view = View.of_query(str(wanted.get("search") or ""), bench)
             tuning, joint = view.tuning, bench.joints.index(view.joint)
             if wanted.get("degree") is not None:
                 tuning = tuning.with_degree(float(wanted["degree"]), joint if view.alone else None)
             one = bench.smoothed(tuning, view.log, view.joint)
         except DynidentError as error:
-            return at | {"words": html.Span(str(error), role="alert", className="wrong")}
-        unit = _joint(bench, view.joint).unit
-        left_out = tuning.windows(view.log)
-        return at | {
-            "motion": plain(motion_drawing(one, unit, left_out, _zoom(wanted))),
-            "residual": plain(residual_drawing(one, unit)),
-            "words": _reached(one),
-            "degree": degree_words(tuning.degree[joint]),
-            "zero": origin_of(one),
-        }
+            return {"words": str(error), "wrong": True}
+        unit, fine = bench.switches.model.joints[joint].unit, bool(wanted.get("fine"))
+        motion = motion_drawing(one, unit, tuning.windows(view.log), _zoom(wanted), fine=fine)
+        found = {"motion": plain(motion), "words": _reached(one, unit), "zero": origin(one.t)}
+        found["degree"] = degree_words(tuning.degree[joint])
+        return found | ({"residual": plain(residual_drawing(one, unit))} if fine else {})
 
     def fit(self, search: str, last: Mapping[str, Any] | None, tab: str) -> Any:
         """Return the quick fit of a setting beside that of the last one."""
@@ -179,7 +183,7 @@ class Page:
         except DynidentError:
             raise PreventUpdate from None
         joint = bench.joints.index(view.joint)
-        unit = _joint(bench, view.joint).effort
+        unit = bench.switches.model.joints[joint].effort
         return plain(torque_drawing(log, joint, unit, view.tuning.windows(view.log), _zoom(zoomed or {})))
 
     def curve(self, rested: Mapping[str, Any], tab: str) -> Any:
@@ -225,17 +229,8 @@ class Page:
 
 def plain(drawing: Drawing) -> dict[str, Any]:
     """Return a figure as the plain data that a store holds."""
-    from json import loads
-
-    found: dict[str, Any] = loads(drawing.json())
+    found: dict[str, Any] = json.loads(drawing.json())
     return found
-
-
-def origin_of(one: Smoothed) -> float:
-    """Return the time from which its figures count."""
-    from dynident.report.figures.canvas import origin
-
-    return origin(one.t)
 
 
 def _moved(ends: tuple[Any, ...]) -> tuple[str | None, Any]:
@@ -288,15 +283,11 @@ def _windows(tuning: Tuning) -> Any:
     )
 
 
-def _reached(one: Smoothed) -> str:
-    words = [f"S/n = {number(10.0**one.degree, 3)} reached", f"noise {number(one.noise, 2)}"]
+def _reached(one: Smoothed, unit: str) -> str:
+    words = [f"S/n = {number(10.0**one.degree, 3)} reached", f"noise {number(one.noise, 2)} {unit}"]
     words += [f"cut-off {number(one.cutoff, 3)} Hz"] if one.cutoff == one.cutoff else []  # noqa: PLR0124 -- nan
     words += [f"{number(one.edf, 3)} degrees of freedom"] if one.edf == one.edf else []  # noqa: PLR0124 -- nan
     return " · ".join(words)
-
-
-def _joint(bench: Bench, name: str) -> Joint:
-    return bench.switches.model.joints[bench.joints.index(name)]
 
 
 def _zoom(wanted: Mapping[str, Any]) -> Zoom:

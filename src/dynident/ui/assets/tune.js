@@ -2,35 +2,56 @@
 (() => {
   const REST = 180; // ms after which a slider that stands is taken as set
   const PAUSE = 600; // ms without a change after which the whole identification begins
-  const LOST = 4000; // ms after which an answer is no longer waited for
+  const LOST = 10000; // ms after which an answer is no longer waited for
   const none = () => window.dash_clientside.no_update;
   const put = (id, props) => window.dash_clientside.set_props(id, props);
   const now = (id) => window.dash_component_api?.getLayout(id)?.props ?? {};
   const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
   const box = (id) => document.querySelector(`#${id} .js-plotly-plot`);
   const timed = ["motion", "torque"];
-  let busy = 0, next = null, moved = 0, resting = 0, pausing = 0, zoom = null, zero = 0, leaving = false;
+  let busy = false, next = null, moved = 0, resting = 0, pausing = 0, zoom = null, zero = 0, leaving = false;
 
-  // ---- asking -------------------------------------------------------------------------------------------------
-  function ask(wanted) {
-    if (busy && performance.now() - busy < LOST) {
-      next = wanted;
-      return none();
+  // ---- asking: one request at a time, and of those that wait the newest; not by Dash, whose way takes longer ---
+  async function ask(wanted) {
+    if (busy) return void (next = wanted);
+    busy = true;
+    try {
+      const answer = await fetch("curves", {
+        method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(wanted), signal: AbortSignal.timeout(LOST),
+      });
+      await show(await answer.json(), wanted);
+    } catch {
+      // the next request, or the words on a server that has ended, follow
     }
-    busy = performance.now();
-    return wanted;
-  }
-
-  function answered() {
-    busy = 0;
+    busy = false;
     if (!next) return;
-    const wanted = next;
-    next = null;
-    busy = performance.now();
-    put("wanted", { data: wanted });
+    [wanted, next] = [next, null];
+    ask(wanted);
   }
 
-  const asked = (search, degree) => ({ search, degree, zoom: zoom && zoom.map((t) => t + zero), at: performance.now() });
+  const asked = (search, degree) => ({
+    search, degree, tab: now("tab").data, zoom: zoom && zoom.map((t) => t + zero), fine: degree === null, at: performance.now(),
+  });
+
+  async function show(data, wanted) {
+    put("motion-words", { children: data.words, className: data.wrong ? "wrong" : "muted" });
+    if (data.wrong) return;
+    if (data.degree) put("degree-words", { children: data.degree });
+    if (data.zero !== zero) zoom = null;
+    zero = data.zero;
+    for (const id of ["motion", "residual"]) {
+      if (!data[id]) continue;
+      const { data: traces, layout } = painted(data[id], id);
+      await window.Plotly.react(await drawn(id), traces, layout);
+    }
+    performance.measure("curves", { start: wanted.at });
+  }
+
+  async function drawn(id) {
+    while (!box(id)?.on || !window.Plotly) await new Promise(requestAnimationFrame);
+    bind(id);
+    return box(id);
+  }
 
   // ---- painting -----------------------------------------------------------------------------------------------
   function painted(figure, id) {
@@ -45,14 +66,13 @@
       if (zoom) for (const axis of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) layout[axis].range = [...zoom];
     }
     if (matchMedia("(pointer: coarse)").matches) layout.dragmode = false; // a finger means to scroll the page
-    requestAnimationFrame(() => bind(id));
+    requestAnimationFrame(() => drawn(id));
     return { data, layout };
   }
 
   function bind(id) {
     const gd = box(id);
-    if (!gd) return void requestAnimationFrame(() => bind(id));
-    if (gd.bound || !gd.on) return;
+    if (gd.bound) return;
     gd.bound = true;
     if (!timed.includes(id)) return;
     gd.on("plotly_relayout", (change) => zoomed(id, change));
@@ -77,8 +97,8 @@
       const last = Object.keys(gd.layout).filter((name) => /^xaxis\d*$/.test(name)).pop();
       window.Plotly.relayout(gd, zoom ? { [`${last}.range`]: [...zoom] } : { [`${last}.autorange`]: true });
     }
-    const wanted = ask(asked(now("address").search ?? "", null));
-    if (wanted !== none()) put("wanted", { data: wanted });
+    ask(asked(now("address").search ?? "", null));
+    put("zoomed", { data: { zoom: zoom && zoom.map((t) => t + zero) } });
   }
 
   function repaint() {
@@ -119,30 +139,15 @@
           clearTimeout(resting);
           clearTimeout(pausing);
           resting = setTimeout(() => put("slid", { data: degree }), REST);
-          return ask(asked(search, degree));
+          ask(asked(search, degree));
+          return none();
         }
         clearTimeout(pausing);
         pausing = setTimeout(() => put("rested", { data: { search, at: performance.now() } }), PAUSE);
-        return ask(asked(search, null));
+        ask(asked(search, null));
+        return none();
       },
 
-      shown(data) {
-        setTimeout(answered);
-        if (!data) return [none(), none(), none(), none()];
-        if (data.zero !== zero) zoom = null;
-        zero = data.zero ?? 0;
-        document.documentElement.dataset.answered = data.at;
-        return [
-          data.motion ? painted(data.motion, "motion") : none(),
-          data.residual ? painted(data.residual, "residual") : none(),
-          data.words,
-          data.degree,
-        ];
-      },
-
-      figure(data, id) {
-        return data ? painted(data, id) : none();
-      },
       curve: (data) => (data ? painted(data, "curve") : none()),
       torque: (data) => (data ? painted(data, "torque") : none()),
 

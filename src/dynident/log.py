@@ -203,6 +203,10 @@ class Log:
         known = 0 if self.excluded is None else np.count_nonzero(self.excluded)
         return replace(self, excluded=gone) if np.count_nonzero(gone) > known else self
 
+    def including(self) -> Log:
+        """Return the log with nothing excluded; itself where nothing is."""
+        return self if self.excluded is None else replace(self, excluded=None)
+
     def rows(self, keep: slice | NDArray[np.bool_], source: str) -> Log:
         """Return the samples selected by ``keep``, a slice or a mask (N), as a log called ``source``.
 

@@ -167,15 +167,16 @@ class Spline:
                     raise ConfigError(
                         f"{key} names the joint {name!r}; the log has others; {choices(name, log.joints)}"
                     )
-        sigma, factor = (
-            one if isinstance(one, Mapping) else dict.fromkeys(log.joints, one) for one in (self.sigma, self.factor)
-        )
-        known = (
-            position_noise(log) if self.sigma is None or isinstance(self.sigma, Mapping) else np.ones(len(log.joints))
-        )
-        wanted = (sigma.get(name) for name in log.joints)
-        noise = [float(value if one is None else one) for one, value in zip(wanted, known, strict=True)]
-        return [float(factor.get(name, 1.0)) * one for name, one in zip(log.joints, noise, strict=True)]
+        known = self.sigma is not None and not isinstance(self.sigma, Mapping)
+        estimate = np.ones(len(log.joints)) if known else position_noise(log)
+        pairs = zip(log.joints, estimate.tolist(), strict=True)
+        return [_of(self.factor, name, 1.0) * _of(self.sigma, name, noise) for name, noise in pairs]
+
+
+def _of(setting: float | Mapping[str, float] | None, joint: str, other: float) -> float:
+    """Return a setting at a joint, ``other`` where it is not given."""
+    found = setting.get(joint) if isinstance(setting, Mapping) else setting
+    return other if found is None else float(found)
 
 
 def _times(factor: float | Mapping[str, float], one: float) -> float | dict[str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, quote_plus
@@ -113,9 +113,13 @@ def _read_filter(given: dict[str, str], start: ParallelFilter | None) -> Paralle
 
 
 def _by_joint(tuning: Tuning, key: str, value: str, places: Sequence[int]) -> Tuning:
-    read: Callable[[str], object] = _kinds if key == "terms" else lambda text: _number(key, text)
-    one = read(value)
-    return replace(tuning, **{key: tuple(one if j in places else was for j, was in enumerate(getattr(tuning, key)))})
+    if key == "terms":
+        kinds = _kinds(value)
+        return replace(tuning, terms=tuple(kinds if j in places else was for j, was in enumerate(tuning.terms)))
+    number = _number(key, value)
+    if key == "degree":
+        return replace(tuning, degree=tuple(number if j in places else was for j, was in enumerate(tuning.degree)))
+    return replace(tuning, min_speed=tuple(number if j in places else was for j, was in enumerate(tuning.min_speed)))
 
 
 def _kinds(value: str) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
@@ -10,8 +10,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, brief
-from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
+from dynident.errors import ConfigError, brief, choices
+from dynident.estimators import Estimator, Problem
 from dynident.identification import Identification, Recipe, identify, mounted
 from dynident.identification.load import with_load
 from dynident.identification.role_logs import Motions, RoleLogs
@@ -19,21 +19,22 @@ from dynident.identification.smoother_choice import excerpts
 from dynident.log import Log
 from dynident.models import Model, unloaded
 from dynident.regression import Regression, TriangularFactors, merged, one_thread
-from dynident.smoothers import Smoother, Spline, TimeShifted, motion_of, position_noise, unshifted
-from dynident.splines import Constraint, stretches
+from dynident.smoothers import Smoother, Spline, TimeShifted, unshifted
+from dynident.splines import Constraint
 from dynident.tuning.cache import Cache
 from dynident.tuning.curve import DegreeCurve, degree_curve, rule_degrees
 from dynident.tuning.factors import columns_in, digest, fold_factors, of_columns
+from dynident.tuning.offered import Offers
 from dynident.tuning.quick_fit import QuickFit, quick_fit
-from dynident.tuning.smoothed import Smoothed, degree_of, smoothed
+from dynident.tuning.smoothed import Smoothed, smoothed
+from dynident.tuning.start import estimators_of, noise_of, start_of
 from dynident.tuning.switches import Switches
-from dynident.tuning.tuning import LEAST, MOST, Tuning, Window
+from dynident.tuning.tuning import Tuning
 
 __all__ = ["Bench"]
 
 Array = NDArray[np.float64]
 Logs = Mapping[str, Mapping[str, Log]]
-LEAST_SQUARES, CONSISTENT = "least_squares", "consistent"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,26 +76,14 @@ class Bench:
         ``switchable`` says whether terms can be switched: those of a model that a robot file is built into can.
         """
         joints = tuple(joint.name for joint in model.joints)
-        selected = {role: {name: log.select(joints) for name, log in some.items()} for role, some in logs.items()}
-        plain = {
-            role: {name: replace(log, excluded=None) for name, log in some.items()} for role, some in selected.items()
-        }
-        whole = replace(model, terms=(*model.terms, *found.model.terms[len(model.terms) :]))
+        read = {role: {name: log.select(joints) for name, log in some.items()} for role, some in logs.items()}
         motions = [one.motion for one in found.validations if one.role == "train"]
-        switches = Switches.of(whole, motions, switchable=switchable)
-        kind, estimators = _estimators(found.recipe.estimator)
-        recipe = found.recipe
-        start = Tuning(
-            degree=_degrees(recipe, found, joints),
-            terms=switches.start,
-            min_speed=recipe.min_speeds(joints) or (0.0,) * len(joints),
-            estimator=kind,
-            excluded=tuple(_excluded(selected)),
-            unfitted=recipe.unfitted,
-            filter=recipe.filter,
-            time_offset=float(recipe.time_offset),
-        )
-        return cls(switches, plain, found, start, estimators)
+        offers = Offers.of(found.model, found.estimate.value, motions) if switchable else None
+        whole = replace(model, terms=(*model.terms, *found.model.terms[len(model.terms) :]))
+        switches = Switches.of(whole, offers)
+        kind, estimators = estimators_of(found.recipe.estimator)
+        plain = {role: {name: log.including() for name, log in some.items()} for role, some in read.items()}
+        return cls(switches, plain, found, start_of(found, switches.start, read, kind), estimators)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -123,8 +112,8 @@ class Bench:
 
     @cached_property
     def has_degree(self) -> bool:
-        """Whether the smoother is the spline with S in terms of n. Of another one ``start.degree`` is what it left of the
-        positions; with any other degree this spline takes its place."""
+        """Whether the smoother is the spline with S in terms of n. Of another one ``start.degree`` is what it left of
+        the positions; with any other degree this spline takes its place."""
         own = self.smoother
         return isinstance(own, Spline) and own.rule == Constraint()
 
@@ -171,10 +160,11 @@ class Bench:
     def curve(self, tuning: Tuning, joint: str | None = None) -> DegreeCurve:
         """Return the cross-validated error over the degree of smoothing of all joints, or of one alone."""
         self.check(tuning)
-        key = replace(
-            tuning, degree=tuning.degree if joint else self.start.degree, estimator="", min_speed=(), filter=None
-        )
-        return self._known.curves((key, joint), lambda: self._curve(tuning, joint))
+        if joint is not None and joint not in self.joints:
+            raise ConfigError(f"there is no joint {joint!r}; {choices(joint, self.joints)}")
+        at = tuning.with_degree(0.0, None if joint is None else self.joints.index(joint))  # it is moved anyway
+        key = replace(at, estimator="", min_speed=(), filter=None)
+        return self._known.curves((key, joint), lambda: self._curve(at, joint))
 
     def whole(self, tuning: Tuning, progress: Callable[[str], None] = lambda _: None) -> Identification:
         """Return the identification of a tuning: of the ``start`` that which was ``found``, of another that which a
@@ -276,51 +266,8 @@ class Bench:
         return Spline(Constraint(), own.sigma, own.ends) if isinstance(own, Spline) else Spline()
 
     def _noise(self, log: Log) -> Array:
-        return _noise(self._plain_spline, log)
+        return noise_of(self._plain_spline, log)
 
 
 def _shifted(smoother: Smoother, time_offset: float) -> Smoother:
     return TimeShifted(smoother, time_offset) if time_offset else smoother
-
-
-def _noise(spline: Spline, log: Log) -> Array:
-    """Return the noise (n) of the positions in terms of which a spline counts S."""
-    if isinstance(spline.sigma, Mapping):
-        estimate = position_noise(log)
-        return np.array([spline.sigma.get(name, estimate[j]) for j, name in enumerate(log.joints)])
-    return position_noise(log) if spline.sigma is None else np.full(len(log.joints), float(spline.sigma))
-
-
-def _degrees(recipe: Recipe, found: Identification, joints: Sequence[str]) -> tuple[float, ...]:
-    """Return log10(S/n) of the smoother as it was used; of another than the spline with S in terms of n, by what it left
-    of the positions."""
-    own = unshifted(recipe.smoothers[0])
-    if isinstance(own, Spline) and own.rule == Constraint():
-        factors = [own.factor.get(name, 1.0) if isinstance(own.factor, Mapping) else own.factor for name in joints]
-        return tuple(float(np.clip(2.0 * np.log10(one), LEAST, MOST)) for one in factors)
-    spline = own if isinstance(own, Spline) else Spline()
-    left = []
-    for one in found.validations:
-        if one.role == "train" and one.recorded is not None:
-            log = recipe.repaired(one.recorded)
-            q, noise = motion_of(own, log).q, _noise(spline, log)
-            left.append([degree_of(log.q[:, j] - q[:, j], float(noise[j])) for j in range(len(joints))])
-    return tuple(np.clip(np.mean(left, axis=0), LEAST, MOST).tolist())
-
-
-def _excluded(logs: Logs) -> list[Window]:
-    """Return the windows that logs exclude."""
-    found = []
-    for some in logs.values():
-        for name, log in some.items():
-            for part in stretches(log.excluded) if log.excluded is not None else ():
-                start, stop = float(log.t[part.start]), float(log.t[part.stop - 1])
-                found.append((name, start, stop if stop > start else float(np.nextafter(stop, np.inf))))
-    return found
-
-
-def _estimators(configured: Estimator) -> tuple[str, dict[str, Estimator]]:
-    """Return the kind of an estimator, and all that can be chosen by kind: it first."""
-    offered: dict[str, Estimator] = {LEAST_SQUARES: LeastSquares(), CONSISTENT: PhysicallyConsistent(strength=0.0)}
-    kind = next((name for name, one in offered.items() if type(one) is type(configured)), type(configured).__name__)
-    return kind, {kind: configured} | {name: one for name, one in offered.items() if name != kind}

@@ -37,12 +37,13 @@ NOISE_MARK, GCV_MARK, REML_MARK, TORQUE_MARK = "S = n", "GCV", "REML", "torque"
 
 @dataclass(frozen=True, eq=False)
 class DegreeCurve:
-    """Cross-validated torque errors (K, %) of ``degrees`` (K), log10(S/n), of all joints together, or of ``joint`` alone
-    with the others as they are tuned.
+    """Cross-validated torque errors (K, %) of ``degrees`` (K), log10(S/n), of all joints together, or of ``joint``
+    alone with the others as they are tuned.
 
     All are on the same samples, those that are reliable for every degree: fewer than in a fit, unfiltered and at every
-    speed, so that only differences along the curve count. ``marks`` are degrees (n) by name: "S = n", what "GCV" and "REML" choose by
-    the positions alone, and what the "torque" chooses: the least smoothing within 0.5 % of the least error.
+    speed, so that only differences along the curve count. ``marks`` are degrees (n) by name: "S = n", what "GCV" and
+    "REML" choose by the positions alone, and what the "torque" chooses: the least smoothing, from S = n on, within
+    0.5 % of the least error.
     """
 
     degrees: Array
@@ -61,7 +62,7 @@ def degree_curve(
     joint: int | None,
     marks: Mapping[str, tuple[float, ...]],
 ) -> DegreeCurve:
-    """Return the curve of a model on training logs; ``spline`` makes one of degrees (n), and ``tuned`` are those of now.
+    """Return the curve of a model on training logs; ``spline`` makes one of degrees (n), ``tuned`` are those of now.
 
     Raises InputError where no degree leaves samples that can be judged.
     """

@@ -1,4 +1,4 @@
-"""Triangular factors of a model with more terms than are fitted, in folds of time: any choice of terms is some of their columns."""
+"""Triangular factors in folds of time, of a model with all terms: any choice of them is some of their columns."""
 
 from __future__ import annotations
 

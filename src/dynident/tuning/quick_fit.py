@@ -51,13 +51,13 @@ class LogFit:
 
 @dataclass(frozen=True, eq=False)
 class QuickFit:
-    """The fit of a tuning, by its ``model``: ``estimate`` as its estimator gives it, ``logs`` by name, those of the training first.
+    """The fit of a tuning, by its ``model``: the ``estimate``, and ``logs`` by name, those of the training first.
 
     It differs from ``Bench.whole`` by the bias that errors of the motion make, which is not corrected here, and in
-    standard errors, which are those of independent residuals: true ones are larger. ``cross_validated`` (%) is the error
-    of stretches of the training predicted from the others by least squares, over the torques that are fitted, and
-    ``cross_validated_by_joint`` that of each, nan where nothing is fitted. ``exact`` is False where the estimator has
-    been replaced by a faster one. ``seconds`` is how long it took.
+    standard errors, which are those of independent residuals: true ones are larger. ``cross_validated`` (%) is the
+    error of stretches of the training predicted from the others by least squares, over the torques that are fitted,
+    and ``cross_validated_by_joint`` that of each, nan where nothing is fitted. ``exact`` is False where the estimator
+    has been replaced by a faster one. ``seconds`` is how long it took.
     """
 
     model: Model

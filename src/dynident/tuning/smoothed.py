@@ -22,13 +22,13 @@ BINS = 600  # frequencies of a spectrum, at most
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """The motion of a ``joint`` in a ``log``: ``measured`` and smoothed position ``q`` (N) at ``t`` (N) with derivatives
-    ``dq`` and ``ddq``, in rad or m, and seconds.
+    """The motion of a ``joint`` in a ``log``: ``measured`` and smoothed position ``q`` (N) at ``t`` (N) with
+    derivatives ``dq`` and ``ddq``, in rad or m, and seconds.
 
     ``mask`` (N) is where derivatives are reliable and not excluded. The ``residual`` (N) is measured less smoothed
-    position, outliers replaced as in the fit, which ``outlier`` (N) marks. ``degree`` is log10(S/n) as reached, in terms
-    of the ``noise`` (rad, m); ``cutoff`` (Hz) and ``edf``, effective degrees of freedom, are nan of another smoother than
-    the spline.
+    position, outliers replaced as in the fit, which ``outlier`` (N) marks. ``degree`` is log10(S/n) as reached, in
+    terms of the ``noise`` (rad, m); ``cutoff`` (Hz) and ``edf``, effective degrees of freedom, are nan of another
+    smoother than the spline.
     """
 
     log: str
@@ -61,7 +61,8 @@ class Smoothed:
         window = np.hanning(size)
         parts = [x[start : start + size] for start in range(0, len(x) - size + 1, max(size // 2, 1))]
         power = np.mean([np.square(np.abs(np.fft.rfft(window * (one - one.mean())))) for one in parts], axis=0)
-        return np.fft.rfftfreq(size, step)[1:], 2.0 * step / float(np.square(window).sum()) * power[1:]
+        density: Array = 2.0 * step / float(np.square(window).sum()) * power[1:]
+        return np.asarray(np.fft.rfftfreq(size, step)[1:], dtype=float), density
 
     def autocorrelation(self) -> tuple[Array, Array, float]:
         """Return lags (s, L), the autocorrelation (L) of the residual, and the size that 95 % of those of white noise
@@ -72,7 +73,9 @@ class Smoothed:
         power = np.square(np.abs(np.fft.rfft(x - x.mean(), 2 * len(x))))
         lags = min(LAGS, len(x) // 2)
         auto = np.fft.irfft(power)[: lags + 1]
-        return step * np.arange(1, lags + 1), auto[1:] / auto[0], 1.96 / float(np.sqrt(len(x)))
+        found: Array = np.asarray(auto[1:] / auto[0], dtype=float)
+        late: Array = np.asarray(step * np.arange(1, lags + 1), dtype=float)
+        return late, found, 1.96 / float(np.sqrt(len(x)))
 
     def _stretch(self) -> Array:
         parts = stretches(self.mask)

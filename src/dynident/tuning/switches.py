@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dynident.errors import ModelError, brief
-from dynident.identification.terms.candidates import KINDS, Seen
+from dynident.identification.terms.candidates import KINDS
 from dynident.identification.terms.combined import combined
-from dynident.log import Motion, together
-from dynident.models import CoupledMotor, HasMemory, Joint, JointTerm, Loads, Model, RigidBodies, Term, needs_load
+from dynident.models import CoupledMotor, HasMemory, JointTerm, Model, RigidBodies, Term
+from dynident.tuning.offered import Offers, kind_of
 
-__all__ = ["Switches", "kind_of", "seen"]
-
-Array = NDArray[np.float64]
-FASTEST_SHARE = 1e-6  # of a unit: what a joint that never moves is taken to move, so that shapes have a size
+__all__ = ["Switches"]
 
 
 @dataclass(frozen=True, eq=False)
 class Switches:
-    """A ``model`` as a configuration has it, its terms included, and for each of its joints the terms on that joint alone by
-    kind: its ``own``, and those ``offered`` beside them.
+    """A ``model`` as a configuration has it, its terms included, and for each of its joints the terms on that joint
+    alone by kind: its ``own``, and those ``offered`` beside them.
 
     What acts on several joints (bodies, coupled motors, terms of the user) is always there. ``kinds`` are the names of
     all kinds that can be switched, none where the model was not built of a robot file.
@@ -37,18 +31,15 @@ class Switches:
     __repr__ = brief
 
     @classmethod
-    def of(cls, model: Model, motions: Sequence[Motion], *, switchable: bool) -> Switches:
-        """Return the switches of a model; the sizes of kinds that it lacks are those that the motions show."""
+    def of(cls, model: Model, offers: Offers | None) -> Switches:
+        """Return the switches of a model and what it could have besides; without offers nothing can be switched."""
         joints = model.joints
-        if not switchable:
+        if offers is None:
             return cls(model, ({},) * len(joints), ({},) * len(joints))
         own = tuple(_own(model, joint.name) for joint in joints)
-        loaded = any(isinstance(term, Loads) and term.loads for term in model.terms)
-        more = [dict(_offered(one, loaded=loaded)) for one in map(lambda joint: seen(joints, joint, motions), joints)]
+        more = (offers.at(j) for j in range(len(joints)))
         pairs = zip(own, more, strict=True)
-        return cls(
-            model, own, tuple({kind: one for kind, one in some.items() if kind not in had} for had, some in pairs)
-        )
+        return cls(model, own, tuple({kind: one for kind, one in some if kind not in had} for had, some in pairs))
 
     @property
     def start(self) -> tuple[tuple[str, ...], ...]:
@@ -114,36 +105,3 @@ def _own(model: Model, joint: str) -> dict[str, tuple[Term, ...]]:
         if isinstance(term, JointTerm) and joint in term.acts_on:
             found[kind_of(term)] = (*found.get(kind_of(term), ()), term.alone(joint))
     return found
-
-
-def _offered(one: Seen, *, loaded: bool) -> Iterator[tuple[str, tuple[Term, ...]]]:
-    """Yield a kind with the middle one of its sizes; of dry friction with a sign, the sign itself."""
-    known = set[str]()
-    for kind in KINDS:
-        if kind.name in known or (kind.needs_load and not loaded):
-            continue
-        known.add(kind.name)
-        sizes = kind.sizes(one)
-        yield kind.name, (sizes[0 if kind.presumed else len(sizes) // 2],)
-
-
-def kind_of(term: Term) -> str:
-    """Return the kind of a term: the name by which a configuration lists it, for others that of its class."""
-    return _NAMES.get(type(term), type(term).__name__)
-
-
-def seen(joints: tuple[Joint, ...], joint: Joint, motions: Sequence[Motion]) -> Seen:
-    """Return what motions show of a joint."""
-    j = [one.name for one in joints].index(joint.name)
-    states = together(motions, [np.flatnonzero(one.mask) for one in motions])
-    q, dq = states["q"][:, j], states["dq"][:, j]
-    speed, reach = (max(float(x), FASTEST_SHARE) for x in (np.sqrt(np.mean(dq**2)), np.ptp(q)))
-    return Seen(joints, joint, speed, reach, max(float(one.t[-1] - one.t[0]) for one in motions))
-
-
-def _names() -> dict[type, str]:
-    joint = Joint("joint")
-    return {type(kind.sizes(Seen((joint,), joint, 1.0, 1.0, 1.0))[0]): kind.name for kind in KINDS}
-
-
-_NAMES = _names()

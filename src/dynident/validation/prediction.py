@@ -220,8 +220,8 @@ def validate(
 
 
 def relative_errors(motion: Motion, predicted: Array) -> tuple[float, dict[str, float]]:
-    """Return the relative error (%) of a predicted torque (N, n) over the usable samples of a motion: of all joints that
-    were recorded, and of each by name, nan of one that was not."""
+    """Return the relative error (%) of a predicted torque (N, n) over the usable samples of a motion: of all joints
+    that were recorded, and of each by name, nan of one that was not."""
     measured, guess, known = motion.tau[motion.mask], predicted[motion.mask], _recorded(motion)
     return relative_error(measured[:, known], guess[:, known]), _by_joint(motion, measured, guess, known)
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["made"]
 
+FILE = (("unsaved", "children"), ("save", "disabled"), ("undo", "disabled"))  # what follows from the file, too
+
 
 def made(session: Session, token: str) -> Dash:
     """Return the application of a session, all its paths below a token."""
@@ -75,13 +77,19 @@ def _asked_of_server(app: Dash, page: Page) -> None:
         [Input("drawn", "data"), Input("leave", "n_clicks")],
         [State("from", "value"), State("to", "value"), State("address", "search")],
     )(page.act)
-    shown = (("synced", "data"), ("windows", "children"), ("save", "disabled"), ("drawn-name", "children"))
-    more = (("torque-name", "children"), ("filtering", "hidden"), ("dragging", "disabled"))
+    file = [Output(*one, allow_duplicate=True) for one in FILE]
+    said = Output("complaint", "children", allow_duplicate=True)
+    shown = (("synced", "data"), ("windows", "children"), ("drawn-name", "children"), ("torque-name", "children"))
     app.callback(
-        [*(Output(*one) for one in (*shown, *more)), Output("complaint", "children", allow_duplicate=True)],
+        [*(Output(*one) for one in (*shown, ("filtering", "hidden"))), *file, said],
         address,
         prevent_initial_call="initial_duplicate",
     )(page.sync)
+    app.callback(
+        [Output("saved", "children"), *file, said],
+        [Input("save", "n_clicks"), Input("undo", "n_clicks")],
+        State("address", "search"),
+    )(page.save)
     shown = (("numbers", "children"), ("errors", "children"), ("changed", "children"), ("parameters", "children"))
     more = (("last", "data"), ("fit-complaint", "children"), ("state", "children"))
     app.callback([Output(*one) for one in (*shown, *more)], address, State("last", "data"), tab, **first)(page.fit)

@@ -87,7 +87,7 @@ def residual_drawing(one: Smoothed, unit: str) -> Drawing:
     f, power = thin(f[good], power[good], 500)
     figure.add(_plain_line(f, power, "spectrum", INK))
     figure.add(_plain_line(lags, auto, "autocorrelation", INK), row=2)
-    x, y = {"type": "log", "title": {"text": "frequency, Hz"}}, {"type": "log", "exponentformat": "power"}
+    x, y = {"type": "log", "title": {"text": "frequency, Hz"}, "dtick": 1}, {"type": "log", "exponentformat": "power"}
     figure.layout["xaxis"] |= {"domain": [0.0, 0.44], "anchor": "y"} | x
     figure.layout["yaxis"] |= {"domain": [0.0, 1.0], "title": {"text": f"power, {unit}²/Hz"}, "nticks": 5} | y
     figure.layout["xaxis2"] |= {"domain": [0.58, 1.0], "anchor": "y2", "title": {"text": "lag, s"}}
@@ -175,6 +175,7 @@ def _timed(figure: Drawing, left_out: Sequence[tuple[float, float]], zero: float
     ]
     title = f"time since {zero:.0f} s, s" if zero else TIME
     figure.layout[f"xaxis{rows}"]["title"] = {"text": title}
+    figure.axes("y", exponentformat="power")
     figure.layout.update(margin={**MARGIN, "t": 30}, selectdirection="h", uirevision=of, font={"size": 12})
     return figure
 

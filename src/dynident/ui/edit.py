@@ -37,7 +37,8 @@ _VIEWS = {"joint": "joint", "log": "log", "reach": "alone"}
 
 
 def _degree(view: View, bench: Bench, value: Any) -> Tuning:
-    return replace(view.tuning, degree=_at(view, bench, view.tuning.degree, _number("degree of smoothing", value)))
+    joint = bench.joints.index(view.joint) if view.alone else None
+    return view.tuning.with_degree(_number("degree of smoothing", value), joint)
 
 
 def _mark(view: View, bench: Bench, name: Any) -> Tuning:
@@ -55,8 +56,14 @@ def _min_speed(view: View, bench: Bench, value: Any) -> Tuning:
 
 
 def _terms(view: View, bench: Bench, value: Any) -> Tuning:
-    kinds = tuple(kind for kind in bench.kinds if kind in value)
-    return replace(view.tuning, terms=_at(view, bench, view.tuning.terms, kinds))
+    """Switch terms of the joint that is drawn; of the others only those that were switched there."""
+    before = set(view.tuning.terms[bench.joints.index(view.joint)])
+    on, off = set(value) - before, before - set(value)
+    new = [tuple(kind for kind in bench.kinds if kind in (set(old) | on) - off) for old in view.tuning.terms]
+    pairs = zip(bench.joints, view.tuning.terms, new, strict=True)
+    return replace(
+        view.tuning, terms=tuple(some if not view.alone or joint == view.joint else old for joint, old, some in pairs)
+    )
 
 
 def _fitted(view: View, bench: Bench, value: Any) -> Tuning:
@@ -101,11 +108,9 @@ def _offset(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
     return replace(view.tuning, time_offset=_number("time offset", 0.0 if value in (None, "") else value) / 1e3)
 
 
-def _exclude(view: View, bench: Bench, value: Any) -> Tuning:
+def _exclude(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
     """Leave out a window of the log that is drawn."""
     start, stop = sorted(_number("window", one) for one in value)
-    if view.log not in bench.logs.get("train", ()):
-        raise ConfigError(f"{view.log} is held out: samples are left out of the logs that are fitted.")
     if start == stop:
         raise ConfigError("window: drag over some samples, or give two times.")
     return view.tuning.excluding(view.log, start, stop)

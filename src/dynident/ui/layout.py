@@ -114,6 +114,7 @@ def _controls(bench: Bench, view: View) -> list[Any]:
                     id="degree", type="range", min=SLIDER[0], max=SLIDER[1], step=0.02, value=tuning.degree[joint]
                 ),
                 html.Div(id="marks", className="choices"),
+                *_other(bench),
             ],
             className="degree",
         ),
@@ -122,6 +123,7 @@ def _controls(bench: Bench, view: View) -> list[Any]:
             "Model",
             _named("Minimum speed, rad/s", _number("min_speed", tuning.min_speed[joint], step="any", min=0)),
             _checks("terms", "Terms", {kind: kind.replace("_", " ") for kind in bench.kinds}, tuning.terms[joint]),
+            *([] if bench.kinds else [html.P("Terms are switched where the model is of a robot file.", className="muted")]),
         ),
         _group(
             "Fit",
@@ -140,6 +142,14 @@ def _controls(bench: Bench, view: View) -> list[Any]:
             _named("Time offset, ms", _number("offset", 1e3 * tuning.time_offset, step="any")),
         ),
     ]
+
+
+def _other(bench: Bench) -> list[Any]:
+    """Return what to say where the file has another smoother than the slider stands for."""
+    if bench.has_degree:
+        return []
+    words = "The file has another smoother, which is used until the slider is moved: then it is the smoothing spline."
+    return [html.P(words, className="muted")]
 
 
 def _window() -> Any:
@@ -168,9 +178,9 @@ def _curves(bench: Bench) -> list[Any]:  # noqa: ARG001
             className="heading",
         ),
         html.Div(id="motion-words", className="muted"),
-        dcc.Graph(id="motion", figure=EMPTY, config={**DRAW, **BUTTONS}, className="plot motion"),
+        html.Div(id="motion", className="plot motion"),
         html.H2("What the smoothing takes away"),
-        dcc.Graph(id="residual", figure=EMPTY, config={**DRAW, **BUTTONS}, className="plot residual"),
+        html.Div(id="residual", className="plot residual"),
     ]
 
 
@@ -186,7 +196,7 @@ def _fit() -> list[Any]:
             ]
         ),
         html.Section(id="errors"),
-        html.Section(id="changed"),
+        html.Section([html.Div(id="changed"), html.Div(id="unsaved")]),
         html.Section(id="parameters"),
     ]
 

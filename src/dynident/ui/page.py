@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dash import ctx, html, no_update
 from dash.exceptions import PreventUpdate
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, listed
 from dynident.report.figures.canvas import origin
 from dynident.report.page import number
 from dynident.ui import layout, readout
@@ -86,19 +86,37 @@ class Page:
         try:
             view = View.of_query(search or "", self.bench)
         except DynidentError as error:
-            return (*[no_update] * 7, str(error))
+            return (*[no_update] * 9, str(error))
         bench, tuning = self.bench, view.tuning
-        unsaved = changes(self.session.saved or bench.start, tuning, bench.joints)
         return (
             {"controls": _controls(view, bench), "degree": round(tuning.degree[bench.joints.index(view.joint)], 4)},
             _windows(tuning),
-            not unsaved,
             f"{view.joint}, {view.log}",
             f"Torque of {view.joint}",
             tuning.filter is None,
-            view.log not in bench.logs["train"],
+            *self._file(tuning),
             "",
         )
+
+    def _file(self, tuning: Tuning) -> tuple[Any, ...]:
+        """Return what is not in the file, and whether it cannot be saved, or a save undone."""
+        unsaved = changes(self.session.saved, tuning, self.bench.joints)
+        return readout.unsaved(unsaved), not unsaved, len(self.session.files) < 2
+
+    def save(self, save: int | None, undo: int | None, search: str) -> tuple[Any, ...]:  # noqa: ARG002
+        """Write the setting into the file, or what was there before."""
+        session = self.session
+        try:
+            tuning = View.of_query(search or "", self.bench).tuning
+            if ctx.triggered_id == "undo":
+                session.undo()
+                said = f"{session.path.name} is as it was before the last save."
+            else:
+                places = session.save(tuning)
+                said = f"Saved in {session.path.name}: {listed(places, 6) or 'as it was'}."
+        except DynidentError as error:
+            return "", *[no_update] * 3, str(error)
+        return said, *self._file(tuning), ""
 
     def asked_curves(self) -> Any:
         """Answer a request for curves."""
@@ -141,12 +159,11 @@ class Page:
         before = self._before(view.tuning, last)
         old = None if before is None else bench.fitted(before)
         since = [] if before is None else changes(before, view.tuning, bench.joints)
-        unsaved = changes(self.session.saved or bench.start, view.tuning, bench.joints)
         kept = last if last.get("now") == search else {"now": search, "before": last.get("now")}
         return (
             readout.numbers(fit, old),
             readout.errors(fit, old, view.joint),
-            readout.changed(since, unsaved),
+            readout.changed(since),
             self._parameters(fit, old),
             kept,
             "",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Determined", "determined", "parameter_table"]
 
-LONGEST = 20  # letters of a name
+LONGEST = 16  # letters of a name
 SEEN = 3.0  # standard errors from which on a change of the last setting is marked
 
 
@@ -81,7 +81,7 @@ def parameter_table(now: Determined, last: Determined | None = None) -> Any:
             now.names, shortened(now.names, LONGEST), now.formulas, now.units, now.value, now.std, strict=True
         )
     ]
-    head = html.Thead(html.Tr([html.Th("parameter"), html.Th("value", className="number"), html.Th("± 95 %"), html.Th("")]))
+    head = html.Thead(html.Tr([html.Th("parameter"), html.Th("value ± 95 %", className="number"), html.Th(""), html.Th("")]))
     return html.Div(
         html.Table([html.Caption("Parameters that the data determine", className="hidden"), head, html.Tbody(rows)]),
         className="scroll tall",
@@ -105,5 +105,5 @@ def _row(name: str, short: str, formula: str, unit: str, value: float, std: floa
         title=f"95 % within {number(100 * half, 2)} % of the value",
     )
     named = html.Td(short + (" +" if formula != name else ""), title=formula)
-    size = html.Td(f"{number(value, 4)} {unit}".replace("-", "\u2212"), className="number")
-    return html.Tr([named, size, html.Td(number(NORMAL_95 * std, 2), className="number muted"), html.Td(bar)])
+    both = f"{number(value, 3)} ± {number(NORMAL_95 * std, 2)}".replace("-", "\u2212")
+    return html.Tr([named, html.Td(both, className="number"), html.Td(unit, className="muted unit"), html.Td(bar)])

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dynident.tuning import LogFit, QuickFit
     from dynident.ui.differences import Change
 
-__all__ = ["changed", "errors", "numbers", "pending", "verdict"]
+__all__ = ["changed", "errors", "numbers", "pending", "unsaved", "verdict"]
 
 LONGEST = 18  # letters of a joint's name
 SAME = 5e-3  # points of an error that are no difference
@@ -67,7 +67,7 @@ def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:
     before = None if last is None else judged(last)[0]
     assert one is not None  # noqa: S101 -- there is a log
     names = list(one.by_joint)
-    head = ["joint", f"{what}, %", "since last", *(["training, %"] if one is not train else [])]
+    head = ["joint", what, "since last", *(["training"] if one is not train else [])]
     rows = []
     for name, short in zip(names, shortened(names, LONGEST), strict=True):
         size = one.by_joint[name]
@@ -80,16 +80,21 @@ def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:
             cells.append(html.Td(_percent(train.by_joint.get(name)), className="number muted"))
         rows.append(html.Tr(cells, className="here" if name == joint else ""))
     top = [html.Th(text, className="number" if k else "", scope="col") for k, text in enumerate(head)]
-    return [html.H2("Torque error by joint"), html.Table([html.Thead(html.Tr(top)), html.Tbody(rows)])]
+    return [html.H2("Torque error by joint, %"), html.Table([html.Thead(html.Tr(top)), html.Tbody(rows)])]
 
 
-def changed(since: Sequence[Change], unsaved: Sequence[Change]) -> Any:
-    """Return what was set since the last setting, and all that is not in the file."""
-    parts = [html.H2("Since the last setting"), _list(since) if since else html.P("Nothing was set yet.", className="muted")]
-    if unsaved:
-        count = f"{len(unsaved)} setting{'s' if len(unsaved) > 1 else ''} not in the file"
-        parts.append(html.Details([html.Summary(count), _list(unsaved)]))
-    return parts
+def changed(since: Sequence[Change]) -> Any:
+    """Return what was set since the last setting."""
+    return [
+        html.H2("Since the last setting"),
+        _list(since) if since else html.P("Nothing was set yet.", className="muted"),
+    ]
+
+
+def unsaved(found: Sequence[Change]) -> Any:
+    """Return what is set and not in the file."""
+    count = f"{len(found)} setting{'s' if len(found) > 1 else ''} not in the file"
+    return html.Details([html.Summary(count), _list(found)]) if found else ""
 
 
 def verdict(found: Identification) -> Any:

@@ -8,6 +8,7 @@
   const now = (id) => window.dash_component_api?.getLayout(id)?.props ?? {};
   const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
   const box = (id) => document.querySelector(`#${id} .js-plotly-plot`);
+  const config = { responsive: true, displaylogo: false, doubleClick: "reset", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]] };
   const timed = ["motion", "torque"];
   let busy = false, next = null, moved = 0, resting = 0, pausing = 0, zoom = null, zero = 0, leaving = false;
 
@@ -42,15 +43,17 @@
     for (const id of ["motion", "residual"]) {
       if (!data[id]) continue;
       const { data: traces, layout } = painted(data[id], id);
-      await window.Plotly.react(await drawn(id), traces, layout);
+      await draw(id, traces, layout);
     }
     performance.measure("curves", { start: wanted.at });
   }
 
-  async function drawn(id) {
-    while (!box(id)?.on || !window.Plotly) await new Promise(requestAnimationFrame);
-    bind(id);
-    return box(id);
+  async function draw(id, traces, layout) {
+    while (!window.Plotly) await new Promise(requestAnimationFrame);
+    const place = document.getElementById(id);
+    const gd = place.firstElementChild ?? place.appendChild(document.createElement("div"));
+    await window.Plotly.react(gd, traces, layout, gd.data ? undefined : config);
+    bind(id, gd);
   }
 
   // ---- painting -----------------------------------------------------------------------------------------------
@@ -66,12 +69,11 @@
       if (zoom) for (const axis of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) layout[axis].range = [...zoom];
     }
     if (matchMedia("(pointer: coarse)").matches) layout.dragmode = false; // a finger means to scroll the page
-    requestAnimationFrame(() => drawn(id));
     return { data, layout };
   }
 
-  function bind(id) {
-    const gd = box(id);
+  function bind(id, gd) {
+    if (!gd?.on) return void requestAnimationFrame(() => bind(id, box(id)));
     if (gd.bound) return;
     gd.bound = true;
     if (!timed.includes(id)) return;
@@ -149,7 +151,11 @@
       },
 
       curve: (data) => (data ? painted(data, "curve") : none()),
-      torque: (data) => (data ? painted(data, "torque") : none()),
+      torque(data) {
+        if (!data) return none();
+        bind("torque", box("torque"));
+        return painted(data, "torque");
+      },
 
       // Controls follow the setting, except a slider that is being moved.
       applied(synced) {

@@ -36,7 +36,7 @@ POINTS, COARSE, AROUND = 1400, 600, 120  # of a curve: where it is seen, while a
 SLIDER = -3.0, 4.0  # log S/n, from one end of the slider to the other
 NEAR = 0.12  # of log S/n: marks that are one
 LEFT_OUT = "rgba(128, 128, 128, 0.18)"
-MARGIN = {"l": 62, "r": 8, "t": 8, "b": 40}
+MARGIN = {"l": 72, "r": 8, "t": 8, "b": 40}
 
 
 def motion_drawing(
@@ -175,7 +175,8 @@ def _timed(figure: Drawing, left_out: Sequence[tuple[float, float]], zero: float
     ]
     title = f"time since {zero:.0f} s, s" if zero else TIME
     figure.layout[f"xaxis{rows}"]["title"] = {"text": title}
-    figure.axes("y", exponentformat="power")
+    figure.axes("y", exponentformat="power", automargin=False)  # margins that follow the labels take time
+    figure.axes("x", automargin=False)
     figure.layout.update(margin={**MARGIN, "t": 30}, selectdirection="h", uirevision=of, font={"size": 12})
     return figure
 

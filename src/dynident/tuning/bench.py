@@ -10,16 +10,17 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks import with_findings
 from dynident.errors import ConfigError, choices, listed
 from dynident.estimators import Estimator, Problem
 from dynident.identification import Identification, Recipe, identify, mounted
 from dynident.identification.load import with_load
 from dynident.identification.role_logs import Motions, RoleLogs
 from dynident.identification.smoother_choice import excerpts
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.models import Model, unloaded
 from dynident.regression import Regression, TriangularFactors, merged, one_thread
-from dynident.smoothers import Smoother, Spline, TimeShifted, unshifted
+from dynident.smoothers import Smoother, Spline, TimeShifted, motion_of, unshifted
 from dynident.splines import Constraint
 from dynident.tuning.cache import Cache
 from dynident.tuning.curve import DegreeCurve, degree_curve, rule_degrees
@@ -43,6 +44,7 @@ class _Caches:
 
     logs: Cache[RoleLogs] = field(default_factory=lambda: Cache(6))
     motions: Cache[Motions] = field(default_factory=lambda: Cache(6))
+    joints: Cache[Motion] = field(default_factory=lambda: Cache(64))
     factors: Cache[tuple[TriangularFactors, ...]] = field(default_factory=lambda: Cache(16))
     fits: Cache[QuickFit] = field(default_factory=lambda: Cache(12))
     curves: Cache[DegreeCurve] = field(default_factory=lambda: Cache(64))
@@ -64,6 +66,7 @@ class Bench:
     found: Identification
     start: Tuning
     estimators_by_kind: Mapping[str, Estimator]
+    multi_turn: frozenset[str] = frozenset()
     _known: _Caches = field(default_factory=_Caches)
 
     def __repr__(self) -> str:
@@ -71,11 +74,20 @@ class Bench:
         return f"<Bench of {self.switches.model.name!r}: {len(self.joints)} joints; {roles}>"
 
     @classmethod
-    def of(cls, model: Model, logs: Logs, found: Identification, *, switchable: bool = True) -> Bench:
+    def of(
+        cls,
+        model: Model,
+        logs: Logs,
+        found: Identification,
+        *,
+        switchable: bool = True,
+        multi_turn: frozenset[str] = frozenset(),
+    ) -> Bench:
         """Return the bench of a model as a configuration builds it (terms that are chosen are not in it, its base is
         level), logs by role and name as they are read, and their identification.
 
-        ``switchable`` says whether terms can be switched: those of a model that a robot file is built into can.
+        ``switchable`` says whether terms can be switched: those of a model that is built of a robot file can.
+        ``multi_turn`` are joints that may make any number of turns.
         """
         joints = tuple(joint.name for joint in model.joints)
         read = {role: {name: log.select(joints) for name, log in some.items()} for role, some in logs.items()}
@@ -85,7 +97,7 @@ class Bench:
         switches = Switches.of(whole, offers)
         kind, estimators = estimators_of(found.recipe.estimator)
         plain = {role: {name: log.including() for name, log in some.items()} for role, some in read.items()}
-        return cls(switches, plain, found, start_of(found, switches.start, read, kind), estimators)
+        return cls(switches, plain, found, start_of(found, switches.start, read, kind), estimators, multi_turn)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -149,9 +161,18 @@ class Bench:
         role = next((role for role, some in self.logs.items() if log in some), None)
         if role is None or joint not in self.joints:
             raise ConfigError(f"there is no log {log!r} with a joint {joint!r}.")
-        logs, motion = self._role_logs(tuning), self._motions(tuning, 0.0)[role][log]
+        logs, j = self._role_logs(tuning), self.joints.index(joint)
         repaired = logs.repaired[role][log]
-        noise = float(self._noise(repaired)[self.joints.index(joint)])
+        noise = float(self._noise(repaired)[j])
+
+        def made() -> Motion:
+            spline = replace(self._plain_spline, sigma=noise, factor=10.0 ** (tuning.degree[j] / 2.0))
+            return motion_of(spline, repaired.select((joint,)))
+
+        if self._is_tuned(tuning.degree):
+            motion = self._known.joints((tuning.excluded, log, joint, tuning.degree[j]), made)
+        else:
+            motion = self._motions(tuning, 0.0)[role][log]
         return smoothed(logs.trimmed[role][log], repaired, motion, joint, noise)
 
     def fitted(self, tuning: Tuning) -> QuickFit:
@@ -169,16 +190,20 @@ class Bench:
         return self._known.curves((key, joint), lambda: self._curve(at, joint))
 
     def whole(self, tuning: Tuning, progress: Callable[[str], None] = lambda _: None) -> Identification:
-        """Return the identification of a tuning: of the ``start`` that which was ``found``, of another that which a
-        configuration with these settings gives."""
+        """Return the identification of a tuning, with the findings of the checks: of the ``start`` that which was
+        ``found``, of another that which a configuration with these settings gives.
+
+        ``progress`` is called with each step; what it raises ends the work.
+        """
         self.check(tuning)
         if tuning == self.start:
             return self.found
         return self._known.wholes(tuning, lambda: self._whole(tuning, progress))
 
     def _whole(self, tuning: Tuning, progress: Callable[[str], None]) -> Identification:
-        logs = self._role_logs(tuning).recorded
-        return identify(self.model(tuning), logs["train"], logs["validation"], self.recipe(tuning), progress=progress)
+        model, recipe, logs = self.model(tuning), self.recipe(tuning), self._role_logs(tuning).recorded
+        found = identify(model, logs["train"], logs["validation"], recipe, progress=progress)
+        return with_findings(found, model, logs, recipe, multi_turn=self.multi_turn, progress=progress)
 
     def _fitted(self, tuning: Tuning) -> QuickFit:
         begun = perf_counter()
@@ -255,7 +280,11 @@ class Bench:
 
     def _spline(self, degree: tuple[float, ...]) -> Smoother:
         """Return the smoother of these degrees: the configured one at the start."""
-        return self.smoother if degree == self.start.degree else self._tuned_spline(degree)
+        return self._tuned_spline(degree) if self._is_tuned(degree) else self.smoother
+
+    def _is_tuned(self, degree: tuple[float, ...]) -> bool:
+        """Whether the spline of these degrees smooths, and not another smoother that is configured."""
+        return self.has_degree or degree != self.start.degree
 
     def _tuned_spline(self, degree: tuple[float, ...]) -> Spline:
         factors = [10.0 ** (one / 2.0) for one in degree]

@@ -24,7 +24,7 @@ from dynident.smoothers import Smoother, Spline, TimeShifted, motion_of, unshift
 from dynident.splines import Constraint
 from dynident.tuning.cache import Cache
 from dynident.tuning.curve import DegreeCurve, degree_curve, rule_degrees
-from dynident.tuning.factors import columns_in, digest, fold_factors, of_columns
+from dynident.tuning.factors import columns_in, digest, fold_factors, of_columns, opened, without
 from dynident.tuning.offered import Offers
 from dynident.tuning.quick_fit import QuickFit, quick_fit
 from dynident.tuning.smoothed import Smoothed, smoothed
@@ -36,20 +36,36 @@ __all__ = ["Bench"]
 
 Array = NDArray[np.float64]
 Logs = Mapping[str, Mapping[str, Log]]
+VALUES = 4e6  # samples times joints of all results that are kept together: about a gigabyte
 
 
 @dataclass(frozen=True, eq=False)
 class _Caches:
     """What is known of tunings: two tabs ask at once, and someone who goes back waits for nothing."""
 
-    logs: Cache[RoleLogs] = field(default_factory=lambda: Cache(6))
-    motions: Cache[Motions] = field(default_factory=lambda: Cache(6))
-    joints: Cache[Motion] = field(default_factory=lambda: Cache(64))
-    factors: Cache[tuple[TriangularFactors, ...]] = field(default_factory=lambda: Cache(16))
-    fits: Cache[QuickFit] = field(default_factory=lambda: Cache(12))
-    curves: Cache[DegreeCurve] = field(default_factory=lambda: Cache(64))
-    marks: Cache[dict[str, tuple[float, ...]]] = field(default_factory=lambda: Cache(8))
-    wholes: Cache[Identification] = field(default_factory=lambda: Cache(6))
+    logs: Cache[RoleLogs]
+    motions: Cache[Motions]
+    joints: Cache[Motion]
+    factors: Cache[tuple[TriangularFactors, ...]]
+    fits: Cache[QuickFit]
+    curves: Cache[DegreeCurve]
+    marks: Cache[dict[str, tuple[float, ...]]]
+    wholes: Cache[Identification]
+
+    @classmethod
+    def of(cls, values: int) -> _Caches:
+        """Return empty ones for logs of so many values (samples times joints): of long logs less is kept."""
+        most = int(np.clip(VALUES / max(values, 1), 2, 12))
+        return cls(
+            logs=Cache(most),
+            motions=Cache(most),
+            joints=Cache(5 * most),
+            factors=Cache(16),
+            fits=Cache(most),
+            curves=Cache(64),
+            marks=Cache(8),
+            wholes=Cache(most),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +83,11 @@ class Bench:
     start: Tuning
     estimators_by_kind: Mapping[str, Estimator]
     multi_turn: frozenset[str] = frozenset()
-    _known: _Caches = field(default_factory=_Caches)
+    _known: _Caches = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        values = sum(log.q.size for some in self.logs.values() for log in some.values())
+        object.__setattr__(self, "_known", _Caches.of(values))
 
     def __repr__(self) -> str:
         roles = "; ".join(f"{role} {listed(some, 3) or 'none'}" for role, some in self.logs.items())
@@ -228,7 +248,8 @@ class Bench:
         columns = None if model.memory else columns_in(superset, model)
         wide = model if columns is None else superset
         speeds = tuning.min_speed if any(tuning.min_speed) else None
-        fitted, train = tuple(motions["train"].values()), tuple(logs.repaired["train"].values())
+        fitted = tuple(opened(motion, tuning.unfitted) for motion in motions["train"].values())
+        train = tuple(logs.repaired["train"].values())
         key = (tuning.excluded, tuning.degree, tuning.time_offset, speeds, tuning.filter, digest(fitted, train))
         own = None if columns is not None else (tuning.terms, model.load)
 
@@ -236,6 +257,7 @@ class Bench:
             return fold_factors(Regression(wide, tuple(map(wide.remembering, fitted)), tuning.filter, speeds))
 
         found = self._known.factors((key, own), made)
+        found = without(found, [self.joints.index(name) for name in tuning.unfitted])
         return found if columns is None else of_columns(found, columns)
 
     def _curve(self, tuning: Tuning, joint: str | None) -> DegreeCurve:

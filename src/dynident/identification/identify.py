@@ -44,7 +44,9 @@ from dynident.validation import (
     Signals,
     check_mass,
     free_run,
+    smoothed_away,
     validate,
+    with_floors,
 )
 
 __all__ = ["FAR", "identify", "judged", "warnings_of"]
@@ -130,6 +132,7 @@ def _identify(
             *resting,
             *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
             *_steep(tilt),
+            *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),
     )
@@ -221,7 +224,7 @@ def judged(
             signals = Signals(one.motion, one.predicted, log)
             run = _run(model, estimate, name, recipe.repaired(log), motion, recipe)
             found.append(replace(one, signals=signals, free_run=run))
-    return tuple(found)
+    return with_floors(found)
 
 
 def warnings_of(model: Model, estimate: Estimate, base: Identifiability) -> tuple[Note, ...]:

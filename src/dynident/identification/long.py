@@ -42,7 +42,7 @@ from dynident.regression import (
 )
 from dynident.smoothers import Smoother, as_used, overlap
 from dynident.splines import NORMAL_95
-from dynident.validation import check_mass, clustered_std
+from dynident.validation import check_mass, clustered_std, smoothed_away
 
 __all__ = ["InPieces", "Prepared", "finished", "prepared"]
 
@@ -169,6 +169,7 @@ def _finished(
             *noted,
             *resting,
             *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
+            *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),
     )

@@ -16,7 +16,19 @@ from dynident.report.page import number
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-__all__ = ["MINUS", "Exact", "Known", "inline", "named", "pieces", "primed", "symbol", "valued"]
+__all__ = [
+    "MINUS",
+    "Exact",
+    "Known",
+    "formula",
+    "inline",
+    "named",
+    "pieces",
+    "primed",
+    "symbol",
+    "valued",
+    "with_symbol",
+]
 
 Known = Mapping[str, float | str]
 """What stands for a name: a number, or MathML that ``symbol`` or ``named`` has made; else the name itself."""
@@ -53,6 +65,24 @@ def pieces(text: str, known: Known | None = None) -> list[tuple[str, str]]:
     Raises SyntaxError for a text that is no expression, ValueError for one that holds more than formulas do.
     """
     return [(sign, _product(node, known or {})) for sign, node in _summands(_parsed(text), known or {})]
+
+
+def formula(text: str) -> str:
+    """Return a text as an element where it is an expression, as it is where it is none."""
+    try:
+        return inline(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return text
+
+
+def with_symbol(text: str, name: str) -> str:
+    """Return the summands of an expression that hold a name, as an expression."""
+    holding = [
+        ast.unparse(node)
+        for _, node in _summands(_parsed(text), {})
+        if any(isinstance(one, ast.Name) and one.id == name for one in ast.walk(node))
+    ]
+    return " + ".join(holding)
 
 
 def symbol(name: str) -> str:

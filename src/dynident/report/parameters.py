@@ -9,7 +9,8 @@ import numpy as np
 from dynident.estimators import Provenance
 from dynident.models import INERTIAL
 from dynident.report import figures
-from dynident.report.page import UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.term_words import with_formulas
 from dynident.report.words import listed, motion_known
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def parameter_section(identification: Identification) -> PageSection:
     blocks: list[PageBlock] = [" ".join((_certain(identification), *rank_sentence(identification, "below")))]
     blocks += [_ROBUST] if identification.errors.std_hac is not None else []
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
-    table = parameter_table(identification)
+    table = with_formulas(parameter_table(identification), identification.model)
     if len(parameters) <= FULL_LIST:
         blocks.append(table)
     else:
@@ -85,9 +86,7 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     columns += [Column("if independent", muted=True)] * robust
     reference = "nominal" if figures.only_nominal(identification.model) else "true"
     columns += [Column(reference)] * known + [UNIT]
-    columns += [Column("determined by", numeric=False)] * bool(verdict) + [
-        Column("meaning", numeric=False, prose=True)
-    ] * meant
+    columns += [Column("determined by", numeric=False)] * bool(verdict) + [MEANING] * meant
     rows = []
     for k in shown:
         row = [estimate.names[k], number(float(estimate.value[k])), number(float(errors[k]), 2)]

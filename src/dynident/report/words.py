@@ -56,7 +56,7 @@ def percent(value: float, digits: int = 3) -> str:
 
 
 def short(value: float, digits: int = 3) -> str:
-    """Word a number to ``digits`` significant digits without the zeros at its end, and never 190 as "1.9e+02"."""
+    """Word a number to ``digits`` significant digits: never 190 as "1.9e+02", and 0.5 without zeros at its end."""
     shown = f"{value:.{digits}g}"
     return number(value, digits) if "e" in shown else shown
 

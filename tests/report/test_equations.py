@@ -105,6 +105,12 @@ def test_terms_of_the_same_kind_are_told_apart_by_primes():
     assert "F w tanh ( q ˙ / w w ) + F w ′ tanh ( q ˙ / w w ′ )" in text
 
 
+def test_what_is_zero_is_left_out_of_the_numbers():
+    text = seen(found(Model((Coulomb(JOINTS), Viscous(JOINTS), RotorInertia(JOINTS))), [0.0, 0.0, 2.0, 0.0, 1.5, 0.0]))
+    assert "base τ = 1.50 q ¨ + 2.00 q ˙ N m" in text
+    assert "rail τ = 0 N" in text
+
+
 def test_names_of_joints_are_escaped():
     joints = Joint(EVIL), Joint("b")
     model = Model((RotorInertia(joints), CoupledMotor(joints, {EVIL: 1.0, "b": 2.0}, EVIL + "m")))

@@ -26,7 +26,7 @@ def text(markup):
         ("-a * b + -2 * c", "−ab−2c"),
         ("a * (b + c)", "a(b+c)"),
         ("a * -b", "a(−b)"),
-        ("(dq - abs(dq) * z) / s_d", "q˙−|q˙|zsd"),
+        ("(dq - abs(dq) * z) / s_d", "(q˙−|q˙|z)/sd"),
         ("tanh(x)**2", "tanh2(x)"),
         ("(x + 1)**0.5", "(x+1)0.5"),
         ("2 * 3 * theta1", "2·3θ1"),

@@ -30,7 +30,7 @@ class Own:
         (Spline(GCV(), sigma=1e-3), "smoothing spline, by generalised cross-validation, noise 0.001 rad or m"),
         (Spline(REML(), factor=2.0), "smoothing spline, by restricted maximum likelihood, 2 times the noise"),
         (Spline(Interpolation()), "interpolating spline"),
-        (Spline(Fixed(lam=(0.1, 2e-7)), {"a": 1e-4}), "smoothing spline, lam (0.1, 2.000e-7), noise (a 0.0001) rad or m"),
+        (Spline(Fixed(lam=(1, 2e-7)), {"a": 0.1}), "smoothing spline, lam (1, 2.000e-7), noise (a 0.1) rad or m"),
         (Difference("central"), "central differences"),
         (Butterworth(), "forward differences, Butterworth filters of orders 3, 3, 4 at 10, 3, 2 Hz"),
         (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),

@@ -13,7 +13,7 @@ from dynident.estimators import Provenance
 from dynident.models import Equation, HasEquations, Lagrangian, Loads, declares
 from dynident.report.mathml import MINUS, Exact, Known, inline, named, pieces, primed, symbol
 from dynident.report.page import PageBlock, PageSection
-from dynident.report.term_words import equation_words, turning
+from dynident.report.term_words import KINDS, MASS, equation_words, turning
 from dynident.report.typography import unit_text
 from dynident.report.words import count, listed
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["model_section"]
 
 DETERMINED = (Provenance.DATA, Provenance.PRIOR, Provenance.BOUND)
+ORDER = (MASS, *KINDS.values())  # of the summands; those of the user come before the constant torque
 LONGEST = 600  # signs of the torque of one joint by energies that is written out
 FEW = 8  # joints that are named before their law
 SPECIAL: Mapping[str, str] = {
@@ -35,7 +36,7 @@ SPECIAL: Mapping[str, str] = {
     "z": "how far the contact is bent, 1 where it slides",
     "t": "the time since the recording began (s)",
 }
-_FOUND = "In numbers, SI units. What the data do not determine by itself stays a symbol."
+_FOUND = "In numbers, SI units. What the data do not determine by itself stays a symbol; what was found to be zero is left out."
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,8 @@ class _Law:
             for name in (*one.symbols, *(name for name, _, _ in one.constants), *(name for name, _ in one.where)):
                 used[name] = used.get(name, -1) + 1
                 known[name] = primed(symbol(own.get(name, name)), used[name])
+            if values is not None and not any(values.get(name, 1.0) for name in one.parameters):
+                continue  # found to be zero
             known |= turning(one)
             if values is not None:
                 known |= {name: Exact(value) for name, value, _ in one.constants}
@@ -110,6 +113,8 @@ def _laws(model: Model) -> tuple[list[_Law], list[_Law]]:
         if not said and not _is_body(term):
             for name in getattr(term, "acts_on", laws):
                 laws[name].others.append((type(term).__name__, 1.0))
+    for law in (*laws.values(), *motors.values()):
+        law.summands.sort(key=lambda pair: ORDER.index(pair[0]) if pair[0] in ORDER else len(ORDER) - 1)
     return [law for law in laws.values() if law.summands or law.others], list(motors.values())
 
 
@@ -225,7 +230,7 @@ def _sum(left: str, parts: Iterable[tuple[str, Known]]) -> Markup:
     """Return an equation in pieces, between which a line may end."""
     from markupsafe import Markup
 
-    found = [piece for text, known in parts for piece in pieces(text, known)]
+    found = [piece for text, known in parts for piece in pieces(text, known)] or pieces("0")
     first = inline(f'{left}<mo rspace="0">=</mo>', ready=True)
     shown = []
     for k, (sign, inner) in enumerate(found):

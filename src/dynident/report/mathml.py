@@ -108,12 +108,12 @@ def primed(base: str, primes: int) -> str:
 
 
 class Exact(float):
-    """A number that is shown with all of its digits, as it was given."""
+    """A number that was given: it is shown without zeros at its end."""
 
 
 def valued(value: float, digits: int = DIGITS) -> str:
     """Return the size of a number, to so many digits, with a power of ten where it needs one."""
-    shown = f"{abs(value):g}" if isinstance(value, Exact) else number(abs(value), digits)
+    shown = f"{abs(value):.4g}" if isinstance(value, Exact) else number(abs(value), digits)
     plain, _, power = shown.partition("e")
     if not power:
         return f"<mn>{plain}</mn>"
@@ -219,11 +219,11 @@ def _atom(node: ast.expr, known: Known) -> str:
 
 
 def _fraction(above: ast.expr, below: ast.expr, known: Known) -> str:
-    small = all(isinstance(one, ast.Name | ast.Constant | ast.Call | ast.UnaryOp) for one in (above, below))
+    """Return a quotient in one line, as it stands among words and in exponents."""
     top, bottom = _written(above, known), _written(below, known)
-    if small:
-        return f"<mrow>{top}<mo>/</mo>{bottom}</mrow>"
-    return f"<mfrac>{top}{bottom}</mfrac>"
+    top = _bracketed(top) if _is_sum(above) else top
+    bottom = bottom if isinstance(below, ast.Name | ast.Constant | ast.Call) else _bracketed(bottom)
+    return f"<mrow>{top}<mo>/</mo>{bottom}</mrow>"
 
 
 def _power(base: ast.expr, exponent: str, known: Known) -> str:

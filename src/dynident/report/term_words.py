@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from dynident.models import Model, Term
 
-__all__ = ["equation_words", "term_words", "turning", "with_formulas"]
+__all__ = ["KINDS", "MASS", "equation_words", "term_words", "turning", "with_formulas"]
 
 KINDS: Mapping[str, str] = {
     "rotor": "rotor inertia",
@@ -38,6 +38,7 @@ KINDS: Mapping[str, str] = {
     "drift": "drift",
     "offset": "constant torque",
 }
+MASS = "mass, with that of the rotor"  # of a joint that slides
 MOTOR = {"I_a": KINDS["rotor"], "F_v": KINDS["viscous"], "F_c": KINDS["coulomb"], "tau_o": KINDS["offset"]}
 
 
@@ -50,7 +51,7 @@ def term_words(term: Term) -> str:
 def equation_words(term: Term, one: Equation, unit: str) -> str:
     """Return what the parameters of an equation are; those of a motor are named as those of its joints are."""
     words = MOTOR[one.symbols[0]] if isinstance(term, CoupledMotor) else term_words(term)
-    return "mass, with that of the rotor" if words == KINDS["rotor"] and unit == "kg" else words
+    return MASS if words == KINDS["rotor"] and unit == "kg" else words
 
 
 def with_formulas(table: PageTable, model: Model) -> PageTable:

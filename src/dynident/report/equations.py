@@ -36,7 +36,7 @@ SPECIAL: Mapping[str, str] = {
     "z": "how far the contact is bent, 1 where it slides",
     "t": "the time since the recording began (s)",
 }
-_FOUND = "In numbers, SI units. What the data do not determine by itself stays a symbol; what was found to be zero is left out."
+_FOUND = "In numbers, SI units. What the data do not determine by itself stays a symbol; what is zero is left out."
 
 
 @dataclass(frozen=True)

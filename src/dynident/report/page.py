@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
-from dynident.report.typography import cell, sentence, unit_text
+from dynident.report.typography import cell, said, sentence
 
 if TYPE_CHECKING:
     import jinja2
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from dynident.report.figures import Drawing
 
 __all__ = [
+    "MEANING",
     "UNIT",
     "Badge",
     "Beside",
@@ -49,7 +50,7 @@ __all__ = [
 @dataclass(frozen=True)
 class Column:
     """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
-    sentences, which a terminal wraps, ``unit`` units.
+    sentences, which a terminal wraps, ``unit`` units or levels, which are typeset.
     """
 
     title: str
@@ -61,6 +62,7 @@ class Column:
 
 
 UNIT = Column("unit", numeric=False, unit=True)
+MEANING = Column("meaning", numeric=False, prose=True)
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "cell": cell, "unit": unit_text, "json": _json, "words": sentence}
+    environment.filters |= {"kind": _kind, "cell": cell, "said": said, "json": _json, "words": sentence}
     return environment
 
 

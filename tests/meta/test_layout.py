@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 TESTS, SOURCE = ROOT / "tests", ROOT / "src" / "dynident"
-FREE = ("laws", "meta")  # of whole families, and of the project
+FREE = ("browser", "laws", "meta")  # of pages in a browser, of whole families, and of the project
 
 
 def mirrors(path: Path) -> bool:

@@ -16,6 +16,7 @@ from dynident.report.excitation_expected import WELL, expected_section, told, va
 from dynident.report.excitation_scene import scene_section
 from dynident.report.excitation_words import body_words, floor_words, limit_words, noise_words, shape_words
 from dynident.report.page import (
+    UNIT,
     Column,
     Facts,
     Figure,
@@ -195,7 +196,7 @@ def _limits(found: Design) -> Iterator[PageBlock]:
         values = [number(float(getattr(limits, name)[k])) for name in names]
         marked = (f"{value} *" if rule else value for value, rule in zip(values, ruled, strict=True))
         rows.append((joint, found.model.joints[k].unit, *marked))
-    columns = (Column("joint", numeric=False), Column("unit", numeric=False), *map(Column, names))
+    columns = (Column("joint", numeric=False), UNIT, *map(Column, names))
     yield PageTable(columns, tuple(rows), "Limits that the motion keeps to, the margin taken off (* by rule)")
     samples = max(one.samples for one in found.checked)
     yield (

@@ -7,7 +7,6 @@ and the styles are part of the page, which needs no network.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
+from dynident.report.typography import cell, sentence, unit_text
+
 if TYPE_CHECKING:
     import jinja2
     from markupsafe import Markup
@@ -26,7 +27,9 @@ if TYPE_CHECKING:
     from dynident.report.figures import Drawing
 
 __all__ = [
+    "UNIT",
     "Badge",
+    "Beside",
     "Code",
     "Column",
     "Facts",
@@ -46,7 +49,7 @@ __all__ = [
 @dataclass(frozen=True)
 class Column:
     """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
-    sentences, which a terminal wraps.
+    sentences, which a terminal wraps, ``unit`` units.
     """
 
     title: str
@@ -54,6 +57,10 @@ class Column:
     numeric: bool = True
     muted: bool = False
     prose: bool = False
+    unit: bool = False
+
+
+UNIT = Column("unit", numeric=False, unit=True)
 
 
 @dataclass(frozen=True)
@@ -113,10 +120,11 @@ class Code:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A figure and the sentence below it."""
+    """A figure and the sentence below it; one that moves has a ``player``, or only follows others."""
 
     figure: Drawing
     caption: str = ""
+    player: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +161,14 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
-PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Blocks that stand side by side where there is room, the second a little wider."""
+
+    blocks: tuple[PageBlock, ...]
+
+
+PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -208,7 +223,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json, "words": _words}
+    environment.filters |= {"kind": _kind, "cell": cell, "unit": unit_text, "json": _json, "words": sentence}
     return environment
 
 
@@ -239,22 +254,9 @@ def _kind(block: PageBlock) -> str:
 def _has_figure(block: PageBlock) -> bool:
     if isinstance(block, Gallery):
         return any(_has_figure(inner) for _, blocks in block.views for inner in blocks)
-    if isinstance(block, PageSection | Fold):
+    if isinstance(block, PageSection | Fold | Beside):
         return any(_has_figure(inner) for inner in block.blocks)
     return isinstance(block, Figure)
-
-
-def _minus(cell: str) -> str:
-    """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
-    return cell.replace("-", "\u2212") if len(cell) > 1 else cell
-
-
-def _words(text: str) -> Markup:
-    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
-    from markupsafe import Markup, escape
-
-    safe = str(escape(text.replace("+-", "±").replace(" %", "\u00a0%")))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
 
 
 def _json(figure: Drawing) -> Markup:

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.estimators import Consistency
 from dynident.report import figures
 from dynident.report.data import excitation_table
-from dynident.report.page import Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import words
 from dynident.report.words import motion_known
 
@@ -70,7 +70,7 @@ def _base_table(identification: Identification, basis: BaseParameters) -> PageTa
     free = physics.unconstrained if physics else None
     unheld = values if free is None else basis.to_base(free)
     held = np.abs(values - unheld) > NOTABLE * errors
-    heads += [Column("if independent", muted=True)] * robust + [Column("unit", numeric=False)]
+    heads += [Column("if independent", muted=True)] * robust + [UNIT]
     heads += [Column("without constraints", muted=True)] * bool(held.any())
     rows = []
     for k, lead in enumerate(basis.independent):

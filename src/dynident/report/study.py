@@ -94,7 +94,7 @@ def _losses(reproduction: Reproduction) -> str:
     names, first = [reproduction.names[i] for i in lost], lost[0]
     return (
         f"Most is lost by {figures.method_name(worst.method)} at sigma_q^2 = {figures.scientific(worst.sigma_q2)}: the "
-        f"mean "
+        "mean "
         f"is off by more than half for {', '.join(names)}; {names[0]} is {number(float(worst.mean[first]))} instead "
         f"of {number(float(reproduction.true[first]))}."
     )

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "motion_known", "percent", "points"]
+__all__ = ["ROLES", "count", "day", "labelled", "listed", "logs_of", "motion_known", "percent", "points", "short"]
 
 ROLES = {"train": "training", "validation": "held out"}
 CURVES = 11  # of a log and joint: torques, motion, free simulation
@@ -50,10 +50,20 @@ def count(number_of: int, noun: str) -> str:
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
 
 
+def day(stamp: str) -> str:
+    """Word a time that is given in ISO 8601, such as "2026-11-22 14:05 UTC"; "" stays."""
+    return f"{stamp[:10]} {stamp[11:16]} UTC" if stamp else ""
+
+
 def percent(value: float, digits: int = 3) -> str:
     """Word a share (%) to so many significant digits: never "1e+02 %" for 100 %, as a format of two digits has it."""
+    return f"{short(value, digits)} %"
+
+
+def short(value: float, digits: int = 3) -> str:
+    """Word a number to ``digits`` significant digits without the zeros at its end, and never 190 as "1.9e+02"."""
     shown = f"{value:.{digits}g}"
-    return f"{number(value, digits) if 'e' in shown else shown} %"
+    return number(value, digits) if "e" in shown else shown
 
 
 def points(identification: Identification) -> int:

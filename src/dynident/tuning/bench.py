@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, brief, choices
+from dynident.errors import ConfigError, choices, listed
 from dynident.estimators import Estimator, Problem
 from dynident.identification import Identification, Recipe, identify, mounted
 from dynident.identification.load import with_load
@@ -66,7 +66,9 @@ class Bench:
     estimators_by_kind: Mapping[str, Estimator]
     _known: _Caches = field(default_factory=_Caches)
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        roles = "; ".join(f"{role} {listed(some, 3) or 'none'}" for role, some in self.logs.items())
+        return f"<Bench of {self.switches.model.name!r}: {len(self.joints)} joints; {roles}>"
 
     @classmethod
     def of(cls, model: Model, logs: Logs, found: Identification, *, switchable: bool = True) -> Bench:

@@ -21,8 +21,9 @@
       responsive: true,
       displaylogo: false,
       displayModeBar: box.clientWidth > 600 && "hover",
-      modeBarButtons: motion ? [["resetCameraDefault3d", "toImage"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d", "toImage"]],
+      modeBarButtons: motion ? [["resetCameraDefault3d"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d"]],
     });
+    saving(box);
     if (motion) play(box, motion);
   }
 
@@ -156,9 +157,16 @@
   document.querySelectorAll("main > section").forEach((part) => here.observe(part));
 
   dark.addEventListener("change", () => paint(ink()));
+  const sized = (width) => {
+    for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, width ? { width } : { width: null, autosize: true });
+  };
   addEventListener("beforeprint", () => {
     boxes.forEach(draw);
     paint("#111111");
+    sized(PAPER);
   });
-  addEventListener("afterprint", () => paint(ink()));
+  addEventListener("afterprint", () => {
+    paint(ink());
+    sized();
+  });
 })();

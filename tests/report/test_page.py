@@ -174,7 +174,7 @@ def test_names_cannot_break_out_of_texts_tables_and_figures():
     blocks += (Fold(EVIL, (Code(EVIL),)), Gallery((EVIL,), (((EVIL,), (EVIL,)), ((quoted,), (quoted,)))))
     page = render(EVIL, EVIL, [PageSection(EVIL, blocks, Badge(EVIL, "bad"))])
     outline = Outline(page)
-    assert outline.count("script") == 4
+    assert outline.count("script") == 3
     assert outline.count("b") == 0
     data = json.loads(outline.scripts[1])
     assert data["data"][0]["name"] == EVIL

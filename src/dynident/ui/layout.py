@@ -72,9 +72,7 @@ def page(name: str, bench: Bench, view: View) -> Any:
     )
 
 
-STORES = (
-    *("tab", "moved", "slid", "drawn", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),
-)
+STORES = (*("tab", "moved", "slid", "drawn", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),)
 
 
 def _head(name: str) -> Any:
@@ -84,7 +82,9 @@ def _head(name: str) -> Any:
             html.Div(id="state", role="status", **{"aria-live": "polite"}),
             html.Div(
                 [
-                    html.Button("Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet"),
+                    html.Button(
+                        "Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet"
+                    ),
                     html.Button("Undo save", id="undo", className="quiet", disabled=True),
                     html.Button("Save", id="save", className="strong", disabled=True),
                 ],
@@ -104,7 +104,10 @@ def _controls(bench: Bench, view: View) -> list[Any]:
     return [
         _group("Joint", _choice("joint", bench.joints, view.joint, columns=True)),
         _group("Recording", _choice("log", [one["value"] for one in logs], view.log)),
-        _group("Changes act on", _radio("reach", {"all": "all joints", "one": "this joint"}, "one" if view.alone else "all")),
+        _group(
+            "Changes act on",
+            _radio("reach", {"all": "all joints", "one": "this joint"}, "one" if view.alone else "all"),
+        ),
         html.Section(
             [
                 html.Label("Degree of smoothing, S/n", htmlFor="degree", className="title"),
@@ -123,17 +126,38 @@ def _controls(bench: Bench, view: View) -> list[Any]:
             "Model",
             _named("Minimum speed, rad/s", _number("min_speed", tuning.min_speed[joint], step="any", min=0)),
             _checks("terms", "Terms", {kind: kind.replace("_", " ") for kind in bench.kinds}, tuning.terms[joint]),
-            *([] if bench.kinds else [html.P("Terms are switched where the model is of a robot file.", className="muted")]),
+            *(
+                []
+                if bench.kinds
+                else [html.P("Terms are switched where the model is of a robot file.", className="muted")]
+            ),
         ),
         _group(
             "Fit",
-            _checks("fitted", "Torque of these joints", _short(bench.joints), [one for one in bench.joints if one not in tuning.unfitted]),
-            _radio("estimator", {one: ESTIMATORS.get(one, one) for one in bench.estimators}, tuning.estimator, "Estimator"),
-            _radio("filter", {"none": "none", "low-pass": "low-pass"}, "low-pass" if filtering else "none", "Parallel filter"),
+            _checks(
+                "fitted",
+                "Torque of these joints",
+                _short(bench.joints),
+                [one for one in bench.joints if one not in tuning.unfitted],
+            ),
+            _radio(
+                "estimator", {one: ESTIMATORS.get(one, one) for one in bench.estimators}, tuning.estimator, "Estimator"
+            ),
+            _radio(
+                "filter",
+                {"none": "none", "low-pass": "low-pass"},
+                "low-pass" if filtering else "none",
+                "Parallel filter",
+            ),
             html.Div(
                 [
-                    _named("Keep each k-th sample", _number("decimate", filtering.decimate if filtering else None, min=1, step=1)),
-                    _named("Cut-off, Hz", _number("cutoff", filtering.cutoff if filtering else None, min=0, step="any")),
+                    _named(
+                        "Keep each k-th sample",
+                        _number("decimate", filtering.decimate if filtering else None, min=1, step=1),
+                    ),
+                    _named(
+                        "Cut-off, Hz", _number("cutoff", filtering.cutoff if filtering else None, min=0, step="any")
+                    ),
                 ],
                 id="filtering",
                 className="pair",
@@ -236,7 +260,9 @@ def _radio(name: str, options: dict[str, str], value: str, title: str = "") -> A
         value=value,
         className="chips",
     )
-    return html.Div([html.Span(title, className="title"), made], role="group", **{"aria-label": title}) if title else made
+    return (
+        html.Div([html.Span(title, className="title"), made], role="group", **{"aria-label": title}) if title else made
+    )
 
 
 def _checks(name: str, title: str, options: dict[str, str], value: Sequence[str]) -> Any:

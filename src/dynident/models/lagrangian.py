@@ -154,7 +154,10 @@ class Lagrangian:
         import sympy as sp
 
         rates = {one: sp.Symbol(f"ddq_{i + 1}") for i, one in enumerate(self._ddq)}
-        return tuple(tuple(str(each.torque[i].xreplace(rates)) for each in self._lumps) for i in range(len(self.q)))
+        exact = {one for each in self._lumps for torque in each.torque for one in torque.atoms(sp.Rational)}
+        decimals = {one: sp.Float(float(one), 6) for one in exact if one.q > 9}  # 981/100 is 9.81
+        own = [[each.torque[i].xreplace(rates | decimals) for each in self._lumps] for i in range(len(self.q))]
+        return tuple(tuple(map(str, row)) for row in own)
 
     @cached_property
     def _compiled(self) -> Callable[..., Sequence[Any]]:

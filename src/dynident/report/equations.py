@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.estimators import Provenance
-from dynident.io.families import TERMS
-from dynident.models import CoupledFriction, CoupledMotor, Equation, HasEquations, Lagrangian, Loads, declares
+from dynident.models import Equation, HasEquations, Lagrangian, Loads, declares
 from dynident.report.mathml import MINUS, Exact, Known, inline, named, pieces, primed, symbol
 from dynident.report.page import PageBlock, PageSection
+from dynident.report.term_words import KINDS, MASS, equation_words, turning
 from dynident.report.typography import unit_text
 from dynident.report.words import count, listed
 
@@ -25,30 +25,10 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.models import Model, Term
 
-__all__ = ["model_section", "term_words"]
+__all__ = ["model_section"]
 
-KINDS: Mapping[str, str] = {
-    "rotor": "rotor inertia",
-    "viscous": "viscous friction",
-    "coulomb": "Coulomb friction",
-    "wide_coulomb": "Coulomb friction of a wide sign",
-    "asymmetric_coulomb": "half of what Coulomb friction differs by between the directions",
-    "asymmetric_viscous": "half of what viscous friction differs by between the directions",
-    "stribeck": "Stribeck friction",
-    "power": "friction with a power of the speed",
-    "ripple": "ripple over the position",
-    "spring": "spring",
-    "counterbalance": "counterbalance",
-    "load_coulomb": "Coulomb friction by the load",
-    "load_viscous": "viscous friction by the load",
-    "dahl": "Dahl friction",
-    "load_dahl": "Dahl friction by the load",
-    "load_ripple": "ripple by the load",
-    "drift": "drift",
-    "offset": "constant torque",
-}
-MOTOR = {"I_a": KINDS["rotor"], "F_v": KINDS["viscous"], "F_c": KINDS["coulomb"], "tau_o": KINDS["offset"]}
 DETERMINED = (Provenance.DATA, Provenance.PRIOR, Provenance.BOUND)
+ORDER = (MASS, *KINDS.values())  # of the summands; those of the user come before the constant torque
 LONGEST = 600  # signs of the torque of one joint by energies that is written out
 FEW = 8  # joints that are named before their law
 SPECIAL: Mapping[str, str] = {
@@ -56,7 +36,7 @@ SPECIAL: Mapping[str, str] = {
     "z": "how far the contact is bent, 1 where it slides",
     "t": "the time since the recording began (s)",
 }
-_FOUND = "In numbers, SI units. What the data do not determine by itself stays a symbol."
+_FOUND = "In numbers, SI units. What the data do not determine by itself stays a symbol; what is zero is left out."
 
 
 @dataclass(frozen=True)
@@ -85,8 +65,9 @@ class _Law:
             for name in (*one.symbols, *(name for name, _, _ in one.constants), *(name for name, _ in one.where)):
                 used[name] = used.get(name, -1) + 1
                 known[name] = primed(symbol(own.get(name, name)), used[name])
-            if one.motor:
-                known |= {"q": symbol("phi"), "dq": symbol("dphi"), "ddq": symbol("ddphi")}
+            if values is not None and not any(values.get(name, 1.0) for name in one.parameters):
+                continue  # found to be zero
+            known |= turning(one)
             if values is not None:
                 known |= {name: Exact(value) for name, value, _ in one.constants}
                 paired = zip(one.symbols, one.parameters, strict=True)
@@ -94,18 +75,6 @@ class _Law:
             yield one.torque, known
         for name, factor in self.others:
             yield ("other" if factor == 1 else "factor * other"), {"factor": Exact(factor), "other": named("tau", name)}
-
-
-def term_words(term: Term) -> str:
-    """Return what a term is; one of the user by the name of its class."""
-    kind = term.law if isinstance(term, CoupledFriction) else TERMS.kind_of(term)
-    return KINDS.get(kind, type(term).__name__)
-
-
-def _words(term: Term, one: Equation, unit: str) -> str:
-    """Return what the parameters of an equation are; those of a motor are named as those of its joints are."""
-    words = MOTOR[one.symbols[0]] if isinstance(term, CoupledMotor) else term_words(term)
-    return "mass, with that of the rotor" if words == KINDS["rotor"] and unit == "kg" else words
 
 
 def model_section(found: Identification) -> Iterator[PageSection]:
@@ -140,10 +109,12 @@ def _laws(model: Model) -> tuple[list[_Law], list[_Law]]:
                 for name, factor in one.on:
                     laws[name].others.append((one.motor, factor))
             law = motors[one.motor] if one.motor else laws[one.on[0][0]]
-            law.summands.append((_words(term, one, unit_of[one.parameters[0]]), one))
+            law.summands.append((equation_words(term, one, unit_of[one.parameters[0]]), one))
         if not said and not _is_body(term):
             for name in getattr(term, "acts_on", laws):
                 laws[name].others.append((type(term).__name__, 1.0))
+    for law in (*laws.values(), *motors.values()):
+        law.summands.sort(key=lambda pair: ORDER.index(pair[0]) if pair[0] in ORDER else len(ORDER) - 1)
     return [law for law in laws.values() if law.summands or law.others], list(motors.values())
 
 
@@ -259,7 +230,7 @@ def _sum(left: str, parts: Iterable[tuple[str, Known]]) -> Markup:
     """Return an equation in pieces, between which a line may end."""
     from markupsafe import Markup
 
-    found = [piece for text, known in parts for piece in pieces(text, known)]
+    found = [piece for text, known in parts for piece in pieces(text, known)] or pieces("0")
     first = inline(f'{left}<mo rspace="0">=</mo>', ready=True)
     shown = []
     for k, (sign, inner) in enumerate(found):

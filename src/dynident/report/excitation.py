@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from dynident.report.page import (
     relative,
     render,
 )
+from dynident.report.part_words import value_words
 from dynident.report.wording import words
 
 if TYPE_CHECKING:
@@ -205,7 +206,14 @@ def _limits(found: Design) -> Iterator[PageBlock]:
     )
 
 
+def _given(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the settings that say something."""
+    for key, value in settings.items():
+        if value is not None and value not in ([], {}):
+            yield key.replace("_", " "), value_words(value)
+
+
 def _settings(project: ExcitationProject) -> Iterator[PageBlock]:
     given = project.settings.model_dump(mode="json")
-    yield pairs("setting", [("robot", project.path.name), *((key, str(value)) for key, value in given.items())])
+    yield pairs("setting", [("robot", project.path.name), *_given(given)])
     yield pairs("program", list(versions().items()))

@@ -16,7 +16,19 @@ from dynident.report.page import number
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-__all__ = ["MINUS", "Exact", "Known", "inline", "named", "pieces", "primed", "symbol", "valued"]
+__all__ = [
+    "MINUS",
+    "Exact",
+    "Known",
+    "formula",
+    "inline",
+    "named",
+    "pieces",
+    "primed",
+    "symbol",
+    "valued",
+    "with_symbol",
+]
 
 Known = Mapping[str, float | str]
 """What stands for a name: a number, or MathML that ``symbol`` or ``named`` has made; else the name itself."""
@@ -55,6 +67,24 @@ def pieces(text: str, known: Known | None = None) -> list[tuple[str, str]]:
     return [(sign, _product(node, known or {})) for sign, node in _summands(_parsed(text), known or {})]
 
 
+def formula(text: str) -> str:
+    """Return a text as an element where it is an expression, as it is where it is none."""
+    try:
+        return inline(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return text
+
+
+def with_symbol(text: str, name: str) -> str:
+    """Return the summands of an expression that hold a name, as an expression."""
+    holding = [
+        ast.unparse(node)
+        for _, node in _summands(_parsed(text), {})
+        if any(isinstance(one, ast.Name) and one.id == name for one in ast.walk(node))
+    ]
+    return " + ".join(holding)
+
+
 def symbol(name: str) -> str:
     """Return a name as a symbol: F_c has a subscript, as theta1 has; dq and ddq are q with dots."""
     name = WORDS.get(name, name).lstrip("_")
@@ -78,12 +108,12 @@ def primed(base: str, primes: int) -> str:
 
 
 class Exact(float):
-    """A number that is shown with all of its digits, as it was given."""
+    """A number that was given: it is shown without zeros at its end."""
 
 
 def valued(value: float, digits: int = DIGITS) -> str:
     """Return the size of a number, to so many digits, with a power of ten where it needs one."""
-    shown = f"{abs(value):g}" if isinstance(value, Exact) else number(abs(value), digits)
+    shown = f"{abs(value):.4g}" if isinstance(value, Exact) else number(abs(value), digits)
     plain, _, power = shown.partition("e")
     if not power:
         return f"<mn>{plain}</mn>"
@@ -189,11 +219,11 @@ def _atom(node: ast.expr, known: Known) -> str:
 
 
 def _fraction(above: ast.expr, below: ast.expr, known: Known) -> str:
-    small = all(isinstance(one, ast.Name | ast.Constant | ast.Call | ast.UnaryOp) for one in (above, below))
+    """Return a quotient in one line, as it stands among words and in exponents."""
     top, bottom = _written(above, known), _written(below, known)
-    if small:
-        return f"<mrow>{top}<mo>/</mo>{bottom}</mrow>"
-    return f"<mfrac>{top}{bottom}</mfrac>"
+    top = _bracketed(top) if _is_sum(above) else top
+    bottom = bottom if isinstance(below, ast.Name | ast.Constant | ast.Call) else _bracketed(bottom)
+    return f"<mrow>{top}<mo>/</mo>{bottom}</mrow>"
 
 
 def _power(base: ast.expr, exponent: str, known: Known) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 from dynident.identification.links import DeterminedBy, determined_by
 from dynident.models import INERTIAL
 from dynident.report import figures
-from dynident.report.page import UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.term_words import with_formulas
 from dynident.report.words import count, listed, motion_known
 
 if TYPE_CHECKING:
@@ -66,22 +67,24 @@ def parameter_section(identification: Identification) -> PageSection:
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
     seen, unseen = _by_data(identification)
     if len(seen) <= FULL_LIST:
-        blocks += [parameter_table(identification, seen)] if seen else []
+        blocks += [_table(identification, seen)] if seen else []
     else:
         first = tuple(k for k in seen if parameters[k].role not in INERTIAL)
-        blocks += [parameter_table(identification, first)] if first else []
-        blocks.append(
-            Fold(f"All {len(seen)} parameters that these data show", (parameter_table(identification, seen),))
-        )
+        blocks += [_table(identification, first)] if first else []
+        blocks.append(Fold(f"All {len(seen)} parameters that these data show", (_table(identification, seen),)))
     if unseen:
         title = f"{count(len(unseen), 'parameter')} that these data do not show alone"
-        blocks.append(Fold(title, (_UNSEEN, parameter_table(identification, unseen))))
+        blocks.append(Fold(title, (_UNSEEN, _table(identification, unseen))))
     groups = {name: [k for k in rows if k in seen] for name, rows in _groups(parameters).items()}
     groups = {name: rows for name, rows in groups.items() if rows}
     if len(seen) <= ONE_FIGURE:
         groups = {"all": list(seen)} if seen else {}
     views = tuple(((group,), (_interval(identification, rows),)) for group, rows in groups.items())
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
+
+
+def _table(identification: Identification, chosen: tuple[int, ...]) -> PageTable:
+    return with_formulas(parameter_table(identification, chosen), identification.model)
 
 
 def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> PageTable:
@@ -99,9 +102,7 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     columns += [Column("std. error"), Column("%"), *[Column("if independent", muted=True)] * robust] * sized
     reference = "nominal" if figures.only_nominal(identification.model) else "true"
     columns += [Column(reference)] * known + [UNIT]
-    columns += [Column("determined by", numeric=False)] * bool(verdict) + [
-        Column("meaning", numeric=False, prose=True)
-    ] * meant
+    columns += [Column("determined by", numeric=False)] * bool(verdict) + [MEANING] * meant
     rows = []
     for k in shown:
         row = [estimate.names[k], number(float(estimate.value[k]))]

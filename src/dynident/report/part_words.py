@@ -13,7 +13,7 @@ from dynident.report.words import short
 from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
-__all__ = ["part_words", "settings_words"]
+__all__ = ["part_words", "settings_words", "value_words"]
 
 FEW = 8  # entries of a setting that are listed
 
@@ -29,7 +29,7 @@ def settings_words(name: str, part: object, known: tuple[str, ...] = ()) -> str:
     if not is_dataclass(part):
         return name
     shown = [one for one in fields(part) if one.init and one.name not in known and _differs(part, one)]
-    return ", ".join([name, *(f"{one.name.replace('_', ' ')} {_value(getattr(part, one.name))}" for one in shown)])
+    return ", ".join([name, *(f"{one.name.replace('_', ' ')} {value_words(getattr(part, one.name))}" for one in shown)])
 
 
 def _differs(part: Any, one: Field[Any]) -> bool:
@@ -37,13 +37,14 @@ def _differs(part: Any, one: Field[Any]) -> bool:
     return bool(getattr(part, one.name) != usual)
 
 
-def _value(value: object) -> str:
+def value_words(value: object) -> str:
+    """Return a setting as text: numbers to four digits, lists and mappings in brackets."""
     if isinstance(value, bool) or value is None:
         return {True: "on", False: "off", None: "none"}[value]
     if isinstance(value, Mapping):
-        return _listed([f"{key} {_value(one)}" for key, one in value.items()])
+        return _listed([f"{key} {value_words(one)}" for key, one in value.items()])
     if isinstance(value, tuple | list):
-        return _listed([_value(one) for one in value])
+        return _listed([value_words(one) for one in value])
     if isinstance(value, int | float):
         return short(float(value), 4)
     return part_words(value) if is_dataclass(value) else f"{value}"
@@ -55,30 +56,30 @@ def _listed(texts: list[str]) -> str:
 
 @part_words.register
 def _(part: Spline) -> str:
-    rule, given = part.rule, [f"noise {_value(part.sigma)} rad or m"] if part.sigma is not None else []
+    rule, given = part.rule, [f"noise {value_words(part.sigma)} rad or m"] if part.sigma is not None else []
     usual = part.factor == 1.0
     if isinstance(rule, Constraint):
         how = _degree(rule, part.factor)
     else:
         names = {GCV: "by generalised cross-validation", REML: "by restricted maximum likelihood"}
         how = names.get(type(rule), settings_words(type(rule).__name__, rule))
-        given += [] if usual or isinstance(rule, Fixed) else [f"{_value(part.factor)} times the noise"]
+        given += [] if usual or isinstance(rule, Fixed) else [f"{value_words(part.factor)} times the noise"]
     if isinstance(rule, Interpolation):
         return ", ".join(["interpolating spline", *_ends(part)])
     if isinstance(rule, Fixed):
         how = "p" if rule.p is not None else "lam"
-        how = f"{how} {_value(getattr(rule, how))}"
+        how = f"{how} {value_words(getattr(rule, how))}"
     return ", ".join([f"smoothing spline, {how}", *given, *_ends(part)])
 
 
 def _degree(rule: Constraint, factor: object) -> str:
     """Return how much a spline smooths: S by the number of samples and the noise of the positions."""
     if rule.S is not None:
-        times = "" if factor == 1.0 else f", {_value(factor)} times the noise"
-        return f"S = {_value(rule.S)}{times}"
+        times = "" if factor == 1.0 else f", {value_words(factor)} times the noise"
+        return f"S = {value_words(rule.S)}{times}"
     if isinstance(factor, int | float):
         return "S = n" if factor == 1.0 else f"S = {short(factor**2)} n ({short(factor)} times the noise)"
-    return f"S = n at {_value(factor)} times the noise"
+    return f"S = n at {value_words(factor)} times the noise"
 
 
 def _ends(part: Spline) -> list[str]:
@@ -87,14 +88,12 @@ def _ends(part: Spline) -> list[str]:
 
 @part_words.register
 def _(part: Butterworth) -> str:
-    orders, cutoffs = ", ".join(map(str, part.orders)), ", ".join(f"{one:g}" for one in part.cutoffs)
-    name = f"differences through Butterworth filters of orders {orders} at {cutoffs} Hz"
-    return settings_words(name, part, ("orders", "cutoffs"))
+    return settings_words(part.method, part, ("orders", "cutoffs"))
 
 
 @part_words.register
 def _(part: Difference) -> str:
-    return f"{part.scheme} differences"
+    return part.method
 
 
 @part_words.register

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-__all__ = ["cell", "sentence", "unit_text"]
+__all__ = ["cell", "said", "sentence", "unit_text"]
 
 ABOVE = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 MINUS, HARD = "\u2212", "\u00a0"
@@ -32,20 +32,25 @@ def cell(text: str) -> str:
     >>> cell("-1.20e-5"), cell("-")
     ('−1.20 × 10⁻⁵', '-')
     """
-    return unit_text(_powers(POWER, text)).replace("-", MINUS) if len(text) > 1 else text
+    if len(text) < 2 or hasattr(text, "__html__"):
+        return text
+    return unit_text(_powers(POWER, text)).replace("-", MINUS)
 
 
 def sentence(text: str) -> Markup:
     """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
     from markupsafe import Markup, escape
 
+    if hasattr(text, "__html__"):
+        return Markup(text)  # noqa: S704 -- it is one already
     parts = re.split(r"`([^`]+)`", text)
-    plain = [str(escape(_said(part))) for part in parts[::2]]
+    plain = [str(escape(said(part))) for part in parts[::2]]
     codes = [f"<code>{escape(part)}</code>" for part in parts[1::2]]
     return Markup("".join(one for pair in zip(plain, [*codes, ""], strict=True) for one in pair))  # noqa: S704 -- escaped
 
 
-def _said(text: str) -> str:
+def said(text: str) -> str:
+    """Return a text with ±, typeset units and powers of ten, and no line break before %."""
     return unit_text(_powers(SAID, text).replace("+-", "±").replace(" %", f"{HARD}%"))
 
 

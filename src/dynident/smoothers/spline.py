@@ -135,6 +135,11 @@ class Spline:
             if not (np.isfinite(one) and one > 0):
                 raise ConfigError(f"factor is {one}: give a positive multiple of sigma.")
 
+    @property
+    def method(self) -> str:
+        """The method in words."""
+        return f"natural cubic smoothing spline, {_named(self.rule)}"
+
     def __call__(self, log: Log) -> Motion:
         """Smooth; ``smoothing`` holds per joint sigma, S, lam, edf, the noise left, bandwidth (s) and cut-off (Hz)."""
         try:
@@ -146,7 +151,7 @@ class Spline:
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
         keys = ("sigma", "S", "lam", "edf", "noise", "bandwidth", "cutoff")
         how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in keys}
-        how["method"] = f"natural cubic smoothing spline, {_named(self.rule)}"
+        how["method"] = self.method
         mask = ends_mask(log, reach, reach)
         q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
         if (still := _still(log.q, fit.values, fit.noise)).any():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import traceback
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["made"]
 
+FAULT = "This is a fault of dynident, which its terminal describes: {}"
 FILE = (("unsaved", "children"), ("save", "disabled"), ("undo", "disabled"))  # what follows from the file, too
 
 
@@ -39,7 +42,8 @@ def made(session: Session, token: str) -> Dash:
     app.layout = page.layout
     app.server.add_url_rule(f"/{token}/page.css", "page.css", _styles)
     app.server.add_url_rule(f"/{token}/alive", "alive", lambda: ("", 204))
-    app.server.add_url_rule(f"/{token}/curves", "curves", page.asked_curves, methods=["POST"])
+    for name, answer in (("curves", page.curves), ("act", page.act)):
+        app.server.add_url_rule(f"/{token}/{name}", name, _answering(session, answer), methods=["POST"])
     _starting(app, page)
     _asked_of_server(app, page)
     _done_by_page(app)
@@ -53,10 +57,26 @@ def _styles() -> Any:
     return Response(styles.read_text(encoding="utf-8"), mimetype="text/css")
 
 
+def _answering(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> Callable[[], Any]:
+    """Return the view of an answer that the page asks for past Dash, which would take longer or mix up an order."""
+
+    def view() -> Any:
+        from flask import Response, request
+
+        try:
+            found = answer(request.get_json())
+        except Exception as error:
+            session.fault("".join(traceback.format_exception(error)))
+            found = {"words": FAULT.format(error), "wrong": True}
+        return Response(json.dumps(found), mimetype="application/json")
+
+    return view
+
+
 def _fault(session: Session, error: Exception) -> None:
     """Say an error that nobody foresaw on the page, and in the terminal."""
     session.fault("".join(traceback.format_exception(error)))
-    set_props("complaint", {"children": f"This is a fault of dynident: {type(error).__name__}: {error}"})
+    set_props("complaint", {"children": FAULT.format(error)})
     raise PreventUpdate
 
 
@@ -71,12 +91,6 @@ def _starting(app: Dash, page: Page) -> None:
 def _asked_of_server(app: Dash, page: Page) -> None:
     """Register what the server answers; what follows from the address is asked for when the page comes, too."""
     address, tab, first = Input("address", "search"), State("tab", "data"), {"prevent_initial_call": False}
-    app.callback(
-        [Output("address", "search"), Output("complaint", "children")],
-        [Input({"control": ALL}, "value"), Input({"button": ALL}, "n_clicks"), Input("slid", "data")],
-        [Input("drawn", "data"), Input("leave", "n_clicks")],
-        [State("from", "value"), State("to", "value"), State("address", "search")],
-    )(page.act)
     file = [Output(*one, allow_duplicate=True) for one in FILE]
     said = Output("complaint", "children", allow_duplicate=True)
     shown = (("synced", "data"), ("windows", "children"), ("drawn-name", "children"), ("torque-name", "children"))
@@ -115,10 +129,12 @@ def _done_by_page(app: Dash) -> None:
 
     first = {"prevent_initial_call": False}
     by("tab", Output("tab", "data"), Input("tune", "id"), **first)
-    moved = Input("degree", "value"), Input("address", "search"), Input("tab", "data"), State("synced", "data")
+    moved = Input("degree", "value"), Input("address", "search"), Input("tab", "data")
     by("moved", Output("moved", "data"), *moved, **first)
     by("curve", Output("curve", "figure"), Input("curve-data", "data"))
     by("torque", Output("torque", "figure"), Input("torque-data", "data"))
+    told = Input({"control": ALL}, "value"), Input({"button": ALL}, "n_clicks"), Input("leave", "n_clicks")
+    by("told", Output("told", "data"), *told, State("from", "value"), State("to", "value"))
     by("applied", Output("synced", "modified_timestamp"), Input("synced", "data"))
     pressed = State("dragging", "aria-pressed")
     by("leaving", Output("dragging", "aria-pressed"), Input("dragging", "n_clicks"), pressed)

@@ -20,14 +20,14 @@ One = TypeVar("One")
 
 
 def edited(view: View, control: str, value: Any, bench: Bench) -> View:
-    """Return what a page shows after its ``control`` got a ``value``; what acts on joints does on that which is drawn,
-    or on all, as the view says.
+    """Return what a page shows after its ``control``, such as "min_speed" or "term:viscous", got a ``value``; what acts on
+    joints does on that which is drawn, or on all, as the view says.
 
     Raises ConfigError where there is no such control or its value makes no sense.
     """
     name, _, argument = control.partition(":")
     if name in _VIEWS:
-        return replace(view, **{_VIEWS[name]: value == "one" if name == "reach" else str(value)})
+        return replace(view, **{_VIEWS[name]: argument == "one" if name == "reach" else argument})
     if name not in _SETTINGS:
         raise ConfigError(f"there is no control {name!r}; {choices(name, [*_VIEWS, *_SETTINGS])}")
     return replace(view, tuning=_SETTINGS[name](view, bench, argument or value))
@@ -55,21 +55,21 @@ def _min_speed(view: View, bench: Bench, value: Any) -> Tuning:
     return replace(view.tuning, min_speed=_at(view, bench, view.tuning.min_speed, speed))
 
 
-def _terms(view: View, bench: Bench, value: Any) -> Tuning:
-    """Switch terms of the joint that is drawn; of the others only those that were switched there."""
-    before = set(view.tuning.terms[bench.joints.index(view.joint)])
-    on, off = set(value) - before, before - set(value)
-    new = [tuple(kind for kind in bench.kinds if kind in (set(old) | on) - off) for old in view.tuning.terms]
-    pairs = zip(bench.joints, view.tuning.terms, new, strict=True)
+def _term(view: View, bench: Bench, kind: Any) -> Tuning:
+    """Switch a kind of terms on or off, as it then is on the joint that is drawn."""
+    off = kind in view.tuning.terms[bench.joints.index(view.joint)]
+    new = [(set(old) | {kind}) - ({kind} if off else set()) for old in view.tuning.terms]
+    ordered = [tuple(one for one in bench.kinds if one in some) for some in new]
+    pairs = zip(bench.joints, view.tuning.terms, ordered, strict=True)
     return replace(
         view.tuning, terms=tuple(some if not view.alone or joint == view.joint else old for joint, old, some in pairs)
     )
 
 
-def _fitted(view: View, bench: Bench, value: Any) -> Tuning:
-    if not value:
-        raise ConfigError("the torque of one joint at least must be fitted.")
-    return replace(view.tuning, unfitted=tuple(joint for joint in bench.joints if joint not in value))
+def _fitted(view: View, bench: Bench, joint: Any) -> Tuning:
+    """Fit the torque of a joint, or leave it out."""
+    unfitted = set(view.tuning.unfitted) ^ {joint}
+    return replace(view.tuning, unfitted=tuple(one for one in bench.joints if one in unfitted))
 
 
 def _filter(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001 -- as the others
@@ -129,7 +129,7 @@ _SETTINGS: Mapping[str, Callable[[View, Bench, Any], Tuning]] = {
     "degree": _degree,
     "mark": _mark,
     "min_speed": _min_speed,
-    "terms": _terms,
+    "term": _term,
     "fitted": _fitted,
     "filter": _filter,
     "decimate": _decimate,

@@ -10,16 +10,18 @@ from dynident.errors import shortened
 from dynident.ui.drawings import SLIDER
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from dynident.tuning import Bench
     from dynident.ui.view import View
 
-__all__ = ["control", "page", "starting"]
+__all__ = ["page", "starting"]
 
 LONGEST = 22  # letters of a name of a joint or log
 DRAW = {"displaylogo": False, "responsive": True, "doubleClick": "reset"}
 BUTTONS = {"modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]]}
+REACH = {"all": "all joints", "one": "this joint"}
+FILTERS = ("none", "low-pass")
 ESTIMATORS = {
     "least_squares": "least squares",
     "consistent": "physically consistent",
@@ -41,11 +43,6 @@ def starting(name: str) -> Any:
         ],
         className="starting",
     )
-
-
-def control(name: str) -> dict[str, str]:
-    """Return the id of a control that changes what is shown."""
-    return {"control": name}
 
 
 def page(name: str, bench: Bench, view: View) -> Any:
@@ -72,7 +69,7 @@ def page(name: str, bench: Bench, view: View) -> Any:
     )
 
 
-STORES = (*("tab", "moved", "slid", "drawn", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),)
+STORES = (*("tab", "moved", "told", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),)
 
 
 def _head(name: str) -> Any:
@@ -97,17 +94,15 @@ def _head(name: str) -> Any:
 
 
 def _controls(bench: Bench, view: View) -> list[Any]:
-    tuning = view.tuning
+    tuning, filtering = view.tuning, view.tuning.filter
     joint = bench.joints.index(view.joint)
-    logs = [{"label": one, "value": one} for names in bench.logs.values() for one in names]
-    filtering = tuning.filter
+    joints, fitted = _short(bench.joints), [one for one in bench.joints if one not in tuning.unfitted]
+    estimators = {one: ESTIMATORS.get(one, one) for one in bench.estimators}
+    low_pass = "none" if filtering is None else "low-pass"
     return [
-        _group("Joint", _choice("joint", bench.joints, view.joint, columns=True)),
-        _group("Recording", _choice("log", [one["value"] for one in logs], view.log)),
-        _group(
-            "Changes act on",
-            _radio("reach", {"all": "all joints", "one": "this joint"}, "one" if view.alone else "all"),
-        ),
+        _group("Joint", _choice("joint", joints, [view.joint], "Joint")),
+        _group("Recording", _choice("log", _short(bench.log_names), [view.log], "Recording")),
+        _group("Changes act on", _choice("reach", REACH, ["one" if view.alone else "all"], "Changes act on")),
         html.Section(
             [
                 html.Label("Degree of smoothing, S/n", htmlFor="degree", className="title"),
@@ -124,46 +119,28 @@ def _controls(bench: Bench, view: View) -> list[Any]:
         _group("Samples left out", html.Div(id="windows"), _window()),
         _group(
             "Model",
-            _named("Minimum speed, rad/s", _number("min_speed", tuning.min_speed[joint], step="any", min=0)),
-            _checks("terms", "Terms", {kind: kind.replace("_", " ") for kind in bench.kinds}, tuning.terms[joint]),
-            *(
-                []
-                if bench.kinds
-                else [html.P("Terms are switched where the model is of a robot file.", className="muted")]
-            ),
+            _named("Minimum speed, rad/s", _number("min_speed", tuning.min_speed[joint], min=0)),
+            _titled("Terms", _choice("term", _words(bench.kinds), tuning.terms[joint], "Terms"))
+            if bench.kinds
+            else html.P("Terms are switched where the model is of a robot file.", className="muted"),
         ),
         _group(
             "Fit",
-            _checks(
-                "fitted",
-                "Torque of these joints",
-                _short(bench.joints),
-                [one for one in bench.joints if one not in tuning.unfitted],
-            ),
-            _radio(
-                "estimator", {one: ESTIMATORS.get(one, one) for one in bench.estimators}, tuning.estimator, "Estimator"
-            ),
-            _radio(
-                "filter",
-                {"none": "none", "low-pass": "low-pass"},
-                "low-pass" if filtering else "none",
-                "Parallel filter",
-            ),
+            _titled("Torque of these joints", _choice("fitted", joints, fitted, "Torque of these joints")),
+            _titled("Estimator", _choice("estimator", estimators, [tuning.estimator], "Estimator")),
+            _titled("Parallel filter", _choice("filter", _words(FILTERS), [low_pass], "Parallel filter")),
             html.Div(
                 [
                     _named(
-                        "Keep each k-th sample",
-                        _number("decimate", filtering.decimate if filtering else None, min=1, step=1),
+                        "Keep each k-th sample", _number("decimate", filtering and filtering.decimate, min=1, step=1)
                     ),
-                    _named(
-                        "Cut-off, Hz", _number("cutoff", filtering.cutoff if filtering else None, min=0, step="any")
-                    ),
+                    _named("Cut-off, Hz", _number("cutoff", filtering and filtering.cutoff, min=0)),
                 ],
                 id="filtering",
                 className="pair",
                 hidden=filtering is None,
             ),
-            _named("Time offset, ms", _number("offset", 1e3 * tuning.time_offset, step="any")),
+            _named("Time offset, ms", _number("offset", 1e3 * tuning.time_offset)),
         ),
     ]
 
@@ -244,41 +221,19 @@ def _short(names: Sequence[str]) -> dict[str, str]:
     return dict(zip(names, shortened(names, LONGEST), strict=True))
 
 
-def _choice(name: str, options: Sequence[str], value: str, columns: bool = False) -> Any:
-    return dcc.RadioItems(
-        id=control(name),
-        options=[{"label": short, "value": one, "title": one} for one, short in _short(options).items()],
-        value=value,
-        className="chips wide" if columns else "chips",
-    )
+def _choice(name: str, options: Mapping[str, str], chosen: Sequence[str], title: str) -> Any:
+    """Return buttons of which those that are ``chosen`` are pressed; ``options`` are their words by value."""
+    buttons = [
+        html.Button(
+            words, id={"button": f"{name}:{one}"}, title=one, **{"aria-pressed": "true" if one in chosen else "false"}
+        )
+        for one, words in options.items()
+    ]
+    return html.Div(buttons, className="choices", role="group", **{"aria-label": title})
 
 
-def _radio(name: str, options: dict[str, str], value: str, title: str = "") -> Any:
-    made = dcc.RadioItems(
-        id=control(name),
-        options=[{"label": label, "value": one} for one, label in options.items()],
-        value=value,
-        className="chips",
-    )
-    return (
-        html.Div([html.Span(title, className="title"), made], role="group", **{"aria-label": title}) if title else made
-    )
-
-
-def _checks(name: str, title: str, options: dict[str, str], value: Sequence[str]) -> Any:
-    return html.Div(
-        [
-            html.Span(title, className="title"),
-            dcc.Checklist(
-                id=control(name),
-                options=[{"label": label, "value": one} for one, label in options.items()],
-                value=list(value),
-                className="chips",
-            ),
-        ],
-        role="group",
-        **{"aria-label": title},
-    )
+def _titled(title: str, made: Any) -> Any:
+    return html.Div([html.Span(title, className="title"), made])
 
 
 def _named(title: str, control_of: Any) -> Any:
@@ -286,4 +241,8 @@ def _named(title: str, control_of: Any) -> Any:
 
 
 def _number(name: str, value: float | None, **how: Any) -> Any:
-    return dcc.Input(id=control(name), type="number", value=value, debounce=True, **how)
+    return dcc.Input(id={"control": name}, type="number", value=value, debounce=True, **{"step": "any", **how})
+
+
+def _words(kinds: Sequence[str]) -> dict[str, str]:
+    return {kind: kind.replace("_", " ") for kind in kinds}

@@ -67,29 +67,26 @@ class Page:
         bar = {"width": width}
         return step.words, bar, session.failed, not session.failed, session.bench is not None
 
-    def act(self, *given: Any) -> Any:
-        """Return the address after a control was moved; none where nothing changes."""
-        search = given[-1]
-        control, value = _moved(given[-3:-1])
-        if control is None:
-            raise PreventUpdate
+    def act(self, moved: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the address after a control was moved, and what is wrong with its value."""
+        control, search = str(moved.get("control")), str(moved.get("search") or "")
         try:
-            view = View.start(self.bench) if control == "reset" else View.of_query(search or "", self.bench)
-            after = edited(view, control, value, self.bench).to_query(self.bench)
+            view = View.start(self.bench) if control == "reset" else View.of_query(search, self.bench)
+            after = edited(view, control, moved.get("value"), self.bench).to_query(self.bench)
             View.of_query(after, self.bench)
         except DynidentError as error:
-            return no_update, str(error)
-        return no_update if after == (search or "") else after, ""
+            return {"search": search, "words": str(error)}
+        return {"search": after, "words": ""}
 
     def sync(self, search: str) -> tuple[Any, ...]:
         """Return what the controls show for an address, and its windows."""
         try:
             view = View.of_query(search or "", self.bench)
         except DynidentError as error:
-            return (*[no_update] * 9, str(error))
+            return (*[no_update] * 8, str(error))
         bench, tuning = self.bench, view.tuning
         return (
-            {"controls": _controls(view, bench), "degree": round(tuning.degree[bench.joints.index(view.joint)], 4)},
+            _controls(view, bench),
             _windows(tuning),
             f"{view.joint}, {view.log}",
             f"Torque of {view.joint}",
@@ -117,13 +114,6 @@ class Page:
         except DynidentError as error:
             return "", *[no_update] * 3, str(error)
         return said, *self._file(tuning), ""
-
-    def asked_curves(self) -> Any:
-        """Answer a request for curves."""
-        from flask import Response, request
-
-        found = self.curves(request.get_json())
-        return Response(json.dumps(found), mimetype="application/json")
 
     def curves(self, wanted: Mapping[str, Any]) -> dict[str, Any]:
         """Return the curves of the joint that is drawn, for the degree at which its slider is, or what is wrong with it.
@@ -250,37 +240,23 @@ def plain(drawing: Drawing) -> dict[str, Any]:
     return found
 
 
-def _moved(ends: tuple[Any, ...]) -> tuple[str | None, Any]:
-    """Return which control a callback was called for, and its value."""
-    by, value = ctx.triggered_id, ctx.triggered[0]["value"] if ctx.triggered else None
-    if value is None and not (isinstance(by, dict) and "control" in by):
-        return None, None
-    if by == "slid":
-        return "degree", value
-    if by == "drawn":
-        return "exclude", value["window"]
-    if by == "leave":
-        return "exclude", ends
-    return by.get("control") or by.get("button"), value
-
-
 def _controls(view: View, bench: Bench) -> dict[str, Any]:
-    """Return the values of the controls by name."""
+    """Return the values of the controls by name, and which buttons are pressed."""
     tuning, joint = view.tuning, bench.joints.index(view.joint)
     filtering = tuning.filter
-    return {
-        "joint": view.joint,
-        "log": view.log,
-        "reach": "one" if view.alone else "all",
+    chosen = {
+        *(f"joint:{view.joint}", f"log:{view.log}", f"reach:{'one' if view.alone else 'all'}"),
+        *(f"term:{kind}" for kind in tuning.terms[joint]),
+        *(f"fitted:{one}" for one in bench.joints if one not in tuning.unfitted),
+        *(f"estimator:{tuning.estimator}", f"filter:{'none' if filtering is None else 'low-pass'}"),
+    }
+    numbers = {
         "min_speed": tuning.min_speed[joint],
-        "terms": list(tuning.terms[joint]),
-        "fitted": [one for one in bench.joints if one not in tuning.unfitted],
-        "estimator": tuning.estimator,
-        "filter": "none" if filtering is None else "low-pass",
         "decimate": None if filtering is None else filtering.decimate,
         "cutoff": None if filtering is None else filtering.cutoff,
         "offset": round(1e3 * tuning.time_offset, 6),
     }
+    return {"controls": numbers, "pressed": sorted(chosen), "degree": tuning.degree[joint]}
 
 
 def _windows(tuning: Tuning) -> Any:

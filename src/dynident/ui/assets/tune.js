@@ -2,6 +2,7 @@
 (() => {
   const REST = 180; // ms after which a slider that stands is taken as set
   const PAUSE = 600; // ms without a change after which the whole identification begins
+  const NEAR = 1e-3; // of log S/n: what is no movement of the slider
   const LOST = 10000; // ms after which an answer is no longer waited for
   const none = () => window.dash_clientside.no_update;
   const put = (id, props) => window.dash_clientside.set_props(id, props);
@@ -10,17 +11,19 @@
   const box = (id) => document.querySelector(`#${id} .js-plotly-plot`);
   const config = { responsive: true, displaylogo: false, doubleClick: "reset", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]] };
   const timed = ["motion", "torque"];
-  let busy = false, next = null, moved = 0, resting = 0, pausing = 0, zoom = null, zero = 0, leaving = false;
+  let setting = "", set = NaN, acting = Promise.resolve(), busy = false, next = null, moved = -1e9, resting = 0, pausing = 0, zoom = null, zero = 0, leaving = false;
+
+  async function post(path, content) {
+    const how = { method: "POST", headers: { "Content-Type": "application/json" }, signal: AbortSignal.timeout(LOST) };
+    return (await fetch(path, { ...how, body: JSON.stringify(content) })).json();
+  }
 
   // ---- asking: one request at a time, and of those that wait the newest; not by Dash, whose way takes longer ---
   async function ask(wanted) {
     if (busy) return void (next = wanted);
     busy = true;
     try {
-      const answer = await fetch("curves", {
-        method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(wanted), signal: AbortSignal.timeout(LOST),
-      });
-      await show(await answer.json(), wanted);
+      await show(await post("curves", wanted), wanted);
     } catch {
       // the next request, or the words on a server that has ended, follow
     }
@@ -63,6 +66,20 @@
     bind(id, gd);
   }
 
+  // ---- acting: one after the other, each on what the one before has made ----------------------------------------
+  async function send(control, value) {
+    try {
+      const answer = await post("act", { search: setting, control, value });
+      put("complaint", { children: answer.words });
+      if (answer.words || answer.search === setting) return;
+      setting = answer.search;
+      put("address", { search: setting });
+    } catch {
+      // the words on a server that has ended follow
+    }
+  }
+  const act = (control, value) => (acting = acting.then(() => send(control, value)));
+
   // ---- painting -----------------------------------------------------------------------------------------------
   function painted(figure, id) {
     const { data, layout } = figure;
@@ -88,7 +105,7 @@
     gd.on("plotly_selected", (event) => {
       const range = event?.range && Object.entries(event.range).find(([key]) => key.startsWith("x"))?.[1];
       if (!range) return;
-      put("drawn", { data: { window: range.map((t) => t + zero), at: performance.now() } });
+      act("exclude", range.map((t) => t + zero));
       window.Plotly.relayout(gd, { selections: [] });
     });
   }
@@ -106,7 +123,7 @@
       const last = Object.keys(gd.layout).filter((name) => /^xaxis\d*$/.test(name)).pop();
       window.Plotly.relayout(gd, zoom ? { [`${last}.range`]: [...zoom] } : { [`${last}.autorange`]: true });
     }
-    ask(asked(now("address").search ?? "", null));
+    ask(asked(setting, null));
     put("zoomed", { data: { zoom: zoom && zoom.map((t) => t + zero) } });
   }
 
@@ -140,17 +157,19 @@
       tab: () => crypto.randomUUID(),
 
       // The slider moved, or the setting changed: ask for the curves; what rests is set, what pauses is identified.
-      moved(degree, search, synced) {
+      moved(degree, search) {
         const by = window.dash_clientside.callback_context.triggered.map((one) => one.prop_id);
         if (by.length === 1 && by[0] === "degree.value") {
-          if (degree === null || Math.abs(degree - synced?.degree) < 1e-9) return none();
+          if (degree === null || !(Math.abs(degree - set) >= NEAR)) return none();
+          set = degree;
           moved = performance.now();
           clearTimeout(resting);
           clearTimeout(pausing);
-          resting = setTimeout(() => put("slid", { data: degree }), REST);
+          resting = setTimeout(() => act("degree", degree), REST);
           ask(asked(search, degree));
           return none();
         }
+        if (by.includes("address.search")) setting = search ?? ""; // also by the browser's own button to go back
         clearTimeout(pausing);
         pausing = setTimeout(() => put("rested", { data: { search, at: performance.now() } }), PAUSE);
         ask(asked(search, null));
@@ -164,13 +183,30 @@
         return painted(data, "torque");
       },
 
+      // What was moved is told the server; a control that shows what is set already changes nothing there.
+      told(...given) {
+        const [from, to] = given.slice(-2);
+        for (const { prop_id, value } of window.dash_clientside.callback_context.triggered) {
+          const id = prop_id.startsWith("{") ? JSON.parse(prop_id.slice(0, prop_id.lastIndexOf("."))) : {};
+          if (id.control) act(id.control, value);
+          else if (value && id.button) act(id.button, null);
+          else if (value) act("exclude", [from, to]);
+        }
+        return none();
+      },
+
       // Controls follow the setting, except a slider that is being moved.
       applied(synced) {
-        for (const [name, value] of Object.entries(synced?.controls ?? {})) {
-          const id = { control: name };
-          if (JSON.stringify(now(id).value ?? null) !== JSON.stringify(value)) put(id, { value });
+        if (!synced) return none();
+        for (const [name, value] of Object.entries(synced.controls))
+          if ((now({ control: name }).value ?? null) !== value) put({ control: name }, { value });
+        for (const button of document.querySelectorAll("button[aria-pressed][id^='{']")) {
+          const id = JSON.parse(button.id), pressed = String(synced.pressed.includes(id.button));
+          if (button.getAttribute("aria-pressed") !== pressed) put(id, { "aria-pressed": pressed });
         }
-        if (synced && performance.now() - moved > 2 * REST && now("degree").value !== synced.degree)
+        if (performance.now() - moved < 2 * REST) return none();
+        set = synced.degree;
+        if (Math.abs(now("degree").value - synced.degree) >= NEAR)
           put("degree", { value: synced.degree });
         return none();
       },

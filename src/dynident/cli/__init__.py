@@ -19,6 +19,7 @@ from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
+from dynident.cli.tune import tune
 from dynident.cli.watch import watch
 
 __all__ = ["main"]
@@ -55,7 +56,7 @@ def main(debug: bool) -> None:
 
 
 for _command in (
-    demo, reproduce, init, excite, check, bound, identify, fleet, predict, payload, watch, export, smooth, schema,
+    demo, reproduce, init, excite, check, bound, identify, tune, fleet, predict, payload, watch, export, smooth, schema,
 ):  # fmt: skip
     common(_command)
     main.add_command(_command)

@@ -20,6 +20,7 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
+from dynident.identification.role_logs import NotFitted
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
 from dynident.identification.terms import Kind, NotChosen, Outcome, PlainTerms, TermChoice, Trial, choose_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
@@ -43,6 +44,7 @@ __all__ = [
     "LargestResidual",
     "LongRecording",
     "NotChosen",
+    "NotFitted",
     "OldResult",
     "Outcome",
     "Pairing",

@@ -283,7 +283,7 @@ def _validation(given: ValidationPart, source: str) -> LogValidation:
             None if run.failure is None else _noun(Failure, run.failure, source),
         )
     )
-    return LogValidation(given.name, given.role, given.errors, given.residuals, made)
+    return LogValidation(given.name, given.role, given.errors, given.residuals, made, None, given.floors)
 
 
 def _finding(given: FindingPart, source: str) -> Finding:

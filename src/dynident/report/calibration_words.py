@@ -12,6 +12,7 @@ from dynident.identification import (
     Choice,
     Gain,
     NotChosen,
+    NotFitted,
     PlainTerms,
     PriorStrength,
     Rests,
@@ -142,6 +143,11 @@ def _(note: NotChosen) -> str:
         f"the estimator's settings name {', '.join(note.names)}, which the model with the terms chosen does not have; "
         "what they say of these is ignored. Name the terms by `terms` of the model to have them"
     )
+
+
+@words.register
+def _(note: NotFitted) -> str:
+    return f"torques that are not fitted, only predicted and judged, by `unfitted`: {', '.join(note.joints)}"
 
 
 @words.register

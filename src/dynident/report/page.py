@@ -30,6 +30,7 @@ __all__ = [
     "MEANING",
     "UNIT",
     "Badge",
+    "Beside",
     "Code",
     "Column",
     "Facts",
@@ -121,10 +122,11 @@ class Code:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A figure and the sentence below it."""
+    """A figure and the sentence below it; one that moves has a ``player``, or only follows others."""
 
     figure: Drawing
     caption: str = ""
+    player: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +163,14 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
-PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Blocks that stand side by side where there is room, the second a little wider."""
+
+    blocks: tuple[PageBlock, ...]
+
+
+PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -247,7 +256,7 @@ def _kind(block: PageBlock) -> str:
 def _has_figure(block: PageBlock) -> bool:
     if isinstance(block, Gallery):
         return any(_has_figure(inner) for _, blocks in block.views for inner in blocks)
-    if isinstance(block, PageSection | Fold):
+    if isinstance(block, PageSection | Fold | Beside):
         return any(_has_figure(inner) for inner in block.blocks)
     return isinstance(block, Figure)
 

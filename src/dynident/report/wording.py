@@ -12,17 +12,18 @@ from dynident.estimators import notes
 from dynident.identification import OldResult
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
-from dynident.report.words import percent, short
-from dynident.validation import residuals
+from dynident.report.words import listed, percent, short
+from dynident.validation import FloorOrigin, NoiseFloor, SmoothedAway, residuals
 from dynident.validation.free_run import Broken, RunsAway, Singular
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from dynident.estimators import Estimate
     from dynident.identification import Identification
+    from dynident.validation import LogValidation
 
-__all__ = ["Line", "causes_words", "note_lines", "old_result_lines", "status_words", "words"]
+__all__ = ["Line", "causes_words", "note_lines", "old_result_lines", "residual_words", "status_words", "words"]
 
 PREFIX = {Severity.ERROR: "Error: ", Severity.WARNING: "Warning: ", Severity.INFO: "Note: "}
 
@@ -61,9 +62,20 @@ def status_words(estimate: Estimate) -> str:
     return "; ".join(map(words, estimate.notes)) or "ok"
 
 
-def causes_words(test: residuals.ResidualTest) -> str:
-    """Return the likely causes of a residual, empty where there are none."""
-    return " and ".join(map(words, test.causes))
+def residual_words(log: LogValidation, joint: str) -> str:
+    """Return what the residual of a joint points to: nothing but the sensors' noise, or its likely causes, or ""."""
+    floor = log.floors.get(joint)
+    return "at the noise floor" if floor and floor.reached else causes_words(log.residuals[joint].causes, floor)
+
+
+def causes_words(causes: Sequence[residuals.Cause], floor: NoiseFloor | None = None) -> str:
+    """Return the likely causes of a residual, empty where there are none; what is above a floor is not its noise."""
+    said = [words(one) for one in causes]
+    if floor is not None:
+        coloured = ", or coloured noise" if floor.origin is FloorOrigin.WHITE else ""
+        above = f"ripple, elasticity or a time offset{coloured} (mostly above {residuals.LOW:g} Hz)"
+        said = [above if isinstance(one, residuals.HighFrequency) else words(one) for one in causes]
+    return " and ".join(said)
 
 
 @words.register
@@ -233,6 +245,16 @@ def _(cause: residuals.LowFrequency) -> str:  # noqa: ARG001
 @words.register
 def _(cause: residuals.HighFrequency) -> str:  # noqa: ARG001
     return f"noise, ripple, elasticity or a time offset (mostly above {residuals.LOW:g} Hz)"
+
+
+@words.register
+def _(note: SmoothedAway) -> str:
+    more = f" (the most; likewise {listed(note.joints[1:])})" if note.joints[1:] else ""
+    return (
+        f"{note.log}: what the smoothing took away follows the motion: {percent(note.share, 2)} of it, and with it "
+        f"{percent(note.lost, 2)} of the acceleration of {note.joints[0]}{more}; smooth less, by a smaller `factor` of "
+        "the smoother, if the torque of held-out motion is then predicted better"
+    )
 
 
 @words.register

@@ -16,18 +16,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ROLES",
     "count",
-    "huge",
-    "labelled",
-    "listed",
-    "logs_of",
-    "motion_known",
-    "percent",
-    "points",
-    "short",
-    "tiny",
-]
-    "ROLES",
-    "count",
+    "day",
     "huge",
     "labelled",
     "listed",
@@ -74,6 +63,11 @@ def labelled(identification: Identification) -> list[tuple[str, int]]:
 def count(number_of: int, noun: str) -> str:
     """Word a count, such as "1 log" or "2 logs"."""
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
+
+
+def day(stamp: str) -> str:
+    """Word a time that is given in ISO 8601, such as "2026-11-22 14:05 UTC"; "" stays."""
+    return f"{stamp[:10]} {stamp[11:16]} UTC" if stamp else ""
 
 
 def percent(value: float, digits: int = 3) -> str:

@@ -51,7 +51,7 @@ class SplineSettings:
     lam: Each | None = None
     sigma: Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]] | None, BY_JOINT] = None
     ends: Annotated[float, Ge(0)] = 6.0
-    factor: Annotated[float, Gt(0)] = 1.0
+    factor: Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT] = 1.0
 
     def __post_init__(self) -> None:
         given = [name for name in ("p", "lam") if getattr(self, name) is not None]
@@ -75,7 +75,7 @@ class SplineSettings:
     def build(self) -> Spline | tuple[Spline, ...]:
         """Return the spline, or those that ``rule`` "torque" chooses from."""
         if self.rule == "torque":
-            return tuple(Spline(Constraint(), self.sigma, self.ends, self.factor * one) for one in FACTORS)
+            return tuple(Spline(Constraint(), self.sigma, self.ends, _times(self.factor, one)) for one in FACTORS)
         own: dict[str, Any] = {"constraint": {"S": self.S}, "fixed": {"p": self.p, "lam": self.lam}}.get(self.rule, {})
         return Spline(RULES[self.rule](**own), self.sigma, self.ends, self.factor)
 
@@ -102,7 +102,8 @@ class Spline:
     """Smooth each joint's position by a natural cubic spline and take dq and ddq from it, eqs. (34)-(36).
 
     ``rule`` chooses how much to smooth (default: ``Constraint()``, S = n). The position noise is ``factor`` times
-    ``sigma`` (rad, m): one number, or a mapping by joint name; None estimates it from the data. The mask leaves out
+    ``sigma`` (rad, m): either is one number, or a mapping by joint name (joints that it lacks have the factor 1); None
+    as ``sigma`` estimates it from the data. With S = n, S is ``factor``^2 n in terms of sigma. The mask leaves out
     ``ends`` times the bandwidth of the widest kernel, plus one step, at both ends, where the natural spline's zero
     acceleration biases the derivatives: after k bandwidths exp(-k / sqrt 2) of the bias is left, 1.4 % at 6.
 
@@ -124,14 +125,15 @@ class Spline:
     rule: Rule = field(default_factory=Constraint)
     sigma: float | Mapping[str, float] | None = None
     ends: float = 6.0
-    factor: float = 1.0
+    factor: float | Mapping[str, float] = 1.0
     Settings: ClassVar[type[SplineSettings]]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.ends) and self.ends >= 0):
             raise ConfigError(f"ends is {self.ends}: give a number of bandwidths >= 0.")
-        if not (np.isfinite(self.factor) and self.factor > 0):
-            raise ConfigError(f"factor is {self.factor}: give a positive multiple of sigma.")
+        for one in self.factor.values() if isinstance(self.factor, Mapping) else (self.factor,):
+            if not (np.isfinite(one) and one > 0):
+                raise ConfigError(f"factor is {one}: give a positive multiple of sigma.")
 
     @property
     def method(self) -> str:
@@ -167,16 +169,29 @@ class Spline:
         return Spline(Fixed(lam=tuple(lam)), dict(zip(motion.joints, sigma, strict=True)), self.ends)
 
     def _sigma(self, log: Log) -> list[float] | float | None:
-        if not isinstance(self.sigma, Mapping):
-            if self.factor == 1.0:
-                return self.sigma
-            known = position_noise(log) if self.sigma is None else np.full(len(log.joints), self.sigma)
-            return [self.factor * float(value) for value in known]
-        for name in self.sigma:
-            if name not in log.joints:
-                raise ConfigError(f"sigma names the joint {name!r}; the log has others; {choices(name, log.joints)}")
-        estimate = position_noise(log)
-        return [self.factor * float(self.sigma.get(name, estimate[k])) for k, name in enumerate(log.joints)]
+        if self.factor == 1.0 and not isinstance(self.sigma, Mapping):
+            return self.sigma
+        for key in ("sigma", "factor"):
+            given = getattr(self, key)
+            for name in given if isinstance(given, Mapping) else ():
+                if name not in log.joints:
+                    raise ConfigError(
+                        f"{key} names the joint {name!r}; the log has others; {choices(name, log.joints)}"
+                    )
+        known = self.sigma is not None and not isinstance(self.sigma, Mapping)
+        estimate = np.ones(len(log.joints)) if known else position_noise(log)
+        pairs = zip(log.joints, estimate.tolist(), strict=True)
+        return [_of(self.factor, name, 1.0) * _of(self.sigma, name, noise) for name, noise in pairs]
+
+
+def _of(setting: float | Mapping[str, float] | None, joint: str, other: float) -> float:
+    """Return a setting at a joint, ``other`` where it is not given."""
+    found = setting.get(joint) if isinstance(setting, Mapping) else setting
+    return other if found is None else float(found)
+
+
+def _times(factor: float | Mapping[str, float], one: float) -> float | dict[str, float]:
+    return {name: one * size for name, size in factor.items()} if isinstance(factor, Mapping) else one * factor
 
 
 def _named(rule: Rule) -> str:

@@ -10,8 +10,8 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError
-from dynident.estimators import LeastSquares, PhysicallyConsistent
+from dynident.errors import ConfigError, InputError
+from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.estimators.notes import MotionCorrected
 from dynident.identification import Identification, Recipe, identify
 from dynident.models.gallery import slider
@@ -22,11 +22,6 @@ from dynident.tuning import Bench, QuickFit, Tuning
 from tests.tuning.arms import JOINTS, MODEL, THETA, bench, logs, recording
 
 Change = Callable[[Tuning], Tuning]
-
-
-@pytest.fixture(scope="module")
-def arm() -> Bench:
-    return bench()
 
 
 CHANGES: dict[str, Change] = {
@@ -51,15 +46,19 @@ def differing(quick: QuickFit, value: np.ndarray) -> float:
     return float((np.abs(quick.base.to_base(quick.value - value)) / quick.base_std).max())
 
 
+def identified(on: Bench, tuning: Tuning) -> Identification:
+    """The whole fit, without the findings of the checks."""
+    logs = on._role_logs(tuning).recorded
+    return identify(on.model(tuning), logs["train"], logs["validation"], on.recipe(tuning))
+
+
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_the_quick_fit_is_the_whole_one_but_for_the_bias_by_the_motion(
     arm: Bench, change: Change, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(import_module("dynident.identification.identify"), "motion_errors", lambda *_: None)
     tuning = change(arm.start)
-    recorded = arm._role_logs(tuning).recorded
-    quick = arm.fitted(tuning)
-    whole = identify(arm.model(tuning), recorded["train"], recorded["validation"], arm.recipe(tuning))
+    quick, whole = arm.fitted(tuning), identified(arm, tuning)
     assert quick.names == whole.estimate.names
     exact = 1e-5 if tuning.estimator == "consistent" else 1e-8  # the conic solver has its own precision
     assert differing(quick, whole.estimate.value) < exact
@@ -118,7 +117,7 @@ def test_excluded_samples_are_smoothed_through_but_count_nowhere(arm: Bench) -> 
     tau = spoiled["train"]["log 1"].tau.copy()
     tau[gone] += 50.0
     spoiled["train"]["log 1"] = replace(spoiled["train"]["log 1"], tau=tau)
-    again = replace(arm, logs=spoiled, _known=type(arm._known)())
+    again = replace(arm, logs=spoiled)
     assert differing(again.fitted(tuning), quick.value) < 1e-9
     assert again.fitted(tuning).logs["log 1"].error == pytest.approx(quick.logs["log 1"].error)
     assert again.fitted(again.start).logs["log 1"].error > 2 * quick.logs["log 1"].error
@@ -218,7 +217,7 @@ def test_a_joint_that_was_never_recorded_and_wrong_samples() -> None:
     assert np.abs(seen.residual).max() < 0.01
     for change in (CHANGES["fewer terms"], CHANGES["more terms"]):
         tuning = change(on.start)
-        assert differing(on.fitted(tuning), on.whole(tuning).estimate.value) < 3.0
+        assert differing(on.fitted(tuning), identified(on, tuning).estimate.value) < 3.0
 
 
 def test_rests_and_several_logs() -> None:
@@ -230,7 +229,7 @@ def test_rests_and_several_logs() -> None:
     on = bench(logs(rested, recording(2), recording(3, 2.0)))
     assert on.smoothed(on.start, "log 1", JOINTS[0]).t[0] > 1.0
     tuning = on.start.with_degree(0.2)
-    assert differing(on.fitted(tuning), on.whole(tuning).estimate.value) < 3.0
+    assert differing(on.fitted(tuning), identified(on, tuning).estimate.value) < 3.0
 
 
 def test_the_consistent_fit_keeps_what_was_chosen_of_it() -> None:
@@ -244,3 +243,24 @@ def test_the_consistent_fit_keeps_what_was_chosen_of_it() -> None:
         on.fitted(on.start.with_terms(0, ("coulomb",)))
     assert MODEL.names == on.fitted(on.start).names
     assert THETA.shape == on.fitted(on.start).value.shape
+
+
+def test_an_estimator_that_takes_long_has_a_substitute() -> None:
+    given = logs(recording(1, 2.0))
+    on = bench(given)
+    slow = replace(on, estimators_by_kind={"MaximumLikelihood": MaximumLikelihood(), **on.estimators_by_kind})
+    quick = slow.fitted(replace(slow.start, estimator="MaximumLikelihood"))
+    assert not quick.exact
+    assert quick.cross_validated == pytest.approx(on.fitted(on.start).cross_validated)
+
+
+def test_what_cannot_be_smoothed_so_is_said_and_does_no_harm(arm: Bench) -> None:
+    on = bench(logs(recording(1), recording(2, 1.0)))
+    with pytest.raises(InputError, match=r"log 2: .* too short"):
+        on.fitted(on.start.with_degree(5.0))
+    assert on.fitted(on.start).logs.keys() == {"log 1", "log 2"}
+    with pytest.raises(InputError, match=r"log 2: no usable sample is left; exclude less"):
+        arm.fitted(arm.start.excluding("log 2", 0.0, 9.0))
+    for stop in (7.75, 9.0):
+        with pytest.raises(InputError, match=r"too few for 39 parameters; exclude less"):
+            arm.fitted(arm.start.excluding("log 1", 0.0, stop))

@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError
-from dynident.identification import Recipe, choose_smoother
+from dynident.identification import choose_smoother
 from dynident.smoothers import Spline
 from dynident.smoothers.spline import FACTORS
 from dynident.tuning import Bench, curve
 from tests.tuning.arms import JOINTS, bench, logs, recording
-
-
-@pytest.fixture(scope="module")
-def arm() -> Bench:
-    return bench(logs(recording(1, 12.0)))
 
 
 def test_it_is_the_error_by_which_a_smoother_is_chosen(arm: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,5 +47,6 @@ def test_a_joint_alone_moves_alone(arm: Bench) -> None:
 
 
 def test_wide_kernels_leave_the_curve_of_a_short_log() -> None:
-    found = bench(logs(recording(1, 1.5)), Recipe(Spline())).curve(bench(logs(recording(1, 1.5))).start)
+    on = bench(logs(recording(1, 1.5)))
+    found = on.curve(on.start)
     assert found.degrees[-1] < max(curve.DEGREES)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dynident.tuning import Bench
 from dynident.tuning.smoothed import FLOOR, degree_of
-from tests.tuning.arms import JOINTS, RATE, bench
+from tests.tuning.arms import JOINTS, RATE
 
 
-def test_the_residual_of_the_right_smoothing_is_white_of_the_noise() -> None:
-    on = bench()
-    found = on.smoothed(on.start.with_degree(0.0), "log 1", JOINTS[0])
+def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -> None:
+    found = arm.smoothed(arm.start.with_degree(0.0), "log 1", JOINTS[0])
     assert found.degree == pytest.approx(0.0, abs=1e-6)
     assert found.noise == pytest.approx(2e-4, rel=0.05)
     np.testing.assert_allclose(found.residual, found.measured - found.q)
@@ -25,9 +25,8 @@ def test_the_residual_of_the_right_smoothing_is_white_of_the_noise() -> None:
     assert 2 < found.edf < len(found.t)
 
 
-def test_too_much_smoothing_leaves_the_motion_in_the_residual() -> None:
-    on = bench()
-    found = on.smoothed(on.start.with_degree(2.0), "log 1", JOINTS[0])
+def test_too_much_smoothing_leaves_the_motion_in_the_residual(arm: Bench) -> None:
+    found = arm.smoothed(arm.start.with_degree(2.0), "log 1", JOINTS[0])
     f, power = found.spectrum()
     assert power[f < 5].max() > 30 * np.median(power)
     _, auto, bound = found.autocorrelation()

@@ -70,7 +70,7 @@ class BodyInertia:
         squares = 2.5 * (self.moments.sum() - 2 * self.moments) / self.mass if self.mass > 0 else np.full(3, np.nan)
         if not (squares > -EXACT * np.abs(squares).max()).all():
             return None
-        return np.sqrt(np.maximum(squares, 0.0))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +175,11 @@ def _errors(
         return np.full(SIZE, np.nan), np.zeros(SIZE, dtype=bool)
     gradient = np.zeros((SIZE, len(identification.model.parameters)))
     gradient[:, own] = _gradient(found)
-    along, sure = gradient, np.ones(SIZE, dtype=bool)
+    along: Array = gradient
+    sure = np.ones(SIZE, dtype=bool)
     if basis is not None:
         scaled, rows = gradient / basis.scale, basis.combination / basis.scale
-        along = np.linalg.lstsq(rows.T, scaled.T)[0].T
+        along = np.asarray(np.linalg.lstsq(rows.T, scaled.T)[0].T, dtype=np.float64)
         sure = np.linalg.norm(scaled - along @ rows, axis=1) <= EXACT * np.linalg.norm(scaled, axis=1)
     along = np.where(np.abs(along) > TINY * np.abs(along).max(axis=1, keepdims=True), along, 0.0)
     return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", along, covariance, along), 0.0)), sure

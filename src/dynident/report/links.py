@@ -28,9 +28,9 @@ WORDS = {
     DeterminedBy.NOTHING: "nothing",
 }
 _LINKS = (
-    "The centre of mass is in the frame of the link, and the principal moments are about it. ±: standard error. > or -: "
-    "the data alone leave the value open, and what the prior chose has an error that is not known; that of the data "
-    "comes before it, where it is above 1 % of the value."
+    "The centre of mass is in the frame of the link; the principal moments are about it. ±: standard error. Where the "
+    "data alone leave a value open, the prior chose it, with an error that is not known: ± is then what the data "
+    "contribute (>), or a dash where that is below 1 % of the value."
 )
 _OPEN = (
     "The data alone leave mass, centre of mass and moments of each link open: only combinations of links act on the "

@@ -67,14 +67,14 @@ def parameter_section(identification: Identification) -> PageSection:
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
     seen, unseen = _by_data(identification)
     if len(seen) <= FULL_LIST:
-        blocks += [_typeset(identification, seen)] if seen else []
+        blocks += [_table(identification, seen)] if seen else []
     else:
         first = tuple(k for k in seen if parameters[k].role not in INERTIAL)
-        blocks += [_typeset(identification, first)] if first else []
-        blocks.append(Fold(f"All {len(seen)} parameters that these data show", (_typeset(identification, seen),)))
+        blocks += [_table(identification, first)] if first else []
+        blocks.append(Fold(f"All {len(seen)} parameters that these data show", (_table(identification, seen),)))
     if unseen:
         title = f"{count(len(unseen), 'parameter')} that these data do not show alone"
-        blocks.append(Fold(title, (_UNSEEN, _typeset(identification, unseen))))
+        blocks.append(Fold(title, (_UNSEEN, _table(identification, unseen))))
     groups = {name: [k for k in rows if k in seen] for name, rows in _groups(parameters).items()}
     groups = {name: rows for name, rows in groups.items() if rows}
     if len(seen) <= ONE_FIGURE:
@@ -83,8 +83,7 @@ def parameter_section(identification: Identification) -> PageSection:
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
 
 
-def _typeset(identification: Identification, chosen: tuple[int, ...]) -> PageTable:
-    """Return the table of chosen parameters with formulas for what they mean."""
+def _table(identification: Identification, chosen: tuple[int, ...]) -> PageTable:
     return with_formulas(parameter_table(identification, chosen), identification.model)
 
 

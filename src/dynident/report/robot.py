@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.excitation import Geometry, Outline, geometry_of, outlines
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
 from dynident.report import figures
-from dynident.report.figures.canvas import origin, plain
+from dynident.report.figures.canvas import Trace, origin, plain
 from dynident.report.links import WORDS, title_of
 from dynident.report.page import Figure, PageBlock, number
 from dynident.report.words import labelled
@@ -95,7 +95,8 @@ def _outlines(geometry: Geometry) -> tuple[Outline, ...]:
 
 def _surfaces(bodies: RigidBodies, links: Sequence[LinkInertia], shown: Sequence[Outline]) -> list[figures.Moving]:
     """Return the surfaces of the bodies, in the colour of what determined them, with what to say of each."""
-    known, out = {one.body: one for one in links}, []
+    known = {one.body: one for one in links}
+    out: list[figures.Moving] = []
     for one in shown:
         if one.body < 0:
             continue
@@ -142,7 +143,7 @@ def _ellipsoids(known: Mapping[int, BodyInertia | None], colours: Mapping[int, s
     ]
 
 
-def _keys(links: Sequence[LinkInertia]) -> list[figures.Trace]:
+def _keys(links: Sequence[LinkInertia]) -> list[Trace]:
     """Return the legend of the colours that there are."""
     there = {one.mostly for one in links}
     return [figures.key(f"by {WORDS[one]}", COLOURS[one]) for one in DeterminedBy if one in there]

@@ -53,7 +53,9 @@ def error_words(value: float | None) -> str:
     return "-" if value is None or value != value else percent(value)  # noqa: PLR0124 -- nan
 
 
-def _by_joint(what: str, before: Sequence[Any], now: Sequence[Any], joints: Sequence[str], words: Any) -> Iterator[Change]:
+def _by_joint(
+    what: str, before: Sequence[Any], now: Sequence[Any], joints: Sequence[str], words: Any
+) -> Iterator[Change]:
     differ = [k for k in range(len(joints)) if before[k] != now[k]]
     pairs = {(words(before[k]), words(now[k])) for k in differ}
     if len(pairs) == 1 and len(differ) == len(joints) > 1:

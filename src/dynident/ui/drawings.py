@@ -62,7 +62,9 @@ def motion_drawing(
     return _timed(figure, left_out, zero, rows=4, of=f"{one.log}/{one.joint}")
 
 
-def torque_drawing(log: LogFit, joint: int, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None) -> Drawing:
+def torque_drawing(
+    log: LogFit, joint: int, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None
+) -> Drawing:
     """Draw a joint's measured and predicted torque over time, and their difference below."""
     motion = log.motion
     measured, guess = motion.tau[:, joint], only(log.predicted[:, joint], motion.mask)
@@ -126,7 +128,9 @@ def curve_drawing(found: DegreeCurve, at: float, joint: int, alone: bool) -> Dra
     figure.layout["shapes"] = [_across("x", "y domain", at, BLUE)]
     figure.layout["xaxis"] |= {"title": {"text": "log S/n"}, "range": list(SLIDER), "dtick": 1, "automargin": False}
     figure.layout["yaxis"] |= {"nticks": 4, "ticksuffix": " %", "automargin": False}
-    figure.layout.update(showlegend=False, margin={"l": 46, "r": 10, "t": 14, "b": 36}, hovermode="closest", dragmode=False)
+    figure.layout.update(
+        showlegend=False, margin={"l": 46, "r": 10, "t": 14, "b": 36}, hovermode="closest", dragmode=False
+    )
     figure.layout["font"] = {"size": 11}
     return figure
 
@@ -147,9 +151,7 @@ def place(degrees: Sequence[float], joint: int, alone: bool) -> float:
     return float(degrees[joint]) if alone else float(np.median(np.asarray(degrees)))
 
 
-def _line(
-    t: Array, y: Array, name: str, line: dict[str, Any], zoom: Zoom, zero: float, points: int = POINTS
-) -> Trace:
+def _line(t: Array, y: Array, name: str, line: dict[str, Any], zoom: Zoom, zero: float, points: int = POINTS) -> Trace:
     """Return a thinned curve, with most points where it is seen."""
     if zoom is None or len(t) <= points:
         return curve(t - zero, y, name, line, points)

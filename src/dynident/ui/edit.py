@@ -144,7 +144,9 @@ _SETTINGS: Mapping[str, Callable[[View, Bench, Any], Tuning]] = {
 
 def _at(view: View, bench: Bench, values: Sequence[One], value: One) -> tuple[One, ...]:
     """Return values by joint with a new one: of the joint that is drawn, or of all."""
-    return tuple(value if not view.alone or name == view.joint else old for name, old in zip(bench.joints, values, strict=True))
+    return tuple(
+        value if not view.alone or name == view.joint else old for name, old in zip(bench.joints, values, strict=True)
+    )
 
 
 def _number(what: str, value: Any, least: float = -math.inf) -> float:

@@ -42,7 +42,11 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
     one, what = judged(fit)
     before = None if last is None else judged(last)[0]
     facts = [
-        (error_words(one.error if one else None), f"torque error, {what}", _moved(one and one.error, before and before.error)),
+        (
+            error_words(one.error if one else None),
+            f"torque error, {what}",
+            _moved(one and one.error, before and before.error),
+        ),
         (
             error_words(fit.cross_validated),
             "cross-validated",
@@ -116,7 +120,10 @@ def pending(step: Step, before: Any = None) -> Any:
 
 def _list(found: Sequence[Change]) -> Any:
     return html.Ul(
-        [html.Li([f"{what}: ", html.Span(before, className="muted"), " → ", html.B(now)]) for what, before, now in found],
+        [
+            html.Li([f"{what}: ", html.Span(before, className="muted"), " → ", html.B(now)])
+            for what, before, now in found
+        ],
         className="changes",
     )
 

@@ -6,6 +6,7 @@ readable on white and on black; a page may repaint them in its own text colour.
 
 from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
 from dynident.report.figures.canvas import Array, Drawing, clock, share, thin
+from dynident.report.figures.comparison import difference_figure
 from dynident.report.figures.excitation import Quantity, designed_figure, distance_figure, expected_figure
 from dynident.report.figures.fleet import Course, Mark, course_figure, pooled_figure, robots_figure
 from dynident.report.figures.identification import (
@@ -67,6 +68,7 @@ __all__ = [
     "course_figure",
     "cylinder",
     "designed_figure",
+    "difference_figure",
     "distance_figure",
     "efficiency_figure",
     "ellipsoids",

@@ -5,6 +5,7 @@ const Scene = (() => {
   const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0)).buffer);
   const pressed = (button) => button.getAttribute("aria-pressed") === "true";
   const visible = (box) => box.offsetParent !== null;
+  const STEPS = 500; // of a slider, one for each press of a key
   let shownRun, shownTime = 0;
 
   // Poses are (3, 4) by rows: a rotation, and beside it where the origin is.
@@ -84,8 +85,8 @@ const Scene = (() => {
   function tell(scene) {
     if (!scene.player) return;
     const { start, stop } = scene.run, { slider, output } = scene;
-    [slider.min, slider.max, slider.step] = [0, 1000, 1];
-    slider.value = Math.round((1000 * (scene.time - start)) / (stop - start || 1));
+    [slider.min, slider.max, slider.step] = [0, STEPS, 1];
+    slider.value = Math.round((STEPS * (scene.time - start)) / (stop - start || 1));
     output.value = `${scene.time.toFixed(stop - start < 10 ? 2 : 1)} s`;
     slider.setAttribute("aria-valuetext", scene.run.name ? `${output.value} of ${scene.run.name}` : output.value);
   }
@@ -169,7 +170,7 @@ const Scene = (() => {
     others.forEach((button, k) => button.addEventListener("click", () => layer(scene, button, layers[k])));
     scene.slider.addEventListener("input", () => {
       const { name, start, stop } = scene.run;
-      go(name, start + (scene.slider.value / 1000) * (stop - start));
+      go(name, start + (scene.slider.value / STEPS) * (stop - start));
     });
     scene.player.hidden = false;
   }

@@ -31,6 +31,7 @@ __all__ = [
     "RED",
     "TEMPLATE",
     "TIME",
+    "VIOLET",
     "Array",
     "Drawing",
     "Trace",
@@ -50,7 +51,8 @@ Array = NDArray[np.float64]
 Trace = dict[str, Any]
 
 INK = "#7d7d7d"
-BLUE, RED, GREEN, AMBER = "#3584e4", "#e5484d", "#2e9e5b", "#c98500"
+# told apart with each colour-blindness, and at least 3 : 1 against white and against the dark paper of the page
+BLUE, RED, GREEN, AMBER, VIOLET = "#2964c4", "#bf3a10", "#33a38f", "#b98a00", "#9a66d0"
 GRID = "rgba(128, 128, 128, 0.25)"
 PALE = "rgba(128, 128, 128, 0.5)"
 TIME = "time, s"  # an axis

@@ -5,11 +5,13 @@ readable on white and on black; a page may repaint them in its own text colour.
 """
 
 from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
-from dynident.report.figures.canvas import Array, Drawing, share, thin
+from dynident.report.figures.canvas import Array, Drawing, clock, share, thin
+from dynident.report.figures.comparison import difference_figure
 from dynident.report.figures.excitation import Quantity, designed_figure, distance_figure, expected_figure
 from dynident.report.figures.fleet import Course, Mark, course_figure, pooled_figure, robots_figure
 from dynident.report.figures.identification import (
     error_figure,
+    glance_figure,
     motion_figure,
     run_figure,
     smoothing_figure,
@@ -62,14 +64,17 @@ __all__ = [
     "bound_figure",
     "box",
     "centres",
+    "clock",
     "course_figure",
     "cylinder",
     "designed_figure",
+    "difference_figure",
     "distance_figure",
     "efficiency_figure",
     "ellipsoids",
     "error_figure",
     "expected_figure",
+    "glance_figure",
     "interval_figure",
     "key",
     "lighter",

@@ -27,8 +27,9 @@
       displaylogo: false,
       displayModeBar: (motion || box.clientWidth > 600) && "hover",
       scrollZoom: false, // a wheel over a figure means to scroll the page
-      modeBarButtons: motion ? [["zoom3d", "tableRotation", "resetCameraDefault3d", "toImage"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d", "toImage"]],
+      modeBarButtons: motion ? [["zoom3d", "tableRotation", "resetCameraDefault3d"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d"]],
     });
+    saving(box);
     if (motion) Scene.draw(box, motion);
     else Scene.follow(box);
   }
@@ -97,9 +98,16 @@
   document.querySelectorAll("main > section").forEach((part) => here.observe(part));
 
   dark.addEventListener("change", () => paint(ink()));
+  const sized = (width) => {
+    for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, width ? { width } : { width: null, autosize: true });
+  };
   addEventListener("beforeprint", () => {
     boxes.forEach(draw);
     paint("#111111");
+    sized(PAPER);
   });
-  addEventListener("afterprint", () => paint(ink()));
+  addEventListener("afterprint", () => {
+    paint(ink());
+    sized();
+  });
 })();

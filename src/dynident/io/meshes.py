@@ -64,9 +64,11 @@ def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = (
 
 
 def result_geometry(identification: Identification) -> Geometry | None:
-    """Return the shapes of an identified robot, with the meshes that are found from where its file was; None where the
-    model is not of a robot file. A shape with a wrong size is no error here: it is named among what is missing, and only
-    the joints are used."""
+    """Return the shapes of an identified robot, with the meshes that are found from where its file was; None where
+    the model is not of a robot file.
+
+    A shape with a wrong size is no error here: it is among what is missing, and only the joints are used.
+    """
     bodies, file = rigid_bodies(identification), identification.provenance.model
     if bodies is None:
         return None

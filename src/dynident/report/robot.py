@@ -28,6 +28,7 @@ TRIANGLES = 300  # of a link
 RATE = 25.0  # Hz, of the poses along a recording, which the page draws a line between
 POSES = 60_000  # positions of single bodies in all recordings of a page
 VIEW, SMALL = 470, 300  # px, heights
+CLOSER = 0.8  # of the small view, which has no axes around
 LEGEND = {
     "orientation": "h",
     "x": 0,
@@ -82,8 +83,10 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     moving = _surfaces(bodies, link_inertias(identification), shown)
     still = [figures.standing(one) for one in shown if one.body < 0]
     figure = figures.scene_figure(bodies, _replays(identification), moving, still, (), SMALL)
-    for one in "xyz":
-        figure.layout["scene"][f"{one}axis"]["visible"] = False
+    scene = figure.layout["scene"]
+    scene["camera"]["eye"] = {axis: CLOSER * far for axis, far in scene["camera"]["eye"].items()}
+    for axis in "xyz":
+        scene[f"{axis}axis"]["visible"] = False
     return Figure(figure, "", player=False)
 
 

@@ -50,7 +50,7 @@ def identification_page(
 ) -> str:
     """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it.
 
-    ``geometry`` are the shapes of the robot; without it those that need no other file than that of the robot.
+    ``geometry`` are the shapes of the robot; without it, its links are drawn as rods.
     """
     sections = [
         verdict_section(identification, exports),

@@ -10,6 +10,11 @@
     if (box.drawn || !shown(box)) return;
     box.drawn = true;
     const { data, layout, motion } = JSON.parse(box.nextElementSibling.textContent);
+    if (motion && !Scene.able) {
+      box.style.height = "auto";
+      box.textContent = "This browser draws nothing in 3-D (WebGL).";
+      return;
+    }
     layout.font = { ...layout.font, color: ink() };
     for (const i of inked(data)) {
       data[i].line = { ...data[i].line, color: ink() };
@@ -30,7 +35,7 @@
   }
 
   function paint(color) {
-    for (const box of boxes.filter((box) => box.drawn)) {
+    for (const box of boxes.filter((box) => box.data)) {
       Plotly.relayout(box, { "font.color": color });
       const traces = inked(box.data);
       if (traces.length) Plotly.restyle(box, { "line.color": color, "marker.color": color }, traces);

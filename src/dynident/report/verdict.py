@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from dynident.export import Export
     from dynident.identification import Identification, Verdict
 
-__all__ = ["verdict_results", "verdict_section", "verdict_text"]
+__all__ = ["STYLES", "verdict_results", "verdict_section", "verdict_text"]
 
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "good", Use.DO_NOT_USE: "bad"}
+STYLES = {use: "red" if tone == "bad" else "green" for use, tone in TONES.items()}  # in a terminal
 SENTENCES = 3  # above the numbers
 REASON = 110  # signs of a reason in a sentence of the page
 FIRST_STEPS = 3  # in sight; the others are behind a fold

@@ -18,7 +18,7 @@ __all__ = ["CHROMIUM", "Browsing", "executable", "is_local"]
 CHROMIUM = "DYNIDENT_CHROMIUM"  # an environment variable: the browser, where it has another name or place
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-DRIVER = "GL Driver Message"  # how fast 3-D is drawn without a graphics card
+DRIVER = ("GL Driver Message", "willReadFrequently")  # how fast plotly's 3-D is drawn without a graphics card
 GRAVE = ("serious", "critical")
 
 
@@ -63,7 +63,7 @@ class Browsing:
             context.close()
 
     def _said(self, message: Any) -> None:
-        if message.type in ("error", "warning") and DRIVER not in message.text:
+        if message.type in ("error", "warning") and not any(one in message.text for one in DRIVER):
             self.complaints.append(f"console: {message.text}")
 
     def _asked(self, address: str) -> None:

@@ -26,7 +26,7 @@ from dynident.identification.result import (
     Sources,
     versions,
 )
-from dynident.identification.role_logs import RoleLogs
+from dynident.identification.role_logs import NotFitted, RoleLogs
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.identification.terms import PlainTerms
 from dynident.identification.terms.added import chosen, first, with_choice
@@ -130,6 +130,7 @@ def _identify(
             *warnings_of(model, estimate, base),
             *noted,
             *resting,
+            *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
             *_steep(tilt),
             *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),

@@ -61,6 +61,7 @@ class RecipeFields(TypedDict, total=False):
     rests: Literal["trim", "keep"]
     terms: Literal["auto"] | None
     proposed: tuple[type, ...]
+    unfitted: tuple[str, ...]
 
 
 def default_recipe(model: Model) -> Recipe:

@@ -18,6 +18,7 @@ from dynident.validation import HARMFUL, FollowTest, follow_tests
 if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.log import Motion
+    from dynident.validation import LogValidation
 
 __all__ = ["data_section", "excitation_table", "smoothing_section"]
 
@@ -70,7 +71,7 @@ def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
         ("low-pass", "low-pass of the fit"),
         ("smoother used", "smoother"),
     ):
-        if settings.get(key, "None") != "None":
+        if key in settings:
             yield meaning, settings[key]
 
 
@@ -95,7 +96,10 @@ def _with_unit(value: float | None, unit: str) -> str:
 
 
 def _log_table(identification: Identification) -> PageTable:
-    heads = ("rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s")
+    heads = ["rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s"]
+    excluded = {one.name: _excluded(one) for one in identification.validations}
+    if any(excluded.values()):
+        heads.append("excluded, s")
     days = [figures.clock(float(log.motion.t[0])) for log in identification.validations]
     columns = (Column("log", numeric=False), Column("role", numeric=False), *map(Column, heads))
     columns += (Column("recorded", numeric=False),) * any(days)
@@ -112,10 +116,17 @@ def _log_table(identification: Identification) -> PageTable:
             number(100.0 * float(mask.mean()), 3),
             number(float(used[0] - t[0]), 2),
             number(float(t[-1] - used[-1]), 2),
+            *([number(excluded[log.name], 3)] * any(excluded.values())),
         ]
         cells += [recorded or "-"] * any(days)
         rows.append((log.name, ROLES.get(log.role, log.role), *cells))
     return PageTable(columns, tuple(rows), "Recordings")
+
+
+def _excluded(log: LogValidation) -> float:
+    """Return how long (s) a log is that is neither fitted nor judged because the configuration excludes it."""
+    gone = None if log.recorded is None else log.recorded.excluded
+    return 0.0 if gone is None else float(gone.mean() * (log.motion.t[-1] - log.motion.t[0]))
 
 
 def excitation_table(identification: Identification) -> tuple[PageBlock, ...]:
@@ -175,7 +186,7 @@ def smoothing_section(identification: Identification) -> PageSection:
                 log.motion, joint.name, joint.unit, fine, log.recorded, log.motion.time_offset
             )
             caption = f"{joint.name}: position and its derivatives, samples that were used."
-            views.append(((label, joint.name), (Figure(figure, caption),)))
+            views.append(((label, joint.name), (Figure(figure.of(label), caption),)))
     gallery = Gallery(("log", "joint"), tuple(views))
     return PageSection("Smoothing", (_SMOOTHING, *_followed(identification), *_smoothing(identification), gallery))
 

@@ -8,7 +8,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.page import Column, PageBlock, PageSection, PageTable, number, relative
-from dynident.report.words import count, percent
+from dynident.report.words import count, percent, tiny
 
 if TYPE_CHECKING:
     from dynident.export import Export, FileError
@@ -26,7 +26,7 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
     if not exports:
         return
     rows = tuple(
-        (one.file, number(one.proof.agreement, 2) if one.proof else "-", _readers(one), "yes" if one.ready else "no")
+        (one.file, tiny(one.proof.agreement) if one.proof else "-", _readers(one), "yes" if one.ready else "no")
         for one in exports
     )
     words = (Column("file", numeric=False), Column("difference"))

@@ -12,11 +12,14 @@ from dynident.report import figures
 from dynident.report.advice import IN_SENTENCES
 from dynident.report.check import finding_groups, finding_row, finding_table
 from dynident.report.data import data_section, smoothing_section
+from dynident.report.equations import model_section
 from dynident.report.exports import export_results, export_section
+from dynident.report.links import link_section
 from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.pieces import pieces_section
 from dynident.report.repeat import repeat_section
+from dynident.report.robot import robot_blocks, robot_view
 from dynident.report.structure import base_section, condition_section, consistency_section
 from dynident.report.terms import term_section, term_table
 from dynident.report.validation import (
@@ -33,6 +36,7 @@ from dynident.report.words import ROLES, count, day, listed, logs_of
 
 if TYPE_CHECKING:
     from dynident.errors import Finding
+    from dynident.excitation import Geometry
     from dynident.export import Export
     from dynident.identification import Identification
 
@@ -41,16 +45,23 @@ __all__ = ["identification_notes", "identification_page", "identification_tables
 MOST = 5  # findings of the checks in a terminal
 
 
-def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
-    """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it."""
+def identification_page(
+    identification: Identification, exports: Sequence[Export] = (), geometry: Geometry | None = None
+) -> str:
+    """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it.
+
+    ``geometry`` are the shapes of the robot; without it those that need no other file than that of the robot.
+    """
     sections = [
-        verdict_section(identification, exports),
+        verdict_section(identification, exports, robot_view(identification, geometry)),
         data_section(identification),
+        *model_section(identification),
         *pieces_section(identification),
         error_section(identification),
-        torque_section(identification),
+        torque_section(identification, tuple(robot_blocks(identification, geometry))),
         *simulation_section(identification),
         *term_section(identification),
+        *link_section(identification, geometry),
         parameter_section(identification),
         *base_section(identification),
         condition_section(identification),

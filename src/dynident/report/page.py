@@ -7,7 +7,6 @@ and the styles are part of the page, which needs no network.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
+from dynident.report.typography import cell, said, sentence
+
 if TYPE_CHECKING:
     import jinja2
     from markupsafe import Markup
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from dynident.report.figures import Drawing
 
 __all__ = [
+    "MEANING",
+    "UNIT",
     "Badge",
     "Beside",
     "Code",
@@ -47,7 +50,7 @@ __all__ = [
 @dataclass(frozen=True)
 class Column:
     """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
-    sentences, which a terminal wraps.
+    sentences, which a terminal wraps, ``unit`` units or levels, which are typeset.
     """
 
     title: str
@@ -55,6 +58,11 @@ class Column:
     numeric: bool = True
     muted: bool = False
     prose: bool = False
+    unit: bool = False
+
+
+UNIT = Column("unit", numeric=False, unit=True)
+MEANING = Column("meaning", numeric=False, prose=True)
 
 
 @dataclass(frozen=True)
@@ -114,10 +122,11 @@ class Code:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A figure and the sentence below it."""
+    """A figure and the sentence below it; one that moves has a ``player``, or only follows others."""
 
     figure: Drawing
     caption: str = ""
+    player: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +225,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json, "words": _words}
+    environment.filters |= {"kind": _kind, "cell": cell, "said": said, "json": _json, "words": sentence}
     return environment
 
 
@@ -250,19 +259,6 @@ def _has_figure(block: PageBlock) -> bool:
     if isinstance(block, PageSection | Fold | Beside):
         return any(_has_figure(inner) for inner in block.blocks)
     return isinstance(block, Figure)
-
-
-def _minus(cell: str) -> str:
-    """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
-    return cell.replace("-", "\u2212") if len(cell) > 1 else cell
-
-
-def _words(text: str) -> Markup:
-    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
-    from markupsafe import Markup, escape
-
-    safe = str(escape(text.replace("+-", "±").replace(" %", "\u00a0%")))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
 
 
 def _json(figure: Drawing) -> Markup:

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.estimators import Provenance
+from dynident.identification.links import DeterminedBy, determined_by
 from dynident.models import INERTIAL
 from dynident.report import figures
-from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.term_words import with_formulas
 from dynident.report.words import count, listed, motion_known
 
 if TYPE_CHECKING:
@@ -28,11 +29,12 @@ FULL_LIST = 40  # a terminal shows up to this many parameters all
 ONE_FIGURE = 30  # more parameters are drawn group by group
 LONGEST = 300  # signs of a warning in a terminal
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
-PROVENANCES = {
-    Provenance.DATA: "data",
-    Provenance.PRIOR: "prior",
-    Provenance.BOUND: "at a bound",
-    Provenance.UNIDENTIFIABLE: "not identifiable",
+DETERMINED = {
+    DeterminedBy.DATA: "data",
+    DeterminedBy.COMBINATION: "in combination",
+    DeterminedBy.PRIOR: "prior",
+    DeterminedBy.BOUND: "at a bound",
+    DeterminedBy.NOTHING: "not identifiable",
 }
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
@@ -65,22 +67,24 @@ def parameter_section(identification: Identification) -> PageSection:
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
     seen, unseen = _by_data(identification)
     if len(seen) <= FULL_LIST:
-        blocks += [parameter_table(identification, seen)] if seen else []
+        blocks += [_table(identification, seen)] if seen else []
     else:
         first = tuple(k for k in seen if parameters[k].role not in INERTIAL)
-        blocks += [parameter_table(identification, first)] if first else []
-        blocks.append(
-            Fold(f"All {len(seen)} parameters that these data show", (parameter_table(identification, seen),))
-        )
+        blocks += [_table(identification, first)] if first else []
+        blocks.append(Fold(f"All {len(seen)} parameters that these data show", (_table(identification, seen),)))
     if unseen:
         title = f"{count(len(unseen), 'parameter')} that these data do not show alone"
-        blocks.append(Fold(title, (_UNSEEN, parameter_table(identification, unseen))))
+        blocks.append(Fold(title, (_UNSEEN, _table(identification, unseen))))
     groups = {name: [k for k in rows if k in seen] for name, rows in _groups(parameters).items()}
     groups = {name: rows for name, rows in groups.items() if rows}
     if len(seen) <= ONE_FIGURE:
         groups = {"all": list(seen)} if seen else {}
     views = tuple(((group,), (_interval(identification, rows),)) for group, rows in groups.items())
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
+
+
+def _table(identification: Identification, chosen: tuple[int, ...]) -> PageTable:
+    return with_formulas(parameter_table(identification, chosen), identification.model)
 
 
 def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> PageTable:
@@ -92,15 +96,13 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     robust = identification.errors.std_hac is not None
     known = any(parameters[k].value is not None for k in shown)
     meant = any(parameters[k].expression for k in shown) and not any(parameter.body for parameter in parameters)
-    verdict = _verdicts(identification)
+    verdict = tuple(DETERMINED[one] for one in determined_by(identification))
     sized = bool(np.isfinite(errors[list(shown)]).any())
     columns = [Column("parameter", numeric=False), Column("value")]
     columns += [Column("std. error"), Column("%"), *[Column("if independent", muted=True)] * robust] * sized
     reference = "nominal" if figures.only_nominal(identification.model) else "true"
-    columns += [Column(reference)] * known + [Column("unit", numeric=False)]
-    columns += [Column("determined by", numeric=False)] * bool(verdict) + [
-        Column("meaning", numeric=False, prose=True)
-    ] * meant
+    columns += [Column(reference)] * known + [UNIT]
+    columns += [Column("determined by", numeric=False)] * bool(verdict) + [MEANING] * meant
     rows = []
     for k in shown:
         row = [estimate.names[k], number(float(estimate.value[k]))]
@@ -117,17 +119,6 @@ def _by_data(identification: Identification) -> tuple[tuple[int, ...], tuple[int
     """Return the places of the parameters that the data show by themselves, and of the others."""
     known = np.isfinite(identification.errors.best)
     return tuple(map(int, np.flatnonzero(known))), tuple(map(int, np.flatnonzero(~known)))
-
-
-def _verdicts(identification: Identification) -> tuple[str, ...]:
-    """Return what determined each parameter; for an estimator that does not tell, as the base parameters show it."""
-    estimate, basis = identification.estimate, identification.base.on_data
-    if estimate.provenance or basis is None:
-        return tuple(PROVENANCES[one] for one in estimate.provenance)
-    alone, none = set(basis.determined), set(basis.without_effect)
-    return tuple(
-        "data" if name in alone else "not identifiable" if name in none else "in combination" for name in estimate.names
-    )
 
 
 def _certain(identification: Identification) -> str:

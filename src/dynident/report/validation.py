@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dynident.report import figures
-from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import residual_words, words
 from dynident.report.words import ROLES, labelled, listed, points
 from dynident.validation import FloorOrigin
@@ -82,9 +82,7 @@ def joint_table(identification: Identification) -> PageTable:
         for log in identification.validations
         for joint in identification.model.joints
     ]
-    return PageTable(
-        (*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered"
-    )
+    return PageTable((*columns, UNIT), tuple(rows), "Torque error per log and joint, unfiltered")
 
 
 def unknown_noise(identification: Identification) -> Iterator[str]:
@@ -100,7 +98,7 @@ def unknown_noise(identification: Identification) -> Iterator[str]:
 
 def _matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
-    heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
+    heads = [Column("joint", numeric=False), UNIT]
     for log in identification.validations:
         name = f"{log.name} ({ROLES.get(log.role, log.role)})"
         heads += [Column(title, name) for title in ("error, %", "over the noise floor", "rmse")]
@@ -155,8 +153,9 @@ def _left(identification: Identification) -> PageTable:
     return PageTable((*columns, *more), tuple(rows), "What is left of the torque, unfiltered")
 
 
-def torque_section(identification: Identification) -> PageSection:
-    """Return the section of the torques: one figure at a time, by log and joint."""
+def torque_section(identification: Identification, robot: Sequence[PageBlock] = ()) -> PageSection:
+    """Return the section of the torques: one figure at a time, by log and joint, beside the ``robot``, if it is given
+    as words and a view of it."""
     fine = points(identification)
     views = []
     for label, k in labelled(identification):
@@ -166,9 +165,13 @@ def torque_section(identification: Identification) -> PageSection:
                 f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
                 f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
             )
-            figure = Figure(figures.torque_figure(log, joint.name, joint.effort, fine), caption)
-            views.append(((label, joint.name), (figure,)))
-    return PageSection("Torques", (_TORQUES, Gallery(("log", "joint"), tuple(views))))
+            figure = figures.torque_figure(log, joint.name, joint.effort, fine).of(label)
+            views.append(((label, joint.name), (Figure(figure, caption),)))
+    gallery = Gallery(("log", "joint"), tuple(views))
+    if not robot:
+        return PageSection("Torques", (_TORQUES, gallery))
+    *said, view = robot
+    return PageSection("The robot and its torques", (_TORQUES, *said, Beside((view, gallery))))
 
 
 def simulation_section(identification: Identification) -> Iterator[PageSection]:
@@ -202,7 +205,12 @@ def _runs(identification: Identification) -> Iterator[Gallery]:
     views = tuple(
         (
             (label, joint),
-            (Figure(figures.run_figure(run, joint, units[joint], fine), f"{joint}: measured and simulated position."),),
+            (
+                Figure(
+                    figures.run_figure(run, joint, units[joint], fine).of(label),
+                    f"{joint}: measured and simulated position.",
+                ),
+            ),
         )
         for label, k in labelled(identification)
         if (run := runs.get(identification.validations[k].name))

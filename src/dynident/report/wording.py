@@ -12,7 +12,7 @@ from dynident.estimators import notes
 from dynident.identification import OldResult
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
-from dynident.report.words import listed, percent
+from dynident.report.words import listed, percent, short
 from dynident.validation import FloorOrigin, NoiseFloor, SmoothedAway, residuals
 from dynident.validation.free_run import Broken, RunsAway, Singular
 
@@ -150,7 +150,8 @@ def _(note: notes.ConstraintsCostly) -> str:
 @words.register
 def _(note: notes.MotionCorrected) -> str:
     return (
-        f"smoothing and the noise left in the motion bias least squares, {note.parameter} by {note.size:.2g} standard "
+        f"smoothing and the noise left in the motion bias least squares, {note.parameter} by "
+        f"{short(note.size, 2)} standard "
         "errors; predicted by a second smoothing with noise, this bias was subtracted"
     )
 
@@ -167,7 +168,7 @@ def _(note: notes.MotionLimits) -> str:
 def _(note: notes.MotionTooNoisy) -> str:
     return (
         f"standard errors are too small: smoothing and the noise left in the motion bias {note.parameter} by about "
-        f"{note.size:.2g} of them, too much to be corrected; use the estimator maximum_likelihood"
+        f"{short(note.size, 2)} of them, too much to be corrected; use the estimator maximum_likelihood"
     )
 
 
@@ -178,7 +179,7 @@ def _(note: notes.PriorApproached) -> str:
 
 @words.register
 def _(note: notes.NotConverged) -> str:
-    more = f"the likelihood may still increase by a factor of exp({note.gain:.2g})"
+    more = f"the likelihood may still increase by a factor of exp({short(note.gain, 2)})"
     return f"not converged after {note.iterations} steps: {more}"
 
 
@@ -201,7 +202,7 @@ def _(note: notes.ScatterLarger) -> str:
     return (
         "standard errors assume white residuals; from the scatter of the residuals over time, that of "
         f"{note.parameter} "
-        f"is {note.ratio:.2g} times as large"
+        f"is {short(note.ratio, 2)} times as large"
     )
 
 
@@ -217,7 +218,7 @@ def _(note: notes.Averaged) -> str:
 
 @words.register
 def _(note: notes.SmoothSigns) -> str:
-    listed = ", ".join(f"{x:.2g}" for x in note.widths)
+    listed = ", ".join(f"{short(x, 2)}" for x in note.widths)
     return f"the sign of the velocity in friction was replaced by tanh(dq / width), with widths {listed}"
 
 
@@ -258,7 +259,7 @@ def _(note: SmoothedAway) -> str:
 
 @words.register
 def _(failure: RunsAway) -> str:
-    return f"the simulated position diverges after {failure.after:.3g} s"
+    return f"the simulated position diverges after {short(failure.after)} s"
 
 
 @words.register
@@ -273,11 +274,13 @@ def _(failure: Broken) -> str:
 
 @words.register
 def _(check: MassMatrixCheck) -> str:
-    where = ", ".join(f"{x:.4g}" for x in check.q)
+    where = ", ".join(f"{short(x, 4)}" for x in check.q)
     if check.positive:
-        return f"The mass matrix is positive definite: smallest eigenvalue {check.smallest:.4g}, at q = ({where})."
+        return (
+            f"The mass matrix is positive definite: smallest eigenvalue {short(check.smallest, 4)}, at q = ({where})."
+        )
     return (
-        f"The mass matrix is not positive definite: eigenvalue {check.smallest:.4g} at q = ({where}). "
+        f"The mass matrix is not positive definite: eigenvalue {short(check.smallest, 4)} at q = ({where}). "
         "These parameters are not physically consistent and cannot be simulated; excite the robot more, or constrain "
         "the fit."
     )

@@ -23,6 +23,7 @@ from dynident.validation.prediction import (
     TorqueErrors,
     check_mass,
     relative_error,
+    relative_errors,
     validate,
 )
 from dynident.validation.repeat import REPEATED, Repeat, repeat_of
@@ -87,6 +88,7 @@ __all__ = [
     "long_run",
     "plain_std",
     "relative_error",
+    "relative_errors",
     "repeat_of",
     "residual_test",
     "robust_covariance",

@@ -21,7 +21,16 @@ from dynident.validation.sensor_noise import sensor_noise
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["SEED", "LogValidation", "Signals", "TorqueErrors", "check_mass", "relative_error", "validate"]
+__all__ = [
+    "SEED",
+    "LogValidation",
+    "Signals",
+    "TorqueErrors",
+    "check_mass",
+    "relative_error",
+    "relative_errors",
+    "validate",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -200,6 +209,7 @@ def validate(
     predicted = np.concatenate([model.torque(**motion.states(s), theta=theta) for s in parts])
     measured, guess = motion.tau[motion.mask], predicted[motion.mask]
     known = _recorded(motion)
+    overall, by_joint = relative_errors(motion, predicted)
     error = np.where(known, np.sqrt(np.mean((measured - guess) ** 2, axis=0)), np.nan)
     filtered = None if parallel_filter is None else _filtered(motion, predicted, parallel_filter, min_speed)
     rmse = dict(zip(motion.joints, map(float, error), strict=True))
@@ -208,12 +218,12 @@ def validate(
         role=role,
         errors=TorqueErrors(
             samples=len(measured),
-            relative_error=relative_error(measured[:, known], guess[:, known]),
+            relative_error=overall,
             relative_error_filtered=(
                 None if filtered is None else relative_error(*(one[:, known] for one in filtered))
             ),
             rmse=rmse,
-            per_joint=_by_joint(motion, measured, guess, known),
+            per_joint=by_joint,
             per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered, known),
             effort_share=_of_limits(model, rmse),
             r2={joint: _r2(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
@@ -222,6 +232,13 @@ def validate(
         residuals={joint: test for joint, test in _residuals(motion, predicted).items() if np.isfinite(rmse[joint])},
         signals=Signals(motion, predicted),
     )
+
+
+def relative_errors(motion: Motion, predicted: Array) -> tuple[float, dict[str, float]]:
+    """Return the relative error (%) of a predicted torque (N, n) over the usable samples of a motion: of all joints
+    that were recorded, and of each by name, nan of one that was not."""
+    measured, guess, known = motion.tau[motion.mask], predicted[motion.mask], _recorded(motion)
+    return relative_error(measured[:, known], guess[:, known]), _by_joint(motion, measured, guess, known)
 
 
 def _of_limits(model: Model, rmse: dict[str, float]) -> dict[str, float]:

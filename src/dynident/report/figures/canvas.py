@@ -123,6 +123,11 @@ class Drawing:
         for axis in (self.layout[key] for key in self.layout if key.startswith(f"{letter}axis")):
             axis.update(_given({**changes, "title": None if title is None else {"text": title}}))
 
+    def of(self, run: str) -> Drawing:
+        """Return the figure as one over the time of a recording, with which the arm of the page moves."""
+        self.layout["meta"] = {"run": run}
+        return self
+
     def json(self) -> str:
         """Return the text that plotly's JavaScript reads."""
         whole = {"data": self.data, "layout": self.layout} | ({"motion": self.motion} if self.motion else {})

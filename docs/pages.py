@@ -32,6 +32,7 @@ GUIDES = {
         "payload",
         "watching",
         "fleets",
+        "comparing",
         "online",
         "supported",
     ),

@@ -5,7 +5,7 @@ Time is axis 0, SI units, float64. Both are immutable: their arrays are read-onl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Any, Protocol
@@ -75,12 +75,12 @@ def _owned(array: Array) -> Array:
     return array
 
 
-def _kept(value: Mask | None, shape: tuple[int, ...], source: str) -> Mask | None:
+def _kept(value: Mask | None, shape: tuple[int, ...], source: str, name: str = "keep") -> Mask | None:
     if value is None:
         return None
     keep = _frozen(value, np.bool_)
     if keep.shape != shape:
-        raise InputError(f"{source}: keep has shape {keep.shape}, expected {shape}.")
+        raise InputError(f"{source}: {name} has shape {keep.shape}, expected {shape}.")
     return keep
 
 
@@ -127,7 +127,8 @@ class Log:
 
     ``t`` (N) s, strictly increasing; ``q`` (N, n) rad or m; ``tau`` (N, n) N m or N; ``joints`` n names; ``source``
     names the data in messages. Optional are ``dq`` and ``command`` (N, n), the ``controller`` that produced the
-    torque, and ``keep`` (N, n), False where the torque equation of a joint must not be fitted.
+    torque, ``keep`` (N, n), False where the torque equation of a joint must not be fitted, and ``excluded`` (N), True
+    where a sample is smoothed through, but neither fitted nor judged.
 
     Raises InputError where a value is not finite, a shape does not fit, or time does not increase.
 
@@ -150,6 +151,7 @@ class Log:
     command: Array | None = None
     controller: Controller | None = None
     keep: Mask | None = None
+    excluded: Mask | None = None
 
     def __post_init__(self) -> None:
         given: Any = self.joints
@@ -170,6 +172,7 @@ class Log:
             if value is not None:
                 object.__setattr__(self, name, _matrix(value, len(t), len(joints), name, self.source))
         object.__setattr__(self, "keep", _kept(self.keep, self.q.shape, self.source))
+        object.__setattr__(self, "excluded", _kept(self.excluded, self.t.shape, self.source, "excluded"))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -191,6 +194,19 @@ class Log:
             )
         return self.rows(keep, self.source)
 
+    def excluding(self, windows: Iterable[tuple[float, float]]) -> Log:
+        """Return the log with the samples of ``windows`` (start, stop; s, both included) excluded, beside those that
+        are; itself where there are none in them."""
+        gone = np.zeros(len(self), dtype=bool) if self.excluded is None else self.excluded.copy()
+        for start, stop in windows:
+            gone |= (self.t >= start) & (self.t <= stop)
+        known = 0 if self.excluded is None else np.count_nonzero(self.excluded)
+        return replace(self, excluded=gone) if np.count_nonzero(gone) > known else self
+
+    def including(self) -> Log:
+        """Return the log with nothing excluded; itself where nothing is."""
+        return self if self.excluded is None else replace(self, excluded=None)
+
     def rows(self, keep: slice | NDArray[np.bool_], source: str) -> Log:
         """Return the samples selected by ``keep``, a slice or a mask (N), as a log called ``source``.
 
@@ -200,8 +216,8 @@ class Log:
 
     def _cut(self, index: tuple[Any, ...]) -> dict[str, Any]:
         """Return every channel at the index."""
-        channels = {name: getattr(self, name) for name in ("q", "tau", "dq", "command", "keep")}
-        return {name: None if value is None else value[index] for name, value in channels.items()}
+        channels = {name: getattr(self, name) for name in ("q", "tau", "dq", "command", "keep", "excluded")}
+        return {name: None if value is None else value[index[: value.ndim]] for name, value in channels.items()}
 
     def select(self, joints: tuple[str, ...]) -> Log:
         """Return the log with its joints in the given order, matched by name; InputError where one is missing."""

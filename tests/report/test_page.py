@@ -119,7 +119,7 @@ def test_every_kind_of_block_is_shown():
     assert "<summary>more</summary>\n<p>hidden</p>" in page
     assert '<pre tabindex="0">a: 1\nb: 2</pre>' in page
     assert '<h2>One <span class="badge good">good</span></h2>' in page
-    assert '<td class="words">a-b</td><td class="number muted">\u22121e\u22125</td>' in page
+    assert '<td class="words">a-b</td><td class="number muted" data-value="-1e-5">−1\u00a0×\u00a010⁻⁵</td>' in page
     assert '<td class="number muted">-</td>' in page
     assert "<em>kept</em>" in page
     assert '<section id="part-1-7">\n<h3>Inner</h3>' in page

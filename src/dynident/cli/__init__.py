@@ -6,6 +6,7 @@ import click
 
 from dynident.cli.bound import bound
 from dynident.cli.check import check
+from dynident.cli.compare_results import compare_results
 from dynident.cli.demo import demo
 from dynident.cli.excite import excite
 from dynident.cli.export import export
@@ -19,6 +20,7 @@ from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
+from dynident.cli.tune import tune
 from dynident.cli.watch import watch
 
 __all__ = ["main"]
@@ -55,7 +57,8 @@ def main(debug: bool) -> None:
 
 
 for _command in (
-    demo, reproduce, init, excite, check, bound, identify, fleet, predict, payload, watch, export, smooth, schema,
+    demo, reproduce, init, excite, check, bound, identify, tune, fleet, predict, compare_results, payload, watch, export,
+    smooth, schema,
 ):  # fmt: skip
     common(_command)
     main.add_command(_command)

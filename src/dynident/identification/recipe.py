@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from reprlib import repr as short
-from typing import Any, Literal, get_type_hints
+from typing import Any, Literal, TypeVar, get_type_hints
+
+import numpy as np
 
 from dynident.errors import ConfigError, changed, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares
@@ -17,6 +19,8 @@ from dynident.regression import ParallelFilter
 from dynident.smoothers import Smoother, Spline, motion_of, repaired
 
 __all__ = ["Recipe"]
+
+Recorded = TypeVar("Recorded", Log, Motion)
 
 
 def _makes(result: type, value: object) -> bool:
@@ -53,6 +57,10 @@ def _are_proposing(value: object) -> bool:
     return isinstance(value, tuple) and all(isinstance(one, type) and hasattr(one, "proposed") for one in value)
 
 
+def _are_names(value: object) -> bool:
+    return isinstance(value, tuple) and all(isinstance(one, str) for one in value)
+
+
 def _is_sought(value: object) -> bool:
     return isinstance(value, str) and value == "estimate"
 
@@ -74,6 +82,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "rests": (lambda value: value in ("trim", "keep"), "'trim' or 'keep'"),
     "terms": (lambda value: value in (None, "auto"), "'auto' or None"),
     "proposed": (_are_proposing, "classes of terms with a class method `proposed`, in a tuple"),
+    "unfitted": (_are_names, "names of joints, in a tuple"),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 
@@ -92,7 +101,8 @@ class Recipe:
     where this predicts the torque in motion better.
     ``terms`` "auto" adds to the model the terms of each joint that the training logs choose, as ``choose_terms`` does,
     and chooses ``min_speed`` with them where none is given; classes of terms in ``proposed``, which say by their method
-    ``proposed`` in what sizes they are to be tried on a joint, then take part.
+    ``proposed`` in what sizes they are to be tried on a joint, then take part. The torque equations of ``unfitted``
+    joints are not fitted; their torque is predicted and judged all the same.
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
     numbers: nothing in it is left to choose. Raises ConfigError for a field of another type.
@@ -113,11 +123,12 @@ class Recipe:
     rests: Literal["trim", "keep"] = "trim"
     terms: Literal["auto"] | None = None
     proposed: tuple[type, ...] = ()
+    unfitted: tuple[str, ...] = ()
 
     __repr__ = changed
 
     def __post_init__(self) -> None:
-        for name in ("smoother", "base_tilt"):
+        for name in ("smoother", "base_tilt", "unfitted"):
             if isinstance(value := getattr(self, name), list):
                 object.__setattr__(self, name, tuple(value))
         for name, (fits, wanted) in _FIELDS.items():
@@ -143,8 +154,25 @@ class Recipe:
         return trimmed(log) if self.rests == "trim" else log
 
     def repaired(self, log: Log, *, torque: bool = False) -> Log:
-        """Return the log without outliers of the positions; with ``torque``, suspect torques are not kept, either."""
-        return repaired(log, torque=torque) if self.outliers == "mask" else log
+        """Return the log without outliers of the positions; with ``torque``, suspect torques are not kept, either, nor
+        those of joints that are not fitted."""
+        found = repaired(log, torque=torque) if self.outliers == "mask" else log
+        return self.fitting(found) if torque else found
+
+    def fitting(self, one: Recorded) -> Recorded:
+        """Return a log or motion that keeps for the fit nothing of the joints that are not fitted."""
+        if not self.unfitted:
+            return one
+        keep = np.broadcast_to([name not in self.unfitted for name in one.joints], one.q.shape)
+        return replace(one, keep=keep if one.keep is None else keep & one.keep)
+
+    def check_joints(self, joints: Sequence[str]) -> None:
+        """Raise ConfigError where joints that are not fitted are unknown, or all of them."""
+        for name in self.unfitted:
+            if name not in joints:
+                raise ConfigError(f"unfitted: there is no joint {name!r}; {choices(name, joints)}")
+        if set(joints) <= set(self.unfitted):
+            raise ConfigError("unfitted: names every joint, so that nothing is left to fit; leave one out.")
 
     def min_speeds(self, joints: Sequence[str]) -> tuple[float, ...] | None:
         """Return ``min_speed`` for each joint; ConfigError where it names another."""

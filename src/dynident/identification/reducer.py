@@ -98,7 +98,7 @@ class Reducer:
         if self.without_rests and (still := _still(log)).any():
             moving = np.broadcast_to(~still[:, None], motion.q.shape)
             motion = replace(motion, keep=moving if motion.keep is None else moving & motion.keep)
-        return self.model.remembering(motion)
+        return self.model.remembering(recipe.fitting(motion))
 
 
 def _still(log: Log) -> NDArray[np.bool_]:

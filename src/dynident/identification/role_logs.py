@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
-from dynident.errors import ConfigError, InputError, Step, brief
+from dynident.errors import ConfigError, InputError, Note, Severity, Step, brief
 from dynident.identification.outliers import masked
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import Rests, without_rests
@@ -13,10 +14,18 @@ from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.smoothers import Smoother, motion_of
 
-__all__ = ["RoleLogs"]
+__all__ = ["NotFitted", "RoleLogs"]
 
 Logs = Mapping[str, Mapping[str, Log]]
 Motions = dict[str, dict[str, Motion]]
+
+
+@dataclass(frozen=True)
+class NotFitted(Note):
+    """The torque equations of these ``joints`` are not fitted, as the recipe asks; they are predicted and judged."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    joints: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +49,9 @@ class RoleLogs:
     ) -> RoleLogs:
         """Return the logs of these joints in this order.
 
-        ConfigError where none is to be fitted, InputError where no torque is.
+        ConfigError where none is to be fitted or joints that are not are unknown, InputError where no torque is.
         """
+        recipe.check_joints(joints)
         roles = {"train": _named(train), "validation": _named(validation)}
         if not roles["train"]:
             raise ConfigError("no training log is given; name at least one.")
@@ -60,15 +70,28 @@ class RoleLogs:
     ) -> tuple[Motions, tuple[Rests, ...]]:
         """Return the motions by role and name, with what the model remembers of them, those of the training without
         what is not fitted; and the rests of the training."""
+        return self.kept(model, self.smoothed(smoother, progress), recipe)
+
+    def smoothed(self, smoother: Smoother, progress: Callable[[str], None] = lambda _: None) -> Motions:
+        """Return the motions by role and name. Raises the errors of the smoother."""
         motions: Motions = {role: {} for role in self.repaired}
         every = [(role, *one) for role, logs in self.repaired.items() for one in logs.items()]
         for k, (role, name, log) in enumerate(every):
             progress(Step("smoothing the logs", k, len(every)))
-            motions[role][name] = model.remembering(motion_of(smoother, log))
+            motions[role][name] = motion_of(smoother, log)
+        return motions
+
+    def kept(self, model: Model, smoothed: Motions, recipe: Recipe) -> tuple[Motions, tuple[Rests, ...]]:
+        """Return smoothed motions with what the model remembers of them, those of the training without what is not
+        fitted; and the rests of the training."""
+        motions = {
+            role: {name: model.remembering(one) for name, one in some.items()} for role, some in smoothed.items()
+        }
         speeds = recipe.min_speeds([joint.name for joint in model.joints])
         if recipe.outliers == "mask":
             motions = masked(model, motions, self.trimmed, speeds)
         motions["train"], rests = without_rests(model, motions["train"], self.recorded, recipe.rests, speeds)
+        motions["train"] = {name: recipe.fitting(motion) for name, motion in motions["train"].items()}
         return motions, rests
 
     def fitted(self, motions: Mapping[str, Mapping[str, Motion]]) -> tuple[Log, ...]:

@@ -140,10 +140,10 @@ def _motions(smoother: Smoother, logs: Sequence[Log], known: dict[int, tuple[Mot
 
 
 def _common(made: Sequence[tuple[Motion, ...]], least: int) -> list[NDArray[np.bool_]]:
-    """Return the samples of each log that are reliable for every candidate; all of them where too few are left."""
+    """Return the samples of each log that are reliable for every candidate; for any of them where too few are left."""
     masks = [np.logical_and.reduce([one.mask for one in motions]) for motions in zip(*made, strict=True)]
     if not all(mask.sum() >= least for mask in masks):  # the widest kernels leave too little in common
-        masks = [np.ones(len(mask), dtype=bool) for mask in masks]
+        masks = [np.logical_or.reduce([one.mask for one in motions]) for motions in zip(*made, strict=True)]
     return masks
 
 

@@ -14,14 +14,14 @@ import yaml
 from dynident.errors import ConfigError
 from dynident.identification import Identification
 from dynident.io.config_draft import BREAKING, relative
-from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS, Family
 from dynident.io.opener import real
 from dynident.io.settings import robot_settings
 from dynident.io.yaml_text import load_yaml
-from dynident.models import CoupledMotor, RigidBodies, Term
+from dynident.models import CoupledMotor, RigidBodies
 from dynident.smoothers import unshifted
 
-__all__ = ["explicit_config", "explicit_settings", "relocated", "settings_text"]
+__all__ = ["explicit_config", "explicit_settings", "part_settings", "relocated", "settings_text"]
 
 _TRUTH = "tag:yaml.org,2002:bool"
 
@@ -62,8 +62,8 @@ def explicit_settings(found: Identification, folder: Path) -> dict[str, Any]:
     chosen = {
         "delay": recipe.time_offset,
         "min_speed": recipe.min_speed,
-        "smoother": _moved(_short(SMOOTHERS.describe(smoother), smoother), folder),
-        "estimator": _moved(_short(ESTIMATORS.describe(recipe.estimator), recipe.estimator), folder),
+        "smoother": part_settings(SMOOTHERS, smoother, folder),
+        "estimator": part_settings(ESTIMATORS, recipe.estimator, folder),
         "outliers": recipe.outliers,
         "rests": recipe.rests,
     }
@@ -110,16 +110,21 @@ def _model(found: Identification, given: Any, was: Path, folder: Path) -> Any:
     data["file"] = _files(data["file"], was, folder)
     data["base_tilt"] = list(tilt) if isinstance(tilt, tuple) else "none"
     own = [one for one in found.model.terms if not isinstance(one, RigidBodies | CoupledMotor)]
-    return data | {"terms": [_moved(_term(one), folder) for one in own]}
+    return data | {"terms": [part_settings(TERMS, one, folder) for one in own]}
 
 
-def _term(term: Term) -> dict[str, Any]:
-    return _short(TERMS.describe(term), term)
+def part_settings(family: Family, part: Any, folder: Path) -> Any:
+    """Return the settings of a part that are not as they are by default, its Python file relative to a folder.
+
+    Raises ConfigError where a setting has no plain form.
+    """
+    return _moved(_short(family.describe(part), part), folder)
 
 
 def _short(described: dict[str, Any], part: Any) -> dict[str, Any]:
     """Return the settings of a part without those that are as they are by default."""
-    plain = {one.name: one.default for one in fields(part) if one.init}
+    own = getattr(type(part), "Settings", type(part))
+    plain = {one.name: one.default for one in (*fields(part), *fields(own)) if one.init}
     return {
         key: value
         for key, value in described.items()

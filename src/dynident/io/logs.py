@@ -40,6 +40,7 @@ __all__ = [
     "read_recording",
     "read_roles",
     "turning_joints",
+    "without_excluded",
 ]
 
 Array = NDArray[np.float64]
@@ -176,9 +177,26 @@ def _read(
         warnings += [*_overhang(name, found.t, window), *_left_out(log, pieces)]
         for piece in pieces:
             spaced, note = _spaced(piece, config.time.spacing)
-            logs.append(spaced)
+            logs.append(without_excluded(spaced, spec))
             warnings += [] if note is None else [f"{piece.source}: {reading_words(note)}"]
+    warnings += _excluded_nothing(spec, logs)
     return Reading(tuple(logs), tuple(warnings), found.measured)
+
+
+def without_excluded(log: Log, spec: LogSpec) -> Log:
+    """Return a log with the samples excluded that its recording names."""
+    return log.excluding((-np.inf if a is None else a, np.inf if b is None else b) for a, b in spec.exclude)
+
+
+def _excluded_nothing(spec: LogSpec, logs: Sequence[Log]) -> Iterator[str]:
+    """Yield a warning for each window in which nothing is to be excluded."""
+    for window in spec.exclude:
+        start, stop = (-np.inf if window[0] is None else window[0], np.inf if window[1] is None else window[1])
+        if not any(((log.t >= start) & (log.t <= stop)).any() for log in logs):
+            yield (
+                f"{spec.label}: there is no sample to exclude in {interval_words(window)}; "
+                f"what is used runs from {logs[0].t[0]:.6g} to {logs[-1].t[-1]:.6g} s."
+            )
 
 
 def log_of(table: DataTable, config: Config, joints: Sequence[Joint], name: str) -> tuple[Log, NDArray[np.intp]]:

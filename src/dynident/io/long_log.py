@@ -17,7 +17,7 @@ from dynident.checks import GAP, MINIMUM_SAMPLES
 from dynident.errors import InputError, Step, brief
 from dynident.identification import Stretch
 from dynident.io.fields import Interval, unit_factor
-from dynident.io.logs import log_of
+from dynident.io.logs import log_of, without_excluded
 from dynident.io.opener import memory
 from dynident.io.recording_parts import PARQUET, recording_parts
 from dynident.io.settings import Config, LogSpec, check_joints
@@ -75,7 +75,8 @@ class LongLog:
         table = self._table(rows, column_names(self.config, self.config.train[0]))
         first = 0 if table.rows is None else int(table.rows[0])
         log, kept = log_of(table, self.config, self.joints, self.label)
-        return replace(log, t=log.t + self._late(rows.start, log, table)), kept - first
+        log = replace(log, t=log.t + self._late(rows.start, log, table))
+        return without_excluded(log, self.config.train[0]), kept - first
 
     def _late(self, row: int, log: Log, table: DataTable) -> float:
         """Return what to add to the times (s) of a log from a row on, which are counted from another start."""

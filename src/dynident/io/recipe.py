@@ -29,4 +29,5 @@ def build_recipe(config: Config) -> Recipe:
         config.rests,
         "auto" if isinstance(config.model, RobotSettings) and config.model.chooses_terms else None,
         config.model.proposed if isinstance(config.model, RobotSettings) else (),
+        config.unfitted,
     )

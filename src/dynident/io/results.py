@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +15,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
-from dynident.io.folder import write_whole
+from dynident.io.folder import whole_file, write_whole
 from dynident.io.opener import afford, content, real, refuse_inputs
 from dynident.io.text import unpanicked
 
@@ -22,12 +23,14 @@ if TYPE_CHECKING:
     import polars as pl
 
 __all__ = [
+    "CHANGED",
     "append_log",
     "as_path",
     "check_json",
     "json_text",
     "probe_folder",
     "read_table",
+    "replace_text",
     "table_kind",
     "write_bytes",
     "write_json",
@@ -37,6 +40,7 @@ __all__ = [
 
 _TABLES = (".parquet", ".csv")
 _COMPRESSED = (b"\x1f\x8b", b"x\x01", b"x\x9c", b"x\xda", b"(\xb5/\xfd")  # what polars would decompress
+CHANGED = "has been changed by another program since it was read; nothing was written. Start again to read it as it is."
 WIDTH = 160  # of a line of JSON that holds a whole mapping
 
 
@@ -92,6 +96,23 @@ def append_log(path: Path, head: str) -> IO[str]:
 def write_text(path: str | Path, text: str) -> Path:
     """Write UTF-8 text and return the path; folders are made. Raises InputError where that is impossible."""
     return write_bytes(as_path(path), text.encode("utf-8", "backslashreplace"))
+
+
+def replace_text(path: Path, text: str, was: str) -> None:
+    """Write UTF-8 text in place of ``was``, which a file must still hold: as a whole, with its mode, links followed.
+
+    Raises ConfigError where the file is not as it was, InputError where it cannot be written.
+    """
+    place = real(path)
+    try:
+        with whole_file(place) as temporary:
+            temporary.write_bytes(text.encode())
+            shutil.copymode(place, temporary)
+            if content(place, ConfigError, remember=False) != was.encode():
+                raise ConfigError(f"{path}: {CHANGED}")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be written: {reason}. Nothing was changed; allow writing.") from error
 
 
 def write_json(path: str | Path, data: Any) -> Path:

@@ -16,7 +16,16 @@ from dynident.io.settings import AUTO, RobotSettings
 from dynident.io.xacro import XACRO, expand
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 
-__all__ = ["SUFFIXES", "changed", "fingerprint", "is_xacro", "load_robot", "model_file", "robot_text"]
+__all__ = [
+    "SUFFIXES",
+    "changed",
+    "configured_terms",
+    "fingerprint",
+    "is_xacro",
+    "load_robot",
+    "model_file",
+    "robot_text",
+]
 
 SUFFIXES = (".urdf", ".xml", ".mjcf", XACRO)
 
@@ -78,11 +87,8 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     (path,) = settings.file.values()
     xml = robot_text(path) if text is None else text
     bodies = RigidBodies(xml, settings.joints, settings.lock, settings.gravity, path.name)
-    joints, width = bodies.joints, settings.coulomb_width
-    tried = {AUTO, *settings.proposed}
-    named = [TERMS.get(one) if isinstance(one, str) and one != AUTO else one for one in settings.terms]
-    pairs = zip(settings.terms, named, strict=True)
-    terms: list[Term] = [bodies, *(_term(one, joints, width) for one, part in pairs if part not in tried)]
+    joints = bodies.joints
+    terms: list[Term] = [bodies, *(one for one in configured_terms(settings, joints) if one is not None)]
     for name, coupling in settings.couplings.items():
         terms.append(
             CoupledMotor(
@@ -92,11 +98,19 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
                 viscous="viscous" in coupling.terms,
                 coulomb="coulomb" in coupling.terms,
                 offset=False,
-                width=width,
+                width=settings.coulomb_width,
                 name=name,
             )
         )
     return Model(tuple(terms), name=path.stem)
+
+
+def configured_terms(settings: RobotSettings, joints: tuple[Joint, ...]) -> tuple[Term | None, ...]:
+    """Return the terms that are listed, None for those that are to be chosen."""
+    tried = {AUTO, *settings.proposed}
+    named = [TERMS.get(one) if isinstance(one, str) and one != AUTO else one for one in settings.terms]
+    pairs = zip(settings.terms, named, strict=True)
+    return tuple(None if part in tried else _term(one, joints, settings.coulomb_width) for one, part in pairs)
 
 
 def _term(named: str | Callable[..., Term], joints: tuple[Joint, ...], width: float) -> Term:

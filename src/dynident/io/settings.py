@@ -112,12 +112,14 @@ class PositionChannel(Channel):
 class LogSpec(Section):
     """One recording: its file (or files, whose columns are then named ``key.column``) and the parts to use.
 
-    ``width`` is the number of columns of a text file with one number per line. ``window`` holds (start, stop) in s.
+    ``width`` is the number of columns of a text file with one number per line. ``window`` holds (start, stop) in s, and
+    so does ``exclude``: samples that are smoothed through, but neither fitted nor judged.
     """
 
     file: Files
     width: CountOrEach = None
     window: Windows = ()
+    exclude: Windows = ()
     name: Name | None = None
 
     @model_validator(mode="after")
@@ -276,6 +278,7 @@ class Config(Section):
     estimator: Annotated[Any, PartReader(ESTIMATORS)] = Field(default_factory=_least_squares)
     filter: FilterSettings | None = None
     min_speed: PositiveOrEach = None
+    unfitted: tuple[Name, ...] = ()
     delay: Delay | Literal["estimate"] = "estimate"
     outliers: Literal["mask", "keep"] = "mask"
     rests: Literal["trim", "keep"] = "trim"
@@ -295,7 +298,16 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
         _same_names(f"smoother.{name}", given, joints)
     speeds = config.min_speed if isinstance(config.min_speed, Mapping) else {}
     rows = {f"transmission.{name}": row for name, row in config.transmission.items()}
-    named = {"zero": config.zero, "min_speed": speeds, "transmission": config.transmission, **rows}
+    unfitted = dict.fromkeys(config.unfitted)
+    if {joint.name for joint in joints} <= unfitted.keys():
+        raise ConfigError("unfitted: names every joint, so that nothing is left to fit; leave one out.")
+    named = {
+        "zero": config.zero,
+        "min_speed": speeds,
+        "unfitted": unfitted,
+        "transmission": config.transmission,
+        **rows,
+    }
     for section, values in named.items():
         _known_names(section, values, joints)
     if isinstance(config.simulation, CascadeSettings):

@@ -12,25 +12,27 @@ import yaml
 from dynident.errors import ConfigError
 from dynident.io.fields import is_deep
 
-__all__ = ["load_yaml"]
+__all__ = ["ConfigLoader", "load_yaml"]
 
 MOST_CHARACTERS, MOST_NODES = 1_000_000, 50_000
 DIGITS, _WHOLE = 300, "tag:yaml.org,2002:int"  # a float has no more digits before its point
 _TRUTH, _TEXT = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:str"
 
 
-class _Loader(yaml.SafeLoader):
+class ConfigLoader(yaml.SafeLoader):
     """Stops where there are too many nodes; keys such as ``on`` are texts, not the truth values of YAML 1.1."""
 
     count = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
+        """Count a node."""
         self.count += 1
         if self.count > MOST_NODES:
             raise _TooManyError
         return super().compose_node(parent, index)
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """Read keys as texts."""
         node = super().compose_mapping_node(anchor)
         for key, _ in node.value:
             key.tag = _TEXT if key.tag == _TRUTH else key.tag
@@ -46,7 +48,7 @@ def load_yaml(text: str, source: str) -> Any:
     if len(text) > MOST_CHARACTERS:
         raise ConfigError(f"{source}: has {len(text)} characters; {MOST_CHARACTERS} are the most that are read.")
     try:
-        loader = _Loader(text)
+        loader = ConfigLoader(text)
         tree = loader.get_single_node()
         _count(tree, {}, source)
         doubled = next(_doubled_keys(tree, set()), None)

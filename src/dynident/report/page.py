@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
 from dynident.errors import shortened
+from dynident.report.typography import cell, said, sentence
 
 if TYPE_CHECKING:
     import jinja2
@@ -28,7 +29,10 @@ if TYPE_CHECKING:
     from dynident.report.figures import Drawing
 
 __all__ = [
+    "MEANING",
+    "UNIT",
     "Badge",
+    "Beside",
     "Code",
     "Column",
     "Facts",
@@ -50,7 +54,7 @@ NAME = 24  # letters of a word in a column of names: beside it there is room for
 @dataclass(frozen=True)
 class Column:
     """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
-    sentences, which a terminal wraps.
+    sentences, which a terminal wraps, ``unit`` units or levels, which are typeset.
     """
 
     title: str
@@ -58,6 +62,11 @@ class Column:
     numeric: bool = True
     muted: bool = False
     prose: bool = False
+    unit: bool = False
+
+
+UNIT = Column("unit", numeric=False, unit=True)
+MEANING = Column("meaning", numeric=False, prose=True)
 
 
 @dataclass(frozen=True)
@@ -127,10 +136,11 @@ class Code:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A figure and the sentence below it."""
+    """A figure and the sentence below it; one that moves has a ``player``, or only follows others."""
 
     figure: Drawing
     caption: str = ""
+    player: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +177,14 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
-PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Blocks that stand side by side where there is room, the second a little wider."""
+
+    blocks: tuple[PageBlock, ...]
+
+
+PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -223,7 +240,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json, "words": _words, "names": _names}
+    environment.filters |= {"kind": _kind, "cell": cell, "said": said, "json": _json, "words": sentence, "names": _names}
     return environment
 
 
@@ -254,14 +271,9 @@ def _kind(block: PageBlock) -> str:
 def _has(block: PageBlock, kind: type[PageTable | Figure]) -> bool:
     if isinstance(block, Gallery):
         return any(_has(inner, kind) for _, blocks in block.views for inner in blocks)
-    if isinstance(block, PageSection | Fold):
+    if isinstance(block, PageSection | Fold | Beside):
         return any(_has(inner, kind) for inner in block.blocks)
     return isinstance(block, kind)
-
-
-def _minus(cell: str) -> str:
-    """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
-    return cell.replace("-", "\u2212") if len(cell) > 1 else cell
 
 
 def _names(text: str, short: Mapping[str, str]) -> Markup:
@@ -271,14 +283,6 @@ def _names(text: str, short: Mapping[str, str]) -> Markup:
     whole = Markup('<abbr title="{}">{}</abbr>')
     parts = re.split(r"(\s+)", text.replace(" %", "\u00a0%"))
     return Markup("").join(whole.format(part, short[part]) if part in short else escape(part) for part in parts)
-
-
-def _words(text: str) -> Markup:
-    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
-    from markupsafe import Markup, escape
-
-    safe = str(escape(text.replace("+-", "±").replace(" %", "\u00a0%")))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
 
 
 def _json(figure: Drawing) -> Markup:

@@ -51,7 +51,7 @@ class SplineSettings:
     lam: Each | None = None
     sigma: Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]] | None, BY_JOINT] = None
     ends: Annotated[float, Ge(0)] = 6.0
-    factor: Annotated[float, Gt(0)] = 1.0
+    factor: Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT] = 1.0
 
     def __post_init__(self) -> None:
         given = [name for name in ("p", "lam") if getattr(self, name) is not None]
@@ -75,7 +75,7 @@ class SplineSettings:
     def build(self) -> Spline | tuple[Spline, ...]:
         """Return the spline, or those that ``rule`` "torque" chooses from."""
         if self.rule == "torque":
-            return tuple(Spline(Constraint(), self.sigma, self.ends, self.factor * one) for one in FACTORS)
+            return tuple(Spline(Constraint(), self.sigma, self.ends, _times(self.factor, one)) for one in FACTORS)
         own: dict[str, Any] = {"constraint": {"S": self.S}, "fixed": {"p": self.p, "lam": self.lam}}.get(self.rule, {})
         return Spline(RULES[self.rule](**own), self.sigma, self.ends, self.factor)
 
@@ -87,6 +87,12 @@ RULES: Mapping[Named, type[Rule]] = {
     "interpolate": Interpolation,
     "fixed": Fixed,
 }
+NAMED: Mapping[type[Rule], str] = {
+    GCV: "generalised cross-validation",
+    REML: "restricted maximum likelihood",
+    Interpolation: "interpolated",
+    Fixed: "lam as given",
+}
 STILL = 3.0  # times the noise: a joint that moves less in the whole log is at rest
 FEW = 1000  # samples in which a step is looked for that is less than what an encoder at rest may show
 
@@ -96,7 +102,8 @@ class Spline:
     """Smooth each joint's position by a natural cubic spline and take dq and ddq from it, eqs. (34)-(36).
 
     ``rule`` chooses how much to smooth (default: ``Constraint()``, S = n). The position noise is ``factor`` times
-    ``sigma`` (rad, m): one number, or a mapping by joint name; None estimates it from the data. The mask leaves out
+    ``sigma`` (rad, m): either is one number, or a mapping by joint name (joints that it lacks have the factor 1); None
+    as ``sigma`` estimates it from the data. With S = n, S is ``factor``^2 n in terms of sigma. The mask leaves out
     ``ends`` times the bandwidth of the widest kernel, plus one step, at both ends, where the natural spline's zero
     acceleration biases the derivatives: after k bandwidths exp(-k / sqrt 2) of the bias is left, 1.4 % at 6.
 
@@ -110,7 +117,7 @@ class Spline:
     >>> log = dy.Log(t, q[:, None], tau=np.cos(t)[:, None], joints=("hinge",))
     >>> motion = dy.Spline(sigma=1e-3)(log)
     >>> motion
-    <Motion 'log': 1001 samples of hinge; 0 to 10 s, 100 Hz; 869 usable; natural cubic smoothing spline, Constraint>
+    <Motion 'log': 1001 samples of hinge; 0 to 10 s, 100 Hz; 869 usable; natural cubic smoothing spline, S = n>
     >>> print(f"error of the velocity {np.abs(motion.dq[:, 0] - np.cos(t))[motion.mask].max():.3f} rad/s")
     error of the velocity 0.003 rad/s
     """
@@ -118,14 +125,20 @@ class Spline:
     rule: Rule = field(default_factory=Constraint)
     sigma: float | Mapping[str, float] | None = None
     ends: float = 6.0
-    factor: float = 1.0
+    factor: float | Mapping[str, float] = 1.0
     Settings: ClassVar[type[SplineSettings]]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.ends) and self.ends >= 0):
             raise ConfigError(f"ends is {self.ends}: give a number of bandwidths >= 0.")
-        if not (np.isfinite(self.factor) and self.factor > 0):
-            raise ConfigError(f"factor is {self.factor}: give a positive multiple of sigma.")
+        for one in self.factor.values() if isinstance(self.factor, Mapping) else (self.factor,):
+            if not (np.isfinite(one) and one > 0):
+                raise ConfigError(f"factor is {one}: give a positive multiple of sigma.")
+
+    @property
+    def method(self) -> str:
+        """The method in words."""
+        return f"natural cubic smoothing spline, {_named(self.rule)}"
 
     def __call__(self, log: Log) -> Motion:
         """Smooth; ``smoothing`` holds per joint sigma, S, lam, edf, the noise left, bandwidth (s) and cut-off (Hz)."""
@@ -138,7 +151,7 @@ class Spline:
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
         keys = ("sigma", "S", "lam", "edf", "noise", "bandwidth", "cutoff")
         how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in keys}
-        how["method"] = f"natural cubic smoothing spline, {type(self.rule).__name__}"
+        how["method"] = self.method
         mask = ends_mask(log, reach, reach)
         q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
         if (still := _still(log.q, fit.values, fit.noise)).any():
@@ -156,16 +169,36 @@ class Spline:
         return Spline(Fixed(lam=tuple(lam)), dict(zip(motion.joints, sigma, strict=True)), self.ends)
 
     def _sigma(self, log: Log) -> list[float] | float | None:
-        if not isinstance(self.sigma, Mapping):
-            if self.factor == 1.0:
-                return self.sigma
-            known = position_noise(log) if self.sigma is None else np.full(len(log.joints), self.sigma)
-            return [self.factor * float(value) for value in known]
-        for name in self.sigma:
-            if name not in log.joints:
-                raise ConfigError(f"sigma names the joint {name!r}; the log has others; {choices(name, log.joints)}")
-        estimate = position_noise(log)
-        return [self.factor * float(self.sigma.get(name, estimate[k])) for k, name in enumerate(log.joints)]
+        if self.factor == 1.0 and not isinstance(self.sigma, Mapping):
+            return self.sigma
+        for key in ("sigma", "factor"):
+            given = getattr(self, key)
+            for name in given if isinstance(given, Mapping) else ():
+                if name not in log.joints:
+                    raise ConfigError(
+                        f"{key} names the joint {name!r}; the log has others; {choices(name, log.joints)}"
+                    )
+        known = self.sigma is not None and not isinstance(self.sigma, Mapping)
+        estimate = np.ones(len(log.joints)) if known else position_noise(log)
+        pairs = zip(log.joints, estimate.tolist(), strict=True)
+        return [_of(self.factor, name, 1.0) * _of(self.sigma, name, noise) for name, noise in pairs]
+
+
+def _of(setting: float | Mapping[str, float] | None, joint: str, other: float) -> float:
+    """Return a setting at a joint, ``other`` where it is not given."""
+    found = setting.get(joint) if isinstance(setting, Mapping) else setting
+    return other if found is None else float(found)
+
+
+def _times(factor: float | Mapping[str, float], one: float) -> float | dict[str, float]:
+    return {name: one * size for name, size in factor.items()} if isinstance(factor, Mapping) else one * factor
+
+
+def _named(rule: Rule) -> str:
+    """Return a rule as the method of a motion says it; one of the user by the name of its class."""
+    if isinstance(rule, Constraint):
+        return "S = n" if rule.S is None else "S as given"
+    return NAMED.get(type(rule), type(rule).__name__)
 
 
 def _still(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:

@@ -14,13 +14,23 @@ from dynident.log import Log, Motion, subsample
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BLOCK, ParallelFilter, fitted_rows, stretches
 from dynident.validation.free_run import FreeRun
+from dynident.validation.noise_floor import NoiseFloor
 from dynident.validation.residuals import ResidualTest, residual_test
 from dynident.validation.sensor_noise import sensor_noise
 
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["SEED", "LogValidation", "Signals", "TorqueErrors", "check_mass", "relative_error", "validate"]
+__all__ = [
+    "SEED",
+    "LogValidation",
+    "Signals",
+    "TorqueErrors",
+    "check_mass",
+    "relative_error",
+    "relative_errors",
+    "validate",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -87,6 +97,7 @@ class Signals:
 class LogValidation:
     """How well a model does on one log: torque ``errors``, and by joint name what the unfiltered residual looks like.
 
+    ``floors`` tell by joint what the sensors allow of the residual, where it is known (``with_floors``).
     ``free_run`` is the free simulation, where there is one. ``signals`` are None in a result that was loaded from a
     file, which holds numbers only; ``motion``, ``predicted`` and ``recorded`` then raise InputError.
     """
@@ -97,6 +108,19 @@ class LogValidation:
     residuals: Mapping[str, ResidualTest] = field(default_factory=dict)
     free_run: FreeRun | None = None
     signals: Signals | None = None
+    floors: Mapping[str, NoiseFloor] = field(default_factory=dict)
+
+    @property
+    def over_floor(self) -> float | None:
+        """How many times what the sensors allow the error of all joints is for which that is known; None of none."""
+        known = [(self.errors.rmse[joint], floor.size) for joint, floor in self.floors.items()]
+        return float(np.sqrt(sum(a**2 for a, _ in known) / sum(b**2 for _, b in known))) if known else None
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the residual of each joint that was recorded is at the noise floor."""
+        joints = [joint for joint, size in self.errors.rmse.items() if np.isfinite(size)]
+        return bool(joints) and all(joint in self.floors and self.floors[joint].reached for joint in joints)
 
     def __repr__(self) -> str:
         joints = listed((f"{joint} {error:.3g} %" for joint, error in self.errors.per_joint.items()), 6)
@@ -185,6 +209,7 @@ def validate(
     predicted = np.concatenate([model.torque(**motion.states(s), theta=theta) for s in parts])
     measured, guess = motion.tau[motion.mask], predicted[motion.mask]
     known = _recorded(motion)
+    overall, by_joint = relative_errors(motion, predicted)
     error = np.where(known, np.sqrt(np.mean((measured - guess) ** 2, axis=0)), np.nan)
     filtered = None if parallel_filter is None else _filtered(motion, predicted, parallel_filter, min_speed)
     rmse = dict(zip(motion.joints, map(float, error), strict=True))
@@ -193,12 +218,12 @@ def validate(
         role=role,
         errors=TorqueErrors(
             samples=len(measured),
-            relative_error=relative_error(measured[:, known], guess[:, known]),
+            relative_error=overall,
             relative_error_filtered=(
                 None if filtered is None else relative_error(*(one[:, known] for one in filtered))
             ),
             rmse=rmse,
-            per_joint=_by_joint(motion, measured, guess, known),
+            per_joint=by_joint,
             per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered, known),
             effort_share=_of_limits(model, rmse),
             r2={joint: _r2(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
@@ -207,6 +232,13 @@ def validate(
         residuals={joint: test for joint, test in _residuals(motion, predicted).items() if np.isfinite(rmse[joint])},
         signals=Signals(motion, predicted),
     )
+
+
+def relative_errors(motion: Motion, predicted: Array) -> tuple[float, dict[str, float]]:
+    """Return the relative error (%) of a predicted torque (N, n) over the usable samples of a motion: of all joints
+    that were recorded, and of each by name, nan of one that was not."""
+    measured, guess, known = motion.tau[motion.mask], predicted[motion.mask], _recorded(motion)
+    return relative_error(measured[:, known], guess[:, known]), _by_joint(motion, measured, guess, known)
 
 
 def _of_limits(model: Model, rmse: dict[str, float]) -> dict[str, float]:

@@ -1,0 +1,126 @@
+"""How long someone waits who tunes by hand: python3 benchmarks/tuning.py.
+
+An arm of seven joints with friction moves along sums of sines for two recordings of 20 000 samples at 1 kHz, both to
+be fitted, or (``--train 1``) one of them held out. Printed is the time of each answer of the bench to a setting that it
+has not seen before, the median of several, in milliseconds, in one process on one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from statistics import median
+from time import perf_counter
+
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+
+import numpy as np
+from arm import LINKS, urdf
+
+from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
+from dynident.identification import Recipe, identify
+from dynident.log import Log
+from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.smoothers import Spline
+from dynident.tuning import Bench, Tuning
+
+RATE, SINES = 1000.0, 4  # Hz; of each joint
+ENCODER, TORQUE = 1e-5, 0.3  # rad, N m
+ESTIMATORS: dict[str, Estimator] = {"least_squares": LeastSquares(), "consistent": PhysicallyConsistent()}
+
+
+def arm() -> Model:
+    """The arm, with the plain set of terms."""
+    bodies = RigidBodies(urdf(LINKS))
+    joints = bodies.joints
+    terms = (part(joints, values=(0.5,) * len(joints)) for part in (RotorInertia, Viscous, Coulomb, Offset))
+    return Model((bodies, *terms), name="arm")
+
+
+def recording(model: Model, samples: int, seed: int) -> Log:
+    """A motion that never repeats, with its torque and noise."""
+    rng, n = np.random.default_rng(seed), len(model.joints)
+    t = np.arange(samples) / RATE
+    w, phase = 2 * np.pi * rng.uniform(0.1, 1.2, (SINES, n)), rng.uniform(0.0, 2 * np.pi, (SINES, n))
+    size = rng.uniform(0.1, 0.4, (SINES, n))
+    s, c = (turn(w * t[:, None, None] + phase) for turn in (np.sin, np.cos))
+    q, dq, ddq = (size * s).sum(axis=1), (size * w * c).sum(axis=1), -(size * w**2 * s).sum(axis=1)
+    theta = np.array([one.value for one in model.parameters], dtype=float)
+    tau = model.torque(q, dq, ddq, theta) + TORQUE * rng.standard_normal(q.shape)
+    names = tuple(joint.name for joint in model.joints)
+    return Log(t, q + ENCODER * rng.standard_normal(q.shape), tau, names, f"log {seed}")
+
+
+def bench(samples: int, train: int, estimator: Estimator) -> Bench:
+    """Two recordings of the arm on the bench."""
+    model = arm()
+    logs = [recording(model, samples, seed) for seed in (1, 2)]
+    roles = {
+        "train": {log.source: log for log in logs[:train]},
+        "validation": {log.source: log for log in logs[train:]},
+    }
+    found = identify(model, roles["train"], roles["validation"], Recipe(Spline(factor=2.0), estimator))
+    return Bench.of(model, roles, found)
+
+
+def times(on: Bench, runs: int) -> dict[str, float]:
+    """Return the median time (ms) of each answer."""
+    start, first, joint = on.start, on.log_names[0], on.joints[0]
+    log = on.logs["train"][first]
+    begin = float(log.t[len(log) // 2])
+    on.fitted(start)
+
+    def of(answer: Callable[[Tuning], object], changed: Callable[[int], Tuning], count: int = runs) -> float:
+        """Return the median time of an answer to settings of a number, which it has not seen."""
+        found = []
+        for k in range(1, count + 1):
+            tuning, begun = changed(k), perf_counter()
+            answer(tuning)
+            found.append(1e3 * (perf_counter() - begun))
+        return median(found)
+
+    def seen(tuning: Tuning) -> object:
+        return on.smoothed(tuning, first, joint)
+
+    kinds = [*start.terms[0], "stribeck", "spring", "power", "asymmetric_viscous", "wide_coulomb"]
+    return {
+        "smoothing of one joint": of(seen, lambda k: start.with_degree(0.01 * k, 0)),
+        "smoothing of all joints": of(seen, lambda k: start.with_degree(0.011 * k)),
+        "quick fit after smoothing": of(on.fitted, lambda k: start.with_degree(0.012 * k)),
+        "quick fit after terms": of(on.fitted, lambda k: start.with_terms(k % 7, kinds[: k % 5 + 4])),
+        "quick fit after joints": of(on.fitted, lambda k: replace(start, unfitted=(on.joints[k % 7],))),
+        "quick fit after minimum speed": of(on.fitted, lambda k: _speed(start, 0.01 * k)),
+        "quick fit after a window": of(on.fitted, lambda k: start.excluding(first, begin, begin + 0.1 * k)),
+        "quick fit with hysteresis": of(on.fitted, lambda k: start.with_terms(k % 7, [*kinds[:4], "dahl"])),
+        "curve of all joints": of(on.curve, lambda k: _late(start, 1e-4 * k), 3),
+        "curve of one joint": of(lambda one: on.curve(one, joint), lambda k: _late(start, 2e-4 * k), 3),
+        "whole": of(on.whole, lambda k: start.with_degree(0.013 * k), 3),
+    }
+
+
+def _speed(tuning: Tuning, speed: float) -> Tuning:
+    return replace(tuning, min_speed=(speed,) * len(tuning.min_speed))
+
+
+def _late(tuning: Tuning, seconds: float) -> Tuning:
+    return replace(tuning, time_offset=seconds)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", type=int, default=20_000)
+    parser.add_argument("--train", type=int, default=2, choices=(1, 2))
+    parser.add_argument("--runs", type=int, default=7)
+    given = parser.parse_args()
+    found = {name: times(bench(given.samples, given.train, one), given.runs) for name, one in ESTIMATORS.items()}
+    print(f"| ms | {' | '.join(found)} |")
+    print("|---|" + "---:|" * len(found))
+    for row in next(iter(found.values())):
+        print(f"| {row} | {' | '.join(f'{one[row]:.0f}' for one in found.values())} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""What differs between two settings, and between what they give, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dynident.report.page import number
+from dynident.report.words import percent
+
+if TYPE_CHECKING:
+    from dynident.regression import ParallelFilter
+    from dynident.tuning import Tuning
+
+__all__ = ["Change", "changes", "degree_words", "filter_words"]
+
+Change = tuple[str, str, str]  # what, before, now
+
+
+def changes(before: Tuning, now: Tuning, joints: Sequence[str]) -> list[Change]:
+    """Return what differs between two settings: what it is, and how it was and is; the same of all joints once."""
+    found = [
+        *_by_joint("smoothing", before.degree, now.degree, joints, degree_words),
+        *_by_joint("minimum speed", before.min_speed, now.min_speed, joints, lambda value: number(value, 3)),
+        *_by_joint("terms", before.terms, now.terms, joints, lambda kinds: ", ".join(kinds) or "none"),
+    ]
+    if before.unfitted != now.unfitted:
+        found.append(("joints not fitted", *(", ".join(one.unfitted) or "none" for one in (before, now))))
+    if before.filter != now.filter:
+        found.append(("parallel filter", *(filter_words(one.filter) for one in (before, now))))
+    if before.estimator != now.estimator:
+        found.append(("estimator", *(one.estimator.replace("_", " ") for one in (before, now))))
+    if before.time_offset != now.time_offset:
+        found.append(("time offset", *(f"{number(1e3 * one.time_offset, 3)} ms" for one in (before, now))))
+    return [*found, *_windows(before, now)]
+
+
+def degree_words(degree: float) -> str:
+    """Word a degree of smoothing by S/n."""
+    return f"S/n = {number(10.0**degree, 3)}"
+
+
+def filter_words(one: ParallelFilter | None) -> str:
+    """Word a parallel filter."""
+    if one is None:
+        return "none"
+    cutoff = f"{number(one.cutoff, 3)} Hz" if one.cutoff else "cut-off by the decimation"
+    return cutoff if one.decimate == 1 else f"{cutoff}, each {one.decimate}th sample"
+
+
+def error_words(value: float | None) -> str:
+    """Word an error in per cent."""
+    return "-" if value is None or value != value else percent(value)  # noqa: PLR0124 -- nan
+
+
+def _by_joint(
+    what: str, before: Sequence[Any], now: Sequence[Any], joints: Sequence[str], words: Any
+) -> Iterator[Change]:
+    differ = [k for k in range(len(joints)) if before[k] != now[k]]
+    pairs = {(words(before[k]), words(now[k])) for k in differ}
+    if len(pairs) == 1 and len(differ) == len(joints) > 1:
+        yield (f"{what} of all joints", *pairs.pop())
+        return
+    for k in differ:
+        yield f"{what} of {joints[k]}", words(before[k]), words(now[k])
+
+
+def _windows(before: Tuning, now: Tuning) -> Iterator[Change]:
+    for one in before.excluded:
+        if one not in now.excluded:
+            yield f"samples of {one[0]}", f"without {number(one[1], 4)} to {number(one[2], 4)} s", "used again"
+    for one in now.excluded:
+        if one not in before.excluded:
+            yield f"samples of {one[0]}", "used", f"without {number(one[1], 4)} to {number(one[2], 4)} s"

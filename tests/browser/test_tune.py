@@ -1,0 +1,195 @@
+"""The page of ``dynident tune`` as a person uses it: what it shows follows what is set, and the address keeps it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import unquote_plus
+
+import numpy as np
+import pytest
+
+from dynident.models import Coulomb, Model, RigidBodies, Viscous
+from tests.browser.browsing import Browsing
+from tests.robots import joint, link, urdf
+
+pytest.importorskip("dash")
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+QUOTED = HOSTILE.replace("<", "&lt;").replace(">", "&gt;")
+CONFIG = f"""\
+# an arm of two joints
+model: {{ file: arm.urdf, terms: [viscous, coulomb] }}
+time: {{ column: t, unit: s }}
+position: {{ elbow: {{ column: q, unit: rad }}, "{HOSTILE}": {{ column: p, unit: rad }} }}
+torque: {{ elbow: {{ column: u, unit: N m }}, "{HOSTILE}": {{ column: w, unit: N m }} }}
+train: [ {{ file: monday.npz }} ] # the longer one
+validation: [ {{ file: tuesday.npz }} ]
+delay: 0
+smoother: {{ kind: spline }}
+"""
+
+
+def recorded(path: Path, speed: float, seed: int) -> None:
+    """Write a recording of the arm with its noise."""
+    bodies = RigidBodies(path.with_name("arm.urdf").read_text())
+    model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints)))
+    theta = np.array([0.4 if one.value is None else one.value for one in model.parameters])
+    t, rng = np.arange(1200) * 0.005, np.random.default_rng(seed)
+    way = [0.5 * np.sin(speed * t) + 0.2 * np.sin(2.3 * t), 0.6 * np.cos(1.7 * speed * t)]
+    dq, ddq = (np.stack([np.gradient(one, t) for one in some]) for some in (way, [np.gradient(one, t) for one in way]))
+    q = np.stack(way)
+    tau = model.torque(q.T, dq.T, ddq.T, theta).T + 0.02 * rng.standard_normal(q.shape)
+    q = q + 1e-4 * rng.standard_normal(q.shape)
+    np.savez(path, t=t, q=q[0], p=q[1], u=tau[0], w=tau[1])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An arm, two recordings, and the configuration of both."""
+    made = tmp_path_factory.mktemp("tune")
+    parts = [link("base", 1.0)]
+    for name, parent, child in (("elbow", "base", "upper"), (QUOTED, "upper", "lower")):
+        parts += [link(child, 1.0, (0.1, 0, 0), tensor=np.diag([0.02, 0.02, 0.02]))]
+        parts += [joint(name, "revolute", parent, child, (0.3, 0, 0), axis=(0, 1, 0))]
+    (made / "arm.urdf").write_text(urdf(*parts))
+    (made / "arm.yaml").write_text(CONFIG)
+    recorded(made / "monday.npz", 2.0, 0)
+    recorded(made / "tuesday.npz", 2.6, 1)
+    return made
+
+
+@contextmanager
+def served(path: Path) -> Iterator[str]:
+    """Give the address of the page of a configuration."""
+    from dynident.ui import serving
+    from dynident.ui.server import answer
+
+    faults: list[str] = []
+    with serving(path, fault=faults.append) as (address, server):
+        thread = threading.Thread(target=answer, args=(server,), daemon=True)
+        thread.start()
+        yield str(address)
+        server.shutdown()
+        thread.join()
+    assert faults == []
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
+    with served(folder / "arm.yaml") as one:
+        yield one
+
+
+def identified(page: Page) -> None:
+    """Wait until all has come: curves, quick fit and verdict."""
+    page.wait_for_selector("#verdict .badge")
+    page.wait_for_selector("#motion .main-svg")
+    page.wait_for_selector("#torque .main-svg")
+
+
+def settled(page: Page, before: str) -> str:
+    """Wait until the address has changed and the fit of it is shown; return what it asks for."""
+    page.wait_for_function("before => location.search !== before", arg=before)
+    page.wait_for_function("JSON.parse(sessionStorage.getItem('last'))?.now === location.search")
+    return unquote_plus(page.evaluate("location.search"))
+
+
+def drawn(page: Page, trace: int = 4) -> str:
+    return page.evaluate(f"String(document.querySelector('#motion .js-plotly-plot')._fullData[{trace}].y.slice(300, 320))")
+
+
+def test_curves_and_fit_follow_the_slider_and_the_file_what_is_saved(
+    browse: Browsing, address: str, folder: Path
+) -> None:
+    page, config = browse(address, bypass_csp=True), folder / "arm.yaml"
+    identified(page)
+    before, acceleration, error = config.read_text(), drawn(page), page.inner_text("#numbers")
+    assert page.is_disabled("#save")
+    page.press("#degree", "ArrowRight")
+    page.wait_for_selector("#degree-words:has-text('S/n = 1.05')")
+    assert settled(page, "") == "?degree=0.02"
+    page.fill("#degree", "1.2")
+    assert settled(page, "?degree=0.02") == "?degree=1.2"
+    assert drawn(page) != acceleration
+    assert page.inner_text("#numbers") != error
+    assert "smoothing of all joints: S/n = 1.05 → S/n = 15.8" in page.inner_text("#changed")
+    page.wait_for_selector("#marks button")
+    page.wait_for_selector("#verdict .badge")
+
+    page.reload()
+    identified(page)
+    assert page.input_value("#degree") == "1.2"
+    page.click("#save")
+    page.wait_for_function("document.querySelector('#saved').textContent.startsWith('Saved in arm.yaml: smoother')")
+    after = config.read_text()
+    assert "factor: 3.98" in after
+    assert "# an arm of two joints" in after
+    assert "# the longer one" in after
+    page.click("#undo")
+    page.wait_for_function("document.querySelector('#saved').textContent.includes('as it was')")
+    assert config.read_text() == before
+    page.click("text=Start again")
+    assert settled(page, "?degree=1.2") == ""
+    page.wait_for_function("document.querySelector('#degree').value === '0'")
+
+
+def test_a_window_is_left_out_by_dragging_and_two_tabs_are_two(browse: Browsing, address: str) -> None:
+    page, other = browse(address, bypass_csp=True), browse(address, bypass_csp=True)
+    identified(page)
+    identified(other)
+    page.click("#dragging")
+    place = page.locator("#motion .nsewdrag").first.bounding_box()
+    assert place is not None
+    x, y = place["x"] + 0.3 * place["width"], place["y"] + 0.5 * place["height"]
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y + 5, steps=4)
+    page.mouse.move(x + 80, y + 5, steps=4)
+    page.mouse.up()
+    search = settled(page, "")
+    assert search.startswith("?exclude=monday:")
+    assert "monday: " in page.inner_text("#windows")
+    page.wait_for_function("document.querySelector('#motion .js-plotly-plot').layout.shapes.length === 1")
+    other.click("text=this joint")
+    other.click("button:has-text('stribeck')")
+    assert settled(other, "?only_this_joint=yes") == "?terms.elbow=viscous,coulomb,stribeck&only_this_joint=yes"
+    assert "exclude" not in other.url
+    assert page.inner_text("#windows").startswith("monday")
+    page.click("text=use again")
+    assert settled(page, search) == ""
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (400, "dark")])
+def test_hostile_names_are_text_and_all_can_read(browse: Browsing, address: str, width: int, scheme: str) -> None:
+    page = browse(address, width=width, color_scheme=scheme)  # as it comes: no script of another may run
+    identified(page)
+    page.click(f"[aria-label='Joint'] button[title='{HOSTILE}']")
+    page.wait_for_selector("#torque-name:has-text('<img src=x onerror')")
+    page.wait_for_selector("#errors tr.here:has-text('<img src')")
+    assert page.locator("img").count() == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert browse.barriers(page) == []
+
+
+def test_what_is_wrong_is_said_in_words(browse: Browsing, address: str, folder: Path) -> None:
+    page = browse(f"{address}?degree=much")
+    page.wait_for_selector("#complaint:has-text('degree is \\'much\\'; give a number')")
+    page.click("text=Start again")
+    page.wait_for_selector("#verdict .badge")
+    assert page.url == address
+    bad = folder / "bad.yaml"
+    bad.write_text(CONFIG.replace("monday", "sunday"))
+    np.savez(folder / "sunday.npz", t=np.zeros(3), q=np.zeros(3), p=np.zeros(3), u=np.zeros(3), w=np.zeros(3))
+    with served(bad) as other:
+        page = browse(other)
+        page.wait_for_selector("#failure:has-text('sunday')")
+        recorded(folder / "sunday.npz", 2.0, 3)
+        page.click("text=Read again")
+        identified(page)

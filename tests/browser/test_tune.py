@@ -102,7 +102,9 @@ def settled(page: Page, before: str) -> str:
 
 
 def drawn(page: Page, trace: int = 4) -> str:
-    return page.evaluate(f"String(document.querySelector('#motion .js-plotly-plot')._fullData[{trace}].y.slice(300, 320))")
+    return page.evaluate(
+        f"String(document.querySelector('#motion .js-plotly-plot')._fullData[{trace}].y.slice(300, 320))"
+    )
 
 
 def test_curves_and_fit_follow_the_slider_and_the_file_what_is_saved(

@@ -82,9 +82,9 @@ def _fault(session: Session, error: Exception) -> None:
 
 def _starting(app: Dash, page: Page) -> None:
     shown = (("step", "children"), ("bar", "style"), ("failure", "children"), ("again", "hidden"), ("ready", "data"))
-    app.callback(
-        [Output(*one) for one in shown], [Input("waiting", "n_intervals"), Input("again", "n_clicks")]
-    )(page.waiting)
+    app.callback([Output(*one) for one in shown], [Input("waiting", "n_intervals"), Input("again", "n_clicks")])(
+        page.waiting
+    )
     app.clientside_callback(ClientsideFunction("tune", "reload"), Output("track", "title"), Input("ready", "data"))
 
 

@@ -1,4 +1,4 @@
-"""The figures of the page, as plain data; curves are thinned with their extremes kept, finer where a person has zoomed."""
+"""The figures of the page, as plain data; curves are thinned, extremes kept, and finest where a person has zoomed."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ def motion_drawing(
 ) -> Drawing:
     """Draw a joint's measured and smoothed position, what was taken away, velocity and acceleration over time.
 
-    Windows that are ``left_out`` (s) are grey; curves that are not ``fine`` have fewer points. Samples outside the mask are gaps of what is smoothed.
+    Windows that are ``left_out`` (s) are grey, samples outside the mask gaps of what is smoothed; curves that are not
+    ``fine`` have fewer points.
     """
     size, prefix = _prefix(one.noise)
     titles = [f"position, {unit}", f"taken away, {prefix}{unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
@@ -64,7 +65,9 @@ def motion_drawing(
     return _timed(figure, left_out, zero, rows=4, of=f"{one.log}/{one.joint}")
 
 
-def torque_drawing(log: LogFit, joint: int, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None) -> Drawing:
+def torque_drawing(
+    log: LogFit, joint: int, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None
+) -> Drawing:
     """Draw a joint's measured and predicted torque over time, and their difference below."""
     motion = log.motion
     measured, guess = motion.tau[:, joint], only(log.predicted[:, joint], motion.mask)
@@ -105,7 +108,7 @@ def residual_drawing(one: Smoothed, unit: str) -> Drawing:
 
 
 def curve_drawing(found: DegreeCurve, at: float, joint: int, alone: bool) -> Drawing:
-    """Draw the cross-validated error over the degree of smoothing, with the marks, and where the setting is (``at``)."""
+    """Draw the cross-validated error over the degree of smoothing, the marks, and where the setting is (``at``)."""
     figure = panels([""], 170, shared=False)
     figure.add(_plain_line(found.degrees, found.errors, "cross-validated error", BLUE, 2.0))
     marks = _marks(found, joint, alone)
@@ -128,7 +131,9 @@ def curve_drawing(found: DegreeCurve, at: float, joint: int, alone: bool) -> Dra
     figure.layout["shapes"] = [_across("x", "y domain", at, BLUE)]
     figure.layout["xaxis"] |= {"title": {"text": "log S/n"}, "range": list(SLIDER), "dtick": 1, "automargin": False}
     figure.layout["yaxis"] |= {"nticks": 4, "ticksuffix": " %", "automargin": False}
-    figure.layout.update(showlegend=False, margin={"l": 46, "r": 10, "t": 14, "b": 36}, hovermode="closest", dragmode=False)
+    figure.layout.update(
+        showlegend=False, margin={"l": 46, "r": 10, "t": 14, "b": 36}, hovermode="closest", dragmode=False
+    )
     figure.layout["font"] = {"size": 11}
     return figure
 
@@ -150,13 +155,11 @@ def place(degrees: Sequence[float], joint: int, alone: bool) -> float:
 
 
 def _prefix(noise: float) -> tuple[float, str]:
-    """Return the unit, by size and prefix, for what noise of the positions leaves: the same however much is smoothed."""
+    """Return the unit, by size and prefix, for what noise leaves: the same however much is smoothed."""
     return next(((size, prefix) for size, prefix in PREFIXES if noise >= 0.1 * size), PREFIXES[-1])
 
 
-def _line(
-    t: Array, y: Array, name: str, line: dict[str, Any], zoom: Zoom, zero: float, points: int = POINTS
-) -> Trace:
+def _line(t: Array, y: Array, name: str, line: dict[str, Any], zoom: Zoom, zero: float, points: int = POINTS) -> Trace:
     """Return a thinned curve, with most points where it is seen."""
     if zoom is None or len(t) <= points:
         return curve(t - zero, y, name, line, points)

@@ -69,9 +69,7 @@ def page(name: str, bench: Bench, view: View) -> Any:
     )
 
 
-STORES = (
-    *("tab", "moved", "told", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),
-)
+STORES = (*("tab", "moved", "told", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),)
 
 
 def _head(name: str) -> Any:
@@ -81,7 +79,9 @@ def _head(name: str) -> Any:
             html.Div(id="state", role="status", **{"aria-live": "polite"}),
             html.Div(
                 [
-                    html.Button("Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet"),
+                    html.Button(
+                        "Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet"
+                    ),
                     html.Button("Undo save", id="undo", className="quiet", disabled=True),
                     html.Button("Save", id="save", className="strong", disabled=True),
                 ],
@@ -131,8 +131,11 @@ def _controls(bench: Bench, view: View) -> list[Any]:
             _titled("Parallel filter", _choice("filter", _words(FILTERS), [low_pass], "Parallel filter")),
             html.Div(
                 [
-                    _named("Keep each k-th sample", _number("decimate", filtering and filtering.decimate, min=1, step=1)),
-                    _named("Cut-off, Hz", _number("cutoff", filtering and filtering.cutoff, min=0)),
+                    _named(
+                        "Keep each k-th sample",
+                        _number("decimate", None if filtering is None else filtering.decimate, min=1, step=1),
+                    ),
+                    _named("Cut-off, Hz", _number("cutoff", None if filtering is None else filtering.cutoff, min=0)),
                 ],
                 id="filtering",
                 className="pair",

@@ -81,7 +81,9 @@ def parameter_table(now: Determined, last: Determined | None = None) -> Any:
             now.names, shortened(now.names, LONGEST), now.formulas, now.units, now.value, now.std, strict=True
         )
     ]
-    head = html.Thead(html.Tr([html.Th("parameter"), html.Th("value ± 95 %", className="number"), html.Th(""), html.Th("")]))
+    head = html.Thead(
+        html.Tr([html.Th("parameter"), html.Th("value ± 95 %", className="number"), html.Th(""), html.Th("")])
+    )
     return html.Div(
         html.Table([html.Caption("Parameters that the data determine", className="hidden"), head, html.Tbody(rows)]),
         className="scroll tall",

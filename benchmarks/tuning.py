@@ -90,6 +90,7 @@ def times(on: Bench, runs: int) -> dict[str, float]:
         "smoothing of all joints": of(seen, lambda k: start.with_degree(0.011 * k)),
         "quick fit after smoothing": of(on.fitted, lambda k: start.with_degree(0.012 * k)),
         "quick fit after terms": of(on.fitted, lambda k: start.with_terms(k % 7, kinds[: k % 5 + 4])),
+        "quick fit after joints": of(on.fitted, lambda k: replace(start, unfitted=(on.joints[k % 7],))),
         "quick fit after minimum speed": of(on.fitted, lambda k: _speed(start, 0.01 * k)),
         "quick fit after a window": of(on.fitted, lambda k: start.excluding(first, begin, begin + 0.1 * k)),
         "quick fit with hysteresis": of(on.fitted, lambda k: start.with_terms(k % 7, [*kinds[:4], "dahl"])),

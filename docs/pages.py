@@ -33,6 +33,7 @@ GUIDES = {
         "payload",
         "watching",
         "fleets",
+        "comparing",
         "online",
         "supported",
     ),

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
+from dynident.errors import InputError
 from dynident.log import Log, Motion, pieces, subsample, thinned
 
 
@@ -65,3 +66,20 @@ def test_recordings_are_displayed_in_a_line() -> None:
     assert repr(log) == "<Log 'monday': 5 samples of j0, j1, j2, j3, j4, j5 and 3 more; 0 to 0.4 s, 10 Hz>"
     motion = Motion(t, q, q, q, q, log.joints, np.arange(5) > 1, smoothing={"method": "exact"})
     assert repr(motion).endswith("0 to 0.4 s, 10 Hz; 3 usable; exact>")
+
+
+def test_what_is_excluded_follows_the_samples() -> None:
+    t = np.arange(10) * 0.1
+    log = Log(t, np.zeros((10, 2)), np.zeros((10, 2)), ("a", "b"))
+    gone = log.excluding([(0.2, 0.4), (0.7, 5.0)])
+    assert gone.excluded is not None
+    assert np.flatnonzero(gone.excluded).tolist() == [2, 3, 4, 7, 8, 9]
+    assert gone.excluding([(0.3, 0.4)]) is gone
+    assert log.excluding([(2.0, 3.0)]) is log
+    cut = gone.window(0.35, 0.75).select(("b", "a"))
+    assert cut.excluded is not None
+    assert cut.excluded.tolist() == [True, False, False, True]
+    assert gone.including().excluded is None
+    assert log.including() is log
+    with pytest.raises(InputError, match=r"log: excluded has shape \(3,\), expected \(10,\)"):
+        Log(t, np.zeros((10, 2)), np.zeros((10, 2)), ("a", "b"), excluded=np.zeros(3, dtype=bool))

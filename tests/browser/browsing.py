@@ -18,7 +18,7 @@ __all__ = ["CHROMIUM", "Browsing", "executable", "is_local"]
 CHROMIUM = "DYNIDENT_CHROMIUM"  # an environment variable: the browser, where it has another name or place
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-DRIVER = "GL Driver Message"  # how fast 3-D is drawn without a graphics card
+HINTS = ("GL Driver Message", "willReadFrequently")  # how fast 3-D is drawn without a graphics card
 GRAVE = ("serious", "critical")
 
 
@@ -63,7 +63,7 @@ class Browsing:
             context.close()
 
     def _said(self, message: Any) -> None:
-        if message.type in ("error", "warning") and DRIVER not in message.text:
+        if message.type in ("error", "warning") and not any(hint in message.text for hint in HINTS):
             self.complaints.append(f"console: {message.text}")
 
     def _asked(self, address: str) -> None:
@@ -73,11 +73,11 @@ class Browsing:
     @staticmethod
     def barriers(page: Page, rules: Mapping[str, bool] | None = None) -> Sequence[str]:
         """What axe-core finds on a page that keeps people from reading it: serious and critical violations, a line
-        each. Figures of plotly are left out, except for what stands around them."""
+        each."""
         from axe_playwright_python.sync_playwright import Axe
 
         options = {"resultTypes": ["violations"], "rules": {k: {"enabled": v} for k, v in (rules or {}).items()}}
-        found = Axe().run(page, {"exclude": [[".plot > *"]]}, options).response["violations"]
+        found = Axe().run(page, None, options).response["violations"]
         return [
             f"{one['id']}: {one['help']} -- {node['html'][:160]} ({node['failureSummary'][:200]})"
             for one in found

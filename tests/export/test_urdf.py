@@ -11,7 +11,7 @@ from tests.robots import ARM, joint, link, urdf
 
 def test_urdf_says_what_it_leaves_out():
     left_out = identified_urdf(arm(width=0.05, gravity=(0, 0, 9.81))).left_out
-    for words in ("Ia_rail = 0.5 kg", "offset_twist = -0.3 N m", "Ia_motor", "tanh(dq/0.05)", "gravity"):
+    for words in ("Ia_rail = 0.5 kg", "offset_twist = -0.3 N m", "Ia_motor", "by tanh over 0.05", "gravity"):
         assert any(words in line for line in left_out), words
     assert not any("Ia_shoulder" in line for line in left_out)  # part of the bodies
     assert len(left_out) == 2 + 3 + 1 + 1 + 1

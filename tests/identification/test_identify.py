@@ -10,7 +10,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.estimators import LeastSquares, MaximumLikelihood
 from dynident.estimators.maximum_likelihood import newton
 from dynident.estimators.notes import Failed, NotWhite, RankDeficient, Undetermined
-from dynident.identification import Identification, Recipe, identify, versions
+from dynident.identification import Identification, NotFitted, Recipe, identify, versions
 from dynident.log import Log
 from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
 from dynident.models.gallery import two_link_arm
@@ -186,3 +186,26 @@ def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch
 def test_versions_name_what_computes() -> None:
     assert set(versions()) == {"dynident", "kernel", "python", "numpy", "scipy", "clarabel", "polars", "platform"}
     assert versions()["numpy"] == np.__version__
+
+
+def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> None:
+    spoiled = replace(log, tau=np.column_stack([log.tau[:, 0], log.tau[:, 1] + 5.0 * np.sin(40 * log.t)]))
+    (first, second) = spoiled.joints
+    found = identify(ARM, [spoiled], recipe=Recipe(unfitted=(second,)))
+    alone = identify(ARM, [log], recipe=Recipe(unfitted=(second,)))
+    np.testing.assert_allclose(found.estimate.value, alone.estimate.value)
+    assert NotFitted((second,)) in found.notes
+    (judged,) = found.validations
+    assert judged.errors.per_joint[first] < 1.0 < judged.errors.per_joint[second]
+    for wrong, words in ((("knee",), "there is no joint 'knee'"), (spoiled.joints, "names every joint")):
+        with pytest.raises(ConfigError, match=words):
+            identify(ARM, [log], recipe=Recipe(unfitted=wrong))
+
+
+def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
+    gone = (log.t >= 2.0) & (log.t <= 3.0)
+    spoiled = replace(log, tau=log.tau + 50.0 * gone[:, None])
+    found = identify(ARM, [spoiled.excluding([(2.0, 3.0)])], [spoiled.excluding([(1.9, 3.1)])])
+    assert error(found) < 1e-3
+    assert [one.errors.relative_error < 0.1 for one in found.validations] == [True, True]
+    assert found.estimate.residual.samples == found.validations[0].motion.mask.sum()

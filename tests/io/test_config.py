@@ -41,7 +41,13 @@ def test_the_file_of_a_fleet_is_named_as_such():
 def test_settings_can_be_recorded_as_json():
     record = json.loads(json.dumps(parse_config(FULL, "/data").model_dump(mode="json")))
     assert record["train"] == [
-        {"file": {"": str(Path("/data/DATA_EMPS.mat"))}, "width": None, "window": [[0, 20]], "name": "DATA_EMPS"}
+        {
+            "file": {"": str(Path("/data/DATA_EMPS.mat"))},
+            "width": None,
+            "window": [[0, 20]],
+            "exclude": [],
+            "name": "DATA_EMPS",
+        }
     ]
     assert record["torque"]["slider"]["gain"] == "gtau"
     assert record["smoother"]["sigma"] == 1e-6

@@ -271,3 +271,17 @@ def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monk
     roles, _ = logs.read_found(config, (Joint("a"),))
     assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
     assert len(read) == 1
+
+
+def test_samples_are_excluded_that_the_configuration_names(tmp_path):
+    reading = read(tmp_path, recording(), spec=", window: [[0, 0.9], [1, 1.9]], exclude: [[null, 0.1], [0.8, 1.2]]")
+    first, second = reading.logs
+    np.testing.assert_allclose(first.t[first.excluded], [*np.arange(11) * 0.01, *np.arange(80, 91) * 0.01])
+    np.testing.assert_allclose(second.t[second.excluded], np.arange(100, 121) * 0.01)
+    assert reading.warnings == ()
+    assert read(tmp_path, recording()).logs[0].excluded is None
+
+
+def test_a_window_in_which_nothing_is_to_be_excluded_is_a_warning(tmp_path):
+    (warning,) = read(tmp_path, recording(), spec=", window: [0, 1], exclude: [1.2, 1.3]").warnings
+    assert warning == "a: there is no sample to exclude in 1.2-1.3 s; what is used runs from 0 to 1 s."

@@ -97,6 +97,14 @@ def test_windows_choose_rows(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("small")
+def test_excluded_samples_are_in_the_log_that_is_read(tmp_path: Path) -> None:
+    given = config(write(tmp_path, times()), more=", exclude: [2, 2.1]")
+    log, _ = opened(given).read(slice(150, 300))
+    assert log.excluded is not None
+    assert np.flatnonzero(log.excluded).tolist() == list(range(50, 61))
+
+
+@pytest.mark.usefixtures("small")
 def test_repeated_rows_are_left_out(tmp_path: Path) -> None:
     t = times()
     t[500] = t[499]

@@ -30,6 +30,9 @@ CHANNELS = {
     "time unit": (changed(time={"column": "t", "unit": "sec"}), ("time.unit: 'sec'", "'ms'")),
     "multi-turn slider": (with_channel(multi_turn=True), ("position.slider.multi_turn", "slides")),
     "sigma": (changed(smoother={"kind": "spline", "sigma": {"x": 1}}), ("smoother.sigma.x: there is no joint",)),
+    "factor": (changed(smoother={"kind": "spline", "factor": {"x": 1}}), ("smoother.factor.x: there is no joint",)),
+    "unfitted": (changed(unfitted=["slidr"]), ("unfitted.slidr: there is no joint 'slidr'", "did you mean 'slider'")),
+    "nothing fitted": (changed(unfitted=["slider"]), ("unfitted: names every joint",)),
 }
 
 

@@ -168,7 +168,7 @@ def test_terms_that_no_robot_file_holds_are_listed_and_model_py_has_them(text, e
     left = " ".join(made.written.left_out)
     names = [p.name for term in beyond for p in term.parameters if f"{p.name} = " not in left]
     assert {name[-4:] for name in names} <= {"sin1", "cos1"}  # gravity of the bodies may hold one period in a turn
-    assert all(f"tanh(dq/{0.1 * k:g})" in left for k in range(1, n))
+    assert all(f"by tanh over {0.1 * k:.3g} rad/s" in left for k in range(1, n))
 
 
 def random_mjcf(rng, count):

@@ -229,3 +229,10 @@ def test_results_of_other_terms_are_refused() -> None:
         find_payload(result(), fewer)
     with pytest.raises(ModelError, match="'hand' is no link"):
         find_payload(result(), {"loaded": recorded("loaded")}, request=Request(frame="hand"))
+
+
+def test_a_known_mass_far_beyond_the_arm_is_refused() -> None:
+    loaded = identify(arm()[0], {"weighed": recorded("weighed", CARRIED, GAIN)}, recipe=RECIPE)
+    for mass in (30.0, 1e5, 1e9):
+        with pytest.raises(InputError, match="known mass is"):
+            find_payload(result(GAIN), loaded, request=Request(known_mass=mass))

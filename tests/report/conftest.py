@@ -14,7 +14,7 @@ from dynident.log import Motion
 from dynident.models import Joint, MassMatrixCheck, Parameter
 from dynident.models.robot_file import Limits
 from dynident.smoothers import Spline
-from dynident.validation import residual_test
+from dynident.validation import FloorOrigin, NoiseFloor, residual_test
 
 PARAMETERS = (
     Parameter("theta1", "kg m^2", "m1 lc1^2 + I1 + m2 l1^2", 0.0340),
@@ -109,6 +109,9 @@ def log_validation(name, role, joints, filtered):
         predicted=held.tau + 0.02 * rng.standard_normal(held.tau.shape),
         recorded=None,
         free_run=None,
+        floors={joint: NoiseFloor(0.01, 2.0, 2.1, FloorOrigin.WHITE) for joint in joints},
+        over_floor=2.0,
+        at_floor=False,
         errors=SimpleNamespace(
             samples=int(held.mask.sum()),
             relative_error=4.2 if role == "train" else 5.1,

@@ -17,15 +17,12 @@ def test_bodies_move_as_the_robot_does() -> None:
     project, found = designed()
     figure = next(one.figure for one in scene_section(project, found).blocks if isinstance(one, Figure))
     assert figure.motion is not None
-    moving = [one for one in figure.data if one["type"] == "mesh3d"][: len(figure.motion["vertices"])]
-    assert [one["name"] for one in moving] == ["upper", "lower"]
-    t, places = (np.frombuffer(b64decode(figure.motion[key]), "<f4") for key in ("t", "places"))
-    places = places.reshape(len(t), 2, 3, 4)
-    assert t[-1] == np.float32(found.trajectory.duration)
-    q = found.trajectory.states(t[[100]].astype(float))[0]
-    placed = project.geometry.bodies.placements(q)
-    np.testing.assert_allclose(places[100, :, :, 3], placed.origins[0], atol=1e-5)
-    np.testing.assert_allclose(places[100, :, :, :3], placed.rotations[0], atol=1e-5)
+    assert [one["name"] for one in figure.data[: len(figure.motion["moving"])]] == ["upper", "lower"]
+    (replay,) = figure.motion["replays"]
+    assert replay["stop"] == found.trajectory.duration
+    q = np.frombuffer(b64decode(replay["q"]), "<f4").reshape(-1, 2)
+    t = np.linspace(0.0, replay["stop"], len(q))
+    np.testing.assert_allclose(q, found.trajectory.states(t)[0], atol=1e-6)
 
 
 def test_the_closest_pairs_come_first() -> None:

@@ -311,7 +311,7 @@ SAID = [
     (
         motion_notes.CorrelatedParameters(5, 1e6),
         (
-            "the 5 base parameters are strongly correlated in these motions (condition number 1e+06): move more "
+            "the 5 base parameters are strongly correlated in these motions (condition number 1.0e6): move more "
             "joints at the same time, faster, and over more of their range."
         ),
     ),

@@ -119,7 +119,7 @@ def test_every_kind_of_block_is_shown():
     assert "<summary>more</summary>\n<p>hidden</p>" in page
     assert '<pre tabindex="0">a: 1\nb: 2</pre>' in page
     assert '<h2>One <span class="badge good">good</span></h2>' in page
-    assert '<td class="words">a-b</td><td class="number muted">\u22121e\u22125</td>' in page
+    assert '<td class="words">a-b</td><td class="number muted" data-value="-1e-5">−1\u00a0×\u00a010⁻⁵</td>' in page
     assert '<td class="number muted">-</td>' in page
     assert "<em>kept</em>" in page
     assert '<section id="part-1-7">\n<h3>Inner</h3>' in page
@@ -142,6 +142,20 @@ def test_a_table_without_titles_has_no_head():
     page = render("t", "l", [PageSection("s", (pairs("", [("file", "arm.urdf")]),))])
     assert "<tr hidden>" in page
     assert "<tr hidden>" not in render("t", "l", [PageSection("s", (pairs("setting", [("a", "b")]),))])
+
+
+def test_long_names_are_shortened_and_stand_whole_in_a_title():
+    long = [f"robot_cell_left_manipulator_arm_joint_{k}_<b>" for k in range(2)]
+    heads = (Column("joint", numeric=False), Column("error"), Column("what", numeric=False, prose=True))
+    table = PageTable(heads, tuple((f"{name} x", "-1", name) for name in long))
+    assert list(table.short) == long
+    assert len(set(table.short.values())) == 2
+    assert {len(name) for name in table.short.values()} == {24}
+    page = render("t", "l", [PageSection("s", (table,))])
+    whole = "robot_cell_left_manipulator_arm_joint_1_&lt;b&gt;"
+    assert f'<abbr title="{whole}">robot_cell_l…joint_1_&lt;b&gt;</abbr> x</td>' in page
+    assert f'<td class="words prose">{whole}</td>' in page
+    assert pairs("file", [(long[0], "1")]).short == {}
 
 
 def test_plotly_is_embedded_once_and_only_where_there_is_a_figure():
@@ -225,6 +239,6 @@ def test_the_first_cell_of_a_row_leads_to_its_link():
     outline = Outline(render("t", "", [PageSection("s", (table,))]))
     links = [attrs["href"] for tag, attrs in outline.tags if tag == "a"]
     assert links == ["#part-1", "./a"]
-    assert outline.count("script") == 0
+    assert outline.count("script") == 1  # which sorts and copies tables
     with pytest.raises(ValueError, match="1 links for 2 rows"):
         PageTable(heads, (("a", "1"), ("b", "2")), links=("./a",))

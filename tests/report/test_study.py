@@ -108,7 +108,7 @@ def test_page_holds_tables_figures_and_settings(reproduction):
     page = study_page(reproduction)
     for k in range(2, 8):
         assert f"<caption>Table {k}: sample" in page
-    assert "σq² = 1e-6 rad²</caption>" in page
+    assert "σq² = 1\u00a0×\u00a010⁻⁶ rad²</caption>" in page
     assert page.count("<figure>") == 5
     for text in ("figure 2)", "figure 3)", "Angular velocity of joint2", "1.13, 0.78 N m", "m2 lc2^2 + I2", "seed 1"):
         assert text in page

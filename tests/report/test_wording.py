@@ -239,8 +239,8 @@ def test_a_noun_without_words_is_an_error() -> None:
         (
             Choice(Difference(), (Difference(), Spline()), (1.5, np.inf)),
             (
-                f"{Difference()}, by the cross-validated torque error on the training logs: 1.5 % {Difference()}, "
-                f"inf % {Spline()}"
+                "forward differences, by the cross-validated torque error on the training logs (forward differences: "
+                "1.5 %; smoothing spline, S = n: cannot smooth these logs)"
             ),
         ),
         (Origin(Measure.RESIDUAL), "residual of the fit"),

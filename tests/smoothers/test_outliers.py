@@ -84,3 +84,10 @@ def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:
 
     with pytest.raises(ConfigError, match="returns 2995 samples for 3000; return all of them"):
         motion_of(shorter, log())
+
+
+def test_excluded_samples_are_smoothed_through_and_not_in_the_mask() -> None:
+    whole, gone = (motion_of(Spline(), one) for one in (log(), log().excluding([(2.0, 2.5)])))
+    np.testing.assert_array_equal(whole.q, gone.q)
+    left_out = (gone.t >= 2.0) & (gone.t <= 2.5)
+    assert gone.mask.tolist() == (whole.mask & ~left_out).tolist()

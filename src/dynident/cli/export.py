@@ -57,6 +57,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     from dynident.io.saved import load
     from dynident.report.exports import export_notes
     from dynident.report.wording import old_result_lines
+    from dynident.report.words import tiny
 
     keep(result)
     refuse_inputs(out)
@@ -77,5 +78,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
         *(f"{words}." for words in made.proof.skipped),
     ):
         screen.say(note)
-    screen.say(f"Loaded again, its torque differs by at most {made.proof.agreement:.2g} of each joint's.")
+    screen.say(
+        f"Loaded again, its torque differs from each joint's by a share of {tiny(made.proof.agreement)} at most."
+    )
     tell(screen, "Model", write_text(out, made.written.text))

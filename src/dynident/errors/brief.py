@@ -53,7 +53,7 @@ def _differs(noun: Any, one: Field[Any]) -> bool:
 
 
 def _short(value: Any) -> str:
-    if hasattr(value, "shape"):  # an array
+    if hasattr(value, "dtype"):  # an array
         few = value.ndim == 1 and value.size <= FEW
         return f"[{', '.join(f'{x:.4g}' for x in value)}]" if few else f"array{value.shape}"
     if isinstance(value, float):

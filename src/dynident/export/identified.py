@@ -158,10 +158,10 @@ def _rules(term: Term) -> Iterator[str]:
     rules = [term.rule(joint) for joint in term.acts_on]
     for width, band in dict.fromkeys(rules):
         if width or band:
-            rule = f"tanh(dq/{width:g})" if width else f"zero within abs(dq) <= {band:g}"
+            rule = f"by tanh over {width:.3g}" if width else f"zero up to {band:.3g}"
             where = [repr(joint) for joint, one in zip(term.acts_on, rules, strict=True) if one == (width, band)]
             of = "" if len(where) == len(rules) else f" of {', '.join(where)}"
-            yield f"how Coulomb friction{of} changes its sign: {rule}; the file's friction is a sign(dq)"
+            yield f"how Coulomb friction{of} changes its sign: {rule} rad/s or m/s; the file's friction jumps"
 
 
 def _kept(nominal: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> Iterator[str]:

@@ -2,6 +2,15 @@
 
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.block_bootstrap import Bootstrap, bootstrap
+from dynident.identification.comparison import (
+    BaseDifference,
+    ComparedLog,
+    ComparedResult,
+    ExportRecord,
+    LogDifference,
+    ResultComparison,
+    compare_results,
+)
 from dynident.identification.cross_validation import Gain
 from dynident.identification.division import Division, LongRecording, Span, Stretch
 from dynident.identification.identify import identify
@@ -20,6 +29,7 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
+from dynident.identification.role_logs import NotFitted
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
 from dynident.identification.terms import Kind, NotChosen, Outcome, PlainTerms, TermChoice, Trial, choose_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
@@ -29,11 +39,15 @@ from dynident.identification.verdict.steps import Remedy, Step
 from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
 
 __all__ = [
+    "BaseDifference",
     "BaseTilt",
     "Bootstrap",
     "Calibration",
     "Choice",
+    "ComparedLog",
+    "ComparedResult",
     "Division",
+    "ExportRecord",
     "Gain",
     "HeldOut",
     "Identifiability",
@@ -41,8 +55,10 @@ __all__ = [
     "InPieces",
     "Kind",
     "LargestResidual",
+    "LogDifference",
     "LongRecording",
     "NotChosen",
+    "NotFitted",
     "OldResult",
     "Outcome",
     "Pairing",
@@ -54,6 +70,7 @@ __all__ = [
     "Reduced",
     "Remedy",
     "Rests",
+    "ResultComparison",
     "SourceFile",
     "Sources",
     "Span",
@@ -70,6 +87,7 @@ __all__ = [
     "bootstrap",
     "choose_smoother",
     "choose_terms",
+    "compare_results",
     "cross_validated_error",
     "excerpts",
     "find_base_tilt",

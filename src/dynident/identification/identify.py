@@ -26,7 +26,7 @@ from dynident.identification.result import (
     Sources,
     versions,
 )
-from dynident.identification.role_logs import RoleLogs
+from dynident.identification.role_logs import NotFitted, RoleLogs
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.identification.terms import PlainTerms
 from dynident.identification.terms.added import chosen, first, with_choice
@@ -44,7 +44,9 @@ from dynident.validation import (
     Signals,
     check_mass,
     free_run,
+    smoothed_away,
     validate,
+    with_floors,
 )
 
 __all__ = ["FAR", "identify", "judged", "warnings_of"]
@@ -128,7 +130,9 @@ def _identify(
             *warnings_of(model, estimate, base),
             *noted,
             *resting,
+            *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
             *_steep(tilt),
+            *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),
     )
@@ -220,7 +224,7 @@ def judged(
             signals = Signals(one.motion, one.predicted, log)
             run = _run(model, estimate, name, recipe.repaired(log), motion, recipe)
             found.append(replace(one, signals=signals, free_run=run))
-    return tuple(found)
+    return with_floors(found)
 
 
 def warnings_of(model: Model, estimate: Estimate, base: Identifiability) -> tuple[Note, ...]:

@@ -27,7 +27,7 @@ from dynident.identification.reducer import Reduced, Reducer
 from dynident.identification.repetition import credible_share, pieces_of
 from dynident.identification.rests import Rests
 from dynident.identification.result import Identification, Sources, versions
-from dynident.identification.role_logs import RoleLogs
+from dynident.identification.role_logs import NotFitted, RoleLogs
 from dynident.identification.sampled_bias import sampled_bias
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.log import Log, Motion
@@ -42,7 +42,7 @@ from dynident.regression import (
 )
 from dynident.smoothers import Smoother, as_used, overlap
 from dynident.splines import NORMAL_95
-from dynident.validation import check_mass, clustered_std
+from dynident.validation import check_mass, clustered_std, smoothed_away
 
 __all__ = ["InPieces", "Prepared", "finished", "prepared"]
 
@@ -168,6 +168,8 @@ def _finished(
             *warnings_of(model, estimate, base),
             *noted,
             *resting,
+            *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
+            *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),
     )

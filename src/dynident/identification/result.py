@@ -121,12 +121,13 @@ class OldResult(Note):
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file that was read: its ``path``, its SHA-256 in hexadecimal digits, and the ``text`` of a configuration or
-    robot file."""
+    """A file that was read: its ``path``, its SHA-256 in hexadecimal digits, the ``text`` of a configuration or robot
+    file, and of a recording when it was last ``modified`` (ISO 8601, UTC; "" where that is not known)."""
 
     path: str
     sha256: str = ""
     text: str = ""
+    modified: str = ""
 
     __repr__ = brief
 
@@ -135,7 +136,7 @@ class SourceFile:
 class Sources:
     """What a result was made from: the files, those of a run from Python without the first two, and versions.
 
-    ``seed`` is that of the random poses in which the mass matrix is looked at.
+    ``seed`` is that of the random poses in which the mass matrix is looked at. ``identified`` is when (ISO 8601, UTC).
     """
 
     configuration: SourceFile | None = None
@@ -143,6 +144,7 @@ class Sources:
     logs: tuple[SourceFile, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
     seed: int = SEED
+    identified: str = ""
 
     __repr__ = brief
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
-from dynident.errors import ConfigError, InputError, Step, brief
+from dynident.errors import ConfigError, InputError, Note, Severity, Step, brief
 from dynident.identification.outliers import masked
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import Rests, without_rests
@@ -13,10 +14,18 @@ from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.smoothers import Smoother, motion_of
 
-__all__ = ["RoleLogs"]
+__all__ = ["NotFitted", "RoleLogs"]
 
 Logs = Mapping[str, Mapping[str, Log]]
 Motions = dict[str, dict[str, Motion]]
+
+
+@dataclass(frozen=True)
+class NotFitted(Note):
+    """The torque equations of these ``joints`` are not fitted, as the recipe asks; they are predicted and judged."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    joints: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)

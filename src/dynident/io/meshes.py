@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, ModelError, install_command
 from dynident.excitation.spaces.geometry import Geometry, Mesh, geometry_of
+from dynident.identification import Identification
+from dynident.identification.links import rigid_bodies
 from dynident.io.opener import content, find, opened
 from dynident.models import RigidBodies
 
-__all__ = ["read_geometry", "read_mesh"]
+__all__ = ["read_geometry", "read_mesh", "result_geometry"]
 
 Array = NDArray[np.float64]
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -59,6 +61,18 @@ def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = (
                 "'0.001 0.001 0.001' for a file in mm."
             )
     return replace(geometry, missing=missing)
+
+
+def result_geometry(identification: Identification) -> Geometry | None:
+    """Return the shapes of an identified robot, with the meshes that are found from where its file was; None where the
+    model is not of a robot file, or a shape in it is wrong, which is no concern of an identification."""
+    bodies, file = rigid_bodies(identification), identification.provenance.model
+    if bodies is None:
+        return None
+    try:
+        return read_geometry(bodies, Path(file.path if file else bodies.source))
+    except ModelError:
+        return None
 
 
 def read_mesh(path: Path) -> Mesh:

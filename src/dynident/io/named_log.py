@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dynident.errors import ConfigError, choices
 from dynident.io.settings import Config, LogSpec
 
-__all__ = ["log_spec", "named"]
+__all__ = ["log_spec", "named", "recording_of"]
 
 
 def log_spec(text: str, config: Config) -> LogSpec:
@@ -34,6 +34,12 @@ def named(spec: LogSpec) -> str:
     here = Path.cwd()
     files = {key: file.relative_to(here) if file.is_relative_to(here) else file for key, file in spec.file.items()}
     return ",".join(f"{key}={file}" if key else str(file) for key, file in files.items())
+
+
+def recording_of(log: str, specs: Sequence[LogSpec]) -> LogSpec | None:
+    """Return the recording that a log is, or a window or a piece of, by its name; None where there is none."""
+    found = [spec for spec in specs if log == spec.label or log.startswith(f"{spec.label} ")]
+    return max(found, key=lambda spec: len(spec.label), default=None)
 
 
 def _pairs(text: str, keys: list[str], needed: list[str]) -> dict[str, str]:

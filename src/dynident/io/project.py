@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from dynident.jobs import Limits
 from dynident.log import Log
 from dynident.models import Model
 
-__all__ = ["Project", "log_files", "model_source", "parse_project", "read_project", "run"]
+__all__ = ["Project", "log_files", "model_source", "parse_project", "read_project", "run", "stamp"]
 
 Progress = Callable[[str], None]
 
@@ -142,7 +143,8 @@ class Project:
         """Return an identification that says what it was made from, and all that is to be warned of."""
         warnings = (*map(Remark, (*self.warnings, *remarks)), *found.warnings)
         sources = replace(found.provenance, configuration=self.sources.configuration, model=self.sources.model)
-        return replace(found, warnings=warnings, provenance=replace(sources, logs=files))
+        sources = replace(sources, logs=files, identified=stamp())
+        return replace(found, warnings=warnings, provenance=sources)
 
 
 def read_project(path: str | Path, progress: Progress = _silent) -> Project:
@@ -220,4 +222,13 @@ def log_files(config: Config) -> tuple[SourceFile, ...]:
     """Return every file of the recordings with its SHA-256; each is read once more."""
     paths = (path for spec in (*config.train, *config.validation) for path in spec.file.values())
     files = {real(file): None for path in paths for file in recording_parts(path)}
-    return tuple(SourceFile(str(file), fingerprint(file)) for file in files)
+    return tuple(SourceFile(str(file), fingerprint(file), modified=stamp(file)) for file in files)
+
+
+def stamp(file: Path | None = None) -> str:
+    """Return when a file was last modified, or the time now, as ISO 8601 in UTC; "" where that is not known."""
+    try:
+        when = datetime.now(UTC) if file is None else datetime.fromtimestamp(file.stat().st_mtime, UTC)
+    except (OSError, OverflowError, ValueError):
+        return ""
+    return when.isoformat(timespec="seconds")

@@ -15,7 +15,7 @@ from dynident.estimators import Provenance
 from dynident.identification import BaseTilt, PriorStrength, Sources, TimeOffset
 from dynident.identification.terms import Outcome
 from dynident.models import Joint
-from dynident.validation import Driver, ResidualTest, TorqueErrors
+from dynident.validation import Driver, NoiseFloor, ResidualTest, TorqueErrors
 
 __all__ = ["FORMAT", "VERSION", "ResultFile"]
 
@@ -177,6 +177,7 @@ class ValidationPart(Part):
     errors: TorqueErrors
     residuals: dict[str, ResidualTest]
     free_run: RunPart | None
+    floors: dict[str, NoiseFloor] = {}
 
 
 class CandidatePart(Part):

@@ -49,7 +49,7 @@ from dynident.models import Joint, MassMatrixCheck, Model
 from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
 from dynident.validation import Failure, FreeRun, LogValidation
 
-__all__ = ["check_parameters", "identification_of", "model_of", "named_terms"]
+__all__ = ["check_parameters", "identification_of", "model_of", "named_terms", "wrong_values"]
 
 Array = NDArray[np.float64]
 Noun = TypeVar("Noun")
@@ -67,7 +67,7 @@ def identification_of(
     try:
         file = ResultFile.model_validate(data)
     except ValidationError as error:
-        raise InputError(_wrong(error, source)) from None
+        raise InputError(wrong_values(error, source)) from None
     folder = _folder(file.provenance, source) if allow_code else None
     recipe = _recipe(file.recipe, folder, source)
     if model is None:
@@ -283,7 +283,7 @@ def _validation(given: ValidationPart, source: str) -> LogValidation:
             None if run.failure is None else _noun(Failure, run.failure, source),
         )
     )
-    return LogValidation(given.name, given.role, given.errors, given.residuals, made)
+    return LogValidation(given.name, given.role, given.errors, given.residuals, made, None, given.floors)
 
 
 def _finding(given: FindingPart, source: str) -> Finding:
@@ -301,7 +301,7 @@ def _noun(base: type[Noun], given: Kind, source: str) -> Noun:
     try:
         made: Noun = TypeAdapter(known[given.kind]).validate_python(values)
     except ValidationError as error:
-        raise InputError(_wrong(error, f"{source}: {given.kind}")) from None
+        raise InputError(wrong_values(error, f"{source}: {given.kind}")) from None
     return made
 
 
@@ -315,7 +315,7 @@ def _matrix(rows: Sequence[Sequence[float]], shape: tuple[int, int], where: str,
     return np.array(rows, dtype=float).reshape(shape)
 
 
-def _wrong(error: ValidationError, source: str) -> str:
+def wrong_values(error: ValidationError, source: str) -> str:
     """Return the first thing that is wrong in a file, and where it is."""
     first = error.errors()[0]
     place = "".join(f"[{one}]" if isinstance(one, int) else f".{one}" for one in first["loc"]).lstrip(".")

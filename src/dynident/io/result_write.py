@@ -161,6 +161,7 @@ def _validation(log: LogValidation) -> dict[str, Any]:
         "role": log.role,
         "errors": asdict(log.errors),
         "residuals": {joint: asdict(test) for joint, test in log.residuals.items()},
+        "floors": {joint: asdict(floor) for joint, floor in log.floors.items()},
         "free_run": run and {key: getattr(run, key) for key in keys} | {"failure": run.failure and _kind(run.failure)},
     }
 

@@ -23,7 +23,7 @@ from dynident.io.result_write import result_data
 from dynident.io.results import as_path, write_json
 from dynident.models import Model
 
-__all__ = ["load", "model_files", "read_log_like", "save", "source_files"]
+__all__ = ["load", "model_files", "read_log_like", "result_values", "save", "source_files"]
 
 WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
@@ -68,7 +68,7 @@ def load(path: str | Path, model: Model | None = None, *, allow_code: bool = Fal
     """
     if not isinstance(model, Model | None):
         raise ModelError(f"load: the model is a {type(model).__name__}; give the Model that was identified.")
-    data, source = _load(as_path(path)), str(path)
+    data, source = result_values(as_path(path)), str(path)
     if is_version_0(data):
         data = upgraded(data, source, allow_code=allow_code)
     if data.get("format") != FORMAT:
@@ -118,7 +118,8 @@ def source_files(sources: Sources) -> list[str]:
     return [one.path for one in (sources.configuration, sources.model, *sources.logs) if one is not None]
 
 
-def _load(path: Path) -> dict[str, Any]:
+def result_values(path: Path) -> dict[str, Any]:
+    """Return the plain values of a saved result; InputError where the file is none."""
     settle(path.parent)
     text = content(path, InputError, (".json",), WEIGHT)
     try:

@@ -299,7 +299,7 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     speeds = config.min_speed if isinstance(config.min_speed, Mapping) else {}
     rows = {f"transmission.{name}": row for name, row in config.transmission.items()}
     unfitted = dict.fromkeys(config.unfitted)
-    if len(unfitted) == len(joints):
+    if {joint.name for joint in joints} <= unfitted.keys():
         raise ConfigError("unfitted: names every joint, so that nothing is left to fit; leave one out.")
     named = {
         "zero": config.zero,

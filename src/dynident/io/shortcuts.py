@@ -21,7 +21,7 @@ from dynident.io.config import load_model
 from dynident.io.fields import UNITS, Section
 from dynident.io.logs import read_logs
 from dynident.io.named_log import log_spec
-from dynident.io.project import model_source, read_project
+from dynident.io.project import model_source, read_project, stamp
 from dynident.io.robot import SUFFIXES, load_robot
 from dynident.io.settings import Config, LogSpec, RobotSettings, robot_settings
 from dynident.io.wording import worded
@@ -123,7 +123,7 @@ def identify(
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
     found = identification.identify(model, trained, held_out, used, executor=executor, progress=progress)
     found = checks.with_findings(found, model, {"train": trained, "validation": held_out}, used, progress=progress)
-    return replace(found, provenance=replace(found.provenance, model=file))
+    return replace(found, provenance=replace(found.provenance, model=file, identified=stamp()))
 
 
 def check(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from dynident.errors import ConfigError
+from dynident.checks import with_findings
+from dynident.errors import ConfigError, Remark
 from dynident.identification import identify
+from dynident.io.logs import turning_joints
 from dynident.io.project import Project, read_project
 from dynident.io.settings import RobotSettings
 from dynident.tuning import Bench
@@ -31,6 +34,12 @@ def bench_of(project: Project, progress: Callable[[str], None] = lambda _: None)
             f"{project.path}: the recordings of `train` are too long for the memory, and fitted in pieces, which is "
             "too slow to tune by hand; give a shorter `window`, or raise the memory by --memory."
         )
-    logs, _ = project.logs(progress)
-    found = identify(project.model, logs["train"], logs["validation"], project.recipe, progress=progress)
-    return Bench.of(project.model, logs, found, switchable=isinstance(project.config.model, RobotSettings))
+    (logs, remarks), turning = project.logs(progress), turning_joints(project.config)
+    model, recipe = project.model, project.recipe
+    found = identify(model, logs["train"], logs["validation"], recipe, progress=progress)
+    found = with_findings(found, model, logs, recipe, multi_turn=turning, progress=progress)
+    known = replace(found.provenance, configuration=project.sources.configuration, model=project.sources.model)
+    said = map(Remark, (*project.warnings, *model.notes, *remarks))
+    found = replace(found, warnings=(*said, *found.warnings), provenance=known)
+    switchable = isinstance(project.config.model, RobotSettings)
+    return Bench.of(model, logs, found, switchable=switchable, multi_turn=turning)

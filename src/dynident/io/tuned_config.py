@@ -13,6 +13,7 @@ from dynident.identification import Recipe
 from dynident.io.config import parse_config
 from dynident.io.explicit_config import part_settings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
+from dynident.io.named_log import recording_of
 from dynident.io.opener import content, real
 from dynident.io.project import Project
 from dynident.io.results import CHANGED, replace_text
@@ -167,18 +168,12 @@ def _terms(
 def _excluded(role: str, specs: Sequence[LogSpec], bench: Bench, tuning: Tuning) -> Pairs:
     """Yield the windows that are excluded of a recording, where they are not as they were."""
     for k, spec in enumerate(specs):
-        logs = [name for name in bench.logs[role] if _of(name, specs) is spec]
+        logs = [name for name in bench.logs[role] if recording_of(name, specs) is spec]
         was = [pair for name in logs for pair in bench.start.windows(name)]
         now = [pair for name in logs for pair in tuning.windows(name)]
         if now != was:
             windows = dict.fromkeys(_as_given(pair, spec) if pair in was else pair for pair in now)
             yield (role, k, "exclude"), [list(pair) for pair in windows] or REMOVED
-
-
-def _of(log: str, specs: Sequence[LogSpec]) -> LogSpec:
-    """Return the recording that a log is, or a window or piece of."""
-    named = [spec for spec in specs if log == spec.label or log.startswith(f"{spec.label} ")]
-    return max(named, key=lambda spec: len(spec.label))
 
 
 def _as_given(pair: tuple[float, float], spec: LogSpec) -> tuple[float | None, float | None]:

@@ -1,6 +1,7 @@
 """Models: an ordered sum of terms, tau = Y(q, dq, ddq) theta; robot files, friction, motors, inertia, simulation."""
 
 from dynident.models.coupled_friction import CoupledFriction
+from dynident.models.equation import FUNCTIONS, Equation
 from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
@@ -44,6 +45,7 @@ from dynident.models.simulation import Recording, record, simulate, simulate_man
 from dynident.models.structure import Structure, random_states, structure_of
 from dynident.models.term import (
     INERTIAL,
+    HasEquations,
     HasGeometry,
     HasGravity,
     HasLimits,
@@ -68,6 +70,7 @@ from dynident.models.term import (
 )
 
 __all__ = [
+    "FUNCTIONS",
     "INERTIAL",
     "AsymmetricCoulomb",
     "AsymmetricViscous",
@@ -79,6 +82,8 @@ __all__ = [
     "Dahl",
     "Drift",
     "DryFriction",
+    "Equation",
+    "HasEquations",
     "HasGeometry",
     "HasGravity",
     "HasLimits",

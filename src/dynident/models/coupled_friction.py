@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
+from dynident.models.equation import Equation
 from dynident.models.friction import AsymmetricViscous, Coulomb, JointTerm, Power, Stribeck
 from dynident.models.motor import CoupledMotor
 from dynident.models.term import HasSign, Joint, Parameter, Partials
@@ -81,6 +82,13 @@ class CoupledFriction:
         (own,) = self._friction.parameters
         motion = " + ".join(f"{c:g} {name}" for name, c in self._pairs).replace("+ -", "- ")
         return (replace(own, name=f"{self.law}_{self.name}", expression=f"{own.expression} of the motor at {motion}"),)
+
+    @property
+    def equations(self) -> tuple[Equation, ...]:
+        """The equation of the motor."""
+        name = self.parameters[0].name
+        laws = self._friction.equations
+        return tuple(replace(law, parameters=(name,), on=self._pairs, motor=self.name) for law in laws)
 
     @property
     def support(self) -> NDArray[np.bool_]:

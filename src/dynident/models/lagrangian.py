@@ -146,6 +146,19 @@ class Lagrangian:
         ]
         return (*self.q, *self.dq, *self._ddq), tuple(total)
 
+    def texts(self) -> tuple[tuple[str, ...], ...]:
+        """Return the torque (n, p) at each joint per unit of each parameter as text, in ``q``, ``dq`` and their rates.
+
+        The acceleration of the joint with the index i is called ddq_i there, counted from 1.
+        """
+        import sympy as sp
+
+        rates = {one: sp.Symbol(f"ddq_{i + 1}") for i, one in enumerate(self._ddq)}
+        exact = {one for each in self._lumps for torque in each.torque for one in torque.atoms(sp.Rational)}
+        decimals = {one: sp.Float(float(one), 6) for one in exact if one.q > 9}  # 981/100 is 9.81
+        own = [[each.torque[i].xreplace(rates | decimals) for each in self._lumps] for i in range(len(self.q))]
+        return tuple(tuple(map(str, row)) for row in own)
+
     @cached_property
     def _compiled(self) -> Callable[..., Sequence[Any]]:
         torques = [each.torque[i] for i in range(len(self.q)) for each in self._lumps]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
+from dynident.models.equation import Equation
 from dynident.models.friction import Coulomb, Offset, PerJoint, Viscous
 from dynident.models.term import Joint, Parameter, Partials
 
@@ -41,6 +42,10 @@ class RotorInertia(PerJoint):
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
         return "kg m^2" if joint.kind == "revolute" else "kg"
+
+    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
+        """Return the torque at a joint as an equation."""
+        return Equation("I_a * ddq", ("I_a",))
 
     def shape(self, ddq: Array, /) -> Array:
         """Return the torque per unit of the parameter."""
@@ -122,6 +127,12 @@ class CoupledMotor:
             replace(parameter, expression=f"{parameter.expression} of the motor at {motion}", value=value)
             for parameter, value in zip(found, values, strict=True)
         )
+
+    @property
+    def equations(self) -> tuple[Equation, ...]:
+        """The equations of the motor, one for each part that is switched on."""
+        own = [law for part in self._parts for law in part.equations]
+        return tuple(replace(law, on=self._pairs, motor=self.name) for law in own)
 
     @property
     def support(self) -> NDArray[np.bool_]:

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from dynident.models.equation import Equation
     from dynident.models.robot_file import Limits, RobotFile
 
 from dynident.errors import brief
 
 __all__ = [
     "INERTIAL",
+    "HasEquations",
     "HasGeometry",
     "HasGravity",
     "HasLimits",
@@ -261,6 +263,15 @@ class HasSign(Protocol):
 
     def with_smooth_sign(self, width: Array, /) -> tuple[Term, ...]:
         """Return terms with the same parameters in which sign(dq) is tanh(dq / width), ``width`` (n) by joint."""
+
+
+@runtime_checkable
+class HasEquations(Protocol):
+    """A term that can be written down for people."""
+
+    @property
+    def equations(self) -> tuple[Equation, ...]:
+        """One for each joint or motor with parameters; empty where there is none."""
 
 
 @runtime_checkable

@@ -28,6 +28,7 @@ __all__ = ["LoadedLog", "Payload", "find_payload"]
 Array = NDArray[np.float64]
 MOST, WRONG = 5.0, 20.0  # times the error of the training, and %: with more left, a recording is of another arm
 SHOWN = (0.2, 0.03, 1.0)  # of mass, m, of mass (0.1 m)^2: a component with a larger standard error is not shown
+CONTRADICTS = 0.1  # of a weighed mass: such a difference is no error of weighing
 CLEAR = 2.0  # standard errors; and of the misfit per degree of freedom
 SEEN = 3.0  # standard errors of the mass, from which on there is a payload
 TELLING = (0.01, 0.003, 0.2)  # of mass, m, of mass (0.1 m)^2: an error by drift or gains that is worth a note
@@ -136,6 +137,7 @@ def find_payload(
     basis = found.base.structural or structural_base_parameters(found.model)
     solution = solved(found.model, basis, found.estimate.value, mount, evidence, request)
     logs = tuple(_loaded_logs(found, mount, solution, other, request))
+    _check_weighed(solution.phi[0], request)
     return _payload(found, other, mount, solution, request, logs, unloaded=bool(unloaded))
 
 
@@ -201,6 +203,16 @@ def _payload(
     )  # fmt: skip
     turned = solution.information / factor**2
     return replace(payload, notes=tuple(_notes(payload, found, other, turned, unloaded=unloaded)))
+
+
+def _check_weighed(mass: float, request: Request) -> None:
+    """Raise InputError where the mass (kg) that fits is not that which was weighed: no gains of drives explain it."""
+    known = request.known_mass
+    if known is not None and abs(mass - known) > CONTRADICTS * known:
+        raise InputError(
+            f"the known mass is {known:g} kg, and the recordings show {mass:.3g} kg whatever the gains of the drives: "
+            "give the mass in kg of what these recordings carry, or leave it out."
+        )
 
 
 def _negative(mass: float, std: float, request: Request) -> str:

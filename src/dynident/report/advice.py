@@ -11,14 +11,15 @@ from dynident.regression import UnexcitedParameters
 from dynident.report.check import finding_row
 from dynident.report.page import number
 from dynident.report.robot_words import remedy
-from dynident.report.wording import words
+from dynident.report.wording import causes_words, words
 from dynident.report.words import percent
-from dynident.validation import Driver
+from dynident.validation import AT_FLOOR, Driver, FloorOrigin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from dynident.identification import HeldOut, Verdict
+    from dynident.validation import NoiseFloor
 
 __all__ = ["IN_SENTENCES", "designed", "sentences"]
 
@@ -80,9 +81,13 @@ def designed(step: object) -> str | None:
     return next((options for options, kinds in _DESIGNED.items() if isinstance(step, kinds)), None)
 
 
-def sentences(verdict: Verdict) -> tuple[str, ...]:
-    """Return the verdict in sentences: the use and the errors, the reasons against more, the residual, the unknown."""
-    return f"{_FIRST[verdict.use]}: {_errors(verdict.held_out)}.", _against(verdict), _left(verdict), *_unknown(verdict)
+def sentences(verdict: Verdict, longest: int | None = None) -> tuple[str, ...]:
+    """Return the verdict in sentences: the use and the errors, the reasons against more, the residual, the unknown.
+
+    Reasons are cut where they have more than the ``longest`` number of signs.
+    """
+    first = f"{_FIRST[verdict.use]}: {_errors(verdict.held_out)}."
+    return first, _against(verdict, longest), _left(verdict), *_unknown(verdict)
 
 
 def _unknown(verdict: Verdict) -> tuple[str, ...]:
@@ -105,17 +110,21 @@ def _errors(held: HeldOut | None) -> str:
     )
 
 
-def _against(verdict: Verdict) -> str:
+def _against(verdict: Verdict, longest: int | None) -> str:
     given, run = verdict.reasons, verdict.run
     if not given and run is not None:
         return (
             "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at "
             f"most {_percent(run.error)} of the motion ({run.joint}, {run.log})."
         )
-    named = [*map(words, given[:IN_SENTENCES])]
+    named = [_cut(words(one), longest) for one in given[:IN_SENTENCES]]
     named += [f"and {len(given) - IN_SENTENCES} more"] if len(given) > IN_SENTENCES else []
     what = "Against its use" if verdict.use is Use.DO_NOT_USE else "Not for simulation"
     return f"{what}: {_joined(named)}"
+
+
+def _cut(text: str, longest: int | None) -> str:
+    return text if longest is None or len(text) <= longest else f"{text[:longest].rsplit(' ', 1)[0]} …"
 
 
 def _joined(named: Sequence[str]) -> str:
@@ -130,8 +139,23 @@ def _left(verdict: Verdict) -> str:
     left = verdict.residual
     if left is None:
         return "The torque residual could not be tested."
-    points = f"points to {' and '.join(map(words, left.causes))}" if left.causes else "has no clear cause"
-    return f"The torque residual is largest in {left.joint} ({left.log}) and {points}."
+    if left.all_at_floor and left.over is not None:
+        return (
+            f"The torque residual is at the noise floor: on {left.log} it is {left.over:.2f} times what the sensors "
+            f"allow, and at each joint at most {AT_FLOOR:g} times with 95 % confidence."
+        )
+    where = f"The torque residual is largest in {left.joint} ({left.log})"
+    if left.floor is not None and left.floor.reached:
+        return f"{where}, where it is at the noise floor, {left.floor.ratio:.2f} times what the sensors allow."
+    points = f"points to {causes_words(left.causes, left.floor)}" if left.causes else "has no clear cause"
+    return f"{where}{_above(left.floor)} and {points}."
+
+
+def _above(floor: NoiseFloor | None) -> str:
+    if floor is None:
+        return ""
+    noise = "white noise of the sensors allows" if floor.origin is FloorOrigin.WHITE else "the sensors allow"
+    return f", {number(floor.ratio, 2)} times what {noise},"
 
 
 @words.register

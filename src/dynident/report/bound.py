@@ -11,7 +11,7 @@ import numpy as np
 from dynident.bounds import Measure, Origin
 from dynident.report import figures
 from dynident.report.calibration_words import settings_of
-from dynident.report.page import Column, Facts, Figure, PageBlock, PageSection, PageTable, number, pairs, render
+from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, number, pairs, render
 from dynident.report.wording import words
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def bound_table(found: AccuracyBound, short: bool = False) -> PageTable:
     rows = range(len(found.names))
     if short and len(found.names) > FULL_LIST:
         rows = sorted(np.argsort(-found.relative, kind="stable")[:WORST].tolist())  # type: ignore[assignment]
-    columns = [Column("parameter", numeric=False), Column("value"), Column("unit", numeric=False)]
+    columns = [Column("parameter", numeric=False), Column("value"), UNIT]
     columns += [Column("fit", "sd, %"), *(Column(HEADS[name], "least sd, %") for name in HEADS), Column("least sd")]
     columns += [Column("limited by", numeric=False)]
     cells = []
@@ -167,7 +167,7 @@ def _cautions(found: AccuracyBound) -> Iterator[str]:
     factor = _colour(found)
     if factor > COLOURED:
         yield (
-            f"Residuals are correlated in time: noise as slow as they are would raise the bound up to "
+            "Residuals are correlated in time: noise as slow as they are would raise the bound up to "
             f"{number(factor, 2)} times (median over the joints)."
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,14 +12,16 @@ from dynident.identification import (
     Choice,
     Gain,
     NotChosen,
+    NotFitted,
     PlainTerms,
     PriorStrength,
     Rests,
     SteepBase,
     TimeOffset,
 )
+from dynident.report.part_words import part_words
 from dynident.report.wording import words
-from dynident.report.words import percent
+from dynident.report.words import listed, percent, short
 from dynident.smoothers import unshifted
 
 if TYPE_CHECKING:
@@ -30,14 +33,16 @@ __all__ = ["settings_of"]
 def settings_of(identification: Identification) -> dict[str, str]:
     """Return the settings of a run in words: the recipe as used, and what was chosen and calibrated."""
     recipe, calibration = identification.recipe, identification.calibration
-    found = {"estimator": repr(recipe.estimator), "low-pass": repr(recipe.filter)}
+    tilt = recipe.base_tilt
+    found = {"estimator": part_words(recipe.estimator)}
+    found |= {"low-pass": part_words(recipe.filter)} if recipe.filter is not None else {}
     found["seed of the random poses"] = str(identification.provenance.seed)
-    found["smoother used"] = ", ".join(repr(unshifted(one)) for one in recipe.smoothers)
+    found["smoother used"] = "; ".join(part_words(unshifted(one)) for one in recipe.smoothers)
     numbers = {
-        "low speeds left out": recipe.min_speed,
-        "time offset used, s": recipe.time_offset or None,
-        "base tilt used, rad": recipe.base_tilt,
-        "restart": recipe.restart,
+        "low speeds left out": _speeds(recipe.min_speed),
+        "time offset used": f"{short(1e3 * float(recipe.time_offset), 4)} ms" if recipe.time_offset else None,
+        "base tilt used": _angles(*tilt, 3) if isinstance(tilt, tuple) and any(tilt) else None,
+        "free simulation": f"begun anew every {short(recipe.restart)} s" if recipe.restart else None,
     }
     chosen = {
         "smoother": calibration.smoother,
@@ -51,8 +56,22 @@ def settings_of(identification: Identification) -> dict[str, str]:
 
 @words.register
 def _(choice: Choice) -> str:
-    listed = ", ".join(f"{percent(error)} {one}" for one, error in zip(choice.candidates, choice.errors, strict=True))
-    return f"{choice.smoother}, by the cross-validated torque error on the training logs: {listed}"
+    pairs = zip(choice.candidates, choice.errors, strict=True)
+    tried = "; ".join(f"{part_words(one)}: {_tried(error)}" for one, error in pairs)
+    return f"{part_words(choice.smoother)}, by the cross-validated torque error on the training logs ({tried})"
+
+
+def _tried(error: float) -> str:
+    return percent(error) if np.isfinite(error) else "cannot smooth these logs"
+
+
+def _speeds(speed: Mapping[str, float] | float | None) -> str | None:
+    """Return the minimum speed, or that of each joint, in words."""
+    if speed is None:
+        return None
+    if isinstance(speed, Mapping):
+        return f"{listed(f'{name} below {short(float(one))}' for name, one in speed.items())} rad/s or m/s"
+    return f"below {short(float(speed))} rad/s or m/s"
 
 
 @words.register
@@ -61,24 +80,24 @@ def _(time_offset: TimeOffset) -> str:
     if not time_offset.seconds:
         if time_offset.gain is not None:
             return f"none, as the best one does not predict left-out stretches better: {words(time_offset.gain)}"
-        known = f" significantly; its standard error would be {error:.2g} ms" if np.isfinite(error) else ""
+        known = f" significantly; its standard error would be {short(error, 2)} ms" if np.isfinite(error) else ""
         return f"none, as none lowers the training error ({percent(time_offset.before)}){known}"
     late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
-    size = f"{1e3 * abs(time_offset.seconds):.2g}" + (f" +- {error:.1g}" if np.isfinite(error) else "")
+    size = f"{short(1e3 * abs(time_offset.seconds), 2)}" + (f" +- {short(error, 1)}" if np.isfinite(error) else "")
     return f"{late} are stamped {size} ms later than {early}; {_better(time_offset)}"
 
 
 @words.register
 def _(gain: Gain) -> str:
-    return f"{gain.share:.2g} +- {gain.std:.2g} % of the squared cross-validated error"
+    return f"{short(gain.share, 2)} +- {short(gain.std, 2)} % of the squared cross-validated error"
 
 
 @words.register
 def _(note: Rests) -> str:
-    ends = [f"{length:.3g} s at its {end}" for end, length in (("start", note.start), ("end", note.end)) if length]
+    ends = [f"{short(length)} s at its {end}" for end, length in (("start", note.start), ("end", note.end)) if length]
     said = [f"{' and '.join(ends)}, where the arm is at rest, are left out of fit and errors"] if ends else []
     if note.within:
-        said.append(f"rests of {note.within:.3g} s within are {_within(note)}")
+        said.append(f"rests of {short(note.within)} s within are {_within(note)}")
     return f"{note.log}: {'; '.join(said)}"
 
 
@@ -124,6 +143,11 @@ def _(note: NotChosen) -> str:
         f"the estimator's settings name {', '.join(note.names)}, which the model with the terms chosen does not have; "
         "what they say of these is ignored. Name the terms by `terms` of the model to have them"
     )
+
+
+@words.register
+def _(note: NotFitted) -> str:
+    return f"torques that are not fitted, only predicted and judged, by `unfitted`: {', '.join(note.joints)}"
 
 
 @words.register

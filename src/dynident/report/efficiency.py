@@ -57,7 +57,8 @@ def efficiency_table(reproduction: Reproduction) -> Iterator[PageTable]:
     """Yield the table of rms errors over the bound, coverage and convergence: one row per method and noise level."""
     if not reproduction.bounds:
         return
-    columns = [Column("σq²", numeric=False), Column("method", numeric=False), *map(Column, reproduction.names)]
+    columns = [Column("σq²", numeric=False, unit=True), Column("method", numeric=False)]
+    columns += map(Column, reproduction.names)
     columns += [Column("mean", "covered, %"), Column("least", "covered, %"), Column("not converged")]
     rows = []
     for case in reproduction.cases:

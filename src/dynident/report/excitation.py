@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from dynident.report.excitation_expected import WELL, expected_section, told, va
 from dynident.report.excitation_scene import scene_section
 from dynident.report.excitation_words import body_words, floor_words, limit_words, noise_words, shape_words
 from dynident.report.page import (
+    UNIT,
     Column,
     Facts,
     Figure,
@@ -28,6 +29,7 @@ from dynident.report.page import (
     relative,
     render,
 )
+from dynident.report.part_words import value_words
 from dynident.report.wording import words
 
 if TYPE_CHECKING:
@@ -195,7 +197,7 @@ def _limits(found: Design) -> Iterator[PageBlock]:
         values = [number(float(getattr(limits, name)[k])) for name in names]
         marked = (f"{value} *" if rule else value for value, rule in zip(values, ruled, strict=True))
         rows.append((joint, found.model.joints[k].unit, *marked))
-    columns = (Column("joint", numeric=False), Column("unit", numeric=False), *map(Column, names))
+    columns = (Column("joint", numeric=False), UNIT, *map(Column, names))
     yield PageTable(columns, tuple(rows), "Limits that the motion keeps to, the margin taken off (* by rule)")
     samples = max(one.samples for one in found.checked)
     yield (
@@ -204,7 +206,14 @@ def _limits(found: Design) -> Iterator[PageBlock]:
     )
 
 
+def _given(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the settings that say something."""
+    for key, value in settings.items():
+        if value is not None and value not in ([], {}):
+            yield key.replace("_", " "), value_words(value)
+
+
 def _settings(project: ExcitationProject) -> Iterator[PageBlock]:
     given = project.settings.model_dump(mode="json")
-    yield pairs("setting", [("robot", project.path.name), *((key, str(value)) for key, value in given.items())])
+    yield pairs("setting", [("robot", project.path.name), *_given(given)])
     yield pairs("program", list(versions().items()))

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import listed
 from dynident.excitation import Box, CapsuleSpace, Cylinder, Floor, Geometry, Made, outlines
 from dynident.report import figures
+from dynident.report.links import missing_words
 from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ FRAMES = 400  # of the arm along its path
 CHECKED = 100.0  # Hz, at most, of the distances that are drawn
 MOST = 6000  # samples of them
 PAIRS = 12  # in the table
-FEW = 5  # meshes in a sentence
 BEYOND = 0.15  # m of a floor around the path
 TALL = 3.0  # m: a cylinder without end is drawn so far
 _MADE = {
@@ -50,22 +49,26 @@ def _view(project: ExcitationProject, found: Design) -> Iterator[PageBlock]:
     if geometry is None or not isinstance(space, CapsuleSpace):
         yield "The model is not made of a robot file, so that its bodies can neither be drawn nor be kept clear."
         return
-    t = np.linspace(0.0, found.trajectory.duration, FRAMES)
-    placed = geometry.bodies.placements(found.trajectory.states(t)[0])
-    named = {k: ", ".join(geometry.bodies.arm.bodies[k].links) for k in range(len(geometry.bodies.arm.bodies))}
+    bodies, stop = geometry.bodies, found.trajectory.duration
+    q = found.trajectory.states(np.linspace(0.0, stop, FRAMES))[0]
     shown = outlines(geometry, space.capsules)
-    meshes = {
-        one.body: figures.Mesh(named.get(one.body, one.link), one.mesh.vertices, one.mesh.triangles) for one in shown
-    }
-    moving = {k: one for k, one in sorted(meshes.items()) if k >= 0}
-    if not moving:
+    arm = sorted((one for one in shown if one.body >= 0), key=lambda one: one.body)
+    if not arm:
         return
-    last = max(moving)
-    tip = moving[last].vertices.mean(axis=0)
-    path = (placed.rotations[:, last] @ tip + placed.origins[:, last]).astype(np.float32)
+    moving = [
+        figures.surface(one, ", ".join(bodies.arm.bodies[one.body].links), figures.METAL[place % 2])
+        for place, one in enumerate(arm)
+    ]
+    last = arm[-1]
+    tip = last.mesh.vertices.mean(axis=0)
+    path = bodies.placements(q).points([last.body], tip[None])[:, 0]
     reach = float(np.abs(path[:, :2]).max()) + BEYOND
-    still = [*(one for k, one in meshes.items() if k < 0), *(drawn(one, reach) for one in project.obstacles)]
-    figure = figures.scene_figure(t, moving, placed.rotations, placed.origins, still, path)
+    still = [
+        *(figures.standing(one) for one in shown if one.body < 0),
+        *(figures.solid(drawn(one, reach), figures.STILL, 0.35) for one in project.obstacles),
+        figures.path_of(path),
+    ]
+    figure = figures.scene_figure(bodies, [figures.Replay("", 0.0, stop, q)], moving, still)
     yield _WHAT
     yield Figure(figure, "The motion, with the path of the last body, in the frame of the root link (m).")
 
@@ -126,6 +129,4 @@ def _made(geometry: Geometry) -> Iterator[str]:
     for made in Made:
         if links := [geometry.link(body) for body, one in geometry.made.items() if one is made]:
             yield f"Distances of {', '.join(links)}: by capsules around {_MADE[made]}."
-    if geometry.missing:
-        names = listed((f"{file} ({reason.rstrip('.')})" for file, reason in geometry.missing.items()), FEW)
-        yield f"Meshes that could not be read: {names}."
+    yield from missing_words(geometry)

@@ -7,13 +7,13 @@ from dataclasses import asdict
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
-from dynident.report.page import Column, PageBlock, PageSection, PageTable, number
-from dynident.report.words import count, percent
+from dynident.report.page import Column, PageBlock, PageSection, PageTable, number, relative
+from dynident.report.words import count, percent, tiny
 
 if TYPE_CHECKING:
     from dynident.export import Export, FileError
 
-__all__ = ["export_notes", "export_results", "export_section"]
+__all__ = ["export_links", "export_notes", "export_results", "export_section"]
 
 _LEAD = (
     "Each file was loaded again before it was written, and its torque compared with that of the identified model, "
@@ -26,12 +26,13 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
     if not exports:
         return
     rows = tuple(
-        (one.file, number(one.proof.agreement, 2) if one.proof else "-", _readers(one), "yes" if one.ready else "no")
+        (one.file, tiny(one.proof.agreement) if one.proof else "-", _readers(one), "yes" if one.ready else "no")
         for one in exports
     )
     words = (Column("file", numeric=False), Column("difference"))
     columns = (*words, Column("loaded by", numeric=False), Column("written", numeric=False))
-    blocks: list[PageBlock] = [_LEAD, PageTable(columns, rows, "Files of the identified model")]
+    links = tuple(relative(one.file) if one.ready else "" for one in exports)
+    blocks: list[PageBlock] = [_LEAD, PageTable(columns, rows, "Files of the identified model", links)]
     for one in exports:
         notes = [*([f"Not written: {one.refusal}"] if one.refusal else []), *(one.written.notes if one.written else ())]
         notes += [f"Not in the file: {words}." for words in (one.written.left_out if one.written else ())]
@@ -41,6 +42,21 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
     if costs := [(one.file, error.log, error.model, error.file) for one in exports for error in _costs(one)]:
         blocks.append(_table_of(costs))
     yield PageSection("Files of the model", tuple(blocks))
+
+
+def export_links(exports: Sequence[Export]) -> tuple[str, ...]:
+    """Return links to the files that lie beside the report, as one paragraph of HTML; nothing where there are none."""
+    from markupsafe import Markup
+
+    files = [one.file for one in exports if one.ready]
+    if not files:
+        return ()
+    link = Markup('<a href="{}">{}</a>')
+    return (
+        Markup('<p class="files">Files: {}</p>').format(
+            Markup(", ").join(link.format(relative(name), name) for name in ("result.json", *files))
+        ),
+    )
 
 
 def _table_of(costs: Sequence[tuple[str, str, float, float]]) -> PageTable:

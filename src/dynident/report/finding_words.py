@@ -9,7 +9,7 @@ from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report import log_words, robot_words  # noqa: F401  # register their words
 from dynident.report.wording import words
-from dynident.report.words import count, percent
+from dynident.report.words import count, percent, short
 
 if TYPE_CHECKING:
     from dynident.checks import Finding
@@ -114,14 +114,15 @@ def _(note: file_notes.OnlyShapes) -> str:  # noqa: ARG001
 @words.register
 def _(note: file_notes.PointMass) -> str:
     return (
-        f"{note.mass:.4g} kg without an inertia about the centre of mass: a point mass, or an inertia rounded to zero."
+        f"{short(note.mass, 4)} kg without an inertia about the centre of mass: a point mass, or an inertia "
+        "rounded to zero."
     )
 
 
 @words.register
 def _(note: file_notes.FarCentre) -> str:
     return (
-        f"its centre of mass is {note.distance:.4g} m from its frame. Is it in millimetres, or in another frame? "
+        f"its centre of mass is {short(note.distance, 4)} m from its frame. Is it in millimetres, or in another frame? "
         "A URDF gives metres in the link's own frame."
     )
 
@@ -129,8 +130,8 @@ def _(note: file_notes.FarCentre) -> str:
 @words.register
 def _(note: file_notes.LargeGyration) -> str:
     return (
-        f"its largest moment {note.moment:.3g} kg m^2 means a radius of gyration of {note.gyration:.2g} m for "
-        f"its {note.mass:.3g} kg, on a link of about {note.size:.2g} m. Is it about another point, or a "
+        f"its largest moment {short(note.moment)} kg m^2 means a radius of gyration of {short(note.gyration, 2)} m for "
+        f"its {short(note.mass)} kg, on a link of about {short(note.size, 2)} m. Is it about another point, or a "
         "placeholder? It would be a misleading prior."
     )
 
@@ -145,7 +146,7 @@ def _(note: file_notes.InertiaAboutOrigin) -> str:
 
 @words.register
 def _(note: file_notes.EqualLinks) -> str:
-    same = f"have the same mass {note.mass:.4g} kg and the same moments:"
+    same = f"have the same mass {short(note.mass, 4)} kg and the same moments:"
     if note.alone:
         return f"all links {same} placeholders? {REMEDY}"
     return f"{', '.join(note.links)} {same} copied, or simple shapes? They are a weak prior."
@@ -153,7 +154,7 @@ def _(note: file_notes.EqualLinks) -> str:
 
 @words.register
 def _(note: file_notes.OddTotalMass) -> str:
-    return f"the total mass of all links is {note.mass:.4g} kg. Are the masses in kg?"
+    return f"the total mass of all links is {short(note.mass, 4)} kg. Are the masses in kg?"
 
 
 @words.register
@@ -206,7 +207,7 @@ def _(note: notes.ReversedSign) -> str:
 @words.register
 def _(note: notes.OddScale) -> str:
     return (
-        f"the torque is {note.scale:.3g} times that of the robot file's inertias. Is a gear ratio, a torque "
+        f"the torque is {short(note.scale)} times that of the robot file's inertias. Is a gear ratio, a torque "
         f"constant or a unit missing in `gain`? It should be in {note.unit}."
     )
 
@@ -215,7 +216,7 @@ def _(note: notes.OddScale) -> str:
 def _(note: notes.UnrelatedTorque) -> str:
     return (
         "does this torque belong to this joint? It hardly correlates with the torque of the robot file's inertias, "
-        f"which is {note.ratio:.2g} times as large (correlation {note.correlation:z.2f}). Check the column."
+        f"which is {short(note.ratio, 2)} times as large (correlation {note.correlation:z.2f}). Check the column."
     )
 
 
@@ -231,15 +232,16 @@ def _(note: motion_notes.FewReversals) -> str:
 @words.register
 def _(note: motion_notes.PositionBeyondLimits) -> str:
     return (
-        f"the position runs from {note.lower:.4g} to {note.upper:.4g}, the file allows {note.least:.4g} to "
-        f"{note.most:.4g}. Check the unit, the sign and `zero`, or the file's limits."
+        f"the position runs from {short(note.lower, 4)} to {short(note.upper, 4)}, the file allows "
+        f"{short(note.least, 4)} to "
+        f"{short(note.most, 4)}. Check the unit, the sign and `zero`, or the file's limits."
     )
 
 
 @words.register
 def _(note: motion_notes.VelocityAboveLimit) -> str:
     return (
-        f"the velocity reaches {note.peak:.4g}, the robot file allows {note.limit:.4g} (rad/s or m/s). "
+        f"the velocity reaches {short(note.peak, 4)}, the robot file allows {short(note.limit, 4)} (rad/s or m/s). "
         "Check the units of position and time; or the positions are too noisy for this smoother."
     )
 
@@ -247,13 +249,16 @@ def _(note: motion_notes.VelocityAboveLimit) -> str:
 @words.register
 def _(note: motion_notes.EffortAboveLimit) -> str:
     remedy = "Is it a motor current, or in another unit?" if note.far else "Check the unit and gain, or the file."
-    return f"the torque reaches {note.peak:.4g} {note.unit}, the robot file allows {note.limit:.4g}. {remedy}"
+    return (
+        f"the torque reaches {short(note.peak, 4)} {note.unit}, the robot file allows {short(note.limit, 4)}. {remedy}"
+    )
 
 
 @words.register
 def _(note: motion_notes.EffortFarBelowLimit) -> str:
     return (
-        f"the torque stays below {note.peak:.3g} {note.unit}, a thousandth of the robot file's limit {note.limit:.4g}. "
+        f"the torque stays below {short(note.peak)} {note.unit}, a thousandth of the robot file's limit "
+        f"{short(note.limit, 4)}. "
         "Is it on the motor side of the gear, in another unit, or is the limit a placeholder?"
     )
 
@@ -262,7 +267,7 @@ def _(note: motion_notes.EffortFarBelowLimit) -> str:
 def _(note: motion_notes.CorrelatedParameters) -> str:
     return (
         f"the {note.rank} base parameters are strongly correlated in these motions (condition number "
-        f"{note.condition:.2g}): move more joints at the same time, faster, and over more of their range."
+        f"{short(note.condition, 2)}): move more joints at the same time, faster, and over more of their range."
     )
 
 
@@ -273,7 +278,7 @@ def _vary(jitter: float) -> str:
 def _times(factor: float) -> str:
     if factor > 1000:
         return "over 1000 times"
-    return f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.0f} %"
+    return f"{short(factor)} times" if factor >= 2 else f"{100 * (factor - 1):.0f} %"
 
 
 @words.register

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.errors import listed
 from dynident.report import figures
 from dynident.report.figures import Array
-from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Column, Figure, Fold, PageBlock, PageSection, PageTable, number
 from dynident.report.words import count
 from dynident.splines import NORMAL_95
 
@@ -76,7 +76,7 @@ def _figure(one: Pooled, base: FleetBase, deviation: Array, relative: Array) -> 
 def _table(one: Pooled, base: FleetBase, size: Array, relative: Array) -> PageTable:
     std = np.sqrt(np.maximum(np.diag(one.covariance), 0.0))
     farthest = np.abs(relative).argmax(axis=0)
-    heads = [Column("parameter", numeric=False), Column("unit", numeric=False), Column("mean"), Column("std. error")]
+    heads = [Column("parameter", numeric=False), UNIT, Column("mean"), Column("std. error")]
     heads += [Column("spread"), Column("spread, %"), Column("farthest", numeric=False), Column("spreads away")]
     rows = []
     for i, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):

@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING, Any
 from dynident.errors import Severity
 from dynident.identification import judge
 from dynident.identification.verdict.reasons import Noted
+from dynident.report import figures
 from dynident.report.advice import IN_SENTENCES
 from dynident.report.check import finding_groups, finding_row, finding_table
 from dynident.report.data import data_section, smoothing_section
+from dynident.report.equations import model_section
 from dynident.report.exports import export_results, export_section
+from dynident.report.links import link_section
 from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.pieces import pieces_section
 from dynident.report.repeat import repeat_section
+from dynident.report.robot import robot_blocks
 from dynident.report.structure import base_section, condition_section, consistency_section
 from dynident.report.terms import term_section, term_table
 from dynident.report.validation import (
@@ -27,11 +31,12 @@ from dynident.report.validation import (
     unknown_noise,
 )
 from dynident.report.verdict import verdict_results, verdict_section
-from dynident.report.wording import Line, causes_words, note_lines, status_words, words
-from dynident.report.words import ROLES, count, listed, logs_of
+from dynident.report.wording import Line, note_lines, residual_words, status_words, words
+from dynident.report.words import ROLES, count, day, listed, logs_of
 
 if TYPE_CHECKING:
     from dynident.errors import Finding
+    from dynident.excitation import Geometry
     from dynident.export import Export
     from dynident.identification import Identification
 
@@ -40,16 +45,23 @@ __all__ = ["identification_notes", "identification_page", "identification_tables
 MOST = 5  # findings of the checks in a terminal
 
 
-def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
-    """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it."""
+def identification_page(
+    identification: Identification, exports: Sequence[Export] = (), geometry: Geometry | None = None
+) -> str:
+    """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it.
+
+    ``geometry`` are the shapes of the robot; without it those that need no other file than that of the robot.
+    """
     sections = [
-        verdict_section(identification),
+        verdict_section(identification, exports),
         data_section(identification),
+        *model_section(identification),
         *pieces_section(identification),
         error_section(identification),
-        torque_section(identification),
+        torque_section(identification, tuple(robot_blocks(identification, geometry))),
         *simulation_section(identification),
         *term_section(identification),
+        *link_section(identification, geometry),
         parameter_section(identification),
         *base_section(identification),
         condition_section(identification),
@@ -71,8 +83,20 @@ def _lead(identification: Identification) -> str:
     )
     return (
         f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "
-        f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}."
+        f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}.{_dates(identification)}"
     )
+
+
+def _dates(identification: Identification) -> str:
+    """Return when it was identified, and when it was recorded by the stamps, or of what days the files are."""
+    sources = identification.provenance
+    stamps = sorted({figures.clock(float(log.motion.t[0]))[:10] for log in identification.validations} - {""})
+    files = sorted({one.modified[:10] for one in sources.logs if one.modified})
+    when = f" Identified {day(sources.identified)}." if sources.identified else ""
+    if stamps or files:
+        first, *_, last = 2 * (stamps or files)
+        when += f" {'Recorded' if stamps else 'Files of'} {first}{f' to {last}' * (first != last)}."
+    return when
 
 
 def _warnings(identification: Identification) -> Iterator[PageBlock]:
@@ -128,7 +152,7 @@ def result_words(identification: Identification, exports: Sequence[Export] = ())
         "status": status_words(identification.estimate),
         "warnings": [words(note) for note in identification.notes],
         "residuals": {
-            log.name: {joint: said for joint, test in log.residuals.items() if (said := causes_words(test))}
+            log.name: {joint: said for joint in log.residuals if (said := residual_words(log, joint))}
             for log in identification.validations
         },
         "exports": export_results(exports),

@@ -8,7 +8,7 @@ from functools import singledispatch
 from dynident.checks import log_notes as notes
 from dynident.identification.outliers import HeldOutOutliers
 from dynident.report.wording import words
-from dynident.report.words import count, percent
+from dynident.report.words import count, percent, short
 
 __all__ = ["figures_words"]
 
@@ -53,7 +53,7 @@ def figures_words(message: object) -> str:  # noqa: ARG001
 @figures_words.register(notes.PositionSpikes)
 @figures_words.register(notes.TorqueSpikes)
 def _(note: notes.PositionSpikes | notes.TorqueSpikes) -> str:
-    return f"{note.count} by up to {note.largest:.4g}, {_at(note.rows, note.times, note.count)}"
+    return f"{note.count} by up to {short(note.largest, 4)}, {_at(note.rows, note.times, note.count)}"
 
 
 @figures_words.register(notes.FrozenPosition)
@@ -69,14 +69,14 @@ def _(note: notes.ClippedTorque) -> str:
 
 @figures_words.register
 def _(note: notes.PositionJump) -> str:
-    return f"by {note.size:.4g} after sample {note.row}"
+    return f"by {short(note.size, 4)} after sample {note.row}"
 
 
 @words.register
 def _(note: notes.PositionSpikes) -> str:
     return (
         f"{count(note.count, 'position')} {'stands' if note.count == 1 else 'stand'} out by up to "
-        f"{note.largest:.3g}: {_at(note.rows, note.times, note.count)}. "
+        f"{short(note.largest)}: {_at(note.rows, note.times, note.count)}. "
         f"{_replaced(note.replaced, note.count)} {CABLE}"
     )
 
@@ -84,7 +84,7 @@ def _(note: notes.PositionSpikes) -> str:
 @words.register
 def _(note: notes.ManyPositionSpikes) -> str:
     return (
-        f"{note.count} positions stand out by up to {note.largest:.3g}, too many to be replaced: "
+        f"{note.count} positions stand out by up to {short(note.largest)}, too many to be replaced: "
         f"{_at(note.rows, note.times, note.count)}. Correct them in the file. {CABLE}"
     )
 
@@ -103,7 +103,8 @@ def _(note: notes.PositionJump) -> str:
     again = "once more" if note.count == 2 else f"{note.count - 1} more times"
     more = f", and {again}" if note.count > 1 else ""
     return (
-        f"the position jumps by {note.size:.4g} after sample {note.row} (t = {_second(note.time)} s){more}: are two "
+        f"the position jumps by {short(note.size, 4)} after sample {note.row} (t = {_second(note.time)} s){more}: "
+        "are two "
         "recordings joined, or did the encoder lose counts? Give the pieces as separate logs, by windows."
     )
 
@@ -120,7 +121,8 @@ def _(note: notes.InterpolatedPositions) -> str:
 @words.register
 def _(note: notes.TorqueSpikes) -> str:
     return (
-        f"{count(note.count, 'torque')} {'stands' if note.count == 1 else 'stand'} out by up to {note.largest:.4g}, "
+        f"{count(note.count, 'torque')} {'stands' if note.count == 1 else 'stand'} out by up to "
+        f"{short(note.largest, 4)}, "
         f"unlike the motion: {_at(note.rows, note.times, note.count)}. {_what(note.masked, note.held_out, note.count)} "
         f"{CABLE}"
     )
@@ -167,7 +169,7 @@ def _lagging(lag: float, least: float) -> str:
     """Return where in the other log a repeat begins, if it is more than ``least`` (s) from its start."""
     if abs(lag) <= least:
         return ""
-    return f", {lag:.4g} s later in it" if lag > 0 else f", begun {-lag:.4g} s before it"
+    return f", {short(lag, 4)} s later in it" if lag > 0 else f", begun {short(-lag, 4)} s before it"
 
 
 @words.register
@@ -190,7 +192,8 @@ def _(note: notes.RepeatedMotion) -> str:
 @words.register
 def _(note: notes.PerhapsRadians) -> str:
     return (
-        f"no joint moves more than {note.span:.2g} rad; as degrees that should have been radians, the positions leave "
+        f"no joint moves more than {short(note.span, 2)} rad; as degrees that should have been radians, the "
+        "positions leave "
         f"{percent(note.after)} of the torque unexplained instead of {percent(note.before)}. Are they in rad? Set "
         "`unit: rad`."
     )
@@ -199,7 +202,8 @@ def _(note: notes.PerhapsRadians) -> str:
 @words.register
 def _(note: notes.GravityCompensated) -> str:
     return (
-        f"the torque shows {note.factor:z.2f} +- {note.std:.2g} times the gravity of the arm: without it the plain "
+        f"the torque shows {note.factor:z.2f} +- {short(note.std, 2)} times the gravity of the arm: without it "
+        "the plain "
         f"fit leaves {percent(note.after)} instead of {percent(note.before)}. Was it logged after gravity "
         "compensation, or is the arm mounted so that gravity does not act? Log the whole torque, add the compensation "
         "to it by `sum`, or set `gravity: [0, 0, 0]` for a model without gravity."
@@ -220,5 +224,5 @@ def _(note: notes.SlowMotion) -> str:
     return (
         f"accelerations explain only {percent(note.share, 2)} of the torque, less than the {percent(note.residual, 2)} "
         "that the fit leaves: the motion is too slow to show inertias, and faster motion would not be predicted. "
-        f"Record one at least {note.faster:.2g} times as fast."
+        f"Record one at least {short(note.faster, 2)} times as fast."
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -19,6 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
+from dynident.errors import shortened
+from dynident.report.typography import cell, said, sentence
+
 if TYPE_CHECKING:
     import jinja2
     from markupsafe import Markup
@@ -26,7 +29,10 @@ if TYPE_CHECKING:
     from dynident.report.figures import Drawing
 
 __all__ = [
+    "MEANING",
+    "UNIT",
     "Badge",
+    "Beside",
     "Code",
     "Column",
     "Facts",
@@ -42,11 +48,13 @@ __all__ = [
     "render",
 ]
 
+NAME = 24  # letters of a word in a column of names: beside it there is room for numbers on a phone
+
 
 @dataclass(frozen=True)
 class Column:
     """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
-    sentences, which a terminal wraps.
+    sentences, which a terminal wraps, ``unit`` units or levels, which are typeset.
     """
 
     title: str
@@ -54,6 +62,11 @@ class Column:
     numeric: bool = True
     muted: bool = False
     prose: bool = False
+    unit: bool = False
+
+
+UNIT = Column("unit", numeric=False, unit=True)
+MEANING = Column("meaning", numeric=False, prose=True)
 
 
 @dataclass(frozen=True)
@@ -81,6 +94,16 @@ class PageTable:
         """Headings above the columns, each with the number of columns it spans; empty where no column has one."""
         runs = tuple((name, len(list(run))) for name, run in groupby(column.group for column in self.columns))
         return runs if any(name for name, _ in runs) else ()
+
+    @property
+    def short(self) -> dict[str, str]:
+        """The long words of the columns of names, each shortened in the middle, such that they stay distinct."""
+        if not any(column.numeric for column in self.columns):
+            return {}
+        names = [k for k, column in enumerate(self.columns[:2]) if not column.numeric and not column.prose]
+        words = {word for k in names for row in self.rows for word in row[k].split()}
+        long = sorted(word for word in words if len(word) > NAME)
+        return dict(zip(long, shortened(long, NAME), strict=True))
 
     @property
     def titled(self) -> bool:
@@ -113,10 +136,11 @@ class Code:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A figure and the sentence below it."""
+    """A figure and the sentence below it; one that moves has a ``player``, or only follows others."""
 
     figure: Drawing
     caption: str = ""
+    player: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +177,14 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
-PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Blocks that stand side by side where there is room, the second a little wider."""
+
+    blocks: tuple[PageBlock, ...]
+
+
+PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -192,9 +223,10 @@ def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     from dynident.kernel import kernel
 
     template = _environment().get_template("page.html")
-    script = _plotly() if any(_has_figure(section) for section in sections) else None
+    script = _plotly() if any(_has(section, Figure) for section in sections) else None
+    tables = script is not None or any(_has(section, PageTable) for section in sections)
     made_by = {"version": __version__, "kernel": str(kernel())}
-    return template.render(title=title, lead=lead, sections=sections, plotly=script, **made_by)
+    return template.render(title=title, lead=lead, sections=sections, plotly=script, tables=tables, **made_by)
 
 
 @cache
@@ -208,7 +240,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json, "words": _words}
+    environment.filters |= {"kind": _kind, "cell": cell, "said": said, "json": _json, "words": sentence, "names": _names}
     return environment
 
 
@@ -236,25 +268,21 @@ def _kind(block: PageBlock) -> str:
     return "list" if isinstance(block, tuple) else type(block).__name__.removeprefix("Page").lower()
 
 
-def _has_figure(block: PageBlock) -> bool:
+def _has(block: PageBlock, kind: type[PageTable | Figure]) -> bool:
     if isinstance(block, Gallery):
-        return any(_has_figure(inner) for _, blocks in block.views for inner in blocks)
-    if isinstance(block, PageSection | Fold):
-        return any(_has_figure(inner) for inner in block.blocks)
-    return isinstance(block, Figure)
+        return any(_has(inner, kind) for _, blocks in block.views for inner in blocks)
+    if isinstance(block, PageSection | Fold | Beside):
+        return any(_has(inner, kind) for inner in block.blocks)
+    return isinstance(block, kind)
 
 
-def _minus(cell: str) -> str:
-    """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
-    return cell.replace("-", "\u2212") if len(cell) > 1 else cell
-
-
-def _words(text: str) -> Markup:
-    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
+def _names(text: str, short: Mapping[str, str]) -> Markup:
+    """Return a cell, escaped, with its long names shortened: they stand whole in a title, and are copied whole."""
     from markupsafe import Markup, escape
 
-    safe = str(escape(text.replace("+-", "±").replace(" %", "\u00a0%")))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
+    whole = Markup('<abbr title="{}">{}</abbr>')
+    parts = re.split(r"(\s+)", text.replace(" %", "\u00a0%"))
+    return Markup("").join(whole.format(part, short[part]) if part in short else escape(part) for part in parts)
 
 
 def _json(figure: Drawing) -> Markup:

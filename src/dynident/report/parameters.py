@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.estimators import Provenance
+from dynident.identification.links import DeterminedBy, determined_by
 from dynident.models import INERTIAL
 from dynident.report import figures
-from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
-from dynident.report.words import listed, motion_known
+from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.term_words import with_formulas
+from dynident.report.words import count, listed, motion_known
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
@@ -28,11 +29,12 @@ FULL_LIST = 40  # a terminal shows up to this many parameters all
 ONE_FIGURE = 30  # more parameters are drawn group by group
 LONGEST = 300  # signs of a warning in a terminal
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
-PROVENANCES = {
-    Provenance.DATA: "data",
-    Provenance.PRIOR: "prior",
-    Provenance.BOUND: "at a bound",
-    Provenance.UNIDENTIFIABLE: "not identifiable",
+DETERMINED = {
+    DeterminedBy.DATA: "data",
+    DeterminedBy.COMBINATION: "in combination",
+    DeterminedBy.PRIOR: "prior",
+    DeterminedBy.BOUND: "at a bound",
+    DeterminedBy.NOTHING: "not identifiable",
 }
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
@@ -51,24 +53,38 @@ _COMBINED = (
 )
 
 
+_UNSEEN = (
+    "No standard error can be given: the torques of these recordings change with them only together with others, or "
+    "not at all. The values are those of the prior, or one choice of many."
+)
+
+
 def parameter_section(identification: Identification) -> PageSection:
     """Return the section of the parameters: how many are well known, the table, and their intervals by group."""
     parameters = identification.model.parameters
     blocks: list[PageBlock] = [" ".join((_certain(identification), *rank_sentence(identification, "below")))]
     blocks += [_ROBUST] if identification.errors.std_hac is not None else []
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
-    table = parameter_table(identification)
-    if len(parameters) <= FULL_LIST:
-        blocks.append(table)
+    seen, unseen = _by_data(identification)
+    if len(seen) <= FULL_LIST:
+        blocks += [_table(identification, seen)] if seen else []
     else:
-        shown = _not_inertial(parameters)
-        blocks += [parameter_table(identification, shown)] if shown else []
-        blocks.append(Fold(f"Table of all {len(parameters)} parameters", (table,)))
-    groups = _groups(parameters)
-    if len(parameters) <= ONE_FIGURE:
-        groups = {"all": list(range(len(parameters)))} if parameters else {}
+        first = tuple(k for k in seen if parameters[k].role not in INERTIAL)
+        blocks += [_table(identification, first)] if first else []
+        blocks.append(Fold(f"All {len(seen)} parameters that these data show", (_table(identification, seen),)))
+    if unseen:
+        title = f"{count(len(unseen), 'parameter')} that these data do not show alone"
+        blocks.append(Fold(title, (_UNSEEN, _table(identification, unseen))))
+    groups = {name: [k for k in rows if k in seen] for name, rows in _groups(parameters).items()}
+    groups = {name: rows for name, rows in groups.items() if rows}
+    if len(seen) <= ONE_FIGURE:
+        groups = {"all": list(seen)} if seen else {}
     views = tuple(((group,), (_interval(identification, rows),)) for group, rows in groups.items())
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
+
+
+def _table(identification: Identification, chosen: tuple[int, ...]) -> PageTable:
+    return with_formulas(parameter_table(identification, chosen), identification.model)
 
 
 def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> PageTable:
@@ -80,35 +96,29 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     robust = identification.errors.std_hac is not None
     known = any(parameters[k].value is not None for k in shown)
     meant = any(parameters[k].expression for k in shown) and not any(parameter.body for parameter in parameters)
-    verdict = _verdicts(identification)
-    columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
-    columns += [Column("if independent", muted=True)] * robust
+    verdict = tuple(DETERMINED[one] for one in determined_by(identification))
+    sized = bool(np.isfinite(errors[list(shown)]).any())
+    columns = [Column("parameter", numeric=False), Column("value")]
+    columns += [Column("std. error"), Column("%"), *[Column("if independent", muted=True)] * robust] * sized
     reference = "nominal" if figures.only_nominal(identification.model) else "true"
-    columns += [Column(reference)] * known + [Column("unit", numeric=False)]
-    columns += [Column("determined by", numeric=False)] * bool(verdict) + [
-        Column("meaning", numeric=False, prose=True)
-    ] * meant
+    columns += [Column(reference)] * known + [UNIT]
+    columns += [Column("determined by", numeric=False)] * bool(verdict) + [MEANING] * meant
     rows = []
     for k in shown:
-        row = [estimate.names[k], number(float(estimate.value[k])), number(float(errors[k]), 2)]
-        row += [number(float(relative[k]) if estimate.value[k] else None, 2)] + [
-            number(float(estimate.std[k]), 2)
-        ] * robust
+        row = [estimate.names[k], number(float(estimate.value[k]))]
+        if sized:
+            row += [number(float(errors[k]), 2), number(float(relative[k]) if estimate.value[k] else None, 2)]
+            row += [number(float(estimate.std[k]), 2)] * robust
         row += [number(parameters[k].value)] * known + [estimate.units[k]]
         row += list(verdict[k : k + 1]) + [parameters[k].expression] * meant
         rows.append(tuple(row))
     return PageTable(tuple(columns), tuple(rows), "Parameters with their standard errors")
 
 
-def _verdicts(identification: Identification) -> tuple[str, ...]:
-    """Return what determined each parameter; for an estimator that does not tell, as the base parameters show it."""
-    estimate, basis = identification.estimate, identification.base.on_data
-    if estimate.provenance or basis is None:
-        return tuple(PROVENANCES[one] for one in estimate.provenance)
-    alone, none = set(basis.determined), set(basis.without_effect)
-    return tuple(
-        "data" if name in alone else "not identifiable" if name in none else "in combination" for name in estimate.names
-    )
+def _by_data(identification: Identification) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the places of the parameters that the data show by themselves, and of the others."""
+    known = np.isfinite(identification.errors.best)
+    return tuple(map(int, np.flatnonzero(known))), tuple(map(int, np.flatnonzero(~known)))
 
 
 def _certain(identification: Identification) -> str:
@@ -149,17 +159,14 @@ def _interval(identification: Identification, rows: list[int]) -> Figure:
 
 def terminal_parameters(identification: Identification) -> tuple[PageTable, tuple[str, ...]]:
     """Return the table for a terminal, which of a large model shows what is not inertial, and what to say below it."""
-    parameters = identification.model.parameters
-    shown = _not_inertial(parameters)
-    hidden = len(parameters) - len(shown)
-    if len(parameters) <= FULL_LIST or not hidden:
-        return parameter_table(identification), rank_sentence(identification)
-    table = parameter_table(identification, shown)
-    return table, (f"{hidden} inertial parameters are in the report.", *rank_sentence(identification))
-
-
-def _not_inertial(parameters: tuple[Parameter, ...]) -> tuple[int, ...]:
-    return tuple(k for k, parameter in enumerate(parameters) if parameter.role not in INERTIAL)
+    parameters, (seen, unseen) = identification.model.parameters, _by_data(identification)
+    other = {k for k, parameter in enumerate(parameters) if parameter.role not in INERTIAL}
+    long = len(parameters) > FULL_LIST and len(other) < len(parameters)
+    table = parameter_table(identification, tuple(k for k in seen if not long or k in other))
+    said = [f"{len(parameters) - len(other)} inertial parameters are in the report."] * long
+    if names := [parameters[k].name for k in unseen if not long or k in other]:
+        said.append(f"Not shown alone by these data (values in the report): {listed(names)}.")
+    return table, (*said, *rank_sentence(identification))
 
 
 def rank_sentence(identification: Identification, place: str = "in the report") -> tuple[str, ...]:

@@ -10,9 +10,9 @@ import numpy as np
 from dynident.payload import Component, Source
 from dynident.payload import notes as said
 from dynident.report import figures
-from dynident.report.page import Column, Facts, Figure, PageBlock, PageSection, PageTable, number, pairs, render
+from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, number, pairs, render
 from dynident.report.wording import words
-from dynident.report.words import percent
+from dynident.report.words import percent, short
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
@@ -51,13 +51,13 @@ def payload_words(found: Payload) -> str:
     dx, dy, dz = 1e3 * body.std[1:4]
     verb = "carried" if found.request.removed else "carries"
     return (
-        f"{found.mount.frame} {verb} {body.mass:.4g} ± {body.std[0]:.2g} kg; centre of mass at "
+        f"{found.mount.frame} {verb} {short(body.mass, 4)} ± {short(body.std[0], 2)} kg; centre of mass at "
         f"({x:.1f} ± {dx:.1f}, {y:.1f} ± {dy:.1f}, {z:.1f} ± {dz:.1f}) mm in its frame."
     )
 
 
 def _nothing(mass: float, std: float) -> str:
-    return f"its mass is {mass:.2g} ± {std:.2g} kg, so it is below {max(mass, 0.0) + 3 * std:.2g} kg"
+    return f"its mass is {short(mass, 2)} ± {short(std, 2)} kg, so it is below {short(max(mass, 0.0) + 3 * std, 2)} kg"
 
 
 def payload_table(found: Payload) -> PageTable:
@@ -67,7 +67,7 @@ def payload_table(found: Payload) -> PageTable:
         (MEANINGS[name], number(float(value)), number(float(std), 2), name.unit)
         for name, value, std in zip(shown, body.values, body.std, strict=False)
     )
-    columns = (Column("payload", numeric=False), Column("value"), Column("std"), Column("unit", numeric=False))
+    columns = (Column("payload", numeric=False), Column("value"), Column("std"), UNIT)
     return PageTable(columns, rows, f"Payload in the frame of {found.mount.frame}")
 
 
@@ -151,14 +151,15 @@ def _settings(found: Payload, arm: Identification) -> Iterator[PageBlock]:
 @words.register
 def _(note: said.NotShown) -> str:
     named = ", ".join(
-        f"{MEANINGS[name]} (± {std:.2g} {name.unit})" for name, std in zip(note.components, note.std, strict=True)
+        f"{MEANINGS[name]} (± {short(std, 2)} {name.unit})" for name, std in zip(note.components, note.std, strict=True)
     )
     text = f"the motion does not show {named} of the payload; "
     if not note.joint:
         return f"{text}no single joint would by itself: {_TOGETHER}"
-    then = ", ".join(f"{std:.2g} {name.unit}" for name, std in zip(note.components, note.then, strict=True))
+    then = ", ".join(f"{short(std, 2)} {name.unit}" for name, std in zip(note.components, note.then, strict=True))
     return (
-        f"{text}10 s of turning {note.joint} back and forth at up to {note.speed:.2g} {note.unit} would lower that to "
+        f"{text}10 s of turning {note.joint} back and forth at up to {short(note.speed, 2)} {note.unit} would "
+        "lower that to "
         f"± {then}; `dynident excite` designs a motion of all joints"
     )
 
@@ -175,8 +176,9 @@ def _(note: said.PayloadOrDrift) -> str:
 @words.register
 def _(note: said.GainsUnknown) -> str:
     return (
-        f"the mass is known to ± {note.std:.2g} kg because the gains of the drives are taken as known to "
-        f"{note.common:g} %; with known gains it would be ± {note.data:.2g} kg. A common error of all gains is only "
+        f"the mass is known to ± {short(note.std, 2)} kg because the gains of the drives are taken as known to "
+        f"{note.common:g} %; with known gains it would be ± {short(note.data, 2)} kg. A common error of all gains "
+        "is only "
         "seen with a payload that was weighed (--known-mass, then --gains)"
     )
 
@@ -189,7 +191,8 @@ def _(note: said.NoPayload) -> str:
 @words.register
 def _(note: said.OtherArm) -> str:
     return (
-        f"payload, drift and gains leave {note.factor:.2g} times what the standard errors allow, which are made larger "
+        f"payload, drift and gains leave {short(note.factor, 2)} times what the standard errors allow, which are "
+        "made larger "
         "by that: is this the arm that was identified, with the same tool, zeros and terms?"
     )
 

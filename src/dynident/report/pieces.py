@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.identification import InPieces
 from dynident.report import figures
-from dynident.report.page import Column, Figure, PageSection, PageTable, number
+from dynident.report.page import UNIT, Column, Figure, PageSection, PageTable, number
 from dynident.report.wording import words
 from dynident.report.words import percent
 
@@ -47,7 +47,7 @@ def pieces_section(identification: Identification) -> Iterator[PageSection]:
         "Residual of each joint in each piece, relative to its torque over all of them.",
     )
     heads = ("torque equations", "error, %", "rmse", "least rmse of a piece", "largest rmse of a piece")
-    columns = (Column("joint", numeric=False), *map(Column, heads), Column("unit", numeric=False))
+    columns = (Column("joint", numeric=False), *map(Column, heads), UNIT)
     rows = []
     for j, (joint, error) in enumerate(zip(joints, pieces.relative_error, strict=True)):
         count, left = pieces.rows[:, j], pieces.residual[:, j]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.models import Joint
-from dynident.report.page import Column, PageTable, number
+from dynident.report.page import UNIT, Column, PageTable, number
 
 if TYPE_CHECKING:
     import polars as pl
@@ -37,7 +37,7 @@ def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) ->
         ]
     words = (Column("log", numeric=False), Column("joint", numeric=False))
     numbers = map(Column, ("error, %", "times white noise", "rmse"))
-    columns = (*words, *numbers, Column("unit", numeric=False))
+    columns = (*words, *numbers, UNIT)
     return PageTable(columns, tuple(rows), "Torque error per log and joint, unfiltered")
 
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynident.report.calibration_words import settings_of
-from dynident.report.page import Code, Fold, PageBlock, PageSection, pairs
+from dynident.report.page import Code, Column, Fold, PageBlock, PageSection, PageTable, pairs
+from dynident.report.words import day
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
 
 __all__ = ["repeat_section"]
 
-_LEAD = "The same files, configuration and versions give the same result: apart from the seed below, nothing is drawn."
+_LEAD = (
+    "The same files, configuration and versions give the same result but for its date: apart from the seed below, "
+    "nothing is drawn."
+)
 
 
 def repeat_section(identification: Identification) -> PageSection:
@@ -20,9 +24,10 @@ def repeat_section(identification: Identification) -> PageSection:
     sources, blocks = identification.provenance, list[PageBlock]([_LEAD])
     if sources.configuration is not None:
         blocks.append(Fold(f"Configuration: {sources.configuration.path}", (Code(sources.configuration.text),)))
-    files = [(one.path, one.sha256) for one in (sources.model, *sources.logs) if one is not None]
+    files = [(one.path, day(one.modified), one.sha256) for one in (sources.model, *sources.logs) if one is not None]
     if files:
-        blocks.append(pairs("file", files, "SHA-256 of the files that were read"))
+        columns = tuple(Column(title, numeric=False) for title in ("file", "of", "SHA-256"))
+        blocks.append(PageTable(columns, tuple(files), "Files that were read, with the dates of the recordings' files"))
     blocks.append(pairs("package", list(sources.versions.items()), "Versions"))
     blocks.append(Fold("All settings", (pairs("setting", list(settings_of(identification).items())),)))
     return PageSection("To repeat the run", tuple(blocks))

@@ -10,7 +10,7 @@ from dynident.checks import robot_notes
 from dynident.checks.robot_notes import Channel, MissingTerm, Quantity, Rival, TermKind
 from dynident.identification import BaseTilt
 from dynident.report.wording import words
-from dynident.report.words import percent
+from dynident.report.words import percent, short
 
 __all__ = ["remedy"]
 
@@ -93,11 +93,11 @@ def _turned(note: robot_notes.AxisTilted) -> str:
 
 
 def _vector(axis: tuple[float, ...]) -> str:
-    return "(" + ", ".join(f"{x:.3g}" for x in axis) + ")"
+    return "(" + ", ".join(f"{short(x)}" for x in axis) + ")"
 
 
 def _errors(before: float, after: float) -> str:
-    return f"the mean torque error then falls from {before:.3g} to {percent(after)}"
+    return f"the mean torque error then falls from {short(before)} to {percent(after)}"
 
 
 @singledispatch
@@ -115,12 +115,12 @@ def _(note: MissingTerm) -> str:
 
 @remedy.register
 def _(note: robot_notes.TorqueGain) -> str:
-    return f"check its `gain`: the torque is {note.factor:.3g} times what the other joints ask for."
+    return f"check its `gain`: the torque is {short(note.factor)} times what the other joints ask for."
 
 
 @remedy.register
 def _(note: robot_notes.ClockWrong) -> str:
-    return f"check the sampling rate and the unit of the time: a second seems to be {note.factor:.3g} s."
+    return f"check the sampling rate and the unit of the time: a second seems to be {short(note.factor)} s."
 
 
 @remedy.register
@@ -130,12 +130,14 @@ def _(note: robot_notes.ZeroOff) -> str:
 
 @remedy.register
 def _(note: robot_notes.LengthWrong) -> str:
-    return f"measure {note.component} of its origin: {note.fitted:.4g} m fit better than {note.given:.4g} m."
+    return (
+        f"measure {note.component} of its origin: {short(note.fitted, 4)} m fit better than {short(note.given, 4)} m."
+    )
 
 
 @remedy.register
 def _(note: robot_notes.AxisTilted) -> str:
-    return f"check its {_turned(note)} in the robot file, which seems to be turned by {note.angle:.2g} rad."
+    return f"check its {_turned(note)} in the robot file, which seems to be turned by {short(note.angle, 2)} rad."
 
 
 @remedy.register
@@ -178,7 +180,8 @@ def _(note: robot_notes.OtherAxis) -> str:
 @words.register
 def _(note: robot_notes.TorqueGain) -> str:
     return (
-        f"the torque is {note.factor:.3g} +- {note.std:.2g} times what the coupling with the other joints asks for; "
+        f"the torque is {short(note.factor)} +- {short(note.std, 2)} times what the coupling with the other "
+        "joints asks for; "
         f"setting it right removes {_percent(note.share)}. {_cost(note)} Check its `gain`: gear ratio, torque "
         f"constant, unit.{_others(note.others)}"
     )
@@ -187,7 +190,7 @@ def _(note: robot_notes.TorqueGain) -> str:
 @words.register
 def _(note: robot_notes.ClockWrong) -> str:
     return (
-        f"by the torque, a second of the time stamps is {note.factor:.3g} +- {note.std:.2g} s, which "
+        f"by the torque, a second of the time stamps is {short(note.factor)} +- {short(note.std, 2)} s, which "
         f"removes {_percent(note.share)}. {_cost(note)} Check the sampling rate, and the unit of the time."
         f"{_others(note.others)}"
     )
@@ -196,7 +199,8 @@ def _(note: robot_notes.ClockWrong) -> str:
 @words.register
 def _(note: robot_notes.ZeroOff) -> str:
     return (
-        f"the robot's joint seems to be at the logged position {note.offset:+.4g} +- {note.std:.2g} (rad or m), which "
+        f"the robot's joint seems to be at the logged position {note.offset:+.4g} +- {short(note.std, 2)} (rad or "
+        "m), which "
         f"removes {_percent(note.share)}. {_cost(note)} Set `zero`, or correct the robot file.{_others(note.others)}"
     )
 
@@ -204,8 +208,9 @@ def _(note: robot_notes.ZeroOff) -> str:
 @words.register
 def _(note: robot_notes.LengthWrong) -> str:
     return (
-        f"its origin has {note.component} = {note.given:.4g} m in the robot file, the torques ask for "
-        f"{note.fitted:.4g} +- {note.std:.2g} m, which removes {_percent(note.share)}. {_cost(note)} Measure the link, "
+        f"its origin has {note.component} = {short(note.given, 4)} m in the robot file, the torques ask for "
+        f"{short(note.fitted, 4)} +- {short(note.std, 2)} m, which removes {_percent(note.share)}. {_cost(note)} "
+        "Measure the link, "
         f"and correct the file.{_others(note.others)}"
     )
 
@@ -213,7 +218,8 @@ def _(note: robot_notes.LengthWrong) -> str:
 @words.register
 def _(note: robot_notes.AxisTilted) -> str:
     return (
-        f"its {_turned(note)} seems to be turned by {note.angle:.3g} +- {note.std:.2g} rad about {_vector(note.axis)} "
+        f"its {_turned(note)} seems to be turned by {short(note.angle)} +- {short(note.std, 2)} rad about "
+        f"{_vector(note.axis)} "
         f"of the joint's frame, which removes {_percent(note.share)}. {_cost(note)} Check the rotations in the robot "
         f"file.{_others(note.others)}"
     )
@@ -223,9 +229,9 @@ def _(note: robot_notes.AxisTilted) -> str:
 def _(note: MissingTerm) -> str:
     effect, remedy = EFFECTS[note.effect]
     partner = f" together with {note.partner}" if note.partner else ""
-    period = f" that repeats every {note.period:.3g} rad or m" if note.period else ""
+    period = f" that repeats every {short(note.period)} rad or m" if note.period else ""
     return (
-        f"{effect}{partner}{period} ({note.value:.3g} +- {note.std:.2g}, SI units) would explain "
+        f"{effect}{partner}{period} ({short(note.value)} +- {short(note.std, 2)}, SI units) would explain "
         f"{100 * note.share:.0f} % of the joint's squared residual. {_cost(note)} {remedy}"
     )
 
@@ -259,7 +265,8 @@ def _(note: robot_notes.TiltedBase) -> str:
 def _(note: robot_notes.OtherPayload) -> str:
     heavier = "heavier" if note.mass > 0 else "lighter"
     return (
-        f"the last link is {abs(note.mass):.3g} +- {note.std:.2g} kg {heavier} here than in training, which explains "
+        f"the last link is {short(abs(note.mass))} +- {short(note.std, 2)} kg {heavier} here than in training, "
+        "which explains "
         f"{100 * note.share:.0f} % of the squared residual. {_cost(note)} Was there another payload? Give each payload "
         "its own model."
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from dynident.io.meshes import result_geometry
 from dynident.io.result_write import result_data
 from dynident.io.results import json_text
 from dynident.report.identification import identification_page, result_words
@@ -20,5 +21,5 @@ def run_files(identification: Identification, exports: Sequence[Export] = ()) ->
     """Return the texts of result.json and report.html."""
     return {
         "result.json": json_text(result_data(identification, result_words(identification, exports))),
-        "report.html": identification_page(identification, exports),
+        "report.html": identification_page(identification, exports, result_geometry(identification)),
     }

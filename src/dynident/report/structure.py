@@ -10,9 +10,9 @@ import numpy as np
 from dynident.estimators import Consistency
 from dynident.report import figures
 from dynident.report.data import excitation_table
-from dynident.report.page import Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import words
-from dynident.report.words import motion_known
+from dynident.report.words import huge, motion_known, tiny
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
@@ -70,7 +70,7 @@ def _base_table(identification: Identification, basis: BaseParameters) -> PageTa
     free = physics.unconstrained if physics else None
     unheld = values if free is None else basis.to_base(free)
     held = np.abs(values - unheld) > NOTABLE * errors
-    heads += [Column("if independent", muted=True)] * robust + [Column("unit", numeric=False)]
+    heads += [Column("if independent", muted=True)] * robust + [UNIT]
     heads += [Column("without constraints", muted=True)] * bool(held.any())
     rows = []
     for k, lead in enumerate(basis.independent):
@@ -96,7 +96,7 @@ def condition_section(identification: Identification) -> PageSection:
         facts += [(f"{basis.rank} of {len(basis.names)}", "rank on the data")]
         facts += [(str(structural.rank), "rank that any motion could show")] if structural else []
         facts += [(number(condition, 3), "condition of the base parameters, columns scaled")]
-        facts += [(number(basis.gap, 2), "gap in the singular values at the rank")]
+        facts += [(huge(basis.gap), "gap in the singular values at the rank")]
         blocks.append(Figure(figures.singular_figure(basis), _SINGULAR))
     missing = tuple(words(one) for one in identification.base.unexcited)
     if missing:
@@ -111,7 +111,7 @@ def consistency_section(identification: Identification) -> Iterator[PageSection]
     blocks: list[PageBlock] = [words(identification.mass)] if identification.mass else []
     if eigenvalues:
         columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))
-        rows = tuple((body, number(float(value), 3)) for body, value in eigenvalues.items())
+        rows = tuple((body, tiny(float(value), 3)) for body, value in eigenvalues.items())
         blocks += [_EIGENVALUES, PageTable(columns, rows, "Smallest eigenvalue of the pseudo-inertia of each body")]
     if costs:
         columns = (Column("constraints", numeric=False), Column("cost, % of the torque"))

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from dynident.report import figures
 from dynident.report.efficiency import efficiency_section, efficiency_table, median_efficiency
+from dynident.report.mathml import formula
 from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number, pairs, render
 from dynident.report.terminal import terminal
+from dynident.report.typography import said
 
 if TYPE_CHECKING:
     import rich.console
@@ -37,7 +39,11 @@ def study_page(reproduction: Reproduction) -> str:
     ]
     if reproduction.traces:
         sections.append(PageSection("Velocities and accelerations", tuple(_traces(reproduction))))
-    sections.append(PageSection("Settings", (pairs("setting", list(reproduction.settings.items())),)))
+    sections.append(
+        PageSection(
+            "Settings", (pairs("setting", [(name, said(text)) for name, text in reproduction.settings.items()]),)
+        )
+    )
     return render(f"The article's study, scenario {reproduction.scenario}", reproduction.description, sections)
 
 
@@ -94,7 +100,7 @@ def _losses(reproduction: Reproduction) -> str:
     names, first = [reproduction.names[i] for i in lost], lost[0]
     return (
         f"Most is lost by {figures.method_name(worst.method)} at sigma_q^2 = {figures.scientific(worst.sigma_q2)}: the "
-        f"mean "
+        "mean "
         f"is off by more than half for {', '.join(names)}; {names[0]} is {number(float(worst.mean[first]))} instead "
         f"of {number(float(reproduction.true[first]))}."
     )
@@ -175,7 +181,7 @@ def _method(reproduction: Reproduction) -> tuple[PageBlock, ...]:
     methods = [figures.method_name(method) for method in dict.fromkeys(case.method for case in reproduction.cases)]
     levels = ", ".join(f"{figures.scientific(level)}" for level in _levels(reproduction))
     columns = (Column("parameter", numeric=False), Column("meaning", numeric=False), Column("true value"))
-    rows = zip(reproduction.names, reproduction.expressions, map(number, reproduction.true), strict=True)
+    rows = zip(reproduction.names, map(formula, reproduction.expressions), map(number, reproduction.true), strict=True)
     setup = (
         "The article's two-link arm was simulated under open-loop torques. White noise was added to the joint "
         "positions and torques; from these alone, velocities and accelerations were computed by each method, and the "

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dynident.report import figures
-from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
-from dynident.report.wording import causes_words, words
+from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.wording import residual_words, words
 from dynident.report.words import ROLES, labelled, listed, points
+from dynident.validation import FloorOrigin
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["error_section", "error_table", "joint_table", "simulation_section", "torque_section",
-           "unknown_noise"]  # fmt: skip
+__all__ = ["error_section", "error_table", "joint_table", "over_floor", "simulation_section",
+           "torque_section", "unknown_noise"]  # fmt: skip
 
 _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
-    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Times "
-    "white noise: the unfiltered error over the least one that white noise of the torque and position sensors leaves "
-    "of any model. Noise that is coloured does not count: of what the sensors allow, it is at most so many times. "
-    "It is not known (-) where the torque was filtered before it was recorded."
+    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Over the "
+    "noise floor: the unfiltered error over what the sensors allow of any model. That is the scatter between two "
+    "passes of the same motion, where there are two; else the least that white noise of torque and positions leaves, "
+    "of which coloured noise is not part, so that the figure is the most it can be (≤). It is not known (-) where the "
+    "torque was filtered before it was recorded, and no motion is repeated."
 )
 _RESIDUALS = (
     "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
@@ -54,7 +56,7 @@ def error_section(identification: Identification) -> PageSection:
 def error_table(identification: Identification) -> PageTable:
     """Return the relative errors per log."""
     words = (Column("log", numeric=False), Column("role", numeric=False))
-    heads = ("samples", "unfiltered, %", "times white noise", "filtered, %")
+    heads = ("samples", "unfiltered, %", "over the noise floor", "filtered, %")
     columns = (*words, *map(Column, heads))
     rows = [
         (
@@ -62,7 +64,7 @@ def error_table(identification: Identification) -> PageTable:
             ROLES.get(log.role, log.role),
             str(log.errors.samples),
             number(log.errors.relative_error, 3),
-            number(log.errors.all_over_noise, 2),
+            over_floor(log),
             number(log.errors.relative_error_filtered, 3),
         )
         for log in identification.validations
@@ -73,20 +75,18 @@ def error_table(identification: Identification) -> PageTable:
 def joint_table(identification: Identification) -> PageTable:
     """Return the errors with one row per log and joint, as a terminal shows them."""
     names = (Column("log", numeric=False), Column("joint", numeric=False))
-    columns = (*names, *map(Column, ("error, %", "times white noise", "rmse")))
+    columns = (*names, *map(Column, ("error, %", "over the noise floor", "rmse")))
     rows = [
         (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
         for log in identification.validations
         for joint in identification.model.joints
     ]
-    return PageTable(
-        (*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered"
-    )
+    return PageTable((*columns, UNIT), tuple(rows), "Torque error per log and joint, unfiltered")
 
 
 def unknown_noise(identification: Identification) -> Iterator[str]:
     """Yield of which joints it is not known how far the error is above the sensors' noise, and why, as a sentence."""
-    known = [set(log.errors.sensor_noise) for log in identification.validations if log.errors.rmse]
+    known = [{*log.errors.sensor_noise, *log.floors} for log in identification.validations if log.errors.rmse]
     unknown = [one.name for one in identification.model.joints if any(one.name not in names for names in known)]
     if unknown:
         yield (
@@ -97,10 +97,10 @@ def unknown_noise(identification: Identification) -> Iterator[str]:
 
 def _matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
-    heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
+    heads = [Column("joint", numeric=False), UNIT]
     for log in identification.validations:
         name = f"{log.name} ({ROLES.get(log.role, log.role)})"
-        heads += [Column(title, name) for title in ("error, %", "times white noise", "rmse")]
+        heads += [Column(title, name) for title in ("error, %", "over the noise floor", "rmse")]
         heads += [Column("of limit, %", name)] * bool(log.errors.effort_share)
     rows = []
     for joint in identification.model.joints:
@@ -116,9 +116,17 @@ def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str, str]:
     errors = log.errors
     return (
         number(errors.per_joint.get(joint), 3),
-        number(errors.over_noise.get(joint), 2),
+        over_floor(log, joint),
         number(errors.rmse.get(joint), 3),
     )
+
+
+def over_floor(log: LogValidation, joint: str | None = None) -> str:
+    """Return how many times the noise floor the error on a log is, of a joint or of all: "≤ 1.8" by white noise."""
+    chosen = [one for name, one in log.floors.items() if joint in (None, name)]
+    ratio = log.over_floor if joint is None else chosen[0].ratio if chosen else None
+    white = any(one.origin is FloorOrigin.WHITE for one in chosen)
+    return f"{'≤ ' * white}{number(ratio, 2)}"
 
 
 def _left(identification: Identification) -> PageTable:
@@ -135,7 +143,7 @@ def _left(identification: Identification) -> PageTable:
             number(100 * test.low_share, 2),
             number(test.peak, 3),
             number(100 * test.reversal_share, 2),
-            causes_words(test) or "-",
+            residual_words(log, joint) or "-",
         )
         for log in identification.validations
         for joint, test in log.residuals.items()
@@ -144,8 +152,9 @@ def _left(identification: Identification) -> PageTable:
     return PageTable((*columns, *more), tuple(rows), "What is left of the torque, unfiltered")
 
 
-def torque_section(identification: Identification) -> PageSection:
-    """Return the section of the torques: one figure at a time, by log and joint."""
+def torque_section(identification: Identification, robot: Sequence[PageBlock] = ()) -> PageSection:
+    """Return the section of the torques: one figure at a time, by log and joint, beside the ``robot``, if it is given
+    as words and a view of it."""
     fine = points(identification)
     views = []
     for label, k in labelled(identification):
@@ -155,9 +164,13 @@ def torque_section(identification: Identification) -> PageSection:
                 f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
                 f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
             )
-            figure = Figure(figures.torque_figure(log, joint.name, joint.effort, fine), caption)
-            views.append(((label, joint.name), (figure,)))
-    return PageSection("Torques", (_TORQUES, Gallery(("log", "joint"), tuple(views))))
+            figure = figures.torque_figure(log, joint.name, joint.effort, fine).of(label)
+            views.append(((label, joint.name), (Figure(figure, caption),)))
+    gallery = Gallery(("log", "joint"), tuple(views))
+    if not robot:
+        return PageSection("Torques", (_TORQUES, gallery))
+    *said, view = robot
+    return PageSection("The robot and its torques", (_TORQUES, *said, Beside((view, gallery))))
 
 
 def simulation_section(identification: Identification) -> Iterator[PageSection]:
@@ -191,7 +204,12 @@ def _runs(identification: Identification) -> Iterator[Gallery]:
     views = tuple(
         (
             (label, joint),
-            (Figure(figures.run_figure(run, joint, units[joint], fine), f"{joint}: measured and simulated position."),),
+            (
+                Figure(
+                    figures.run_figure(run, joint, units[joint], fine).of(label),
+                    f"{joint}: measured and simulated position.",
+                ),
+            ),
         )
         for label, k in labelled(identification)
         if (run := runs.get(identification.validations[k].name))

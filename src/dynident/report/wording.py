@@ -12,17 +12,18 @@ from dynident.estimators import notes
 from dynident.identification import OldResult
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
-from dynident.report.words import percent
-from dynident.validation import residuals
+from dynident.report.words import listed, percent, short
+from dynident.validation import FloorOrigin, NoiseFloor, SmoothedAway, residuals
 from dynident.validation.free_run import Broken, RunsAway, Singular
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from dynident.estimators import Estimate
     from dynident.identification import Identification
+    from dynident.validation import LogValidation
 
-__all__ = ["Line", "causes_words", "note_lines", "old_result_lines", "status_words", "words"]
+__all__ = ["Line", "causes_words", "note_lines", "old_result_lines", "residual_words", "status_words", "words"]
 
 PREFIX = {Severity.ERROR: "Error: ", Severity.WARNING: "Warning: ", Severity.INFO: "Note: "}
 
@@ -61,9 +62,20 @@ def status_words(estimate: Estimate) -> str:
     return "; ".join(map(words, estimate.notes)) or "ok"
 
 
-def causes_words(test: residuals.ResidualTest) -> str:
-    """Return the likely causes of a residual, empty where there are none."""
-    return " and ".join(map(words, test.causes))
+def residual_words(log: LogValidation, joint: str) -> str:
+    """Return what the residual of a joint points to: nothing but the sensors' noise, or its likely causes, or ""."""
+    floor = log.floors.get(joint)
+    return "at the noise floor" if floor and floor.reached else causes_words(log.residuals[joint].causes, floor)
+
+
+def causes_words(causes: Sequence[residuals.Cause], floor: NoiseFloor | None = None) -> str:
+    """Return the likely causes of a residual, empty where there are none; what is above a floor is not its noise."""
+    said = [words(one) for one in causes]
+    if floor is not None:
+        coloured = ", or coloured noise" if floor.origin is FloorOrigin.WHITE else ""
+        above = f"ripple, elasticity or a time offset{coloured} (mostly above {residuals.LOW:g} Hz)"
+        said = [above if isinstance(one, residuals.HighFrequency) else words(one) for one in causes]
+    return " and ".join(said)
 
 
 @words.register
@@ -138,7 +150,8 @@ def _(note: notes.ConstraintsCostly) -> str:
 @words.register
 def _(note: notes.MotionCorrected) -> str:
     return (
-        f"smoothing and the noise left in the motion bias least squares, {note.parameter} by {note.size:.2g} standard "
+        f"smoothing and the noise left in the motion bias least squares, {note.parameter} by "
+        f"{short(note.size, 2)} standard "
         "errors; predicted by a second smoothing with noise, this bias was subtracted"
     )
 
@@ -155,7 +168,7 @@ def _(note: notes.MotionLimits) -> str:
 def _(note: notes.MotionTooNoisy) -> str:
     return (
         f"standard errors are too small: smoothing and the noise left in the motion bias {note.parameter} by about "
-        f"{note.size:.2g} of them, too much to be corrected; use the estimator maximum_likelihood"
+        f"{short(note.size, 2)} of them, too much to be corrected; use the estimator maximum_likelihood"
     )
 
 
@@ -166,7 +179,7 @@ def _(note: notes.PriorApproached) -> str:
 
 @words.register
 def _(note: notes.NotConverged) -> str:
-    more = f"the likelihood may still increase by a factor of exp({note.gain:.2g})"
+    more = f"the likelihood may still increase by a factor of exp({short(note.gain, 2)})"
     return f"not converged after {note.iterations} steps: {more}"
 
 
@@ -189,7 +202,7 @@ def _(note: notes.ScatterLarger) -> str:
     return (
         "standard errors assume white residuals; from the scatter of the residuals over time, that of "
         f"{note.parameter} "
-        f"is {note.ratio:.2g} times as large"
+        f"is {short(note.ratio, 2)} times as large"
     )
 
 
@@ -205,7 +218,7 @@ def _(note: notes.Averaged) -> str:
 
 @words.register
 def _(note: notes.SmoothSigns) -> str:
-    listed = ", ".join(f"{x:.2g}" for x in note.widths)
+    listed = ", ".join(f"{short(x, 2)}" for x in note.widths)
     return f"the sign of the velocity in friction was replaced by tanh(dq / width), with widths {listed}"
 
 
@@ -235,8 +248,18 @@ def _(cause: residuals.HighFrequency) -> str:  # noqa: ARG001
 
 
 @words.register
+def _(note: SmoothedAway) -> str:
+    more = f" (the most; likewise {listed(note.joints[1:])})" if note.joints[1:] else ""
+    return (
+        f"{note.log}: what the smoothing took away follows the motion: {percent(note.share, 2)} of it, and with it "
+        f"{percent(note.lost, 2)} of the acceleration of {note.joints[0]}{more}; smooth less, by a smaller `factor` of "
+        "the smoother, if the torque of held-out motion is then predicted better"
+    )
+
+
+@words.register
 def _(failure: RunsAway) -> str:
-    return f"the simulated position diverges after {failure.after:.3g} s"
+    return f"the simulated position diverges after {short(failure.after)} s"
 
 
 @words.register
@@ -251,11 +274,13 @@ def _(failure: Broken) -> str:
 
 @words.register
 def _(check: MassMatrixCheck) -> str:
-    where = ", ".join(f"{x:.4g}" for x in check.q)
+    where = ", ".join(f"{short(x, 4)}" for x in check.q)
     if check.positive:
-        return f"The mass matrix is positive definite: smallest eigenvalue {check.smallest:.4g}, at q = ({where})."
+        return (
+            f"The mass matrix is positive definite: smallest eigenvalue {short(check.smallest, 4)}, at q = ({where})."
+        )
     return (
-        f"The mass matrix is not positive definite: eigenvalue {check.smallest:.4g} at q = ({where}). "
+        f"The mass matrix is not positive definite: eigenvalue {short(check.smallest, 4)} at q = ({where}). "
         "These parameters are not physically consistent and cannot be simulated; excite the robot more, or constrain "
         "the fit."
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING
 
 from dynident.errors import listed
@@ -12,9 +13,23 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "motion_known", "percent", "points"]
+__all__ = [
+    "ROLES",
+    "count",
+    "day",
+    "huge",
+    "labelled",
+    "listed",
+    "logs_of",
+    "motion_known",
+    "percent",
+    "points",
+    "short",
+    "tiny",
+]
 
 ROLES = {"train": "training", "validation": "held out"}
+ROUNDING = 1e-12
 CURVES = 11  # of a log and joint: torques, motion, free simulation
 
 
@@ -50,10 +65,30 @@ def count(number_of: int, noun: str) -> str:
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
 
 
+def day(stamp: str) -> str:
+    """Word a time that is given in ISO 8601, such as "2026-11-22 14:05 UTC"; "" stays."""
+    return f"{stamp[:10]} {stamp[11:16]} UTC" if stamp else ""
+
+
 def percent(value: float, digits: int = 3) -> str:
     """Word a share (%) to so many significant digits: never "1e+02 %" for 100 %, as a format of two digits has it."""
+    return f"{short(value, digits)} %"
+
+
+def short(value: float, digits: int = 3) -> str:
+    """Word a number to ``digits`` significant digits: never 190 as "1.9e+02", and 0.5 without zeros at its end."""
     shown = f"{value:.{digits}g}"
-    return f"{number(value, digits) if 'e' in shown else shown} %"
+    return number(value, digits) if "e" in shown else shown
+
+
+def tiny(value: float, digits: int = 2) -> str:
+    """Word a number, of which what is no more than rounding is not told."""
+    return f"below {ROUNDING:g}" if 0 < abs(value) < ROUNDING else number(value, digits)
+
+
+def huge(value: float, digits: int = 2) -> str:
+    """Word a ratio, of which what rounding makes of infinity is not told."""
+    return f"above {1 / ROUNDING:g}" if 1 / ROUNDING < value < inf else number(value, digits)
 
 
 def points(identification: Identification) -> int:

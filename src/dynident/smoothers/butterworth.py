@@ -58,6 +58,12 @@ class Butterworth:
         if self.settle is not None and not (len(self.settle) == 2 and all(s >= 0 for s in self.settle)):
             raise ConfigError(f"settle is {self.settle}: give two times >= 0 s, at the start and at the end.")
 
+    @property
+    def method(self) -> str:
+        """The method in words."""
+        orders, cutoffs = ", ".join(map(str, self.orders)), ", ".join(f"{one:g}" for one in self.cutoffs)
+        return f"forward differences, Butterworth filters of orders {orders} at {cutoffs} Hz"
+
     def __call__(self, log: Log) -> Motion:
         """Differentiate and filter; InputError where the sampling is too irregular, too slow, or the log too short."""
         rate = self._rate(log)
@@ -73,8 +79,7 @@ class Butterworth:
             signals[k] = zero_phase(sections, signals[k], pad, axis=0)
         mask = ends_mask(log, *(self.settle or (slowest, slowest)))
         mask[-2:] = False
-        how = {"method": "forward differences, Butterworth filters of orders {} at {} Hz".format(
-            ", ".join(map(str, self.orders)), ", ".join(f"{f:g}" for f in self.cutoffs))}  # fmt: skip
+        how = {"method": self.method}
         q, dq, ddq = signals
         return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 

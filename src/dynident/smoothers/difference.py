@@ -46,6 +46,11 @@ class Difference:
         if self.scheme not in ("forward", "central"):
             raise ConfigError(f"difference scheme {self.scheme!r}: {choices(self.scheme, ('forward', 'central'))}")
 
+    @property
+    def method(self) -> str:
+        """The method in words."""
+        return f"{self.scheme} differences"
+
     def __call__(self, log: Log) -> Motion:
         """Differentiate; q itself is left as measured."""
         if len(log) < 5:
@@ -59,7 +64,7 @@ class Difference:
             dq = np.gradient(log.q, log.t, axis=0)
             ddq = self._second(log.t, log.q)
             mask[[0, -1]] = False
-        how = {"method": f"{self.scheme} differences"}
+        how = {"method": self.method}
         return Motion(log.t, log.q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 
     @staticmethod

@@ -87,6 +87,12 @@ RULES: Mapping[Named, type[Rule]] = {
     "interpolate": Interpolation,
     "fixed": Fixed,
 }
+NAMED: Mapping[type[Rule], str] = {
+    GCV: "generalised cross-validation",
+    REML: "restricted maximum likelihood",
+    Interpolation: "interpolated",
+    Fixed: "lam as given",
+}
 STILL = 3.0  # times the noise: a joint that moves less in the whole log is at rest
 FEW = 1000  # samples in which a step is looked for that is less than what an encoder at rest may show
 
@@ -111,7 +117,7 @@ class Spline:
     >>> log = dy.Log(t, q[:, None], tau=np.cos(t)[:, None], joints=("hinge",))
     >>> motion = dy.Spline(sigma=1e-3)(log)
     >>> motion
-    <Motion 'log': 1001 samples of hinge; 0 to 10 s, 100 Hz; 869 usable; natural cubic smoothing spline, Constraint>
+    <Motion 'log': 1001 samples of hinge; 0 to 10 s, 100 Hz; 869 usable; natural cubic smoothing spline, S = n>
     >>> print(f"error of the velocity {np.abs(motion.dq[:, 0] - np.cos(t))[motion.mask].max():.3f} rad/s")
     error of the velocity 0.003 rad/s
     """
@@ -129,6 +135,11 @@ class Spline:
             if not (np.isfinite(one) and one > 0):
                 raise ConfigError(f"factor is {one}: give a positive multiple of sigma.")
 
+    @property
+    def method(self) -> str:
+        """The method in words."""
+        return f"natural cubic smoothing spline, {_named(self.rule)}"
+
     def __call__(self, log: Log) -> Motion:
         """Smooth; ``smoothing`` holds per joint sigma, S, lam, edf, the noise left, bandwidth (s) and cut-off (Hz)."""
         try:
@@ -140,7 +151,7 @@ class Spline:
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
         keys = ("sigma", "S", "lam", "edf", "noise", "bandwidth", "cutoff")
         how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in keys}
-        how["method"] = f"natural cubic smoothing spline, {type(self.rule).__name__}"
+        how["method"] = self.method
         mask = ends_mask(log, reach, reach)
         q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
         if (still := _still(log.q, fit.values, fit.noise)).any():
@@ -181,6 +192,13 @@ def _of(setting: float | Mapping[str, float] | None, joint: str, other: float) -
 
 def _times(factor: float | Mapping[str, float], one: float) -> float | dict[str, float]:
     return {name: one * size for name, size in factor.items()} if isinstance(factor, Mapping) else one * factor
+
+
+def _named(rule: Rule) -> str:
+    """Return a rule as the method of a motion says it; one of the user by the name of its class."""
+    if isinstance(rule, Constraint):
+        return "S = n" if rule.S is None else "S as given"
+    return NAMED.get(type(rule), type(rule).__name__)
 
 
 def _still(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:

@@ -124,7 +124,8 @@ class SmoothAndFit:
     def description(self) -> str:
         """Description of the method for the settings of a report."""
         when = " before smoothing" if self.early else ""
-        return f"{self.smoother}, samples before {self.start:g} s dropped{when}"
+        method = getattr(self.smoother, "method", type(self.smoother).__name__)
+        return f"{method}, samples before {self.start:g} s dropped{when}"
 
     def smoother_for(self, recording: Recording) -> Smoother:
         """Return the smoother; a spline gets the noise level of the recording."""
@@ -157,7 +158,7 @@ class LikelihoodMethod:
     @property
     def description(self) -> str:
         """Description of the method for the settings of a report."""
-        return f"{self.estimator}, no sample dropped"
+        return "maximum likelihood of positions and torques, no sample dropped"
 
 
 ArmMethod = SmoothAndFit | LikelihoodMethod

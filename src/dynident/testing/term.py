@@ -11,7 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError
-from dynident.models import HasGravity, HasMassMatrix, HasMemory, HasNumpySource, HasSign, Model, Past, Term
+from dynident.models import (
+    FUNCTIONS,
+    HasEquations,
+    HasGravity,
+    HasMassMatrix,
+    HasMemory,
+    HasNumpySource,
+    HasSign,
+    Model,
+    Past,
+    Term,
+)
 
 __all__ = ["TERM_CHECKS", "check_term", "states"]
 
@@ -253,6 +264,32 @@ def is_the_same_in_numpy(term: Term) -> None:
     np.testing.assert_allclose(namespace["torque"](*state), whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
 
 
+def is_what_its_equations_say(term: Term) -> None:
+    """Its equations, where it has them, name all of its parameters and give its torque."""
+    if not isinstance(term, HasEquations) or not term.equations:
+        return
+    n, theta = len(term.joints), np.linspace(0.5, 1.5, len(term.parameters))
+    names = [parameter.name for parameter in term.parameters]
+    assert sorted(name for one in term.equations for name in one.parameters) == sorted(names), "it names all parameters"
+    past, place = motion_before(n), [joint.name for joint in term.joints]
+    own = [term.remember(past)] if isinstance(term, HasMemory) else []
+    whole = np.zeros_like(past.q)
+    for k, one in enumerate(term.equations):
+        factors = np.zeros(n)
+        factors[[place.index(name) for name, _ in one.on]] = [factor for _, factor in one.on]
+        q, dq, ddq = (x @ factors for x in (past.q, past.dq, past.ddq))
+        known: dict[str, Any] = {**FUNCTIONS, "q": q, "dq": dq, "ddq": ddq, "t": past.t - past.t[0]}
+        known |= {"load": past.load @ factors, "z": own[0][:, k] if own else 0.0, "__builtins__": {}}
+        known |= {symbol: theta[names.index(name)] for symbol, name in zip(one.symbols, one.parameters, strict=True)}
+        known |= {symbol: value for symbol, value, _ in one.constants}
+        for symbol, text in one.where:
+            known[symbol] = eval(text, known)  # noqa: S307 - the text of the term that is checked
+        torque = eval(one.torque, known)  # noqa: S307
+        whole += np.outer(np.broadcast_to(torque, past.t.shape), factors)
+    found = term.regressor(past.q, past.dq, past.ddq, *own) @ theta
+    np.testing.assert_allclose(whole, found, rtol=1e-9, atol=1e-9 * np.abs(found).max())
+
+
 TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     describes_its_parameters,
     returns_finite_arrays,
@@ -270,4 +307,5 @@ TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     softens_its_sign,
     turns_its_gravity,
     is_the_same_in_numpy,
+    is_what_its_equations_say,
 )

@@ -10,20 +10,21 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, brief, choices
+from dynident.checks import with_findings
+from dynident.errors import ConfigError, choices, listed
 from dynident.estimators import Estimator, Problem
 from dynident.identification import Identification, Recipe, identify, mounted
 from dynident.identification.load import with_load
 from dynident.identification.role_logs import Motions, RoleLogs
 from dynident.identification.smoother_choice import excerpts
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.models import Model, unloaded
 from dynident.regression import Regression, TriangularFactors, merged, one_thread
-from dynident.smoothers import Smoother, Spline, TimeShifted, unshifted
+from dynident.smoothers import Smoother, Spline, TimeShifted, motion_of, unshifted
 from dynident.splines import Constraint
 from dynident.tuning.cache import Cache
 from dynident.tuning.curve import DegreeCurve, degree_curve, rule_degrees
-from dynident.tuning.factors import columns_in, digest, fold_factors, of_columns
+from dynident.tuning.factors import columns_in, digest, fold_factors, of_columns, opened, without
 from dynident.tuning.offered import Offers
 from dynident.tuning.quick_fit import QuickFit, quick_fit
 from dynident.tuning.smoothed import Smoothed, smoothed
@@ -35,19 +36,36 @@ __all__ = ["Bench"]
 
 Array = NDArray[np.float64]
 Logs = Mapping[str, Mapping[str, Log]]
+VALUES = 4e6  # samples times joints of all results that are kept together: about a gigabyte
 
 
 @dataclass(frozen=True, eq=False)
 class _Caches:
     """What is known of tunings: two tabs ask at once, and someone who goes back waits for nothing."""
 
-    logs: Cache[RoleLogs] = field(default_factory=lambda: Cache(6))
-    motions: Cache[Motions] = field(default_factory=lambda: Cache(6))
-    factors: Cache[tuple[TriangularFactors, ...]] = field(default_factory=lambda: Cache(16))
-    fits: Cache[QuickFit] = field(default_factory=lambda: Cache(12))
-    curves: Cache[DegreeCurve] = field(default_factory=lambda: Cache(64))
-    marks: Cache[dict[str, tuple[float, ...]]] = field(default_factory=lambda: Cache(8))
-    wholes: Cache[Identification] = field(default_factory=lambda: Cache(6))
+    logs: Cache[RoleLogs]
+    motions: Cache[Motions]
+    joints: Cache[Motion]
+    factors: Cache[tuple[TriangularFactors, ...]]
+    fits: Cache[QuickFit]
+    curves: Cache[DegreeCurve]
+    marks: Cache[dict[str, tuple[float, ...]]]
+    wholes: Cache[Identification]
+
+    @classmethod
+    def of(cls, values: int) -> _Caches:
+        """Return empty ones for logs of so many values (samples times joints): of long logs less is kept."""
+        most = int(np.clip(VALUES / max(values, 1), 2, 12))
+        return cls(
+            logs=Cache(most),
+            motions=Cache(most),
+            joints=Cache(5 * most),
+            factors=Cache(16),
+            fits=Cache(most),
+            curves=Cache(64),
+            marks=Cache(8),
+            wholes=Cache(most),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +82,32 @@ class Bench:
     found: Identification
     start: Tuning
     estimators_by_kind: Mapping[str, Estimator]
-    _known: _Caches = field(default_factory=_Caches)
+    multi_turn: frozenset[str] = frozenset()
+    _known: _Caches = field(init=False, repr=False)
 
-    __repr__ = brief
+    def __post_init__(self) -> None:
+        values = sum(log.q.size for some in self.logs.values() for log in some.values())
+        object.__setattr__(self, "_known", _Caches.of(values))
+
+    def __repr__(self) -> str:
+        roles = "; ".join(f"{role} {listed(some, 3) or 'none'}" for role, some in self.logs.items())
+        return f"<Bench of {self.switches.model.name!r}: {len(self.joints)} joints; {roles}>"
 
     @classmethod
-    def of(cls, model: Model, logs: Logs, found: Identification, *, switchable: bool = True) -> Bench:
+    def of(
+        cls,
+        model: Model,
+        logs: Logs,
+        found: Identification,
+        *,
+        switchable: bool = True,
+        multi_turn: frozenset[str] = frozenset(),
+    ) -> Bench:
         """Return the bench of a model as a configuration builds it (terms that are chosen are not in it, its base is
         level), logs by role and name as they are read, and their identification.
 
-        ``switchable`` says whether terms can be switched: those of a model that a robot file is built into can.
+        ``switchable`` says whether terms can be switched: those of a model that is built of a robot file can.
+        ``multi_turn`` are joints that may make any number of turns.
         """
         joints = tuple(joint.name for joint in model.joints)
         read = {role: {name: log.select(joints) for name, log in some.items()} for role, some in logs.items()}
@@ -83,7 +117,7 @@ class Bench:
         switches = Switches.of(whole, offers)
         kind, estimators = estimators_of(found.recipe.estimator)
         plain = {role: {name: log.including() for name, log in some.items()} for role, some in read.items()}
-        return cls(switches, plain, found, start_of(found, switches.start, read, kind), estimators)
+        return cls(switches, plain, found, start_of(found, switches.start, read, kind), estimators, multi_turn)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -147,9 +181,18 @@ class Bench:
         role = next((role for role, some in self.logs.items() if log in some), None)
         if role is None or joint not in self.joints:
             raise ConfigError(f"there is no log {log!r} with a joint {joint!r}.")
-        logs, motion = self._role_logs(tuning), self._motions(tuning, 0.0)[role][log]
+        logs, j = self._role_logs(tuning), self.joints.index(joint)
         repaired = logs.repaired[role][log]
-        noise = float(self._noise(repaired)[self.joints.index(joint)])
+        noise = float(self._noise(repaired)[j])
+
+        def made() -> Motion:
+            spline = replace(self._plain_spline, sigma=noise, factor=10.0 ** (tuning.degree[j] / 2.0))
+            return motion_of(spline, repaired.select((joint,)))
+
+        if self._is_tuned(tuning.degree):
+            motion = self._known.joints((tuning.excluded, log, joint, tuning.degree[j]), made)
+        else:
+            motion = self._motions(tuning, 0.0)[role][log]
         return smoothed(logs.trimmed[role][log], repaired, motion, joint, noise)
 
     def fitted(self, tuning: Tuning) -> QuickFit:
@@ -167,16 +210,20 @@ class Bench:
         return self._known.curves((key, joint), lambda: self._curve(at, joint))
 
     def whole(self, tuning: Tuning, progress: Callable[[str], None] = lambda _: None) -> Identification:
-        """Return the identification of a tuning: of the ``start`` that which was ``found``, of another that which a
-        configuration with these settings gives."""
+        """Return the identification of a tuning, with the findings of the checks: of the ``start`` that which was
+        ``found``, of another that which a configuration with these settings gives.
+
+        ``progress`` is called with each step; what it raises ends the work.
+        """
         self.check(tuning)
         if tuning == self.start:
             return self.found
         return self._known.wholes(tuning, lambda: self._whole(tuning, progress))
 
     def _whole(self, tuning: Tuning, progress: Callable[[str], None]) -> Identification:
-        logs = self._role_logs(tuning).recorded
-        return identify(self.model(tuning), logs["train"], logs["validation"], self.recipe(tuning), progress=progress)
+        model, recipe, logs = self.model(tuning), self.recipe(tuning), self._role_logs(tuning).recorded
+        found = identify(model, logs["train"], logs["validation"], recipe, progress=progress)
+        return with_findings(found, model, logs, recipe, multi_turn=self.multi_turn, progress=progress)
 
     def _fitted(self, tuning: Tuning) -> QuickFit:
         begun = perf_counter()
@@ -201,7 +248,8 @@ class Bench:
         columns = None if model.memory else columns_in(superset, model)
         wide = model if columns is None else superset
         speeds = tuning.min_speed if any(tuning.min_speed) else None
-        fitted, train = tuple(motions["train"].values()), tuple(logs.repaired["train"].values())
+        fitted = tuple(opened(motion, tuning.unfitted) for motion in motions["train"].values())
+        train = tuple(logs.repaired["train"].values())
         key = (tuning.excluded, tuning.degree, tuning.time_offset, speeds, tuning.filter, digest(fitted, train))
         own = None if columns is not None else (tuning.terms, model.load)
 
@@ -209,6 +257,7 @@ class Bench:
             return fold_factors(Regression(wide, tuple(map(wide.remembering, fitted)), tuning.filter, speeds))
 
         found = self._known.factors((key, own), made)
+        found = without(found, [self.joints.index(name) for name in tuning.unfitted])
         return found if columns is None else of_columns(found, columns)
 
     def _curve(self, tuning: Tuning, joint: str | None) -> DegreeCurve:
@@ -253,7 +302,11 @@ class Bench:
 
     def _spline(self, degree: tuple[float, ...]) -> Smoother:
         """Return the smoother of these degrees: the configured one at the start."""
-        return self.smoother if degree == self.start.degree else self._tuned_spline(degree)
+        return self._tuned_spline(degree) if self._is_tuned(degree) else self.smoother
+
+    def _is_tuned(self, degree: tuple[float, ...]) -> bool:
+        """Whether the spline of these degrees smooths, and not another smoother that is configured."""
+        return self.has_degree or degree != self.start.degree
 
     def _tuned_spline(self, degree: tuple[float, ...]) -> Spline:
         factors = [10.0 ** (one / 2.0) for one in degree]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from hashlib import blake2b
 from itertools import pairwise
 
@@ -13,7 +14,7 @@ from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.regression import Regression, TriangularFactors, factorise, merged
 
-__all__ = ["FOLDS", "columns_in", "digest", "fold_factors", "of_columns"]
+__all__ = ["FOLDS", "columns_in", "digest", "fold_factors", "of_columns", "opened", "without"]
 
 Array = NDArray[np.float64]
 FOLDS = 5  # as many as a smoother is chosen by
@@ -55,6 +56,24 @@ def of_columns(parts: Sequence[TriangularFactors], columns: NDArray[np.intp]) ->
     return tuple(
         TriangularFactors(np.asarray(np.linalg.qr(one.factors[:, :, some], mode="r")), one.rows) for one in parts
     )
+
+
+def opened(motion: Motion, unfitted: Sequence[str]) -> Motion:
+    """Return a motion that keeps of joints that are not fitted what it keeps of all others: its factors serve any
+    choice of joints, once ``without`` has left some out."""
+    if motion.keep is None or not unfitted:
+        return motion
+    fitted = np.array([name not in unfitted for name in motion.joints])
+    others: NDArray[np.bool_] = np.asarray(motion.keep[:, fitted].all(axis=1))
+    keep: NDArray[np.bool_] = np.asarray(motion.keep | (others[:, None] & ~fitted))
+    return replace(motion, keep=None if keep.all() else keep)
+
+
+def without(parts: Sequence[TriangularFactors], joints: Sequence[int]) -> tuple[TriangularFactors, ...]:
+    """Return the factors without the equations of some joints."""
+    left = np.ones(len(parts[0].rows), dtype=int)
+    left[list(joints)] = 0
+    return tuple(TriangularFactors(one.factors * left[:, None, None], one.rows * left) for one in parts)
 
 
 def digest(motions: Sequence[Motion], logs: Sequence[Log]) -> bytes:

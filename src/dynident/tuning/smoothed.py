@@ -25,7 +25,8 @@ class Smoothed:
     """The motion of a ``joint`` in a ``log``: ``measured`` and smoothed position ``q`` (N) at ``t`` (N) with
     derivatives ``dq`` and ``ddq``, in rad or m, and seconds.
 
-    ``mask`` (N) is where derivatives are reliable and not excluded. The ``residual`` (N) is measured less smoothed
+    ``mask`` (N) is where derivatives of this joint are reliable and not excluded; a fit uses the samples at which
+    those of all are. The ``residual`` (N) is measured less smoothed
     position, outliers replaced as in the fit, which ``outlier`` (N) marks. ``degree`` is log10(S/n) as reached, in
     terms of the ``noise`` (rad, m); ``cutoff`` (Hz) and ``edf``, effective degrees of freedom, are nan of another
     smoother than the spline.
@@ -89,10 +90,11 @@ def degree_of(residual: Array, noise: float) -> float:
 
 
 def smoothed(recorded: Log, repaired: Log, motion: Motion, joint: str, noise: float) -> Smoothed:
-    """Return a joint of a log as recorded and as repaired, with its motion that is not shifted in time."""
-    j = motion.joints.index(joint)
-    measured, q = recorded.q[:, j], motion.q[:, j]
-    residual = repaired.q[:, j] - q
+    """Return a joint of a log as recorded and as repaired, with its motion (and maybe that of others), not shifted in
+    time."""
+    j, k = motion.joints.index(joint), recorded.joints.index(joint)
+    measured, q, clean = recorded.q[:, k], motion.q[:, j], repaired.q[:, k]
+    residual = clean - q
 
     def of(name: str) -> float:
         return float(motion.smoothing[name][j]) if name in motion.smoothing else float("nan")
@@ -106,7 +108,7 @@ def smoothed(recorded: Log, repaired: Log, motion: Motion, joint: str, noise: fl
         motion.dq[:, j],
         motion.ddq[:, j],
         residual,
-        measured != repaired.q[:, j],
+        measured != clean,
         motion.mask,
         noise,
         degree_of(residual, noise),

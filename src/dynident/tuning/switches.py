@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from dynident.errors import ModelError, brief
+from dynident.errors import ModelError, listed
 from dynident.identification.terms.candidates import KINDS
 from dynident.identification.terms.combined import combined
 from dynident.models import CoupledMotor, HasMemory, JointTerm, Model, RigidBodies, Term
@@ -28,7 +28,9 @@ class Switches:
     own: tuple[Mapping[str, tuple[Term, ...]], ...]
     offered: tuple[Mapping[str, tuple[Term, ...]], ...]
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        kinds = listed(self.kinds, 6) or "none"
+        return f"<Switches of {self.model.name!r}: kinds of terms {kinds}>"
 
     @classmethod
     def of(cls, model: Model, offers: Offers | None) -> Switches:

@@ -2,6 +2,7 @@
 
 from dynident.validation.clusters import clustered_std
 from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
+from dynident.validation.followed import HARMFUL, FollowTest, SmoothedAway, follow_tests, smoothed_away
 from dynident.validation.free_run import (
     Broken,
     CascadePD,
@@ -14,6 +15,7 @@ from dynident.validation.free_run import (
     free_run,
 )
 from dynident.validation.hac import bandwidth, long_run, plain_std, robust_covariance
+from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, with_floors
 from dynident.validation.prediction import (
     SEED,
     LogValidation,
@@ -43,6 +45,8 @@ from dynident.validation.residuals import (
 from dynident.validation.sensor_noise import sensor_noise
 
 __all__ = [
+    "AT_FLOOR",
+    "HARMFUL",
     "LOW",
     "REPEATED",
     "SEED",
@@ -52,11 +56,14 @@ __all__ = [
     "Cause",
     "Driver",
     "Failure",
+    "FloorOrigin",
+    "FollowTest",
     "FreeRun",
     "FrictionLevel",
     "HighFrequency",
     "LogValidation",
     "LowFrequency",
+    "NoiseFloor",
     "Repeat",
     "ResidualTest",
     "Reversals",
@@ -65,6 +72,7 @@ __all__ = [
     "RunsAway",
     "Signals",
     "Singular",
+    "SmoothedAway",
     "TorqueErrors",
     "autocorrelation",
     "bandwidth",
@@ -74,6 +82,7 @@ __all__ = [
     "coloured_std",
     "correlated_std",
     "decorrelation",
+    "follow_tests",
     "free_run",
     "ljung_box",
     "long_run",
@@ -84,5 +93,7 @@ __all__ = [
     "residual_test",
     "robust_covariance",
     "sensor_noise",
+    "smoothed_away",
     "validate",
+    "with_floors",
 ]

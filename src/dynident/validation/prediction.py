@@ -14,6 +14,7 @@ from dynident.log import Log, Motion, subsample
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BLOCK, ParallelFilter, fitted_rows, stretches
 from dynident.validation.free_run import FreeRun
+from dynident.validation.noise_floor import NoiseFloor
 from dynident.validation.residuals import ResidualTest, residual_test
 from dynident.validation.sensor_noise import sensor_noise
 
@@ -96,6 +97,7 @@ class Signals:
 class LogValidation:
     """How well a model does on one log: torque ``errors``, and by joint name what the unfiltered residual looks like.
 
+    ``floors`` tell by joint what the sensors allow of the residual, where it is known (``with_floors``).
     ``free_run`` is the free simulation, where there is one. ``signals`` are None in a result that was loaded from a
     file, which holds numbers only; ``motion``, ``predicted`` and ``recorded`` then raise InputError.
     """
@@ -106,6 +108,19 @@ class LogValidation:
     residuals: Mapping[str, ResidualTest] = field(default_factory=dict)
     free_run: FreeRun | None = None
     signals: Signals | None = None
+    floors: Mapping[str, NoiseFloor] = field(default_factory=dict)
+
+    @property
+    def over_floor(self) -> float | None:
+        """How many times what the sensors allow the error of all joints is for which that is known; None of none."""
+        known = [(self.errors.rmse[joint], floor.size) for joint, floor in self.floors.items()]
+        return float(np.sqrt(sum(a**2 for a, _ in known) / sum(b**2 for _, b in known))) if known else None
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the residual of each joint that was recorded is at the noise floor."""
+        joints = [joint for joint, size in self.errors.rmse.items() if np.isfinite(size)]
+        return bool(joints) and all(joint in self.floors and self.floors[joint].reached for joint in joints)
 
     def __repr__(self) -> str:
         joints = listed((f"{joint} {error:.3g} %" for joint, error in self.errors.per_joint.items()), 6)

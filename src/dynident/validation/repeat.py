@@ -1,4 +1,4 @@
-"""Whether two recordings are of the same motion, at any lag between them, or hold the same samples."""
+"""Whether two recordings are of the same motion, at any lag, or hold the same samples; where a motion repeats."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 from dynident.filters import correlated
 from dynident.log import Log, Motion
 
-__all__ = ["REPEATED", "Repeat", "repeat_of"]
+__all__ = ["REPEATED", "Repeat", "repeat_of", "repeated_rows"]
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 REPEATED = 10.0  # %, difference of positions and torques below which two recordings are of one motion
 POINTS = 2**15  # of the common time axis of each recording
 FINE_POINTS = 4000  # of a recording, to refine the lag
 OVERLAP = 0.5  # share of the recording that the other must overlap
+SAME = 5.0  # %, difference of positions below which the samples of a motion are those of another pass
+OTHER = 50.0  # %, above which they are of another motion: before the first such lag, a log resembles itself
+COARSE = 2**12  # points of the time axis on which passes are sought
+SHARED = 0.1  # share of a log that must have been passed twice
 STILL = 0.05  # of the largest range of a joint: with a smaller one a joint hardly moves
 
 
@@ -62,6 +67,51 @@ def repeat_of(one: Log | Motion, other: Log | Motion) -> Repeat:
     near, every = (best + np.linspace(-1, 1, 21)) * step, max(1, len(one) // FINE_POINTS)
     finest = min(near, key=lambda lag: _at(one, other, float(lag), span, every).error)
     return _at(one, other, float(finest), span)
+
+
+def repeated_rows(one: Motion, other: Motion) -> tuple[Rows, Rows] | None:
+    """Return usable samples of one motion and those of the other that pass the same positions, to half a sample.
+
+    Both may be the same motion, which then passes them again later. None where there are fewer than a tenth.
+    """
+    lag = _lag(one, other)
+    if lag is None:
+        return None
+    wanted = one.t - one.t[0] + lag
+    at = np.interp(wanted, other.t - other.t[0], np.arange(len(other.t)), left=-1, right=-1)
+    nearest = np.rint(at).astype(np.intp)
+    use = (at >= 0) & one.mask & other.mask[nearest]
+    rows = np.flatnonzero(use), nearest[use]
+    whole = float(np.square(one.q[rows[0]] - one.q[rows[0]].mean(axis=0)).sum()) if use.any() else 0.0
+    apart = float(np.square(one.q[rows[0]] - other.q[rows[1]]).sum())
+    return rows if use.sum() > SHARED * len(one) and apart < (SAME / 100) ** 2 * whole else None
+
+
+def _lag(one: Motion, other: Motion) -> float | None:
+    """Return the lag (s), counted from both starts, at which positions differ least; None where they always differ."""
+    lengths = [float(np.ptp(x.t)) for x in (one, other)]
+    step = max(*(float(np.median(np.diff(x.t))) for x in (one, other)), max(lengths) / COARSE)
+    a, b = (np.column_stack([np.interp(np.arange(x.t[0], x.t[-1], step), x.t, q) for q in x.q.T]) for x in (one, other))
+    if min(len(a), len(b)) < 10 or not np.ptp(a, axis=0).any():
+        return None
+    lags, apart = np.arange(-len(a) + 1, len(b)), _differences(a - a.mean(axis=0), b - a.mean(axis=0))
+    apart[_overlap(len(a), len(b)) < SHARED * len(a)] = np.inf
+    if one is other:
+        apart[lags < np.argmax((lags > 0) & (apart > (OTHER / 100) ** 2) & np.isfinite(apart)) - len(a) + 1] = np.inf
+    best = int(np.argmin(apart))
+    if not apart[best] < (2 * SAME / 100) ** 2:
+        return None
+    every = max(1, len(one) // FINE_POINTS)
+    near = (lags[best] + np.linspace(-1, 1, 41)) * step
+    return float(min(near, key=lambda lag: _passed(one, other, float(lag), every)))
+
+
+def _passed(one: Motion, other: Motion, lag: float, every: int) -> float:
+    """Return the mean squared difference of positions at a lag (s), at every so many stamps of the one."""
+    t, u = one.t[::every] - one.t[0] + lag, other.t - other.t[0]
+    use = (t >= 0) & (t <= u[-1])
+    twin = np.column_stack([np.interp(t[use], u, q) for q in other.q.T])
+    return float(np.mean(np.square(one.q[::every][use] - twin))) if use.any() else np.inf
 
 
 def _even(one: Log | Motion, step: float, span: Array) -> Array:

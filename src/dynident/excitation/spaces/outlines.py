@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.excitation.spaces.capsules import Capsule
+from dynident.excitation.spaces.capsules import Capsule, capsules_of
 from dynident.excitation.spaces.geometry import Geometry, Made, Mesh, Solid
 from dynident.models.robot_file import ShapeKind
 
@@ -33,12 +33,16 @@ class Outline:
     __repr__ = brief
 
 
-def outlines(geometry: Geometry, capsules: Sequence[Capsule], most: int = MOST) -> tuple[Outline, ...]:
+def outlines(geometry: Geometry, capsules: Sequence[Capsule] | None = None, most: int = MOST) -> tuple[Outline, ...]:
     """Return the surfaces of the bodies of an arm, of about ``most`` triangles each.
 
-    They are those of its solids or, where only the joints are known, of its ``capsules``.
+    They are those of its solids or, where only the joints are known, of its ``capsules``, by default those around the
+    joints.
     """
     out = []
+    if capsules is None:
+        only = {body: made for body, made in geometry.made.items() if made is Made.JOINTS}
+        capsules = capsules_of(replace(geometry, made=only))
     for body, made in geometry.made.items():
         parts = [_surface(one) for one in geometry.solids if one.body == body]
         if made is Made.JOINTS:
@@ -64,8 +68,11 @@ def simplified(mesh: Mesh, most: int = MOST) -> Mesh:
 
 
 def _clustered(mesh: Mesh, cell: float) -> Mesh:
-    _, place, count = np.unique(np.round(mesh.vertices / cell), axis=0, return_inverse=True, return_counts=True)
-    place = place.reshape(-1)
+    cells = np.round(mesh.vertices / cell).astype(np.int64)
+    cells -= cells.min(axis=0)
+    along = cells.max(axis=0) + 1
+    one = (cells[:, 0] * along[1] + cells[:, 1]) * along[2] + cells[:, 2]  # one number is found faster than three
+    _, place, count = np.unique(one, return_inverse=True, return_counts=True)
     means = np.stack([np.bincount(place, one) for one in mesh.vertices.T], axis=1) / count[:, None]
     triangles = place[mesh.triangles]
     whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)

@@ -204,16 +204,16 @@ def _held_out(found: Identification) -> HeldOut | None:
 def _largest_residual(found: Identification) -> LargestResidual | None:
     """Return where most of the torque is left; a residual that is not white is advice, not a reason."""
     logs = _logs(found, "validation") or _logs(found, "train")
-    sizes = {
-        (log.name, joint): (log.errors.rmse[joint] * _joints(log)[joint], test)
+    sizes = [
+        (log.errors.rmse[joint] * _joints(log)[joint], log, joint, test)
         for log in logs
         for joint, test in log.residuals.items()
         if np.isfinite(_joints(log)[joint]) and np.isfinite(test.lag1)
-    }
+    ]
     if not sizes:
         return None
-    (log_name, joint), (_, test) = max(sizes.items(), key=lambda one: one[1][0])
-    return LargestResidual(joint, log_name, test.causes)
+    _, log, joint, test = max(sizes, key=lambda one: one[0])
+    return LargestResidual(joint, log.name, test.causes, log.floors.get(joint), log.over_floor, log.at_floor)
 
 
 def _logs(found: Identification, role: str) -> list[LogValidation]:

@@ -9,7 +9,7 @@ from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.steps import Remedy, Step
 from dynident.identification.verdict.unknown import Unknown
 from dynident.regression import UnexcitedParameters
-from dynident.validation import Cause
+from dynident.validation import Cause, NoiseFloor
 
 __all__ = ["HeldOut", "LargestResidual", "Use", "Verdict", "WorstRun"]
 
@@ -38,11 +38,18 @@ class WorstRun:
 
 @dataclass(frozen=True)
 class LargestResidual:
-    """The ``joint`` and ``log`` with the largest torque residual, and its likely ``causes``."""
+    """The ``joint`` and ``log`` with the largest torque residual, and its likely ``causes``.
+
+    ``floor`` is what the sensors allow there, where it is known; ``all_at_floor`` tells that the residuals of all
+    joints on the log are at the noise floor, ``over`` times what the sensors allow together.
+    """
 
     joint: str
     log: str
     causes: tuple[Cause, ...]
+    floor: NoiseFloor | None = None
+    over: float | None = None
+    all_at_floor: bool = False
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.joint_term import Constant, Speed
 from dynident.models.friction.per_joint import PerJoint
 from dynident.models.friction.viscous import Viscous
@@ -39,6 +40,11 @@ class AsymmetricCoulomb(PerJoint):
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
         return f"asymmetric Coulomb friction: torque per tanh(dq/{self.width:g})^2"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        width = self.constant("width", joint.name)
+        return Equation("F_ca * tanh(dq / w_a)**2", ("F_ca",), (("w_a", width, f"{joint.unit}/s"),))
 
     def shape(self, dq: Array) -> Array:
         """Return the torque per unit of the parameter."""
@@ -76,6 +82,10 @@ class AsymmetricViscous(PerJoint):
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
         return Viscous((joint,)).unit(joint)
+
+    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
+        """Return the torque at a joint as an equation."""
+        return Equation("F_va * abs(dq)", ("F_va",))
 
     def shape(self, dq: Array) -> Array:
         """Return the torque per unit of the parameter."""

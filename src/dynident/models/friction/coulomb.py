@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError
+from dynident.models.equation import Equation
 from dynident.models.friction.dry_friction import WIDTH, DryFriction, Width
 from dynident.models.friction.joint_term import Constant, Speed
 from dynident.models.friction.per_joint import PerJoint
+from dynident.models.term import Joint
 
 __all__ = ["Coulomb", "WideCoulomb"]
 
@@ -60,6 +62,13 @@ class Coulomb(DryFriction):
         band = f", 0 within abs(dq) <= {dead:g}" if dead else ""
         return f"Coulomb friction: torque per {self.sign_words()}{band}"
 
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        sign, width = self.sign_law(joint, "w_c")
+        if band := self.rule(joint.name)[1]:
+            sign, width = "sign(dq, d_c)", (("d_c", band, f"{joint.unit}/s"),)
+        return Equation(f"F_c * {sign}", ("F_c",), width)
+
     def sign(self, dq: Array) -> Array:
         """Return the sign of the velocity (N, p), or its smooth form."""
         band = self.by_column("dead_band")
@@ -92,6 +101,11 @@ class WideCoulomb(PerJoint):
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
         return f"Coulomb friction of a wide sign: torque per tanh(dq/{self.width:g})"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        width = self.constant("width", joint.name)
+        return Equation("F_w * tanh(dq / w_w)", ("F_w",), (("w_w", width, f"{joint.unit}/s"),))
 
     def shape(self, dq: Array) -> Array:
         """Return the torque per unit of the parameter."""

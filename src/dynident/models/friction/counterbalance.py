@@ -11,6 +11,7 @@ from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError
+from dynident.models.equation import Equation
 from dynident.models.friction.joint_term import Constant, Number
 from dynident.models.friction.per_joint import PerJoint
 from dynident.models.term import Joint
@@ -74,6 +75,15 @@ class Counterbalance(PerJoint):
     def unit(self, joint: Joint) -> str:  # noqa: ARG002
         """Return the unit of a joint's parameter."""
         return "N/m"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        names = {"a": "base_arm", "b": "link_arm", "phi_0": "angle", "L_0": "free_length"}
+        constants = (
+            (key, self.constant(name, joint.name), "rad" if key == "phi_0" else "m") for key, name in names.items()
+        )
+        length = "L", "sqrt(a**2 + b**2 - 2 * a * b * cos(q + phi_0))"
+        return Equation("k_c * (1 - L_0 / L) * a * b * sin(q + phi_0)", ("k_c",), tuple(constants), (length,))
 
     def shape(self, q: Array) -> Array:
         """Return the torque per unit of the parameter."""

@@ -11,11 +11,12 @@ import numpy as np
 from annotated_types import Gt
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.joint_term import Constant, JointTerm, Slopes
 from dynident.models.term import Joint, Past
 from dynident.smoothers import BY_JOINT
 
-__all__ = ["LENGTH", "Dahl", "Length", "presliding"]
+__all__ = ["LENGTH", "Dahl", "Length", "bent", "presliding"]
 
 Array = NDArray[np.float64]
 Length = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
@@ -55,6 +56,10 @@ class Dahl(JointTerm):
         length = self.constant("length", joint.name)
         yield f"Fd_{joint.name}", joint.effort, f"Dahl friction over {length:g} {joint.unit}"
 
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        return Equation("F_d * z", ("F_d",), *bent(self.constant("length", joint.name), joint, "s_d"))
+
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
         """Return the torque per unit of each parameter (N, p)."""
         return memory[0]
@@ -62,6 +67,13 @@ class Dahl(JointTerm):
     def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
         """Return the derivatives at constant memory, zero."""
         return None, None, None
+
+
+def bent(
+    length: float, joint: Joint, symbol: str
+) -> tuple[tuple[tuple[str, float, str], ...], tuple[tuple[str, str], ...]]:
+    """Return constant and state of presliding as an equation has them, with ``z`` for z / s."""
+    return ((symbol, length, joint.unit),), (("dz", f"(dq - abs(dq) * z) / {symbol}"),)
 
 
 def presliding(past: Past, columns: list[int], length: Array) -> Array:

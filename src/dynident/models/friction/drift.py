@@ -10,6 +10,7 @@ import numpy as np
 from annotated_types import Gt
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.joint_term import Constant, JointTerm, Slopes
 from dynident.models.term import Joint, Past
 from dynident.smoothers import BY_JOINT
@@ -51,6 +52,11 @@ class Drift(JointTerm):
         """Yield default name, unit and meaning of the parameter of a joint."""
         time = self.constant("time", joint.name)
         yield f"drift_{joint.name}", joint.effort, f"torque by which the joint drifts, in about {time:g} s"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        time = "T", self.constant("time", joint.name), "s"
+        return Equation("D * (1 - exp(-t / T))", ("D",), (time,))
 
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
         """Return the torque per unit of each parameter (N, p)."""

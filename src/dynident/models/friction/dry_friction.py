@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.models.friction.joint_term import Constant
 from dynident.models.friction.per_joint import PerJoint
+from dynident.models.term import Joint
 from dynident.smoothers import BY_JOINT
 
 __all__ = ["WIDTH", "DryFriction", "FrictionBySpeed", "Width"]
@@ -81,6 +82,11 @@ class DryFriction(PerJoint):
             return f"np.tanh(dq / {self.source('width')})"
         divisor = np.where(width > 0, width, 1.0).tolist()
         return f"np.where({(width > 0).tolist()!r}, np.tanh(dq / np.array({divisor!r})), np.sign(dq))"
+
+    def sign_law(self, joint: Joint, symbol: str) -> tuple[str, tuple[tuple[str, float, str], ...]]:
+        """Return the sign at a joint as a factor of an equation, and the width as its constant ``symbol``."""
+        width = float(self.constant("width", joint.name))
+        return (f"tanh(dq / {symbol})", ((symbol, width, f"{joint.unit}/s"),)) if width else ("sign(dq)", ())
 
     def sign_words(self) -> str:
         """Return the sign as a part of ``meaning``, of a term on one joint."""

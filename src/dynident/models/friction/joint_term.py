@@ -14,7 +14,8 @@ from annotated_types import Gt
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
-from dynident.models.term import Joint, Parameter, Partials
+from dynident.models.equation import Equation
+from dynident.models.term import Joint, Parameter, Partials, declares
 from dynident.smoothers import BY_JOINT
 
 __all__ = ["FASTEST", "SLOWEST", "Constant", "JointTerm", "Number", "Slopes", "Speed"]
@@ -199,6 +200,26 @@ class JointTerm(ABC):
     def _places(self) -> Array:
         """One for each parameter (p) at its joint (n)."""
         return np.eye(len(self.joints))[self._columns]
+
+    @property
+    def equations(self) -> tuple[Equation, ...]:
+        """The equation of each joint in ``on`` by ``law``; none where a subclass has another shape and no law of it."""
+        known = {joint.name: joint for joint in self.joints}
+        if not all(declares(self, "law", of) for of in ("regressor", "shapes", "shape", "sign") if hasattr(self, of)):
+            return ()
+        found, start = [], 0
+        for name in self.acts_on:
+            law = self.law(known[name])
+            if law is None:
+                return ()
+            own = self.parameters[start : start + len(law.symbols)]
+            start += len(law.symbols)
+            found.append(replace(law, parameters=tuple(one.name for one in own), on=((name, 1.0),)))
+        return tuple(found)
+
+    def law(self, joint: Joint) -> Equation | None:  # noqa: ARG002
+        """Return the torque at a joint as an equation, without its ``parameters`` and ``on``; None: not known."""
+        return None
 
     def formula(self) -> str:
         """Return ``shapes`` as NumPy source, of q, dq and ddq; empty where it is not known."""

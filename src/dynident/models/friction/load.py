@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.models.friction.dahl import LENGTH, Length, presliding
+from dynident.models.equation import Equation
+from dynident.models.friction.dahl import LENGTH, Length, bent, presliding
 from dynident.models.friction.dry_friction import DryFriction
 from dynident.models.friction.joint_term import Constant, JointTerm, Slopes
 from dynident.models.friction.ripple import Ripple
@@ -75,6 +76,11 @@ class LoadCoulomb(RemembersLoad, DryFriction):
         """Return ``shapes`` as NumPy source."""
         return f"load * {self.sign_source()}"
 
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        sign, width = self.sign_law(joint, "w_l")
+        return Equation(f"f_c * abs(load) * {sign}", ("f_c",), width)
+
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
         """Return the torque per unit of each parameter (N, p)."""
         return np.abs(memory[0]) * super().shapes(q, dq, ddq)
@@ -107,6 +113,10 @@ class LoadViscous(RemembersLoad, Viscous):
     def formula(self) -> str:
         """Return ``shapes`` as NumPy source."""
         return "load * dq"
+
+    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
+        """Return the torque at a joint as an equation."""
+        return Equation("f_v * abs(load) * dq", ("f_v",))
 
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
         """Return the torque per unit of each parameter (N, p)."""
@@ -148,6 +158,10 @@ class LoadDahl(JointTerm):
         length = self.constant("length", joint.name)
         yield f"fd_{joint.name}", "1", f"Dahl friction over {length:g} {joint.unit}: torque per abs(load)"
 
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        return Equation("f_d * abs(load) * z", ("f_d",), *bent(self.constant("length", joint.name), joint, "s_l"))
+
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
         """Return the torque per unit of each parameter (N, p)."""
         bent, load = np.split(memory[0], 2, axis=1)
@@ -169,11 +183,17 @@ class LoadRipple(RemembersLoad, Ripple):
     """
 
     symbol: ClassVar[str] = "load_ripple"
+    letters: ClassVar[tuple[str, str, str]] = ("alpha", "beta", "m")
 
     def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
         """Yield default name, unit and meaning of the parameters of a joint."""
         for name, _, meaning in super().described(joint):
             yield name, "1", meaning.replace("torque per", "torque per abs(load)")
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        law = super().law(joint)
+        return replace(law, torque=f"abs(load) * ({law.torque})")
 
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
         """Return the torque per unit of each parameter (N, p)."""

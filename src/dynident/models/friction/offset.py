@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.per_joint import PerJoint
+from dynident.models.term import Joint
 
 __all__ = ["Offset"]
 
@@ -28,6 +30,10 @@ class Offset(PerJoint):
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
         return "constant torque"
+
+    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
+        """Return the torque at a joint as an equation."""
+        return Equation("tau_o", ("tau_o",))
 
     def shape(self, dq: Array) -> Array:
         """Return the torque per unit of the parameter."""

@@ -10,6 +10,7 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.dry_friction import WIDTH, FrictionBySpeed
 from dynident.models.friction.joint_term import Constant
 from dynident.models.term import Joint
@@ -58,6 +59,12 @@ class Power(FrictionBySpeed):
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
         return f"{joint.effort} (s/{joint.unit})^{self.constant('exponent', joint.name):g}"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        sign, width = self.sign_law(joint, "w_p")
+        exponent = "p", self.constant("exponent", joint.name), "1"
+        return Equation(f"F_p * abs(dq)**p * {sign}", ("F_p",), (exponent, *width))
 
     def magnitude(self, speed: Array) -> Array:
         """Return the torque per unit of the parameter and of the sign."""

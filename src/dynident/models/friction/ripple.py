@@ -13,6 +13,7 @@ from annotated_types import Gt
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError
+from dynident.models.equation import Equation
 from dynident.models.friction.joint_term import Constant, JointTerm, Number
 from dynident.models.term import Joint
 from dynident.smoothers import BY_JOINT
@@ -49,6 +50,7 @@ class Ripple(JointTerm):
     cycles: Annotated[Several | Mapping[str, Several], BY_JOINT] = field(kw_only=True)
     delay: Number = 0.0
     symbol: ClassVar[str] = "ripple"
+    letters: ClassVar[tuple[str, str, str]] = ("A", "B", "n")  # in an equation: of sine and cosine, and the cycles
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,6 +71,19 @@ class Ripple(JointTerm):
         at = f"(q - {delay:g} dq)" if delay else "q"
         for k, (wave, _) in product(self._rates(joint.name), WAVES):
             yield f"{self.symbol}_{joint.name}_{wave}{k:g}", joint.effort, f"ripple: torque per {wave}({k:g} {at})"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        delay, at = self.constant("delay", joint.name), "q"
+        constants, symbols, parts = [], [], []
+        if delay:
+            constants, at = [("delta", delay, "s")], "(q - delta * dq)"
+        sine, cosine, rate = self.letters
+        for k, cycles in enumerate(self._rates(joint.name), 1):
+            constants.append((f"{rate}_{k}", cycles, "1" if joint.kind == "revolute" else "rad/m"))
+            symbols += [f"{sine}_{k}", f"{cosine}_{k}"]
+            parts += [f"{sine}_{k} * sin({rate}_{k} * {at})", f"{cosine}_{k} * cos({rate}_{k} * {at})"]
+        return Equation(" + ".join(parts), tuple(symbols), tuple(constants))
 
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
         """Return the torque per unit of each parameter (N, p)."""

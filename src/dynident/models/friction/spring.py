@@ -11,6 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.joint_term import Constant, JointTerm
 from dynident.models.friction.ripple import WAVES
 from dynident.models.term import Joint
@@ -51,6 +52,15 @@ class Spring(JointTerm):
             unit = joint.effort if turn else "N/m" if k == 1 else f"N/m^{k}"
             shape = f"{wave}({k} q)".replace("(1 ", "(") if turn else f"q^{k}".removesuffix("^1")
             yield f"spring_{joint.name}_{wave}{k}", unit, f"spring: torque per {shape}"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        letters = {"sin": "a", "cos": "b", "q": "c"}
+        terms = _terms(joint, self.constant("order", joint.name))
+        symbols = tuple(f"{letters[wave]}_{k}" for wave, k, _ in terms)
+        shapes = ((f"{wave}({k} * q)" if wave != "q" else f"q**{k}", k) for wave, k, _ in terms)
+        plain = (shape.replace("1 * ", "").removesuffix("**1") if k == 1 else shape for shape, k in shapes)
+        return Equation(" + ".join(f"{s} * {f}" for s, f in zip(symbols, plain, strict=True)), symbols)
 
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
         """Return the torque per unit of each parameter (N, p)."""

@@ -9,8 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.dry_friction import WIDTH, FrictionBySpeed
 from dynident.models.friction.joint_term import Constant, Speed
+from dynident.models.term import Joint
 
 __all__ = ["Stribeck"]
 
@@ -40,6 +42,12 @@ class Stribeck(FrictionBySpeed):
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
         return f"Stribeck friction: torque per exp(-(dq/{self.velocity:g})^2) {self.sign_words()}"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        sign, width = self.sign_law(joint, "w_s")
+        speed = "v_s", self.constant("velocity", joint.name), f"{joint.unit}/s"
+        return Equation(f"F_s * exp(-(dq / v_s)**2) * {sign}", ("F_s",), (speed, *width))
 
     def magnitude(self, speed: Array) -> Array:
         """Return the torque per unit of the parameter and of the sign."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.models.equation import Equation
 from dynident.models.friction.per_joint import PerJoint
 from dynident.models.term import Joint
 
@@ -39,6 +40,10 @@ class Viscous(PerJoint):
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
         return "N m s/rad" if joint.kind == "revolute" else "N s/m"
+
+    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
+        """Return the torque at a joint as an equation."""
+        return Equation("F_v * dq", ("F_v",))
 
     def shape(self, dq: Array) -> Array:
         """Return the torque per unit of the parameter."""

@@ -5,11 +5,13 @@ readable on white and on black; a page may repaint them in its own text colour.
 """
 
 from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
-from dynident.report.figures.canvas import Array, Drawing, share, thin
+from dynident.report.figures.canvas import Array, Drawing, clock, share, thin
+from dynident.report.figures.comparison import difference_figure
 from dynident.report.figures.excitation import Quantity, designed_figure, distance_figure, expected_figure
 from dynident.report.figures.fleet import Course, Mark, course_figure, pooled_figure, robots_figure
 from dynident.report.figures.identification import (
     error_figure,
+    glance_figure,
     motion_figure,
     run_figure,
     smoothing_figure,
@@ -18,31 +20,69 @@ from dynident.report.figures.identification import (
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
 from dynident.report.figures.payload import payload_figure
 from dynident.report.figures.pieces import pieces_figure
-from dynident.report.figures.scene import Mesh, box, cylinder, plate, scene_figure
+from dynident.report.figures.robot import (
+    Ellipsoid,
+    centres,
+    ellipsoids,
+    key,
+    lighter,
+    outlined,
+    path_of,
+    standing,
+    surface,
+)
+from dynident.report.figures.scene import (
+    METAL,
+    STILL,
+    Layer,
+    Mesh,
+    Moving,
+    Replay,
+    box,
+    cylinder,
+    plate,
+    scene_figure,
+    solid,
+)
 from dynident.report.figures.study import method_name, scientific, spread_figure, trace_figure
 from dynident.report.figures.terms import trial_figure
 
 __all__ = [
     "CHANGE_NAMES",
+    "METAL",
+    "STILL",
     "Array",
     "Course",
     "Drawing",
+    "Ellipsoid",
+    "Layer",
     "Mark",
     "Mesh",
+    "Moving",
     "Quantity",
+    "Replay",
     "bound_figure",
     "box",
+    "centres",
+    "clock",
     "course_figure",
     "cylinder",
     "designed_figure",
+    "difference_figure",
     "distance_figure",
     "efficiency_figure",
+    "ellipsoids",
     "error_figure",
     "expected_figure",
+    "glance_figure",
     "interval_figure",
+    "key",
+    "lighter",
     "method_name",
     "motion_figure",
     "only_nominal",
+    "outlined",
+    "path_of",
     "payload_figure",
     "pieces_figure",
     "plate",
@@ -55,7 +95,10 @@ __all__ = [
     "share",
     "singular_figure",
     "smoothing_figure",
+    "solid",
     "spread_figure",
+    "standing",
+    "surface",
     "thin",
     "torque_figure",
     "trace_figure",

@@ -31,9 +31,11 @@ __all__ = [
     "RED",
     "TEMPLATE",
     "TIME",
+    "VIOLET",
     "Array",
     "Drawing",
     "Trace",
+    "clock",
     "curve",
     "mark_rows",
     "only",
@@ -49,11 +51,13 @@ Array = NDArray[np.float64]
 Trace = dict[str, Any]
 
 INK = "#7d7d7d"
-BLUE, RED, GREEN, AMBER = "#3584e4", "#e5484d", "#2e9e5b", "#c98500"
+# told apart with each colour-blindness, and at least 3 : 1 against white and against the dark paper of the page
+BLUE, RED, GREEN, AMBER, VIOLET = "#2964c4", "#bf3a10", "#33a38f", "#b98a00", "#9a66d0"
 GRID = "rgba(128, 128, 128, 0.25)"
 PALE = "rgba(128, 128, 128, 0.5)"
 TIME = "time, s"  # an axis
 FAR = 100.0  # lengths of a log from which on its stamps are far from zero
+EPOCH = 946_684_800.0, 4_102_444_800.0  # s: stamps from 2000 to 2100, counted from 1970
 ALL_POINTS = 300_000  # of all curves of a page; a point takes 11 bytes there
 
 
@@ -120,6 +124,11 @@ class Drawing:
         """Change the axes x or y of all panels, and their title, where one is given."""
         for axis in (self.layout[key] for key in self.layout if key.startswith(f"{letter}axis")):
             axis.update(_given({**changes, "title": None if title is None else {"text": title}}))
+
+    def of(self, run: str) -> Drawing:
+        """Return the figure as one over the time of a recording, with which the arm of the page moves."""
+        self.layout["meta"] = {"run": run}
+        return self
 
     def json(self) -> str:
         """Return the text that plotly's JavaScript reads."""
@@ -250,6 +259,13 @@ def origin(t: Array) -> float:
     Such stamps count from 1970, or from when a machine was started; no reader can tell them apart at an axis.
     """
     return float(np.floor(t[0])) if abs(t[0]) > FAR * (t[-1] - t[0]) else 0.0
+
+
+def clock(t: float) -> str:
+    """Return a stamp (s) that counts from 1970 as a time of day, such as "2016-04-07 13:43:10 UTC"; "" for others."""
+    from datetime import UTC, datetime
+
+    return datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%d %H:%M:%S UTC") if EPOCH[0] < t < EPOCH[1] else ""
 
 
 def only(values: Array, keep: NDArray[np.bool_]) -> Array:

@@ -19,6 +19,7 @@ from dynident.report.figures.canvas import (
     TIME,
     Array,
     Drawing,
+    clock,
     curve,
     only,
     origin,
@@ -30,7 +31,7 @@ from dynident.report.figures.canvas import (
 if TYPE_CHECKING:
     from dynident.validation import FreeRun, LogValidation
 
-__all__ = ["error_figure", "motion_figure", "run_figure", "smoothing_figure", "torque_figure"]
+__all__ = ["error_figure", "glance_figure", "motion_figure", "run_figure", "smoothing_figure", "torque_figure"]
 
 HELD_OUT = (BLUE, GREEN, AMBER, RED)
 
@@ -52,6 +53,17 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
         line = {"color": colour, "width": width}
         figure.add(curve(log.motion.t - zero, values, name, line, points), row=row)
     return _since(figure, zero)
+
+
+def glance_figure(log: LogValidation, joint: str, unit: str = "N m", points: int = 1000) -> Drawing:
+    """Draw a joint's measured and predicted torque over time in one small panel, as ``torque_figure`` does."""
+    whole = torque_figure(log, joint, unit, points)
+    figure = panels([whole.layout["yaxis"]["title"]["text"]], 250)
+    for one in whole.data[:2]:
+        figure.add(one)
+    figure.layout["xaxis"]["title"] = whole.layout["xaxis2"]["title"]
+    figure.layout["margin"] = {"t": 30, "b": 40}
+    return figure
 
 
 def motion_figure(
@@ -157,7 +169,7 @@ def _since(figure: Drawing, zero: float) -> Drawing:
     """Return the figure with its axis of time named after where it counts from."""
     for axis in figure.layout.values() if zero else ():
         if isinstance(axis, dict) and axis.get("title") == {"text": TIME}:
-            axis["title"] = {"text": f"time since {zero:.0f} s, s"}
+            axis["title"] = {"text": f"time since {clock(zero) or f'{zero:.0f} s'}, s"}
     return figure
 
 

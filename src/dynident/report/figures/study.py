@@ -15,6 +15,7 @@ from dynident.report.figures.canvas import (
     GREEN,
     INK,
     RED,
+    VIOLET,
     Array,
     Drawing,
     Trace,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["colours_of", "method_name", "scientific", "spread_figure", "trace_figure"]
 
 MORE = ("#00909e", "#d0569b", "#7a8a00")
-COLOURS = {"simulated": BLUE, "spline": RED, "filtered": INK, "raw": AMBER, "spline-early": "#8f5bd6", "ml": GREEN}
+COLOURS = {"simulated": BLUE, "spline": RED, "filtered": INK, "raw": AMBER, "spline-early": VIOLET, "ml": GREEN}
 NAMES = {
     "raw": "raw differences", "filtered": "filtered differences", "spline": "smoothing splines",
     "spline-early": "early-cut splines", "ml": "maximum likelihood",

@@ -20,77 +20,13 @@
     Plotly.newPlot(box, data, layout, {
       responsive: true,
       displaylogo: false,
-      displayModeBar: box.clientWidth > 600 && "hover",
-      modeBarButtons: motion ? [["resetCameraDefault3d", "toImage"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d", "toImage"]],
+      displayModeBar: (motion || box.clientWidth > 600) && "hover",
+      scrollZoom: false, // a wheel over a figure means to scroll the page
+      modeBarButtons: motion ? [["zoom3d", "tableRotation", "resetCameraDefault3d"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d"]],
     });
-    if (motion) play(box, motion);
-  }
-
-  const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0)).buffer);
-
-  // The first traces are bodies: their vertices are placed by (3, 4) matrices, one for each body and time.
-  function play(box, motion) {
-    const t = floats(motion.t), places = floats(motion.places), bodies = motion.vertices.map(floats);
-    const player = box.parentElement.querySelector(".player");
-    const [run, turn] = player.querySelectorAll("button");
-    const [slider, shown] = [player.querySelector("input"), player.querySelector("output")];
-    const pressed = (button) => button.getAttribute("aria-pressed") === "true";
-    let now = 0, last = 0, busy = false;
-
-    function placed(frame) {
-      const found = { x: [], y: [], z: [] };
-      bodies.forEach((local, b) => {
-        const m = places.subarray(12 * (frame * bodies.length + b));
-        ["x", "y", "z"].forEach((axis, row) => {
-          const out = new Float32Array(local.length / 3);
-          for (let k = 0; k < out.length; k++)
-            out[k] = m[4 * row] * local[3 * k] + m[4 * row + 1] * local[3 * k + 1] + m[4 * row + 2] * local[3 * k + 2] + m[4 * row + 3];
-          found[axis].push(out);
-        });
-      });
-      return found;
-    }
-
-    function turned(angle) {
-      const { x, y, z } = box.layout.scene.camera.eye;
-      const [c, s] = [Math.cos(angle), Math.sin(angle)];
-      return { "scene.camera.eye": { x: c * x - s * y, y: s * x + c * y, z } };
-    }
-
-    async function show(frame, angle = 0) {
-      slider.value = frame;
-      shown.value = `${t[frame].toFixed(1)} s`;
-      const all = bodies.map((_, b) => b);
-      await Plotly.update(box, placed(frame), angle ? turned(angle) : {}, all);
-    }
-
-    async function step(stamp) {
-      if (!pressed(run) && !pressed(turn)) return;
-      const passed = last ? Math.min((stamp - last) / 1000, 0.2) : 0;
-      last = stamp;
-      if (!busy && shown.offsetParent !== null) {
-        busy = true;
-        if (pressed(run)) now = (now + passed) % t[t.length - 1];
-        let frame = t.findIndex((one) => one >= now);
-        await show(Math.max(frame, 0), pressed(turn) ? 0.4 * passed : 0);
-        busy = false;
-      }
-      requestAnimationFrame(step);
-    }
-
-    for (const button of [run, turn])
-      button.addEventListener("click", () => {
-        const idle = !pressed(run) && !pressed(turn);
-        button.setAttribute("aria-pressed", !pressed(button));
-        last = 0;
-        if (idle) requestAnimationFrame(step);
-      });
-    slider.max = t.length - 1;
-    slider.addEventListener("input", () => {
-      now = t[slider.value];
-      if (!pressed(run)) show(Number(slider.value));
-    });
-    player.hidden = false;
+    saving(box);
+    if (motion) Scene.draw(box, motion);
+    else Scene.follow(box);
   }
 
   function paint(color) {
@@ -131,6 +67,7 @@
         if (event.target.tagName !== "BUTTON") return;
         const top = row.getBoundingClientRect().top;
         for (const one of galleries) one.choose(row.getAttribute("aria-label"), event.target.textContent);
+        if (row.getAttribute("aria-label") === "log") Scene.choose(event.target.textContent);
         scrollBy({ top: row.getBoundingClientRect().top - top, behavior: "instant" });
       });
     }
@@ -156,9 +93,16 @@
   document.querySelectorAll("main > section").forEach((part) => here.observe(part));
 
   dark.addEventListener("change", () => paint(ink()));
+  const sized = (width) => {
+    for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, width ? { width } : { width: null, autosize: true });
+  };
   addEventListener("beforeprint", () => {
     boxes.forEach(draw);
     paint("#111111");
+    sized(PAPER);
   });
-  addEventListener("afterprint", () => paint(ink()));
+  addEventListener("afterprint", () => {
+    paint(ink());
+    sized();
+  });
 })();

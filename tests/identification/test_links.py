@@ -1,0 +1,118 @@
+"""Mass, centre and moments of links, with errors where the data determine them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.estimators import PhysicallyConsistent
+from dynident.identification import Identifiability
+from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, determined_by, link_inertias
+from dynident.models import Model, RigidBodies, gallery
+from dynident.models.inertia import from_physical
+from tests.report.robots import identified
+
+THETA = from_physical(3.0, [0.1, -0.2, 0.05], np.diag([0.10, 0.20, 0.25]) + 0.01)
+DOOR = """<robot name="door"><link name="wall"/><link name="leaf"><inertial><origin xyz="0.4 0 0"/>
+<mass value="20"/><inertia ixx="3" iyy="1" izz="4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="wall"/><child link="leaf"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+def values(theta: np.ndarray) -> np.ndarray:
+    """Mass, centre and principal moments, by the pseudo-inertia and not as the module does it."""
+    m, h = theta[0], theta[1:4]
+    tensor = np.array([[theta[4], theta[5], theta[7]], [theta[5], theta[6], theta[8]], [theta[7], theta[8], theta[9]]])
+    c = h / m
+    return np.array([m, *c, *np.linalg.eigvalsh(tensor - m * (c @ c * np.eye(3) - np.outer(c, c)))])
+
+
+def all_known(covariance: np.ndarray) -> LinkInertia:
+    """A link whose ten parameters the data determine, with this covariance."""
+    found = identified()
+    bodies = RigidBodies(DOOR, source="door.urdf")
+    model = Model((bodies,), name="door")
+    estimate = replace(found.estimate, parameters=model.parameters, value=THETA, covariance=covariance)
+    std = np.sqrt(np.diag(covariance))
+    errors = replace(found.errors, std=std, std_hac=None, base_std=None, base_covariance=covariance)
+    (link,) = link_inertias(replace(found, model=model, estimate=estimate, errors=errors, base=Identifiability()))
+    return link
+
+
+def test_errors_are_those_of_drawn_parameters() -> None:
+    root = np.random.default_rng(0).standard_normal((10, 10)) * np.array([0.1, *[0.02] * 3, *[0.004] * 6])[:, None]
+    link = all_known(root @ root.T * 1e-4)
+    drawn = THETA + 1e-2 * np.random.default_rng(1).standard_normal((4000, 10)) @ root.T
+    np.testing.assert_allclose(link.std, np.std([values(one) for one in drawn], axis=0), rtol=0.05)
+    np.testing.assert_allclose(link.found.values, values(THETA))
+    assert link.sure.all()
+    assert link.mostly is DeterminedBy.DATA
+
+
+def test_an_ellipsoid_has_the_inertia_of_its_body() -> None:
+    body = all_known(np.eye(10)).found
+    a, b, c = body.ellipsoid
+    expected = body.mass / 5 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+    np.testing.assert_allclose(expected, body.moments)
+    assert np.linalg.det(body.axes) > 0
+    thin = BodyInertia(1.0, np.zeros(3), np.array([0.0, 1.0, 1.0]), np.eye(3))
+    np.testing.assert_allclose(thin.ellipsoid, [np.sqrt(5), 0, 0])
+    impossible = BodyInertia(1.0, np.zeros(3), np.array([0.1, 0.2, 1.0]), np.eye(3))
+    assert impossible.ellipsoid is None
+    assert BodyInertia(-1.0, np.zeros(3), np.ones(3), np.eye(3)).ellipsoid is None
+
+
+def test_least_squares_does_not_choose() -> None:
+    """Of a tree of links the torque shows combinations: no mass is known, and no value is made up."""
+    links = link_inertias(identified())
+    assert [one.name for one in links] == ["turret", "slide", "<b>hand", "finger"]
+    assert links[0].links == ("turret", "camera")
+    assert all(one.found is None for one in links)
+    assert not any(one.sure.any() for one in links)
+    np.testing.assert_allclose(links[2].file.values[:4], [0.7, 0, 0.02, 0.1])
+    assert set(determined_by(identified())) == {DeterminedBy.DATA, DeterminedBy.COMBINATION, DeterminedBy.NOTHING}
+    assert DeterminedBy.NOTHING not in links[0].by  # what never acts on the torque does not count
+
+
+def test_a_consistent_estimate_has_values_and_what_the_data_contribute_to_their_errors() -> None:
+    found = identified(PhysicallyConsistent())
+    for one in link_inertias(found):
+        assert np.isfinite(one.found.values).all()
+        assert np.isfinite(one.std).all()
+        assert one.found.ellipsoid is not None
+        assert set(one.by) <= {DeterminedBy.DATA, DeterminedBy.PRIOR, DeterminedBy.BOUND}
+    own = [k for k, one in enumerate(found.model.parameters) if one.body == "finger"]
+    finger = link_inertias(found)[3]
+    np.testing.assert_allclose(finger.found.values, values(found.estimate.value[own]), atol=1e-12)
+
+
+def test_what_the_base_parameters_hold_alone_is_sure() -> None:
+    """With the mass of the finger a base parameter by itself, its error is that of the table."""
+    found = identified(PhysicallyConsistent())
+    basis, name = found.base.on_data, "finger.mass"
+    k = basis.names.index(name)
+    combination = np.vstack([basis.combination, np.eye(len(basis.names))[k]])
+    r = basis.rank + 1
+    wider = replace(basis, rank=r, independent=(*basis.independent, k), combination=combination)
+    covariance = np.zeros((r, r))
+    covariance[:-1, :-1], covariance[-1, -1] = found.errors.base_covariance, 0.01
+    std = np.append(found.errors.best_base, 0.2)
+    errors = replace(found.errors, base_std_hac=std, base_covariance=covariance)
+    finger = link_inertias(replace(found, base=replace(found.base, on_data=wider), errors=errors))[3]
+    assert finger.sure[0]
+    np.testing.assert_allclose(finger.std[0], 0.2)
+
+
+def test_without_knowledge_of_all_base_parameters_together_there_are_no_errors() -> None:
+    found = identified(PhysicallyConsistent())
+    old = replace(found, errors=replace(found.errors, base_covariance=None))
+    assert np.isnan([one.std for one in link_inertias(old)]).all()
+
+
+def test_a_model_without_bodies_has_no_links() -> None:
+    assert link_inertias(replace(identified(), model=gallery.slider())) == ()
+
+
+def test_of_as_many_parameters_the_worse_counts() -> None:
+    link = replace(link_inertias(identified())[0], by={DeterminedBy.DATA: 2, DeterminedBy.BOUND: 2})
+    assert link.mostly is DeterminedBy.BOUND

@@ -1,0 +1,85 @@
+"""Expressions as MathML: what they hold, what is escaped, and that the result is well-formed."""
+
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from dynident.models import FUNCTIONS
+from dynident.report.mathml import Exact, formula, inline, named, pieces, symbol, valued, with_symbol
+
+EVIL = '<script>alert("1")</script>&'
+
+
+def text(markup):
+    """The signs that a reader sees."""
+    return re.sub("[\u2061\u2062\\s]", "", "".join(ElementTree.fromstring(str(markup)).itertext()))
+
+
+@pytest.mark.parametrize(
+    ("expression", "seen"),
+    [
+        ("F_c * sign(dq)", "Fcsgn(q˙)"),
+        ("F_s * exp(-(dq / v_s)**2) * tanh(dq / w)", "Fse−(q˙/vs)2tanh(q˙/w)"),
+        ("f_c * abs(load) * sign(dq, d_c)", "fc|τb|sgndc(q˙)"),
+        ("a - (b - c) - -d", "a−b+c+d"),
+        ("-a * b + -2 * c", "−ab−2c"),
+        ("a * (b + c)", "a(b+c)"),
+        ("a * -b", "a(−b)"),
+        ("(dq - abs(dq) * z) / s_d", "(q˙−|q˙|z)/sd"),
+        ("tanh(x)**2", "tanh2(x)"),
+        ("(x + 1)**0.5", "(x+1)0.5"),
+        ("2 * 3 * theta1", "2·3θ1"),
+        ("1.5e-7 * ddq_2", "1.5×10−7q¨2"),
+        ("sqrt(a**2 + b**2)", "a2+b2"),
+        ("C(q, dq) * dq", "C(q,q˙)q˙"),
+        ("_ddq1", "q¨1"),
+    ],
+)
+def test_an_expression_is_typeset(expression, seen):
+    assert text(inline(expression)) == seen
+
+
+def test_all_functions_of_equations_are_known():
+    for name in FUNCTIONS:
+        assert text(inline(f"{name}(q)"))
+
+
+@pytest.mark.parametrize(
+    "bad", ["viscous friction: torque", "__import__('os').system('x')", "[a]", "f'{a}'", "a if b else c", ""]
+)
+def test_what_is_no_formula_is_refused_or_stays_text(bad):
+    with pytest.raises((SyntaxError, ValueError)):
+        inline(bad)
+    assert formula(bad) == bad
+    assert not hasattr(formula(bad), "__html__")
+
+
+def test_too_deep_an_expression_stays_text():
+    assert formula("-" * 5000 + "a") == "-" * 5000 + "a"
+
+
+def test_values_stand_for_names_with_their_signs():
+    known = {"F_v": -0.4912, "c": 2.0, "k": Exact(100), "w": Exact(0.02)}
+    assert text(inline("F_v * dq + c", known)) == "−0.491q˙+2.00"
+    assert text(inline("c * cos(k * q) - F_v * tanh(dq / w)", known)) == "2.00cos(100q)+0.491tanh(q˙/0.02)"
+    assert [sign for sign, _ in pieces("F_v * dq + c - k", known)] == ["\u2212", "+", "\u2212"]
+
+
+def test_numbers_have_powers_of_ten_and_no_sign():
+    assert text(valued(1.2345e-6)) == "1.23×10−6"
+    assert text(valued(-2.5e8, 2)) == "2.5×108"
+    assert text(valued(12.0)) == "12.0"
+
+
+def test_names_of_the_user_are_escaped():
+    assert "<script" not in named("q", EVIL)
+    assert text(named("q", EVIL)) == "q" + EVIL.replace(" ", "")
+    for name in (EVIL, f"F_{EVIL}", f"dq{EVIL}"):
+        assert "<script" not in symbol(name)
+        ElementTree.fromstring(symbol(name))
+
+
+def test_the_summands_of_a_symbol():
+    assert with_symbol("a * sin(q) + b * cos(q)", "b") == "b * cos(q)"
+    assert with_symbol("abs(load) * (a * sin(q) + b)", "b") == "abs(load) * (a * sin(q) + b)"

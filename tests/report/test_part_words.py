@@ -1,0 +1,64 @@
+"""Smoothers, estimators and filters in words."""
+
+from dataclasses import dataclass, fields
+
+import pytest
+
+from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.io.families import ESTIMATORS, SMOOTHERS
+from dynident.regression import ParallelFilter
+from dynident.report.part_words import part_words, value_words
+from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
+
+
+@dataclass(frozen=True)
+class Own:
+    """A part of the user."""
+
+    window_length: float = 2.0
+    robust: bool = False
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        (Spline(), "smoothing spline, S = n"),
+        (Spline(factor=1.4), "smoothing spline, S = 1.96 n (1.4 times the noise)"),
+        (Spline(ends=50), "smoothing spline, S = n, 50 bandwidths left out at the ends"),
+        (Spline(Constraint(S=900.0)), "smoothing spline, S = 900"),
+        (Spline(GCV(), sigma=1e-3), "smoothing spline, by generalised cross-validation, noise 0.001 rad or m"),
+        (Spline(REML(), factor=2.0), "smoothing spline, by restricted maximum likelihood, 2 times the noise"),
+        (Spline(Interpolation()), "interpolating spline"),
+        (Spline(Fixed(lam=(1, 2e-7)), {"a": 0.1}), "smoothing spline, lam (1, 2.000e-7), noise (a 0.1) rad or m"),
+        (Difference("central"), "central differences"),
+        (Butterworth(), "forward differences, Butterworth filters of orders 3, 3, 4 at 10, 3, 2 Hz"),
+        (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),
+        (LeastSquares(), "least squares"),
+        (LeastSquares(weights="per_joint", iterations=4), "least squares, weighted by joint, iterations 4"),
+        (PhysicallyConsistent(viscous=False), "physically consistent least squares, viscous off"),
+        (MaximumLikelihood(start="rest"), "maximum likelihood, start rest"),
+        (ParallelFilter(50), "low-pass of order 4 at 0.8 of half the decimated rate, one of 50 samples kept"),
+        (ParallelFilter(cutoff=20.0), "low-pass of order 4 at 20 Hz"),
+        (Own(), "Own"),
+        (Own(3.5, True), "Own, window length 3.5, robust on"),
+        (object(), "object"),
+    ],
+)  # fmt: skip
+def test_parts_in_words(part, words):
+    assert part_words(part) == words
+
+
+def test_no_part_of_the_package_is_a_repr():
+    for family in (SMOOTHERS, ESTIMATORS):
+        for kind in family.table:
+            cls = family.get(kind)
+            part = cls(Spline(), 0.1) if cls is TimeShifted else cls()
+            assert "(" not in part_words(part)
+            assert not any(f"{one.name}=" in part_words(part) for one in fields(part))
+
+
+def test_values():
+    assert value_words({"a": (None, 0.5)}) == "(a (none, 0.5))"
+    assert value_words(list(range(12))) == "(0, 1, 2, 3, 4, 5, 6, 7, ...)"
+    assert value_words(Own()) == "Own"

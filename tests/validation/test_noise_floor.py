@@ -1,0 +1,100 @@
+"""The noise floor: a residual that equals the sensors' scatter is at it, one with a fault of the model is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from dynident.log import Motion
+from dynident.validation import FloorOrigin, LogValidation, NoiseFloor, Signals, TorqueErrors, with_floors
+
+N, STEP, PERIOD, NOISE = 4000, 0.005, 10.0, 0.1
+T = STEP * np.arange(N)
+
+
+def log(rng: np.random.Generator, fault: float = 0.0, rho: float = 0.0, period: float = PERIOD, name: str = "a",
+        white: bool = False) -> LogValidation:  # fmt: skip
+    """A log of 20 s whose model leaves noise of deviation 0.1 and a fault, of this rms in noises, of the position."""
+    angle = 2 * np.pi * T / period
+    q = (np.sin(angle) + 0.4 * np.sin(3 * angle + 1.0))[:, None]
+    predicted = 5.0 * np.cos(q)
+    noise = NOISE * lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], rng.standard_normal((N + 200, 1)), axis=0)[200:]
+    wrong = np.sin(4.0 * q) - np.sin(4.0 * q).mean()
+    tau = predicted + noise + fault * NOISE * wrong / wrong.std()
+    motion = Motion(T, q, 0 * q, 0 * q, tau, ("hinge",), np.ones(N, dtype=bool), name)
+    rmse = {"hinge": float(np.sqrt(np.mean((tau - predicted) ** 2)))}
+    errors = TorqueErrors(N, 1.0, None, rmse, {"hinge": 1.0}, sensor_noise={"hinge": NOISE} if white else {})
+    return LogValidation(name, "validation", errors, signals=Signals(motion, predicted))
+
+
+def floor(one: LogValidation, *others: LogValidation) -> NoiseFloor:
+    return with_floors([one, *others])[0].floors["hinge"]
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_the_scatter_of_a_motion_that_repeats_is_the_floor(rho: float) -> None:
+    """Its size is that of the noise, white or not; the upper limit is missed in about 5 % of the cases."""
+    found = [floor(log(np.random.default_rng(seed), rho=rho)) for seed in range(60)]
+    assert {one.origin for one in found} == {FloorOrigin.REPEATS}
+    assert np.mean([one.size for one in found]) == pytest.approx(NOISE, rel=0.02)
+    assert np.mean([one.upper < 1.0 for one in found]) < 0.15  # 95 % of at least 9 in 60: at most 5 % true
+    assert np.mean([one.reached for one in found]) > 0.9
+
+
+def test_a_fault_of_the_model_is_above_the_floor() -> None:
+    """A fault as large as the noise makes the ratio sqrt 2; the limit is below 1.15 in none of 40 cases."""
+    found = [floor(log(np.random.default_rng(seed), fault=1.0, rho=0.8)) for seed in range(40)]
+    assert np.mean([one.ratio for one in found]) == pytest.approx(np.sqrt(2.0), rel=0.05)
+    assert not any(one.reached for one in found)
+
+
+def test_a_fault_at_the_limit_is_called_the_floor_in_five_of_a_hundred() -> None:
+    """Noise and a fault of rms sqrt(1.15^2 - 1) are 1.15 times the noise: the stated level."""
+    fault = np.sqrt(1.15**2 - 1)
+    called = np.mean([floor(log(np.random.default_rng(seed), fault, rho=0.5)).reached for seed in range(200)])
+    assert called < 0.11  # 5 %, with 99.9 % confidence of the binomial
+
+
+def test_white_noise_stands_in_where_nothing_repeats() -> None:
+    found = [floor(log(np.random.default_rng(seed), period=47.0, white=True)) for seed in range(20)]
+    assert {one.origin for one in found} == {FloorOrigin.WHITE}
+    assert all(one.reached for one in found)
+    assert not floor(log(np.random.default_rng(0), fault=1.0, period=47.0, white=True)).reached
+    assert with_floors([log(np.random.default_rng(0), period=47.0)])[0].floors == {}
+
+
+def test_another_log_of_the_motion_tells_the_scatter_too() -> None:
+    one, other = (log(np.random.default_rng(seed), 1.0, period=47.0, name=str(seed)) for seed in range(2))
+    assert floor(one, other).size == pytest.approx(NOISE, rel=0.1)
+    different = log(np.random.default_rng(2), period=31.0, name="c")
+    assert with_floors([one, different])[0].floors == {}
+
+
+def test_passes_that_the_model_tells_apart_are_no_scatter() -> None:
+    """The positions repeat, but a torque that the model predicts differs, as with pulses on a stiff drive."""
+    one = log(np.random.default_rng(0))
+    pushed = one.predicted + np.where(T < PERIOD, 3 * NOISE, 0.0)[:, None]
+    motion = replace(one.motion, tau=one.motion.tau + pushed - one.predicted)
+    assert with_floors([replace(one, signals=Signals(motion, pushed))])[0].floors == {}
+
+
+def test_too_few_independent_samples_tell_nothing() -> None:
+    one = log(np.random.default_rng(0), rho=0.998)
+    assert "hinge" not in with_floors([one])[0].floors or not floor(one).reached
+    silent = replace(one, signals=Signals(replace(one.motion, tau=one.predicted), one.predicted))
+    assert with_floors([silent])[0].floors == {}
+
+
+def test_all_joints_together() -> None:
+    floors = {"a": NoiseFloor(1.0, 1.0, 1.1, FloorOrigin.REPEATS), "b": NoiseFloor(2.0, 2.0, 2.2, FloorOrigin.WHITE)}
+    one = log(np.random.default_rng(0))
+    both = replace(one, errors=replace(one.errors, rmse={"a": 1.0, "b": 4.0, "c": float("nan")}), floors=floors)
+    assert both.over_floor == pytest.approx(np.sqrt(17 / 5))
+    assert not both.at_floor
+    assert replace(
+        both, errors=replace(both.errors, rmse={"a": 1.0, "c": float("nan")}), floors={"a": floors["a"]}
+    ).at_floor
+    assert replace(both, floors={}).over_floor is None

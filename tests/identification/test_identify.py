@@ -209,3 +209,17 @@ def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
     assert error(found) < 1e-3
     assert [one.errors.relative_error < 0.1 for one in found.validations] == [True, True]
     assert found.estimate.residual.samples == found.validations[0].motion.mask.sum()
+
+
+def test_excluded_torques_do_not_count_in_the_likelihood() -> None:
+    t, rng = np.linspace(0, 4, 801), np.random.default_rng(0)
+    assert ARM.values is not None
+    truth = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
+    noisy = record(truth, 1e-4, 0.02, rng, source="noisy").log
+    gone = (t >= 1.0) & (t <= 1.5)
+    spoiled = replace(noisy, tau=noisy.tau + 50.0 * gone[:, None])
+    found, alone = (
+        identify(ARM, [one.excluding([(1.0, 1.5)])], recipe=Recipe(estimator=MaximumLikelihood()))
+        for one in (spoiled, noisy)
+    )
+    np.testing.assert_allclose(found.estimate.value, alone.estimate.value, atol=0.01 * float(alone.estimate.std.min()))

@@ -195,3 +195,4 @@ def test_what_is_wrong_is_said_in_words(browse: Browsing, address: str, folder: 
         recorded(folder / "sunday.npz", 2.0, 3)
         page.click("text=Read again")
         identified(page)
+        page.close()  # before its server ends, of which it would complain

@@ -179,9 +179,16 @@ class Gallery:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Blocks that stand side by side where there is room, the second a little wider."""
+    """Two columns of blocks that stand side by side where there is room, one a little wider."""
 
-    blocks: tuple[PageBlock, ...]
+    left: tuple[PageBlock, ...]
+    right: tuple[PageBlock, ...]
+    wide: Literal["left", "right"] = "right"
+
+    @property
+    def blocks(self) -> tuple[PageBlock, ...]:
+        """All blocks, as they follow where there is no room."""
+        return (*self.left, *self.right)
 
 
 PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside

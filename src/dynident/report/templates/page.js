@@ -6,15 +6,40 @@
   const inked = (traces) => traces.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
   const shown = (box) => box.offsetParent !== null;
 
+  // On a phone: smaller letters, titles of axes in several lines, and room for a legend that needs them, too.
+  function narrowed(layout, data, width) {
+    layout.font.size = 11;
+    const named = data.filter((trace) => trace.name && trace.showlegend !== false);
+    const legend = named.length > 1 ? named.reduce((sum, { name }) => sum + 50 + 6 * name.length, 0) : 0;
+    const more = 17 * Math.max(Math.ceil(legend / (width - 70)) - 1, 0);
+    layout.margin = { ...layout.margin, t: (layout.margin?.t ?? 40) + more };
+    layout.height += more;
+    for (const name of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) {
+      const axis = layout[name];
+      axis.tickfont = { size: 10, ...axis.tickfont };
+      axis.automargin = true;
+      if (axis.title?.text) axis.title = { ...axis.title, text: wrapped(axis.title.text, (width - 90) / 6.5) };
+    }
+  }
+  const wrapped = (text, most) =>
+    text.split(" ").reduce((all, word) => (`${all} ${word}`.split("<br>").pop().length > most ? `${all}<br>${word}` : `${all} ${word}`));
+
   function draw(box) {
     if (box.drawn || !shown(box)) return;
     box.drawn = true;
     const { data, layout, motion } = JSON.parse(box.nextElementSibling.textContent);
+    if (motion && !Scene.able) {
+      box.style.height = "auto";
+      box.textContent = "This browser draws nothing in 3-D (WebGL).";
+      return;
+    }
     layout.font = { ...layout.font, color: ink() };
     for (const i of inked(data)) {
       data[i].line = { ...data[i].line, color: ink() };
       if (data[i].marker) data[i].marker.color = ink();
     }
+    if (box.clientWidth < 600 && !motion) narrowed(layout, data, box.clientWidth);
+    box.style.height = `${layout.height}px`;
     // A finger that drags a figure means to scroll the page.
     if (matchMedia("(pointer: coarse)").matches && !motion) layout.dragmode = false;
     Plotly.newPlot(box, data, layout, {
@@ -30,7 +55,7 @@
   }
 
   function paint(color) {
-    for (const box of boxes.filter((box) => box.drawn)) {
+    for (const box of boxes.filter((box) => box.data)) {
       Plotly.relayout(box, { "font.color": color });
       const traces = inked(box.data);
       if (traces.length) Plotly.restyle(box, { "line.color": color, "marker.color": color }, traces);

@@ -288,6 +288,8 @@ def _names(text: str, short: Mapping[str, str]) -> Markup:
     """Return a cell, escaped, with its long names shortened: they stand whole in a title, and are copied whole."""
     from markupsafe import Markup, escape
 
+    if isinstance(text, Markup):  # a formula
+        return text
     whole = Markup('<abbr title="{}">{}</abbr>')
     parts = re.split(r"(\s+)", text.replace(" %", "\u00a0%"))
     return Markup("").join(whole.format(part, short[part]) if part in short else escape(part) for part in parts)

@@ -13,8 +13,10 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
     return box.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight);
   };
   const text = (cell) => {
+    if (cell.dataset.value) return cell.dataset.value; // a number with a power of ten
     const copy = cell.cloneNode(true);
     copy.querySelectorAll("abbr").forEach((name) => name.title.length > name.textContent.length && name.replaceWith(name.title));
+    copy.querySelectorAll("math[alttext]").forEach((formula) => formula.replaceWith(formula.getAttribute("alttext")));
     copy.querySelectorAll("sup").forEach((power) => power.replaceWith(`^${power.textContent}`));
     return copy.textContent.trim();
   };

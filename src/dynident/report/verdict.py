@@ -12,6 +12,7 @@ from dynident.report.exports import export_links
 from dynident.report.head import head_numbers, worst_joint
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, number
 from dynident.report.wording import words
+from dynident.report.words import label_of
 
 if TYPE_CHECKING:
     from dynident.export import Export
@@ -87,5 +88,6 @@ def _picture(identification: Identification, arm: Figure | None) -> tuple[PageBl
     (log, joint), several = worst, len(identification.model.joints) > 1
     unit = next(one.effort for one in identification.model.joints if one.name == joint)
     caption = f"{joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured."
-    torque = Figure(figures.glance_figure(log, joint, unit), f"{'The worst joint: ' * several}{caption}")
+    drawn = figures.glance_figure(log, joint, unit).of(label_of(log))
+    torque = Figure(drawn, f"{'The worst joint: ' * several}{caption}")
     return (torque,) if arm is None else (Beside((arm, torque)),)

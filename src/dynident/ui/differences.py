@@ -50,7 +50,7 @@ def filter_words(one: ParallelFilter | None) -> str:
 
 def error_words(value: float | None) -> str:
     """Word an error in per cent."""
-    return "-" if value is None or value != value else percent(value)  # noqa: PLR0124 -- nan
+    return "-" if value is None or value != value else percent(value)
 
 
 def _by_joint(

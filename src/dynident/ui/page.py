@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dash import ctx, html, no_update
@@ -22,7 +21,6 @@ from dynident.ui.parameters import determined, parameter_table
 from dynident.ui.view import View
 
 if TYPE_CHECKING:
-    from dynident.models import Joint
     from dynident.report.figures import Drawing
     from dynident.tuning import Bench, QuickFit, Smoothed, Tuning
     from dynident.ui.session import Session
@@ -278,8 +276,8 @@ def _windows(tuning: Tuning) -> Any:
 
 def _reached(one: Smoothed, unit: str) -> str:
     words = [f"S/n = {number(10.0**one.degree, 3)} reached", f"noise {number(one.noise, 2)} {unit}"]
-    words += [f"cut-off {number(one.cutoff, 3)} Hz"] if one.cutoff == one.cutoff else []  # noqa: PLR0124 -- nan
-    words += [f"{number(one.edf, 3)} degrees of freedom"] if one.edf == one.edf else []  # noqa: PLR0124 -- nan
+    words += [f"cut-off {number(one.cutoff, 3)} Hz"] if one.cutoff == one.cutoff else []
+    words += [f"{number(one.edf, 3)} degrees of freedom"] if one.edf == one.edf else []
     return " · ".join(words)
 
 

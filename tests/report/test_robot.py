@@ -28,7 +28,7 @@ def test_links_have_the_colour_of_what_determined_them() -> None:
     assert links[0]["color"] == COLOURS[DeterminedBy.DATA]
     assert links[2]["color"] == COLOURS[DeterminedBy.PRIOR]
     assert links[2]["hovertext"].startswith("&lt;b&gt;hand<br>mass 0.")
-    assert "by the data 3, the prior 7" in links[2]["hovertext"]
+    assert links[0]["hovertext"].endswith("<br>by the data 2, the prior 1")
     words = [one["name"] for one in drawn if one.get("legendrank") == 1]
     assert words == ["by the data", "by the prior"]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.excitation import Geometry, Outline, outlines, rods_of
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
 from dynident.report import figures
-from dynident.report.figures.canvas import Trace, origin, plain
+from dynident.report.figures.canvas import AMBER, BLUE, GREEN, RED, VIOLET, Trace, origin, plain
 from dynident.report.links import WORDS, title_of
 from dynident.report.page import Figure, PageBlock, number
 from dynident.report.words import labelled
@@ -38,12 +38,12 @@ LEGEND = {
     "itemclick": False,
     "itemdoubleclick": False,
 }
-COLOURS = {  # of Okabe and Ito, which colour-blind readers tell apart
-    DeterminedBy.DATA: "#0072b2",
-    DeterminedBy.COMBINATION: "#56b4e9",
-    DeterminedBy.PRIOR: "#e69f00",
-    DeterminedBy.BOUND: "#d55e00",
-    DeterminedBy.NOTHING: "#cc79a7",
+COLOURS = {
+    DeterminedBy.DATA: BLUE,
+    DeterminedBy.COMBINATION: GREEN,
+    DeterminedBy.PRIOR: AMBER,
+    DeterminedBy.BOUND: RED,
+    DeterminedBy.NOTHING: VIOLET,
 }
 _VIEW = (
     "Play moves the arm along the recording, with the line in the torques; so does a pointer in a figure over time. "
@@ -87,7 +87,7 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     scene["camera"]["eye"] = {axis: CLOSER * far for axis, far in scene["camera"]["eye"].items()}
     for axis in "xyz":
         scene[f"{axis}axis"]["visible"] = False
-    return Figure(figure, "", player=False)
+    return Figure(figure, "Links in the colour of what determined them (see below).", player=False)
 
 
 @lru_cache(maxsize=1)

@@ -12,7 +12,7 @@ from dynident.report.exports import export_links
 from dynident.report.head import head_numbers, worst_joint
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, number
 from dynident.report.wording import words
-from dynident.report.words import labelled
+from dynident.report.words import label_of
 
 if TYPE_CHECKING:
     from dynident.export import Export
@@ -90,7 +90,7 @@ def _picture(identification: Identification) -> tuple[PageBlock, ...]:
         return ()
     (log, joint), several = worst, len(identification.model.joints) > 1
     unit = next(one.effort for one in identification.model.joints if one.name == joint)
-    label = next(label for label, k in labelled(identification) if identification.validations[k] is log)
     caption = f"{joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured."
-    torque = Figure(figures.glance_figure(log, joint, unit).of(label), f"{'The worst joint: ' * several}{caption}")
+    drawn = figures.glance_figure(log, joint, unit).of(label_of(log))
+    torque = Figure(drawn, f"{'The worst joint: ' * several}{caption}")
     return (torque,)

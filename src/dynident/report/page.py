@@ -240,7 +240,14 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "cell": cell, "said": said, "json": _json, "words": sentence, "names": _names}
+    environment.filters |= {
+        "kind": _kind,
+        "cell": cell,
+        "said": said,
+        "json": _json,
+        "words": sentence,
+        "names": _names,
+    }
     return environment
 
 

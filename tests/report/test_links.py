@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.estimators import PhysicallyConsistent
-from dynident.excitation import geometry_of
+from dynident.excitation.spaces.geometry import geometry_of
 from dynident.identification.links import BodyInertia, link_inertias
 from dynident.models import gallery
 from dynident.report import links as module

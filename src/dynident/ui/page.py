@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dash import ctx, html, no_update
@@ -22,7 +21,6 @@ from dynident.ui.parameters import determined, parameter_table
 from dynident.ui.view import View
 
 if TYPE_CHECKING:
-    from dynident.models import Joint
     from dynident.report.figures import Drawing
     from dynident.tuning import Bench, QuickFit, Smoothed, Tuning
     from dynident.ui.session import Session
@@ -72,6 +70,9 @@ class Page:
         control, search = str(moved.get("control")), str(moved.get("search") or "")
         try:
             view = View.start(self.bench) if control == "reset" else View.of_query(search, self.bench)
+            shown = _controls(view, self.bench)["controls"]
+            if control in shown and moved.get("value") == shown[control]:  # rounded, or of one joint of several
+                return {"search": search, "words": ""}
             after = edited(view, control, moved.get("value"), self.bench).to_query(self.bench)
             View.of_query(after, self.bench)
         except DynidentError as error:
@@ -116,7 +117,7 @@ class Page:
         return said, *self._file(tuning), ""
 
     def curves(self, wanted: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the curves of the joint that is drawn, for the degree at which its slider is, or what is wrong with it.
+        """Return the curves of the joint that is drawn for the degree at which its slider is, or what is wrong.
 
         While the slider moves they are less ``fine``, and without the spectrum.
         """
@@ -278,8 +279,8 @@ def _windows(tuning: Tuning) -> Any:
 
 def _reached(one: Smoothed, unit: str) -> str:
     words = [f"S/n = {number(10.0**one.degree, 3)} reached", f"noise {number(one.noise, 2)} {unit}"]
-    words += [f"cut-off {number(one.cutoff, 3)} Hz"] if one.cutoff == one.cutoff else []  # noqa: PLR0124 -- nan
-    words += [f"{number(one.edf, 3)} degrees of freedom"] if one.edf == one.edf else []  # noqa: PLR0124 -- nan
+    words += [f"cut-off {number(one.cutoff, 3)} Hz"] if one.cutoff == one.cutoff else []
+    words += [f"{number(one.edf, 3)} degrees of freedom"] if one.edf == one.edf else []
     return " · ".join(words)
 
 

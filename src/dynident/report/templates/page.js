@@ -33,6 +33,11 @@
     if (box.drawn || !shown(box)) return;
     box.drawn = true;
     const { data, layout, motion } = recoloured(JSON.parse(box.nextElementSibling.textContent), dark.matches);
+    if (motion && !Scene.able) {
+      box.style.height = "auto";
+      box.textContent = "This browser draws nothing in 3-D (WebGL).";
+      return;
+    }
     layout.font = { ...layout.font, color: ink() };
     for (const i of inked(data)) {
       data[i].line = { ...data[i].line, color: ink() };
@@ -63,7 +68,7 @@
     return typeof value === "string" ? (to[from.indexOf(value)] ?? value) : value;
   }
 
-  async function paint(color, bright) {
+  function paint(color, bright) {
     for (const box of boxes.filter((box) => box.data)) {
       const layout = recoloured(box.layout, bright);
       layout.font.color = color;
@@ -72,7 +77,7 @@
         data[i].line = { ...data[i].line, color };
         if (data[i].marker) data[i].marker.color = color;
       }
-      await Plotly.react(box, data, layout);
+      Plotly.react(box, data, layout);
     }
   }
 

@@ -201,5 +201,10 @@ const Scene = (() => {
     if (scene.time !== scene.run.start || scene.run !== scene.runs[0]) paint(scene);
   }
 
-  return { draw, follow, choose };
+  const able = (() => {
+    const canvas = document.createElement("canvas");
+    return Boolean(canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
+  })();
+
+  return { able, draw, follow, choose };
 })();

@@ -46,8 +46,8 @@ def verdict_section(
     steps, reasons = _next_words(verdict), tuple(map(words, verdict.reasons))
     said = sentences(verdict, REASON)
     numbers = Facts(tuple(head_numbers(identification)), large=True)
-    pictures = (*filter(None, (arm,)), *_picture(identification))
-    head = (*said[:SENTENCES], numbers)
+    pictures: tuple[PageBlock, ...] = (*filter(None, (arm,)), *_picture(identification))
+    head: tuple[PageBlock, ...] = (*said[:SENTENCES], numbers)
     blocks: list[PageBlock] = [*((Beside(head, pictures, "left"),) if pictures else head), *export_links(exports)]
     if steps:
         more = (Fold(f"{len(steps) - FIRST_STEPS} more", (steps[FIRST_STEPS:],)),) if len(steps) > FIRST_STEPS else ()

@@ -20,13 +20,13 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
     copy.querySelectorAll("sup").forEach((power) => power.replaceWith(`^${power.textContent}`));
     return copy.textContent.trim();
   };
-  const plain = (cell) => text(cell).replace(/\s*×\s*10\^/g, "e").replace(/\u2212/g, "-").replace(/\s+/g, " ");
+  const plain = (cell) => cell.dataset.value ?? text(cell).replace(/\u2212/g, "-").replace(/\s+/g, " ");
 
   // By value: what is missing comes last, numbers come before words; digits within words count as numbers.
   const words = new Intl.Collator(undefined, { numeric: true });
   function key(cell) {
     const shown = plain(cell);
-    const found = /^[<>~+]?\s*(-?(?:\d+\.?\d*(?:e[-+]?\d+)?|∞|inf))/i.exec(shown);
+    const found = /^[<>≤≥~+]?\s*(-?(?:\d+\.?\d*(?:e[-+]?\d+)?|∞|inf))/i.exec(shown);
     if (!found || !cell.classList.contains("number")) return shown;
     return /∞|inf/i.test(found[1]) ? (found[1][0] === "-" ? -Infinity : Infinity) : Number(found[1]);
   }

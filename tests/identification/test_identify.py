@@ -14,7 +14,7 @@ from dynident.identification import Identification, NotFitted, Recipe, identify,
 from dynident.log import Log
 from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
 from dynident.models.gallery import two_link_arm
-from dynident.regression import ParallelFilter, informed_std
+from dynident.regression import ParallelFilter, UnexcitedParameters, informed_std
 from dynident.smoothers import Difference, Spline
 from tests.robots import joint, link, urdf
 
@@ -195,6 +195,7 @@ def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> No
     alone = identify(ARM, [log], recipe=Recipe(unfitted=(second,)))
     np.testing.assert_allclose(found.estimate.value, alone.estimate.value)
     assert NotFitted((second,)) in found.notes
+    assert not any(isinstance(note, UnexcitedParameters) for note in found.notes)  # no motion would show them
     (judged,) = found.validations
     assert judged.errors.per_joint[first] < 1.0 < judged.errors.per_joint[second]
     for wrong, words in ((("knee",), "there is no joint 'knee'"), (spoiled.joints, "names every joint")):

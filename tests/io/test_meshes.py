@@ -1,6 +1,7 @@
 """Meshes: where they are found, and how they are read."""
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +9,13 @@ import pytest
 import dynident as dy
 from dynident.errors import ConfigError, InputError, ModelError
 from dynident.excitation.spaces.geometry import Made, Mesh
+from dynident.identification import SourceFile
 from dynident.io import meshes as module
-from dynident.io.meshes import read_geometry, read_mesh
+from dynident.io.meshes import read_geometry, read_mesh, result_geometry
 from dynident.io.opener import refuse_inputs, watched
+from dynident.models import gallery
 from tests.excitation.meshes import BENT, volume
+from tests.report.robots import identified
 from tests.robots import joint, link, urdf
 
 
@@ -162,3 +166,19 @@ def test_a_mesh_that_is_broken_is_said(tmp_path) -> None:
     (tmp_path / "arm.stl").write_bytes(b"solid")
     found = read_geometry(dy.RigidBodies(robot("arm.stl")), tmp_path / "arm.urdf")
     assert "has no triangles" in found.missing["arm.stl"]
+
+
+def test_the_shapes_of_a_result_are_sought_beside_its_robot_file(tmp_path) -> None:
+    found = identified()
+    assert list(result_geometry(found).missing) == ["missing.stl"]
+    (tmp_path / "missing.stl").write_bytes(stl(BENT))
+    beside = SourceFile(str(tmp_path / "tree.urdf"))
+    moved = replace(found, provenance=replace(found.provenance, model=beside))
+    geometry = result_geometry(moved)
+    assert geometry.missing == {}
+    assert geometry.made[1] is Made.COLLISION
+    (tmp_path / "missing.stl").write_bytes(stl(Mesh(1000 * BENT.vertices, BENT.triangles)))
+    large = result_geometry(moved)  # in mm: a report does without
+    assert "give it a scale" in large.missing["tree.urdf"]
+    assert set(large.made.values()) == {Made.JOINTS}
+    assert result_geometry(replace(found, model=gallery.slider())) is None

@@ -29,7 +29,7 @@ TREE = "".join(
         _LINK.format("camera", "0 0 0.05", 0.2, ""),
         _JOINT.format("pan", "revolute", "root", "turret", "0 0 0.2", "0 1 0", ""),
         _JOINT.format("reach", "prismatic", "turret", "slide", "0.2 0 0.3", "0 0 1", ""),
-        _JOINT.format("wrist", "revolute", "slide", "&lt;b&gt;hand", "0.1 0 0.3", "0.6 0.8 0", ""),
+        _JOINT.format("wrist", "revolute", "slide", "&lt;b&gt;hand", "0.1 0 0.3", "0.48 0.6 0.64", ""),
         _JOINT.format("grip", "revolute", "slide", "finger", "0 0.1 0.3", "1 0 0",
                       '<mimic joint="wrist" multiplier="-0.5" offset="0.2"/>'),
         _JOINT.format("look", "revolute", "turret", "camera", "0 0.2 0.3", "0 0 1", ""),

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynident.estimators import PhysicallyConsistent
-from dynident.excitation import geometry_of
-from dynident.identification.links import BodyInertia, link_inertias
+from dynident.excitation.spaces.geometry import geometry_of
+from dynident.identification.links import BodyInertia, DeterminedBy, link_inertias
 from dynident.models import gallery
 from dynident.report import links as module
 from dynident.report.links import link_section, shape_words, title_of
@@ -30,7 +30,9 @@ def test_file_and_found_stand_side_by_side() -> None:
     assert mass.rows[0][0] == "turret (+1)"
     assert float(moments.rows[2][2]) == pytest.approx(known.found.moments[0], rel=5e-3)
     assert moments.rows[0][3].startswith(">")  # what the prior has chosen has a larger error
-    assert [int(one) for one in by.rows[2][1:]] == list(known.by.values())[::-1]
+    kinds = (DeterminedBy.DATA, DeterminedBy.PRIOR)
+    for row, link in zip(by.rows, link_inertias(found), strict=True):
+        assert [int(one) for one in row[1:]] == [link.by.get(one, 0) for one in kinds]
 
 
 def test_least_squares_shows_the_file_and_says_why() -> None:

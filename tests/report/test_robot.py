@@ -28,7 +28,7 @@ def test_links_have_the_colour_of_what_determined_them() -> None:
     assert links[0]["color"] == COLOURS[DeterminedBy.DATA]
     assert links[2]["color"] == COLOURS[DeterminedBy.PRIOR]
     assert links[2]["hovertext"].startswith("&lt;b&gt;hand<br>mass 0.")
-    assert "by the data 3, the prior 7" in links[2]["hovertext"]
+    assert links[0]["hovertext"].endswith("<br>by the data 2, the prior 1")
     words = [one["name"] for one in drawn if one.get("legendrank") == 1]
     assert words == ["by the data", "by the prior"]
 
@@ -59,7 +59,7 @@ def test_inertia_is_hidden_until_it_is_asked_for() -> None:
 def test_a_small_view_follows_without_a_player() -> None:
     small = robot_view(identified())
     assert not small.player
-    assert small.figure.layout["height"] == 300
+    assert small.figure.layout["height"] == 250
     assert not small.figure.layout["scene"]["xaxis"]["visible"]
 
 
@@ -71,7 +71,7 @@ def test_a_model_without_a_robot_file_has_no_view() -> None:
 
 def test_the_page_links_figures_over_time_with_the_view() -> None:
     page = identification_page(identified())
-    assert page.count('"meta":{"run":"tuesday (held out)"}') == 6  # torque and motion of three joints
+    assert page.count('"meta":{"run":"tuesday (held out)"}') == 7  # the head, torque and motion of three joints
     assert page.count('class="player"') == 1
     assert "<h2>The robot and its torques</h2>" in page
     assert "<b>hand" not in page

@@ -7,7 +7,7 @@ from dynident.excitation.request_checks import LeftOut
 from dynident.excitation.spaces.capsules import Capsule
 from dynident.excitation.spaces.clearance import CapsuleSpace
 from dynident.excitation.spaces.exact_space import exact_space
-from dynident.excitation.spaces.geometry import Geometry, Made, Mesh, geometry_of
+from dynident.excitation.spaces.geometry import Geometry, Made, Mesh, rods_of
 from dynident.excitation.spaces.outlines import Outline, outlines
 from dynident.excitation.spaces.pairing import space_of
 from dynident.excitation.spaces.space import Box, Cylinder, Distances, Floor, Nothing, Obstacle, Space
@@ -51,9 +51,9 @@ __all__ = [
     "design",
     "exact_space",
     "expected",
-    "geometry_of",
     "limits_of",
     "outlines",
+    "rods_of",
     "slowed",
     "slowest",
     "space_of",

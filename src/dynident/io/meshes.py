@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, ModelError, install_command
-from dynident.excitation.spaces.geometry import Geometry, Mesh, geometry_of
+from dynident.excitation.spaces.geometry import Geometry, Mesh, geometry_of, rods_of
 from dynident.identification import Identification
 from dynident.identification.links import rigid_bodies
 from dynident.io.opener import content, find, opened
@@ -64,15 +64,18 @@ def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = (
 
 
 def result_geometry(identification: Identification) -> Geometry | None:
-    """Return the shapes of an identified robot, with the meshes that are found from where its file was; None where the
-    model is not of a robot file, or a shape in it is wrong, which is no concern of an identification."""
+    """Return the shapes of an identified robot, with the meshes that are found from where its file was; None where
+    the model is not of a robot file.
+
+    A shape with a wrong size is no error here: it is among what is missing, and only the joints are used.
+    """
     bodies, file = rigid_bodies(identification), identification.provenance.model
     if bodies is None:
         return None
     try:
         return read_geometry(bodies, Path(file.path if file else bodies.source))
-    except ModelError:
-        return None
+    except ModelError as error:
+        return replace(rods_of(bodies), missing={bodies.source: str(error)})
 
 
 def read_mesh(path: Path) -> Mesh:

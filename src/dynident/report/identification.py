@@ -19,7 +19,7 @@ from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.pieces import pieces_section
 from dynident.report.repeat import repeat_section
-from dynident.report.robot import robot_blocks
+from dynident.report.robot import robot_blocks, robot_view
 from dynident.report.structure import base_section, condition_section, consistency_section
 from dynident.report.terms import term_section, term_table
 from dynident.report.validation import (
@@ -50,10 +50,10 @@ def identification_page(
 ) -> str:
     """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it.
 
-    ``geometry`` are the shapes of the robot; without it those that need no other file than that of the robot.
+    ``geometry`` are the shapes of the robot; without it, its links are drawn as rods.
     """
     sections = [
-        verdict_section(identification, exports),
+        verdict_section(identification, exports, robot_view(identification, geometry)),
         data_section(identification),
         *model_section(identification),
         *pieces_section(identification),

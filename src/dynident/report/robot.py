@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.excitation import Geometry, Outline, geometry_of, outlines
+from dynident.excitation import Geometry, Outline, outlines, rods_of
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
 from dynident.report import figures
-from dynident.report.figures.canvas import Trace, origin, plain
+from dynident.report.figures.canvas import AMBER, BLUE, GREEN, RED, VIOLET, Trace, origin, plain
 from dynident.report.links import WORDS, title_of
 from dynident.report.page import Figure, PageBlock, number
 from dynident.report.words import labelled
@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 TRIANGLES = 300  # of a link
 RATE = 25.0  # Hz, of the poses along a recording, which the page draws a line between
 POSES = 60_000  # positions of single bodies in all recordings of a page
-VIEW, SMALL = 470, 300  # px, heights
+VIEW, SMALL = 470, 250  # px, heights
+CLOSER = 0.6  # of the small view, which has no axes around
 LEGEND = {
     "orientation": "h",
     "x": 0,
@@ -37,12 +38,12 @@ LEGEND = {
     "itemclick": False,
     "itemdoubleclick": False,
 }
-COLOURS = {  # of Okabe and Ito, which colour-blind readers tell apart
-    DeterminedBy.DATA: "#0072b2",
-    DeterminedBy.COMBINATION: "#56b4e9",
-    DeterminedBy.PRIOR: "#e69f00",
-    DeterminedBy.BOUND: "#d55e00",
-    DeterminedBy.NOTHING: "#cc79a7",
+COLOURS = {
+    DeterminedBy.DATA: BLUE,
+    DeterminedBy.COMBINATION: GREEN,
+    DeterminedBy.PRIOR: AMBER,
+    DeterminedBy.BOUND: RED,
+    DeterminedBy.NOTHING: VIOLET,
 }
 _VIEW = (
     "Play moves the arm along the recording, with the line in the torques; so does a pointer in a figure over time. "
@@ -60,7 +61,7 @@ def robot_blocks(identification: Identification, geometry: Geometry | None = Non
     bodies = rigid_bodies(identification)
     if bodies is None or not identification.validations:
         return
-    links, shown = link_inertias(identification), _outlines(geometry or geometry_of(bodies))
+    links, shown = link_inertias(identification), _outlines(geometry or rods_of(bodies))
     moving = _surfaces(bodies, links, shown)
     inertia = list(_inertia_traces(links))
     still = [*(figures.standing(one) for one in shown if one.body < 0), *_keys(links)]
@@ -78,13 +79,15 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     bodies = rigid_bodies(identification)
     if bodies is None or not identification.validations:
         return None
-    shown = _outlines(geometry or geometry_of(bodies))
+    shown = _outlines(geometry or rods_of(bodies))
     moving = _surfaces(bodies, link_inertias(identification), shown)
     still = [figures.standing(one) for one in shown if one.body < 0]
     figure = figures.scene_figure(bodies, _replays(identification), moving, still, (), SMALL)
-    for one in "xyz":
-        figure.layout["scene"][f"{one}axis"]["visible"] = False
-    return Figure(figure, "", player=False)
+    scene = figure.layout["scene"]
+    scene["camera"]["eye"] = {axis: CLOSER * far for axis, far in scene["camera"]["eye"].items()}
+    for axis in "xyz":
+        scene[f"{axis}axis"]["visible"] = False
+    return Figure(figure, "Links in the colour of what determined them (see below).", player=False)
 
 
 @lru_cache(maxsize=1)

@@ -18,6 +18,7 @@ __all__ = [
     "count",
     "day",
     "huge",
+    "label_of",
     "labelled",
     "listed",
     "logs_of",
@@ -55,9 +56,14 @@ def motion_known(identification: Identification) -> str:
 
 def labelled(identification: Identification) -> list[tuple[str, int]]:
     """Return the logs as a reader chooses among them: a label, and the index in ``logs``; those held out come first."""
-    order = sorted(range(len(identification.validations)), key=lambda k: identification.validations[k].role == "train")
     logs = identification.validations
-    return [(f"{logs[k].name} ({ROLES.get(logs[k].role, logs[k].role)})", k) for k in order]
+    order = sorted(range(len(logs)), key=lambda k: logs[k].role == "train")
+    return [(label_of(logs[k]), k) for k in order]
+
+
+def label_of(log: LogValidation) -> str:
+    """Return a log as a reader chooses it."""
+    return f"{log.name} ({ROLES.get(log.role, log.role)})"
 
 
 def count(number_of: int, noun: str) -> str:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.excitation.spaces.capsules import capsules_of
+from dynident.excitation.spaces.capsules import capsules_of, rod
 from dynident.excitation.spaces.geometry import Mesh, geometry_of
 from dynident.excitation.spaces.outlines import outlines, simplified
 from tests.excitation.meshes import volume
@@ -38,6 +38,17 @@ def test_links_of_unknown_shape_are_drawn_as_capsules() -> None:
     for one, capsule in zip(found, capsules, strict=True):
         true = np.pi * capsule.radius**2 * (np.linalg.norm(capsule.end - capsule.start) + 4 / 3 * capsule.radius)
         assert 0.8 * true < volume(one.mesh) < true
+
+
+def test_without_capsules_they_are_rods_the_last_one_to_its_centre_of_mass() -> None:
+    bodies = dy.RigidBodies(ARM)
+    first, *_, last = outlines(geometry_of(bodies))
+    theta = bodies.arm.bodies[-1].theta
+    reach = rod(geometry_of(bodies), 2)
+    np.testing.assert_allclose(reach.end, theta[1:4] / theta[0])
+    assert np.linalg.norm(last.mesh.vertices - reach.end, axis=1).min() <= reach.radius
+    along = bodies.arm.bodies[1].placement[:3, 3]
+    assert (first.mesh.vertices @ along).max() > along @ along
 
 
 def test_a_mesh_of_many_triangles_becomes_one_of_few() -> None:

@@ -16,7 +16,7 @@ from dynident.excitation.spaces.space import Box
 from dynident.models import RigidBodies
 from dynident.models.robot_file import ShapeKind
 
-__all__ = ["Capsule", "capsules_of", "rule_radius", "still_boxes"]
+__all__ = ["Capsule", "capsules_of", "rod", "rule_radius", "still_boxes"]
 
 Array = NDArray[np.float64]
 RULE = 0.1  # radius of a link of unknown shape, as a share of the arm's reach
@@ -92,6 +92,16 @@ def still_boxes(geometry: Geometry) -> tuple[Box, ...]:
         for one in geometry.solids
         if _is_still_box(one)
     )
+
+
+def rod(geometry: Geometry, body: int) -> Capsule:
+    """Return the capsule by which a body is drawn of which only the joints are known: around these or, where it carries
+    none, to its centre of mass, if the file has that."""
+    around, link = quick(_by_rule(geometry, body)), geometry.link(body)
+    theta = geometry.bodies.arm.bodies[body].theta if body >= 0 else np.zeros(10)
+    short = np.linalg.norm(around.end - around.start) < around.radius
+    end = theta[1:4] / theta[0] if short and np.isfinite(theta).all() and theta[0] > 0 else around.end
+    return Capsule(link, body, around.start, end, around.radius)
 
 
 def rule_radius(bodies: RigidBodies) -> float:

@@ -14,7 +14,7 @@ from dynident.errors import brief
 from dynident.models import RigidBodies
 from dynident.models.robot_file import LinkShapes, Shape, ShapeKind, motion
 
-__all__ = ["Geometry", "LinkPlace", "Made", "Mesh", "Solid", "geometry_of", "link_places"]
+__all__ = ["Geometry", "LinkPlace", "Made", "Mesh", "Solid", "geometry_of", "link_places", "rods_of"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -106,6 +106,12 @@ def geometry_of(bodies: RigidBodies, mesh: Callable[[str], Mesh | None] = lambda
         if k not in made and not body.massless and body.theta[0] != 0:
             made[k] = Made.JOINTS
     return Geometry(bodies, tuple(solids), dict(sorted(made.items())), {})
+
+
+def rods_of(bodies: RigidBodies) -> Geometry:
+    """Return the geometry of an arm of which only the joints are known, or used."""
+    made = {k: Made.JOINTS for k, body in enumerate(bodies.arm.bodies) if not body.massless}
+    return Geometry(bodies, (), made, {})
 
 
 def link_places(bodies: RigidBodies) -> tuple[LinkPlace, ...]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.excitation.spaces.capsules import Capsule, capsules_of
+from dynident.excitation.spaces.capsules import Capsule, rod
 from dynident.excitation.spaces.geometry import Geometry, Made, Mesh, Solid
 from dynident.models.robot_file import ShapeKind
 
@@ -36,17 +36,16 @@ class Outline:
 def outlines(geometry: Geometry, capsules: Sequence[Capsule] | None = None, most: int = MOST) -> tuple[Outline, ...]:
     """Return the surfaces of the bodies of an arm, of about ``most`` triangles each.
 
-    They are those of its solids or, where only the joints are known, of its ``capsules``, by default those around the
-    joints.
+    They are those of its solids or, where only the joints are known, of its ``capsules``; without these, a ``rod`` is
+    added to what is known of the solids.
     """
     out = []
-    if capsules is None:
-        only = {body: made for body, made in geometry.made.items() if made is Made.JOINTS}
-        capsules = capsules_of(replace(geometry, made=only))
     for body, made in geometry.made.items():
         parts = [_surface(one) for one in geometry.solids if one.body == body]
-        if made is Made.JOINTS:
-            parts = [_surface(one.solid) for one in capsules if one.body == body]
+        if made is Made.JOINTS and capsules is None:
+            parts.append(_surface(rod(geometry, body).solid))
+        elif made is Made.JOINTS:
+            parts = [_surface(one.solid) for one in capsules or () if one.body == body]
         if parts:
             each = max(most // len(parts), 4)
             out.append(Outline(geometry.link(body), body, _joined([simplified(one, each) for one in parts])))

@@ -2,19 +2,49 @@
 (() => {
   const boxes = [...document.querySelectorAll(".plot")];
   const dark = matchMedia("(prefers-color-scheme: dark)");
+  // The colours of figures on white, and brighter ones in their place on dark paper.
+  const [ON_WHITE, ON_DARK] = [
+    ["#2964c4", "#bf3a10", "#33a38f", "#b98a00", "#9a66d0"],
+    ["#5a98f5", "#e8602c", "#63d3b8", "#ecc44e", "#bd8cf0"],
+  ];
   const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
   const inked = (traces) => traces.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
   const shown = (box) => box.offsetParent !== null;
 
+  // On a phone: smaller letters, titles of axes in several lines, and room for a legend that needs them, too.
+  function narrowed(layout, data, width) {
+    layout.font.size = 11;
+    const named = data.filter((trace) => trace.name && trace.showlegend !== false);
+    const legend = named.length > 1 ? named.reduce((sum, { name }) => sum + 50 + 6 * name.length, 0) : 0;
+    const more = 17 * Math.max(Math.ceil(legend / (width - 70)) - 1, 0);
+    layout.margin = { ...layout.margin, t: (layout.margin?.t ?? 40) + more };
+    layout.height += more;
+    for (const name of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) {
+      const axis = layout[name];
+      axis.tickfont = { size: 10, ...axis.tickfont };
+      axis.automargin = true;
+      if (axis.title?.text) axis.title = { ...axis.title, text: wrapped(axis.title.text, (width - 90) / 6.5) };
+    }
+  }
+  const wrapped = (text, most) =>
+    text.split(" ").reduce((all, word) => (`${all} ${word}`.split("<br>").pop().length > most ? `${all}<br>${word}` : `${all} ${word}`));
+
   function draw(box) {
     if (box.drawn || !shown(box)) return;
     box.drawn = true;
-    const { data, layout, motion } = JSON.parse(box.nextElementSibling.textContent);
+    const { data, layout, motion } = recoloured(JSON.parse(box.nextElementSibling.textContent), dark.matches);
+    if (motion && !Scene.able) {
+      box.style.height = "auto";
+      box.textContent = "This browser draws nothing in 3-D (WebGL).";
+      return;
+    }
     layout.font = { ...layout.font, color: ink() };
     for (const i of inked(data)) {
       data[i].line = { ...data[i].line, color: ink() };
       if (data[i].marker) data[i].marker.color = ink();
     }
+    if (box.clientWidth < 600 && !motion) narrowed(layout, data, box.clientWidth);
+    box.style.height = `${layout.height}px`;
     // A finger that drags a figure means to scroll the page.
     if (matchMedia("(pointer: coarse)").matches && !motion) layout.dragmode = false;
     Plotly.newPlot(box, data, layout, {
@@ -24,16 +54,30 @@
       scrollZoom: false, // a wheel over a figure means to scroll the page
       modeBarButtons: motion ? [["zoom3d", "tableRotation", "resetCameraDefault3d"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d"]],
     });
-    saving(box);
+    saving(box, () => recoloured(box.data, false));
     if (motion) Scene.draw(box, motion);
     else Scene.follow(box);
   }
 
-  function paint(color) {
-    for (const box of boxes.filter((box) => box.drawn)) {
-      Plotly.relayout(box, { "font.color": color });
-      const traces = inked(box.data);
-      if (traces.length) Plotly.restyle(box, { "line.color": color, "marker.color": color }, traces);
+  // A copy in the colours of white or of dark paper; long lists hold no colours and stay as they are.
+  function recoloured(value, bright) {
+    const again = (one) => recoloured(one, bright);
+    if (Array.isArray(value)) return value.length > 400 ? value : value.map(again);
+    if (value?.constructor === Object) return Object.fromEntries(Object.entries(value).map(([key, one]) => [key, again(one)]));
+    const [from, to] = bright ? [ON_WHITE, ON_DARK] : [ON_DARK, ON_WHITE];
+    return typeof value === "string" ? (to[from.indexOf(value)] ?? value) : value;
+  }
+
+  function paint(color, bright) {
+    for (const box of boxes.filter((box) => box.data)) {
+      const layout = recoloured(box.layout, bright);
+      layout.font.color = color;
+      const data = recoloured(box.data, bright);
+      for (const i of inked(data)) {
+        data[i].line = { ...data[i].line, color };
+        if (data[i].marker) data[i].marker.color = color;
+      }
+      Plotly.react(box, data, layout);
     }
   }
 
@@ -92,17 +136,17 @@
   );
   document.querySelectorAll("main > section").forEach((part) => here.observe(part));
 
-  dark.addEventListener("change", () => paint(ink()));
+  dark.addEventListener("change", () => paint(ink(), dark.matches));
   const sized = (width) => {
     for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, width ? { width } : { width: null, autosize: true });
   };
   addEventListener("beforeprint", () => {
     boxes.forEach(draw);
-    paint("#111111");
+    paint("#111111", false);
     sized(PAPER);
   });
   addEventListener("afterprint", () => {
-    paint(ink());
+    paint(ink(), dark.matches);
     sized();
   });
 })();

@@ -4,7 +4,6 @@ const Scene = (() => {
   const scenes = [], followers = [];
   const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0)).buffer);
   const pressed = (button) => button.getAttribute("aria-pressed") === "true";
-  const visible = (box) => box.offsetParent !== null;
   const STEPS = 500; // of a slider, one for each press of a key
   let shownRun, shownTime = 0;
 
@@ -70,7 +69,7 @@ const Scene = (() => {
 
   // The newest pose wins where the drawing is slower than what asks for it.
   async function paint(scene, angle = 0) {
-    if (scene.busy || !visible(scene.box)) return void (scene.late = true);
+    if (scene.busy || !scene.near) return void (scene.late = true);
     scene.busy = true;
     scene.late = false;
     const poses = placed(scene.bodies, positions(scene.run, scene.bodies.parent.length, scene.time));
@@ -141,7 +140,7 @@ const Scene = (() => {
     if (!pressed(scene.play) && !pressed(scene.turn)) return;
     const passed = scene.last ? Math.min((stamp - scene.last) / 1000, 0.2) : 0;
     scene.last = stamp;
-    if (!scene.busy && visible(scene.box)) {
+    if (!scene.busy) {
       const { start, stop, name } = scene.run, angle = pressed(scene.turn) ? 0.4 * passed : 0;
       if (pressed(scene.play)) go(name, scene.time + passed > stop ? start : scene.time + passed, angle);
       else paint(scene, angle);
@@ -190,6 +189,10 @@ const Scene = (() => {
     scene.run = scene.runs.find((one) => one.name === shownRun) ?? scene.runs[0];
     scene.time = Math.min(Math.max(shownTime, scene.run.start), scene.run.stop);
     scenes.push(scene);
+    new IntersectionObserver(([{ isIntersecting }]) => {
+      scene.near = isIntersecting; // one that nobody sees need not be drawn
+      if (scene.near && scene.late) paint(scene);
+    }).observe(box);
     return scene;
   }
 
@@ -201,5 +204,10 @@ const Scene = (() => {
     if (scene.time !== scene.run.start || scene.run !== scene.runs[0]) paint(scene);
   }
 
-  return { draw, follow, choose };
+  const able = (() => {
+    const canvas = document.createElement("canvas");
+    return Boolean(canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
+  })();
+
+  return { able, draw, follow, choose };
 })();

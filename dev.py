@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-READERS = "hdf5,ros,xacro"  # extras for the files that a user may bring
+READERS = "hdf5,ros,ui,xacro"  # extras for the files that a user may bring, and for the page of `tune`
 PEER = "figaroh==1.0.2"  # with twenty packages of its own
 MUTANTS = "cosmic-ray==8.7.0"
 ZIG = "ziglang==0.17.1"  # a C compiler for all systems; the bytes of the libraries depend on its version

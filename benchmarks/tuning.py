@@ -1,8 +1,8 @@
 """How long someone waits who tunes by hand: python3 benchmarks/tuning.py.
 
 An arm of seven joints with friction moves along sums of sines for two recordings of 20 000 samples at 1 kHz, both to
-be fitted, or (``--train 1``) one of them held out. Printed is the time of each answer of the bench to a setting that it
-has not seen before, the median of several, in milliseconds, in one process on one thread.
+be fitted, or (``--train 1``) one of them held out. Printed is the time of the CPU for each answer of the bench to a
+setting that it has not seen before, the median of several, in milliseconds: it works on one thread.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from statistics import median
-from time import perf_counter
+from time import process_time
 
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
@@ -76,9 +76,9 @@ def times(on: Bench, runs: int) -> dict[str, float]:
         """Return the median time of an answer to settings of a number, which it has not seen."""
         found = []
         for k in range(1, count + 1):
-            tuning, begun = changed(k), perf_counter()
+            tuning, begun = changed(k), process_time()
             answer(tuning)
-            found.append(1e3 * (perf_counter() - begun))
+            found.append(1e3 * (process_time() - begun))
         return median(found)
 
     def seen(tuning: Tuning) -> object:

@@ -28,6 +28,7 @@ GUIDES = {
         "robots",
         "symptoms",
         "choosing",
+        "tuning",
         "export",
         "payload",
         "watching",

@@ -14,7 +14,7 @@ from dynident.identification import Identification, NotFitted, Recipe, identify,
 from dynident.log import Log
 from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
 from dynident.models.gallery import two_link_arm
-from dynident.regression import ParallelFilter, informed_std
+from dynident.regression import ParallelFilter, UnexcitedParameters, informed_std
 from dynident.smoothers import Difference, Spline
 from tests.robots import joint, link, urdf
 
@@ -195,6 +195,7 @@ def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> No
     alone = identify(ARM, [log], recipe=Recipe(unfitted=(second,)))
     np.testing.assert_allclose(found.estimate.value, alone.estimate.value)
     assert NotFitted((second,)) in found.notes
+    assert not any(isinstance(note, UnexcitedParameters) for note in found.notes)  # no motion would show them
     (judged,) = found.validations
     assert judged.errors.per_joint[first] < 1.0 < judged.errors.per_joint[second]
     for wrong, words in ((("knee",), "there is no joint 'knee'"), (spoiled.joints, "names every joint")):
@@ -209,3 +210,17 @@ def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
     assert error(found) < 1e-3
     assert [one.errors.relative_error < 0.1 for one in found.validations] == [True, True]
     assert found.estimate.residual.samples == found.validations[0].motion.mask.sum()
+
+
+def test_excluded_torques_do_not_count_in_the_likelihood() -> None:
+    t, rng = np.linspace(0, 4, 801), np.random.default_rng(0)
+    assert ARM.values is not None
+    truth = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
+    noisy = record(truth, 1e-4, 0.02, rng, source="noisy").log
+    gone = (t >= 1.0) & (t <= 1.5)
+    spoiled = replace(noisy, tau=noisy.tau + 50.0 * gone[:, None])
+    found, alone = (
+        identify(ARM, [one.excluding([(1.0, 1.5)])], recipe=Recipe(estimator=MaximumLikelihood()))
+        for one in (spoiled, noisy)
+    )
+    np.testing.assert_allclose(found.estimate.value, alone.estimate.value, atol=0.01 * float(alone.estimate.std.min()))

@@ -14,7 +14,7 @@ from dynident.checks.notes import ReversedSign
 from dynident.errors import ConfigError, InputError, Remark, Severity
 from dynident.identification import SourceFile, Use, judge
 from dynident.identification.verdict.reasons import Noted
-from dynident.io.project import parse_project, read_project, run
+from dynident.io.project import parse_project, read_project, run, stamp
 from dynident.models.gallery import slider
 from tests.cli.commands import configure, settings, write_log
 
@@ -50,7 +50,11 @@ def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> No
     assert found.provenance.configuration is not None
     assert found.provenance.configuration.text == config.read_text()
     digest = hashlib.sha256((config.parent / "log.csv").read_bytes()).hexdigest()
-    assert found.provenance.logs == (SourceFile(str(config.parent.resolve() / "log.csv"), digest),)
+    assert found.provenance.logs == (
+        SourceFile(str(config.parent.resolve() / "log.csv"), digest, modified=stamp(config.parent / "log.csv")),
+    )
+    assert stamp(config.parent / "gone.csv") == ""
+    assert stamp() >= found.provenance.identified > "2020"
     assert any("overlaps in time" in note.text for note in found.warnings if isinstance(note, Remark))
 
 

@@ -56,7 +56,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def bench(folder: Path) -> Bench:
-    return bench_of(project_of(folder, settings()))
+    project_of(folder, settings())
+    project, bench = read_bench(folder / "robot.yaml")
+    assert project.path.name == "robot.yaml"
+    return bench
 
 
 def explicit(bench: Bench, tuning: Any) -> dict[str, Any]:
@@ -101,9 +104,7 @@ def test_what_is_written_down_is_identified_the_same(folder: Path, bench: Bench)
     assert again.start.degree == pytest.approx(tuning.degree)
 
 
-def test_the_same_from_the_file(folder: Path) -> None:
-    project, bench = read_bench(folder / "robot.yaml")
-    assert project.path.name == "robot.yaml"
+def test_what_there_is_to_choose_from(bench: Bench) -> None:
     assert bench.estimators == ("consistent", "least_squares")
     assert bench.log_names == ("monday", "tuesday")
     assert {"viscous", "stribeck", "dahl"} <= set(bench.kinds)

@@ -21,7 +21,7 @@ def page(exports) -> str:
 def test_a_proven_file_with_what_it_leaves_out() -> None:
     made = export(arm(), Urdf(), STATES)
     text = page([made])
-    for words in ("robot.identified.urdf", "Pinocchio, dynident", "offset_shoulder = -0.3 N m", "Ia_motor"):
+    for words in ("robot.identified.urdf", "Pinocchio, dynident", "offset_shoulder = \u22120.3 N m", "Ia_motor"):
         assert words in text
     (result,) = export_results([made])
     assert result["proven"]

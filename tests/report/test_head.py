@@ -34,7 +34,7 @@ def at_floor(floors):
 
 def test_the_error_over_what_the_sensors_allow_comes_first():
     first, second, *_ = head_numbers(at_floor({"shoulder": AT, "elbow": AT}))
-    assert first == ("1.02 ×", "what the sensors allow", "at the noise floor")
+    assert first == ("1.02 ×", "error over what sensors allow", "at the noise floor")
     assert second[:2] == ("5.10 %", "torque error, held out")
     (first, *_) = head_numbers(at_floor({"shoulder": ABOVE}))
     assert first[2] == "at most, by white noise alone; 1 of 2 joints"
@@ -57,7 +57,7 @@ def test_a_residual_at_the_noise_floor_has_no_other_cause():
     )
     assert residual_words(found.validations[1], "elbow") == "at the noise floor"
     assert "elasticity" not in identification_page(found).partition("<main>")[2]
-    assert over_floor(found.validations[1], "elbow") == "1.0"
+    assert over_floor(found.validations[1], "elbow") == "1.02"
 
 
 def test_of_one_joint_at_the_floor_it_is_said_where():

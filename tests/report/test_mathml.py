@@ -34,6 +34,8 @@ def text(markup):
         ("sqrt(a**2 + b**2)", "a2+b2"),
         ("C(q, dq) * dq", "C(q,q˙)q˙"),
         ("_ddq1", "q¨1"),
+        ("lc1**2 * m2 + Ixx", "lc12m2+Ixx"),
+        ("rho_a * psi", "ρaψ"),
     ],
 )
 def test_an_expression_is_typeset(expression, seen):
@@ -83,3 +85,9 @@ def test_names_of_the_user_are_escaped():
 def test_the_summands_of_a_symbol():
     assert with_symbol("a * sin(q) + b * cos(q)", "b") == "b * cos(q)"
     assert with_symbol("abs(load) * (a * sin(q) + b)", "b") == "abs(load) * (a * sin(q) + b)"
+
+
+def test_powers_of_symbols_stand_above_their_subscripts():
+    found = str(inline("lc1**2"))
+    assert found.startswith("<math><msubsup><mi>l</mi>")
+    ElementTree.fromstring(found)

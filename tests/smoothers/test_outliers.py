@@ -91,3 +91,6 @@ def test_excluded_samples_are_smoothed_through_and_not_in_the_mask() -> None:
     np.testing.assert_array_equal(whole.q, gone.q)
     left_out = (gone.t >= 2.0) & (gone.t <= 2.5)
     assert gone.mask.tolist() == (whole.mask & ~left_out).tolist()
+    assert whole.keep is None
+    assert gone.keep is not None
+    assert gone.keep.tolist() == np.stack([~left_out, ~left_out], axis=1).tolist()

@@ -15,7 +15,7 @@ from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsi
 from dynident.estimators.notes import MotionCorrected
 from dynident.identification import Identification, Recipe, identify
 from dynident.models.gallery import slider
-from dynident.regression import ParallelFilter
+from dynident.regression import ParallelFilter, UnexcitedParameters
 from dynident.smoothers import Butterworth, Spline
 from dynident.splines import GCV
 from dynident.tuning import Bench, QuickFit, Tuning
@@ -140,6 +140,10 @@ def test_a_joint_that_is_not_fitted_is_judged(arm: Bench) -> None:
     assert np.isnan(quick.cross_validated_by_joint[JOINTS[2]])
     assert np.isfinite(quick.logs["log 2"].by_joint[JOINTS[2]])
     assert not quick.logs["log 1"].fitted[:, 2].any()
+    notes = identified(arm, tuning).notes
+    assert not any(
+        isinstance(note, UnexcitedParameters) for note in notes
+    )  # no motion shows its friction to the others
 
 
 def test_what_does_not_fit_is_said(arm: Bench) -> None:

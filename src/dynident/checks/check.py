@@ -217,7 +217,8 @@ def _moving(
         whole = replace(whole, channels={**whole.channels, **clean})
         recorded = [without(*one) for one in zip(recorded, outliers, every, strict=True)]
     motions = tuple(recorded[: len(logs)])
-    seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))  # an error where few are usable
+    fitted = Regression(model, motions, recipe.filter, min_speed)
+    seen = excited_rank(model, fitted, recipe.unfitted)  # an error where few are usable
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,10 +138,10 @@ class ExcitedRank:
     missing: tuple[UnexcitedParameters, ...]
 
 
-def excited_rank(model: Model, regression: Regression) -> ExcitedRank:
-    """Return the rank on the data and the structural rank."""
+def excited_rank(model: Model, regression: Regression, unfitted: Collection[str] = ()) -> ExcitedRank:
+    """Return the rank on the data and the structural rank, where the torques of ``unfitted`` joints are not fitted."""
     on_data = base_parameters(regression.triangular_factors.stacked(), model.parameters)
-    structural = structural_base_parameters(model)
+    structural = structural_base_parameters(model, unfitted=unfitted)
     values = on_data.singular_values
     condition = float(values[0] / values[on_data.rank - 1]) if on_data.rank else float("inf")
     missing = compare(structural, on_data, model, regression.motions)

@@ -57,8 +57,8 @@ def main(debug: bool) -> None:
 
 
 for _command in (
-    demo, reproduce, init, excite, check, bound, identify, tune, fleet, predict, compare_results, payload, watch, export,
-    smooth, schema,
+    demo, reproduce, init, excite, check, bound, identify, tune, fleet, predict, compare_results, payload, watch,
+    export, smooth, schema,
 ):  # fmt: skip
     common(_command)
     main.add_command(_command)

@@ -40,6 +40,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     where it stopped.
     """
     from dynident.export import export_files, exports
+    from dynident.identification import judge
     from dynident.io.explicit_config import explicit_config
     from dynident.io.folder import result_folder
     from dynident.io.model_files import moved_to
@@ -50,7 +51,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
     from dynident.report.terms import choice_comments
-    from dynident.report.verdict import verdict_text
+    from dynident.report.verdict import STYLES, verdict_text
     from dynident.report.wording import Line
 
     with result_folder(out) if out else nullcontext() as folder:
@@ -73,7 +74,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
             written.append(("Configuration", write_text(write_config, text)))
     screen = console()
     verdict, steps = verdict_text(found)
-    screen.say(verdict, "bold")
+    screen.say(verdict, f"bold {STYLES[judge(found).use]}")
     for table in identification_tables(found):
         screen.show(table)
     for note in (*identification_notes(found), *map(Line, export_notes(made))):

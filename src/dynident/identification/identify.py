@@ -115,7 +115,7 @@ def _identify(
     problem = Problem(model, fitted, regression, trained, late, progress)
     estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
     validations = judged(model, estimate, logs.trimmed, motions, used, progress)
-    errors, base = identifiability_of(model, regression, estimate, more, progress)
+    errors, base = identifiability_of(model, regression, estimate, more, progress, unfitted=recipe.unfitted)
     return Identification(
         model,
         used,

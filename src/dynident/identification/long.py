@@ -152,7 +152,7 @@ def _finished(
     left = _left(found, pieces, parts(), whole, estimate)
     estimate = replace(estimate, residual=replace(estimate.residual, pieces=left))
     validations = judged(model, estimate, logs.trimmed, motions, recipe, progress)
-    errors, base = identifiability_of(model, whole, estimate, more, progress, clustered)
+    errors, base = identifiability_of(model, whole, estimate, more, progress, clustered, recipe.unfitted)
     return Identification(
         model,
         recipe,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 
 import numpy as np
@@ -58,11 +58,13 @@ def identifiability_of(
     more: Array,
     progress: Callable[[str], None],
     robust: Callable[..., Array] = correlated_std,
+    unfitted: Collection[str] = (),
 ) -> tuple[StandardErrors, Identifiability]:
     """Return the standard errors, and base parameters where not all parameters are determined.
 
     ``more`` (p, p) is the covariance by the errors of the motion and of its time offset; ``robust`` gives the standard
-    errors that allow for correlated residuals, as ``correlated_std`` does.
+    errors that allow for correlated residuals, as ``correlated_std`` does; what only the torques of ``unfitted`` joints
+    could show is not missed.
     """
     correlated = partial(_robust_std, regression, estimate, more=more, correlated=robust)
     if estimate.determined.rank == len(model.parameters):
@@ -74,7 +76,7 @@ def identifiability_of(
     on_data = base_parameters(
         regression.triangular_factors.stacked(estimate.residual.weights) if shown is None else shown, model.parameters
     )
-    structural = structural_base_parameters(model)
+    structural = structural_base_parameters(model, unfitted=unfitted)
     missing = compare(structural, on_data, model, regression.motions)
     own = _base_std(on_data, regression, estimate)
     wide = correlated(own, basis=on_data)

@@ -7,7 +7,7 @@ parameters".
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -170,9 +170,14 @@ def informed_std(basis: BaseParameters, information: Array) -> Array:
 
 
 def structural_base_parameters(
-    model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float | None = None
+    model: Model,
+    rng: np.random.Generator | None = None,
+    samples: int = 400,
+    tolerance: float | None = None,
+    unfitted: Collection[str] = (),
 ) -> BaseParameters:
-    """Return the base parameters that a sufficiently exciting motion shows, from ``samples`` random states of the arm.
+    """Return the base parameters that a sufficiently exciting motion shows, from ``samples`` random states of the arm,
+    where the torques of all joints but the ``unfitted`` ones are fitted.
 
     ``rng`` draws the states, by default the same ones each time. Raises the errors of ``base_parameters`` and of the
     model.
@@ -184,7 +189,8 @@ def structural_base_parameters(
     ('J + Ia_pivot', 'h')
     """
     rng = rng or np.random.default_rng(0)
-    return base_parameters(_factor(model, model.random_states(rng, samples)), model.parameters, tolerance)
+    factor = _factor(model, model.random_states(rng, samples), unfitted)
+    return base_parameters(factor, model.parameters, tolerance)
 
 
 @dataclass(frozen=True)
@@ -259,10 +265,12 @@ def _still(motions: Iterable[Motion]) -> tuple[str, ...]:
     return tuple(name for name, peak in fastest.items() if peak < 1e-3)
 
 
-def _factor(model: Model, states: dict[str, Array]) -> Array:
+def _factor(model: Model, states: dict[str, Array], unfitted: Collection[str] = ()) -> Array:
     structure = model.structure
     entries = model.entries(**states, joint=structure.joint, parameter=structure.parameter)
-    return factorise([EntryBlock(structure, entries, np.zeros_like(states["q"]).T)], structure).stacked()
+    shape = states["q"].T.shape
+    keep = np.broadcast_to([[joint.name not in unfitted] for joint in model.joints], shape) if unfitted else None
+    return factorise([EntryBlock(structure, entries, np.zeros(shape), keep)], structure).stacked()
 
 
 def _preference(parameters: Sequence[Parameter]) -> list[int]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from dynident.errors import Use
 from dynident.report import figures
@@ -54,8 +55,12 @@ def _word(found: ResultComparison) -> str:
     return "no significant difference"
 
 
-def _tone(found: ResultComparison) -> Literal["good", "fair", "bad"]:
-    return "bad" if found.worse else "fair" if found.differs or not found.comparable else "good"
+def _badge(found: ResultComparison) -> Badge:
+    if found.worse:
+        return Badge("worse", "bad")
+    if found.differs:
+        return Badge("differs", "fair")
+    return Badge("no difference", "good") if found.comparable else Badge("not comparable", "fair")
 
 
 def comparison_lines(found: ResultComparison) -> tuple[str, ...]:
@@ -167,7 +172,8 @@ def _base_table(found: ResultComparison, few: bool) -> PageTable:
     most = max(len(found.significant), FEW) if few else len(found.base)
     rows = tuple(
         (
-            one.name, number(one.first), number(one.first_std, 2), number(one.second), number(one.second_std, 2),
+            one.name, _value(one.first, one.first_std), number(one.first_std, 2),
+            _value(one.second, one.second_std), number(one.second_std, 2),
             one.unit, f"{one.z:+.2f}" if abs(one.z) < 1e3 else f"{one.z:+.1e}", _p(one.p_value),
         )
         for one in found.base[:most]
@@ -181,6 +187,14 @@ def _base_table(found: ResultComparison, few: bool) -> PageTable:
     )
     left = f"; {len(found.base) - most} more differ less" if most < len(found.base) else ""
     return PageTable(columns, rows, f"Base parameters, those that differ most first{left}")
+
+
+def _value(value: float, std: float) -> str:
+    """Word a value with the digits that its standard error leaves."""
+    if not 1e-4 <= std < 1e5 or abs(value) >= 1e5:
+        return number(value)
+    decimals = max(1 - math.floor(math.log10(std)), 0)
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"  # no -0.00
 
 
 def _p(value: float, sign: bool = False) -> str:
@@ -248,16 +262,14 @@ def comparison_page(found: Sequence[ResultComparison]) -> str:
 
 
 def _section(found: ResultComparison) -> PageSection:
-    blocks: list[PageBlock] = [comparison_lines(found)]
+    blocks: list[PageBlock] = [f"{headline(found)}.", comparison_lines(found)]
     if found.base:
         caption = "Differences of base parameters in their standard errors; the band holds 95 % of what chance makes."
         blocks.append(Figure(figures.difference_figure(found), caption))
     blocks += comparison_tables(found)
     if found.base:
         blocks.append(Fold(f"All {len(found.base)} base parameters", (_base_table(found, few=False),)))
-    return PageSection(
-        f"{found.second.name} beside {found.first.name}", tuple(blocks), Badge(_word(found), _tone(found))
-    )
+    return PageSection(f"{found.second.name} beside {found.first.name}", tuple(blocks), _badge(found))
 
 
 def comparison_dict(found: Sequence[ResultComparison]) -> dict[str, Any]:

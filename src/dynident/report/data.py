@@ -12,7 +12,8 @@ from dynident.checks.motion import excitation
 from dynident.report import figures
 from dynident.report.calibration_words import settings_of
 from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number, pairs
-from dynident.report.words import ROLES, count, labelled, listed, logs_of, percent, points
+from dynident.report.typography import said
+from dynident.report.words import ROLES, count, labelled, listed, logs_of, percent, points, short
 from dynident.validation import HARMFUL, FollowTest, follow_tests
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ _HEADS = {
 
 def data_section(identification: Identification) -> PageSection:
     """Return the section of the robot and the logs: what was found before the fit, joints, recordings."""
-    blocks: list[PageBlock] = [pairs("", list(_facts(identification)), "Robot")]
+    blocks: list[PageBlock] = [pairs("", [(name, said(text)) for name, text in _facts(identification)], "Robot")]
     return PageSection("Robot and data", (*blocks, _joint_table(identification), _log_table(identification)))
 
 
@@ -62,7 +63,7 @@ def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
     yield "parameters", str(len(identification.estimate.names))
     for term in model.terms:
         if gravity := getattr(term, "gravity", None):
-            yield "gravity in the base frame", f"({', '.join(number(float(x)) for x in gravity)}) m/s²"
+            yield "gravity in the base frame", f"({', '.join(short(float(x), 4) for x in gravity)}) m/s²"
     for key, meaning in (("base tilt", "tilt of the base"), ("time offset", "time offset")):
         if key in settings:
             yield meaning, settings[key]

@@ -63,7 +63,7 @@ def _over_floor(log: LogValidation) -> Iterator[tuple[str, ...]]:
     how = "at most, by white noise alone" if white else "by motion that repeats"
     yield (
         f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×",
-        "what the sensors allow",
+        "error over what sensors allow",
         "at the noise floor" if log.at_floor else f"{how}{known}",
     )
 

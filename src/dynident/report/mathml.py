@@ -36,13 +36,12 @@ Known = Mapping[str, float | str]
 DOTS = {"d": "\u02d9", "dd": "\u00a8"}
 MOVING = re.compile(r"(d{1,2})(q|z|phi)(.*)", re.DOTALL)
 PARTS = re.compile(r"([^\W\d_]+)_?(.*)", re.DOTALL)
-GREEK = dict(
-    zip(
-        ("alpha", "beta", "gamma", "delta", "epsilon", "theta", "lambda", "mu", "phi", "tau", "omega"),
-        "\u03b1\u03b2\u03b3\u03b4\u03b5\u03b8\u03bb\u03bc\u03c6\u03c4\u03c9",
-        strict=True,
-    )
+LETTERS = (
+    *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu"),
+    *("nu", "xi", "omicron", "pi", "rho", "", "sigma", "tau", "upsilon", "phi", "chi", "psi", "omega"),
 )
+GREEK = {name: chr(0x3B1 + k) for k, name in enumerate(LETTERS) if name}
+SHORT = 3  # letters of a name of which the first is the symbol, as of lc1 and Ixx
 WORDS = {"load": "tau_b"}  # of an equation, as a reader knows them
 FUNCTIONS = {"sign": "sgn"}
 TIMES, APPLIED = '<mo>\u2062</mo><mspace width="0.14em"></mspace>', "<mo>\u2061</mo>"
@@ -94,6 +93,8 @@ def symbol(name: str) -> str:
         return _below(over, below.lstrip("_"))
     parts = PARTS.fullmatch(name)
     base, below = parts.groups() if parts else (name, "")
+    if base not in GREEK and 1 < len(base) <= SHORT:
+        base, below = base[0], base[1:] + below
     return _below(f"<mi>{escape(GREEK.get(base, base))}</mi>", below)
 
 
@@ -237,6 +238,8 @@ def _power(base: ast.expr, exponent: str, known: Known) -> str:
         case _:
             value = _value(base, known)
             whole = valued(value) if value is not None and value >= 0 else _bracketed(_written(base, known))
+    if isinstance(base, ast.Name) and whole.startswith("<msub>"):  # above its subscript
+        return f"<msubsup>{whole.removeprefix('<msub>').removesuffix('</msub>')}{exponent}</msubsup>"
     return f"<msup>{whole}{exponent}</msup>"
 
 

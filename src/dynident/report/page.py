@@ -240,14 +240,8 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
-        "kind": _kind,
-        "cell": cell,
-        "said": said,
-        "json": _json,
-        "words": sentence,
-        "names": _names,
-    }
+    own = {"kind": _kind, "cell": cell, "said": said, "json": _json, "words": sentence, "names": _names}
+    environment.filters |= own
     return environment
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from dynident.report.calibration_words import settings_of
 from dynident.report.page import Code, Column, Fold, PageBlock, PageSection, PageTable, pairs
+from dynident.report.typography import said
 from dynident.report.words import day
 
 if TYPE_CHECKING:
@@ -29,5 +30,6 @@ def repeat_section(identification: Identification) -> PageSection:
         columns = tuple(Column(title, numeric=False) for title in ("file", "of", "SHA-256"))
         blocks.append(PageTable(columns, tuple(files), "Files that were read, with the dates of the recordings' files"))
     blocks.append(pairs("package", list(sources.versions.items()), "Versions"))
-    blocks.append(Fold("All settings", (pairs("setting", list(settings_of(identification).items())),)))
+    settings = [(name, said(text)) for name, text in settings_of(identification).items()]
+    blocks.append(Fold("All settings", (pairs("setting", settings),)))
     return PageSection("To repeat the run", tuple(blocks))

@@ -10,11 +10,13 @@ if TYPE_CHECKING:
 
 __all__ = ["cell", "said", "sentence", "unit_text"]
 
+NEGATIVE = re.compile(r"(?:(?<=[ (])|^)-(?=\d)")  # in a sentence; 5-7 is a range
 ABOVE = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 MINUS, HARD = "\u2212", "\u00a0"
 UNITS = re.compile(r"\b(N|kg|m|mm|rad|s|Hz)\^(-?\d+)\b(?!\.\d)")
 POWER = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)e([-+]?\d+)(?![\w.]\w|\w)")
-SAID = re.compile(r"(?<![\w.])(-?\d+\.\d+(?=e)|-?\d+(?=e[-+]))e([-+]?\d+)(?!\.?\w)")  # where a name may hold 1e5
+# in a sentence, where a name may hold 1e5
+SAID = re.compile(r"(?<![\w.])([-\u2212]?\d+\.\d+(?=e)|[-\u2212]?\d+(?=e[-+]))e([-+]?\d+)(?!\.?\w)")
 
 
 def unit_text(text: str) -> str:
@@ -51,7 +53,8 @@ def sentence(text: str) -> Markup:
 
 def said(text: str) -> str:
     """Return a text with ±, typeset units and powers of ten, and no line break before %."""
-    return unit_text(_powers(SAID, text).replace("+-", "±").replace(" %", f"{HARD}%"))
+    plain = _powers(SAID, NEGATIVE.sub(MINUS, text))
+    return unit_text(plain.replace("+-", "±").replace(" %", f"{HARD}%"))
 
 
 def _powers(pattern: re.Pattern[str], text: str) -> str:

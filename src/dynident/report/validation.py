@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["error_section", "error_table", "joint_table", "over_floor", "simulation_section",
            "torque_section", "unknown_noise"]  # fmt: skip
 
+NEAR = 1.5  # times the noise floor, up to which three digits are shown
 _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
     "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Over the "
@@ -126,7 +127,7 @@ def over_floor(log: LogValidation, joint: str | None = None) -> str:
     chosen = [one for name, one in log.floors.items() if joint in (None, name)]
     ratio = log.over_floor if joint is None else chosen[0].ratio if chosen else None
     white = any(one.origin is FloorOrigin.WHITE for one in chosen)
-    return f"{'≤ ' * white}{number(ratio, 2)}"
+    return f"{'≤ ' * white}{number(ratio, 3 if ratio is not None and ratio < NEAR else 2)}"
 
 
 def _left(identification: Identification) -> PageTable:

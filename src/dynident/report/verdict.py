@@ -12,15 +12,16 @@ from dynident.report.exports import export_links
 from dynident.report.head import head_numbers, worst_joint
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, number
 from dynident.report.wording import words
-from dynident.report.words import label_of
+from dynident.report.words import labelled
 
 if TYPE_CHECKING:
     from dynident.export import Export
     from dynident.identification import Identification, Verdict
 
-__all__ = ["verdict_results", "verdict_section", "verdict_text"]
+__all__ = ["STYLES", "verdict_results", "verdict_section", "verdict_text"]
 
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "good", Use.DO_NOT_USE: "bad"}
+STYLES = {use: "red" if tone == "bad" else "green" for use, tone in TONES.items()}  # in a terminal
 SENTENCES = 3  # above the numbers
 REASON = 110  # signs of a reason in a sentence of the page
 FIRST_STEPS = 3  # in sight; the others are behind a fold
@@ -87,7 +88,7 @@ def _picture(identification: Identification, arm: Figure | None) -> tuple[PageBl
         return ()
     (log, joint), several = worst, len(identification.model.joints) > 1
     unit = next(one.effort for one in identification.model.joints if one.name == joint)
+    label = next(label for label, k in labelled(identification) if identification.validations[k] is log)
     caption = f"{joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured."
-    drawn = figures.glance_figure(log, joint, unit).of(label_of(log))
-    torque = Figure(drawn, f"{'The worst joint: ' * several}{caption}")
+    torque = Figure(figures.glance_figure(log, joint, unit).of(label), f"{'The worst joint: ' * several}{caption}")
     return (torque,) if arm is None else (Beside((arm, torque)),)

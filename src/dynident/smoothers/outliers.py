@@ -122,8 +122,8 @@ def _widened(found: Mask) -> Mask:
 def motion_of(smoother: Smoother, log: Log) -> Motion:
     """Return the motion of a log, of which the fit keeps what the log keeps.
 
-    Excluded samples are not in its mask. Raises the errors of the smoother, and ConfigError where its motion has not
-    the samples of the log.
+    Excluded samples are neither in its mask nor kept. Raises the errors of the smoother, and ConfigError where its
+    motion has not the samples of the log.
     """
     motion = called(smoother, log, Motion)
     if len(motion) != len(log):
@@ -131,6 +131,7 @@ def motion_of(smoother: Smoother, log: Log) -> Motion:
             f"{log.source}: the smoother {type(smoother).__name__} returns {len(motion)} samples for {len(log)}; "
             "return all of them, and mask out those that must not be used."
         )
-    if log.excluded is not None:
-        motion = replace(motion, mask=motion.mask & ~log.excluded)
-    return motion if log.keep is None else replace(motion, keep=log.keep)
+    if log.excluded is None:
+        return motion if log.keep is None else replace(motion, keep=log.keep)
+    used = np.broadcast_to(~log.excluded[:, None], log.q.shape)
+    return replace(motion, mask=motion.mask & ~log.excluded, keep=used if log.keep is None else used & log.keep)

@@ -138,7 +138,9 @@ class Spline:
     @property
     def method(self) -> str:
         """The method in words."""
-        return f"natural cubic smoothing spline, {_named(self.rule)}"
+        scaled = isinstance(self.factor, int | float) and self.factor != 1.0 and self.rule.needs_sigma
+        times = f" at {self.factor:.3g} times the noise" if scaled else ""
+        return f"natural cubic smoothing spline, {_named(self.rule)}{times}"
 
     def __call__(self, log: Log) -> Motion:
         """Smooth; ``smoothing`` holds per joint sigma, S, lam, edf, the noise left, bandwidth (s) and cut-off (Hz)."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief
 from dynident.identification.smoother_choice import TIE, cross_validated_error
-from dynident.log import Log, Motion, subsample
+from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.smoothers import Smoother, Spline, motion_of
 from dynident.smoothers.spline import FACTORS
@@ -102,11 +102,8 @@ def _motions(model: Model, logs: Sequence[Log], smoother: Smoother) -> tuple[Mot
 
 
 def _thinned(motions: Sequence[Motion], masks: Sequence[NDArray[np.bool_]]) -> tuple[Motion, ...]:
-    usable = [
-        one.shifted(0.0, np.flatnonzero(mask)) for one, mask in zip(motions, masks, strict=True) if mask.sum() > 1
-    ]
-    rows = subsample(usable, ROWS)
-    return tuple(one.shifted(0.0, some) for one, some in zip(usable, rows, strict=True) if len(some) > 1)
+    usable = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
+    return thinned(usable, ROWS)
 
 
 def rule_degrees(logs: Sequence[Log], noise: Sequence[Array], ends: float) -> dict[str, tuple[float, ...]]:

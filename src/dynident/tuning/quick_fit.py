@@ -169,8 +169,8 @@ def quick_fit(
     model = problem.model
     if whole.total <= len(model.parameters):
         raise InputError(
-            f"{whole.samples} usable samples are too few for {len(model.parameters)} parameters; exclude less, or lower the "
-            "minimum speed."
+            f"{whole.samples} usable samples are too few for {len(model.parameters)} parameters; exclude less, or "
+            "lower the minimum speed."
         )
     estimate, exact = estimated(problem, estimator)
     wrong = predicted(folds, folds, model.parameters, relative=False).sum(axis=0)

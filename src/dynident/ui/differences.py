@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.page import number
@@ -24,14 +24,9 @@ def changes(before: Tuning, now: Tuning, joints: Sequence[str]) -> list[Change]:
         *_by_joint("minimum speed", before.min_speed, now.min_speed, joints, lambda value: number(value, 3)),
         *_by_joint("terms", before.terms, now.terms, joints, lambda kinds: ", ".join(kinds) or "none"),
     ]
-    if before.unfitted != now.unfitted:
-        found.append(("joints not fitted", *(", ".join(one.unfitted) or "none" for one in (before, now))))
-    if before.filter != now.filter:
-        found.append(("parallel filter", *(filter_words(one.filter) for one in (before, now))))
-    if before.estimator != now.estimator:
-        found.append(("estimator", *(one.estimator.replace("_", " ") for one in (before, now))))
-    if before.time_offset != now.time_offset:
-        found.append(("time offset", *(f"{number(1e3 * one.time_offset, 3)} ms" for one in (before, now))))
+    for what, words in WHOLE.items():
+        if (was := words(before)) != (is_now := words(now)):
+            found.append((what, was, is_now))
     return [*found, *_windows(before, now)]
 
 
@@ -51,6 +46,14 @@ def filter_words(one: ParallelFilter | None) -> str:
 def error_words(value: float | None) -> str:
     """Word an error in per cent."""
     return "-" if value is None or value != value else percent(value)
+
+
+WHOLE: Mapping[str, Callable[[Tuning], str]] = {
+    "joints not fitted": lambda one: ", ".join(one.unfitted) or "none",
+    "parallel filter": lambda one: filter_words(one.filter),
+    "estimator": lambda one: one.estimator.replace("_", " "),
+    "time offset": lambda one: f"{number(1e3 * one.time_offset, 4)} ms",
+}
 
 
 def _by_joint(

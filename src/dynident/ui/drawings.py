@@ -1,4 +1,4 @@
-"""The figures of the page, as plain data; curves are thinned with their extremes kept, finer where a person has zoomed."""
+"""The figures of the page, as plain data; curves are thinned, extremes kept, and finest where a person has zoomed."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ Zoom = tuple[float, float] | None  # s of the log, None for all of it
 POINTS, COARSE, AROUND = 1400, 600, 120  # of a curve: where it is seen, while a slider moves, on either side
 SLIDER = -3.0, 4.0  # log S/n, from one end of the slider to the other
 NEAR = 0.12  # of log S/n: marks that are one
+PREFIXES = (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")
 LEFT_OUT = "rgba(128, 128, 128, 0.18)"
 MARGIN = {"l": 72, "r": 8, "t": 8, "b": 40}
 
@@ -44,15 +45,17 @@ def motion_drawing(
 ) -> Drawing:
     """Draw a joint's measured and smoothed position, what was taken away, velocity and acceleration over time.
 
-    Windows that are ``left_out`` (s) are grey; curves that are not ``fine`` have fewer points. Samples outside the mask are gaps of what is smoothed.
+    Windows that are ``left_out`` (s) are grey, samples outside the mask gaps of what is smoothed; curves that are not
+    ``fine`` have fewer points.
     """
-    titles = [f"position, {unit}", f"taken away, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
+    size, prefix = _prefix(one.noise)
+    titles = [f"position, {unit}", f"taken away, {prefix}{unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
     figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
     zero = origin(one.t)
     drawn = (
         (1, "measured", one.measured, PALE, 3.5),
         (1, "smoothed", one.q, BLUE, 1.3),
-        (2, "measured minus smoothed", only(one.residual, one.mask), INK, 0.8),
+        (2, "measured minus smoothed", only(one.residual / size, one.mask), INK, 0.8),
         (3, "velocity", only(one.dq, one.mask), GREEN, 1.3),
         (4, "acceleration", only(one.ddq, one.mask), RED, 1.3),
     )
@@ -105,7 +108,7 @@ def residual_drawing(one: Smoothed, unit: str) -> Drawing:
 
 
 def curve_drawing(found: DegreeCurve, at: float, joint: int, alone: bool) -> Drawing:
-    """Draw the cross-validated error over the degree of smoothing, with the marks, and where the setting is (``at``)."""
+    """Draw the cross-validated error over the degree of smoothing, the marks, and where the setting is (``at``)."""
     figure = panels([""], 170, shared=False)
     figure.add(_plain_line(found.degrees, found.errors, "cross-validated error", BLUE, 2.0))
     marks = _marks(found, joint, alone)
@@ -151,6 +154,11 @@ def place(degrees: Sequence[float], joint: int, alone: bool) -> float:
     return float(degrees[joint]) if alone else float(np.median(np.asarray(degrees)))
 
 
+def _prefix(noise: float) -> tuple[float, str]:
+    """Return the unit, by size and prefix, for what noise leaves: the same however much is smoothed."""
+    return next(((size, prefix) for size, prefix in PREFIXES if noise >= 0.1 * size), PREFIXES[-1])
+
+
 def _line(t: Array, y: Array, name: str, line: dict[str, Any], zoom: Zoom, zero: float, points: int = POINTS) -> Trace:
     """Return a thinned curve, with most points where it is seen."""
     if zoom is None or len(t) <= points:
@@ -177,7 +185,7 @@ def _timed(figure: Drawing, left_out: Sequence[tuple[float, float]], zero: float
     ]
     title = f"time since {zero:.0f} s, s" if zero else TIME
     figure.layout[f"xaxis{rows}"]["title"] = {"text": title}
-    figure.axes("y", exponentformat="power", automargin=False)  # margins that follow the labels take time
+    figure.axes("y", exponentformat="power", nticks=6, automargin=False)  # margins that follow the labels take time
     figure.axes("x", automargin=False)
     figure.layout.update(margin={**MARGIN, "t": 30}, selectdirection="h", uirevision=of, font={"size": 12})
     return figure

@@ -20,20 +20,24 @@ One = TypeVar("One")
 
 
 def edited(view: View, control: str, value: Any, bench: Bench) -> View:
-    """Return what a page shows after its ``control``, such as "min_speed" or "term:viscous", got a ``value``; what acts on
-    joints does on that which is drawn, or on all, as the view says.
+    """Return what a page shows after its ``control``, such as "min_speed" or "term:viscous", got a ``value``; what
+    acts on joints does on that which is drawn, or on all, as the view says.
 
     Raises ConfigError where there is no such control or its value makes no sense.
     """
     name, _, argument = control.partition(":")
     if name in _VIEWS:
-        return replace(view, **{_VIEWS[name]: argument == "one" if name == "reach" else argument})
+        return _VIEWS[name](view, argument)
     if name not in _SETTINGS:
         raise ConfigError(f"there is no control {name!r}; {choices(name, [*_VIEWS, *_SETTINGS])}")
     return replace(view, tuning=_SETTINGS[name](view, bench, argument or value))
 
 
-_VIEWS = {"joint": "joint", "log": "log", "reach": "alone"}
+_VIEWS: Mapping[str, Callable[[View, str], View]] = {
+    "joint": lambda view, name: replace(view, joint=name),
+    "log": lambda view, name: replace(view, log=name),
+    "reach": lambda view, name: replace(view, alone=name == "one"),
+}
 
 
 def _degree(view: View, bench: Bench, value: Any) -> Tuning:

@@ -26,9 +26,9 @@ HEADERS = (
 class Guard:
     """A WSGI application before another, on ``port`` of the loopback, below a secret ``token`` of its paths.
 
-    Refused with 403 and a sentence: another Host than the loopback at this port, by which a page of a rebound name would
-    ask; another Origin; a request that the browser marks as of another site; a path without the token. Every answer says
-    by ``content_policy`` that it loads and asks nothing from elsewhere, and stands in no frame.
+    Refused with 403 and a sentence: another Host than the loopback at this port, by which a page of a rebound name
+    would ask; another Origin; a request that the browser marks as of another site; a path without the token. Every
+    answer says by ``content_policy`` that it loads and asks nothing from elsewhere, and stands in no frame.
     """
 
     def __init__(self, inner: Application, port: int, token: str, content_policy: str) -> None:

@@ -132,9 +132,10 @@ def _controls(bench: Bench, view: View) -> list[Any]:
             html.Div(
                 [
                     _named(
-                        "Keep each k-th sample", _number("decimate", filtering and filtering.decimate, min=1, step=1)
+                        "Keep each k-th sample",
+                        _number("decimate", None if filtering is None else filtering.decimate, min=1, step=1),
                     ),
-                    _named("Cut-off, Hz", _number("cutoff", filtering and filtering.cutoff, min=0)),
+                    _named("Cut-off, Hz", _number("cutoff", None if filtering is None else filtering.cutoff, min=0)),
                 ],
                 id="filtering",
                 className="pair",

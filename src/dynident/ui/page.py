@@ -70,6 +70,9 @@ class Page:
         control, search = str(moved.get("control")), str(moved.get("search") or "")
         try:
             view = View.start(self.bench) if control == "reset" else View.of_query(search, self.bench)
+            shown = _controls(view, self.bench)["controls"]
+            if control in shown and moved.get("value") == shown[control]:  # rounded, or of one joint of several
+                return {"search": search, "words": ""}
             after = edited(view, control, moved.get("value"), self.bench).to_query(self.bench)
             View.of_query(after, self.bench)
         except DynidentError as error:
@@ -114,7 +117,7 @@ class Page:
         return said, *self._file(tuning), ""
 
     def curves(self, wanted: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the curves of the joint that is drawn, for the degree at which its slider is, or what is wrong with it.
+        """Return the curves of the joint that is drawn for the degree at which its slider is, or what is wrong.
 
         While the slider moves they are less ``fine``, and without the spectrum.
         """

@@ -45,14 +45,14 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
         (
             error_words(one.error if one else None),
             f"torque error, {what}",
-            _moved(one and one.error, before and before.error),
+            _moved(_error(one), _error(before)),
         ),
         (
             error_words(fit.cross_validated),
             "cross-validated",
-            _moved(fit.cross_validated, last and last.cross_validated),
+            _moved(fit.cross_validated, None if last is None else last.cross_validated),
         ),
-        (number(fit.condition, 3), "condition", _times(fit.condition, last and last.condition)),
+        (number(fit.condition, 3), "condition", _times(fit.condition, None if last is None else last.condition)),
         (f"{fit.rank} of {len(fit.names)}", "combinations known", ""),
     ]
     return html.Dl(
@@ -78,7 +78,7 @@ def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:
         cells = [
             html.Th(short, scope="row", title=name),
             html.Td(_percent(size), className="number"),
-            html.Td(_moved(size, before and before.by_joint.get(name)), className="number"),
+            html.Td(_moved(size, None if before is None else before.by_joint.get(name)), className="number"),
         ]
         if one is not train and train is not None:
             cells.append(html.Td(_percent(train.by_joint.get(name)), className="number muted"))
@@ -110,7 +110,7 @@ def verdict(found: Identification) -> Any:
     return [html.H2(["Verdict ", badge]), html.P(words[0]), *([rest] if rest else [])]
 
 
-def pending(step: Step, before: Any = None) -> Any:
+def pending(step: Step) -> Any:
     """Return the sign that the whole identification runs."""
     share = f"{100 * step.done / step.total:.0f}%" if step.total else None
     bar = html.Div(html.Div(style={"width": share} if share else {}), className="bar" if share else "bar running")
@@ -126,6 +126,10 @@ def _list(found: Sequence[Change]) -> Any:
         ],
         className="changes",
     )
+
+
+def _error(one: LogFit | None) -> float | None:
+    return None if one is None else one.error
 
 
 def _percent(value: float | None) -> str:

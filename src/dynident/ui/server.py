@@ -77,7 +77,7 @@ def server_of(application: Application, own: socket.socket, token: str, content_
 def answer(server: BaseWSGIServer) -> None:
     """Answer until a signal ends it, which is raised."""
     # that of werkzeug itself takes all signals for Ctrl-C
-    ThreadingHTTPServer.serve_forever(server)  # type: ignore[arg-type]  # both are socket servers
+    ThreadingHTTPServer.serve_forever(server)
 
 
 def open_browser(address: Address) -> None:

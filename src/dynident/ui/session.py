@@ -1,4 +1,4 @@
-"""A configuration that is tuned: its logs are read and identified first, in the background; then its pages are answered."""
+"""A configuration that is tuned: its logs are read and identified in the background, then its pages are answered."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ Report = Callable[[str], None]
 @dataclass
 class Session:
     """The configuration at ``path``, and what becomes of it: where its logs cannot be used, ``failed`` says why; else
-    there is a ``bench``. ``files`` are the file as it was read and after each save, with the setting that it has. ``fault`` is told of errors that nobody foresaw."""
+    there is a ``bench``. ``files`` are the file as it was read and after each save, with the setting that it has.
+    ``fault`` is told of errors that nobody foresaw.
+    """
 
     path: Path
     fault: Report

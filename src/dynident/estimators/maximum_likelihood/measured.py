@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
     notes: list[Note] = []
     remembered = problem.motions
     if problem.logs:
-        logs = problem.logs
+        logs = tuple(map(_bridged, problem.logs))
     else:
         logs, remembered = zip(*_runs(problem), strict=True)
     used = _used(problem, len(logs))
@@ -48,6 +49,15 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
     found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
     acceleration = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
     return Recordings(tuple(logs), found, tuple(used), problem.time_offset, acceleration, remembered), notes
+
+
+def _bridged(log: Log) -> Log:
+    """Return a log with straight torques over excluded samples: their steps and noise must not count, either."""
+    if log.excluded is None or log.excluded.all():
+        return log
+    known = ~log.excluded
+    columns = [np.interp(log.t, log.t[known], column[known]) for column in log.tau.T]
+    return replace(log, tau=np.stack(columns, axis=1))
 
 
 def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:

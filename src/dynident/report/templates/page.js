@@ -6,6 +6,24 @@
   const inked = (traces) => traces.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
   const shown = (box) => box.offsetParent !== null;
 
+  // On a phone: smaller letters, titles of axes in several lines, and room for a legend that needs them, too.
+  function narrowed(layout, data, width) {
+    layout.font.size = 11;
+    const named = data.filter((trace) => trace.name && trace.showlegend !== false);
+    const legend = named.length > 1 ? named.reduce((sum, { name }) => sum + 50 + 6 * name.length, 0) : 0;
+    const more = 17 * Math.max(Math.ceil(legend / (width - 70)) - 1, 0);
+    layout.margin = { ...layout.margin, t: (layout.margin?.t ?? 40) + more };
+    layout.height += more;
+    for (const name of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) {
+      const axis = layout[name];
+      axis.tickfont = { size: 10, ...axis.tickfont };
+      axis.automargin = true;
+      if (axis.title?.text) axis.title = { ...axis.title, text: wrapped(axis.title.text, (width - 90) / 6.5) };
+    }
+  }
+  const wrapped = (text, most) =>
+    text.split(" ").reduce((all, word) => (`${all} ${word}`.split("<br>").pop().length > most ? `${all}<br>${word}` : `${all} ${word}`));
+
   function draw(box) {
     if (box.drawn || !shown(box)) return;
     box.drawn = true;
@@ -20,6 +38,8 @@
       data[i].line = { ...data[i].line, color: ink() };
       if (data[i].marker) data[i].marker.color = ink();
     }
+    if (box.clientWidth < 600 && !motion) narrowed(layout, data, box.clientWidth);
+    box.style.height = `${layout.height}px`;
     // A finger that drags a figure means to scroll the page.
     if (matchMedia("(pointer: coarse)").matches && !motion) layout.dragmode = false;
     Plotly.newPlot(box, data, layout, {

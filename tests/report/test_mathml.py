@@ -89,5 +89,5 @@ def test_the_summands_of_a_symbol():
 
 def test_powers_of_symbols_stand_above_their_subscripts():
     found = str(inline("lc1**2"))
-    assert found.startswith("<math><msubsup><mi>l</mi>")
+    assert found.startswith('<math alttext="lc1**2"><msubsup><mi>l</mi>')
     ElementTree.fromstring(found)

@@ -71,7 +71,7 @@ def test_a_model_without_a_robot_file_has_no_view() -> None:
 
 def test_the_page_links_figures_over_time_with_the_view() -> None:
     page = identification_page(identified())
-    assert page.count('"meta":{"run":"tuesday (held out)"}') == 7  # the worst joint; torque and motion of three joints
+    assert page.count('"meta":{"run":"tuesday (held out)"}') == 7  # the head, torque and motion of three joints
     assert page.count('class="player"') == 1
     assert "<h2>The robot and its torques</h2>" in page
     assert "<b>hand" not in page

@@ -2,7 +2,7 @@
 
 from dynident.models import Model
 from dynident.models.gallery import slider, two_link_arm
-from dynident.report.page import MEANING, Column, PageTable
+from dynident.report.page import MEANING, Column, PageSection, PageTable, render
 from dynident.report.term_words import term_words, with_formulas
 
 
@@ -14,9 +14,9 @@ def meanings(model):
 
 def test_meanings_are_formulas():
     arm = meanings(two_link_arm())
-    assert arm["theta3"].startswith("<math>")
+    assert arm["theta3"].startswith('<math alttext="l1*lc2*m2">')
     assert "<mi>μ</mi>" in arm["theta6"]
-    assert meanings(slider())["Fc"].startswith("Coulomb friction: <math>")
+    assert meanings(slider())["Fc"].startswith('Coulomb friction: <math alttext="F_c * sign(dq)">')
 
 
 def test_a_table_without_meanings_stays_as_it_is():
@@ -28,3 +28,15 @@ def test_terms_in_words():
     assert [term_words(term) for term in slider().terms] == [
         "rotor inertia", "viscous friction", "Coulomb friction", "constant torque",
     ]  # fmt: skip
+
+
+def test_a_page_shows_the_formulas_of_a_table():
+    rows = tuple((one.name, one.expression) for one in two_link_arm().parameters)
+    table = PageTable((Column("parameter", numeric=False), MEANING), rows)
+    page = render("Title", "Lead", [PageSection("One", (with_formulas(table, two_link_arm()),))])
+    assert page.count("<math alttext=") == 7
+    plain = PageTable(
+        (Column("parameter", numeric=False), Column("meaning", numeric=False)),
+        with_formulas(table, two_link_arm()).rows,
+    )
+    assert render("Title", "Lead", [PageSection("One", (plain,))]).count("<math alttext=") == 7

@@ -54,8 +54,10 @@ def inline(text: str, known: Known | None = None, ready: bool = False) -> Markup
     """Return an expression, or MathML where ``ready``, as an element among words. Raises what ``pieces`` does."""
     from markupsafe import Markup
 
-    inner = text if ready else _written(_parsed(text), known or {})
-    return Markup(f"<math>{inner}</math>")  # noqa: S704 -- made here, of escaped parts
+    if ready:
+        return Markup(f"<math>{text}</math>")  # noqa: S704 -- made here, of escaped parts
+    inner = _written(_parsed(text), known or {})
+    return Markup(f'<math alttext="{escape(text)}">{inner}</math>')  # noqa: S704 -- likewise
 
 
 def pieces(text: str, known: Known | None = None) -> list[tuple[str, str]]:

@@ -179,9 +179,16 @@ class Gallery:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Blocks that stand side by side where there is room, the second a little wider."""
+    """Two columns of blocks that stand side by side where there is room, one a little wider."""
 
-    blocks: tuple[PageBlock, ...]
+    left: tuple[PageBlock, ...]
+    right: tuple[PageBlock, ...]
+    wide: Literal["left", "right"] = "right"
+
+    @property
+    def blocks(self) -> tuple[PageBlock, ...]:
+        """All blocks, as they follow where there is no room."""
+        return (*self.left, *self.right)
 
 
 PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
@@ -281,6 +288,8 @@ def _names(text: str, short: Mapping[str, str]) -> Markup:
     """Return a cell, escaped, with its long names shortened: they stand whole in a title, and are copied whole."""
     from markupsafe import Markup, escape
 
+    if isinstance(text, Markup):  # a formula
+        return text
     whole = Markup('<abbr title="{}">{}</abbr>')
     parts = re.split(r"(\s+)", text.replace(" %", "\u00a0%"))
     return Markup("").join(whole.format(part, short[part]) if part in short else escape(part) for part in parts)

@@ -28,7 +28,7 @@ TRIANGLES = 300  # of a link
 RATE = 25.0  # Hz, of the poses along a recording, which the page draws a line between
 POSES = 60_000  # positions of single bodies in all recordings of a page
 VIEW, SMALL = 470, 250  # px, heights
-CLOSER = 0.8  # of the small view, which has no axes around
+CLOSER = 0.6  # of the small view, which has no axes around
 LEGEND = {
     "orientation": "h",
     "x": 0,

@@ -171,7 +171,7 @@ def torque_section(identification: Identification, robot: Sequence[PageBlock] = 
     if not robot:
         return PageSection("Torques", (_TORQUES, gallery))
     *said, view = robot
-    return PageSection("The robot and its torques", (_TORQUES, *said, Beside((view, gallery))))
+    return PageSection("The robot and its torques", (_TORQUES, *said, Beside((view,), (gallery,))))
 
 
 def simulation_section(identification: Identification) -> Iterator[PageSection]:

@@ -12,7 +12,7 @@ from dynident.report.exports import export_links
 from dynident.report.head import head_numbers, worst_joint
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, number
 from dynident.report.wording import words
-from dynident.report.words import labelled
+from dynident.report.words import label_of
 
 if TYPE_CHECKING:
     from dynident.export import Export
@@ -40,13 +40,15 @@ def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
 def verdict_section(
     identification: Identification, exports: Sequence[Export] = (), arm: Figure | None = None
 ) -> PageSection:
-    """Return the verdict in three sentences, the numbers, a picture with the ``arm`` where there is one, what to do
-    next, links to the files beside the report, and all reasons behind a fold."""
+    """Return the verdict in three sentences and its numbers, beside them the ``arm``, where there is one, and the
+    torque of the worst joint; what to do next, links to the files beside the report, and all reasons behind a fold."""
     verdict = judge(identification)
     steps, reasons = _next_words(verdict), tuple(map(words, verdict.reasons))
     said = sentences(verdict, REASON)
     numbers = Facts(tuple(head_numbers(identification)), large=True)
-    blocks: list[PageBlock] = [*said[:SENTENCES], numbers, *_picture(identification, arm), *export_links(exports)]
+    pictures: tuple[PageBlock, ...] = (*filter(None, (arm,)), *_picture(identification))
+    head: tuple[PageBlock, ...] = (*said[:SENTENCES], numbers)
+    blocks: list[PageBlock] = [*((Beside(head, pictures, "left"),) if pictures else head), *export_links(exports)]
     if steps:
         more = (Fold(f"{len(steps) - FIRST_STEPS} more", (steps[FIRST_STEPS:],)),) if len(steps) > FIRST_STEPS else ()
         blocks.append(PageSection("What to do next", (steps[:FIRST_STEPS], *more)))
@@ -81,14 +83,14 @@ def _next_words(verdict: Verdict) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _picture(identification: Identification, arm: Figure | None) -> tuple[PageBlock, ...]:
-    """Return the torque of the worst joint on the log that is judged, beside the arm."""
+def _picture(identification: Identification) -> tuple[PageBlock, ...]:
+    """Return the torque of the worst joint on the log that is judged."""
     worst = worst_joint(identification)
     if worst is None:
         return ()
     (log, joint), several = worst, len(identification.model.joints) > 1
     unit = next(one.effort for one in identification.model.joints if one.name == joint)
-    label = next(label for label, k in labelled(identification) if identification.validations[k] is log)
     caption = f"{joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured."
-    torque = Figure(figures.glance_figure(log, joint, unit).of(label), f"{'The worst joint: ' * several}{caption}")
-    return (torque,) if arm is None else (Beside((arm, torque)),)
+    drawn = figures.glance_figure(log, joint, unit).of(label_of(log))
+    torque = Figure(drawn, f"{'The worst joint: ' * several}{caption}")
+    return (torque,)

@@ -63,8 +63,9 @@ def _answering(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> 
     def view() -> Any:
         from flask import Response, request
 
+        content = request.get_json()
         try:
-            found = answer(request.get_json())
+            found = answer(content if isinstance(content, dict) else {})
         except Exception as error:
             session.fault("".join(traceback.format_exception(error)))
             found = {"words": FAULT.format(error), "wrong": True}

@@ -119,7 +119,7 @@ def _controls(bench: Bench, view: View) -> list[Any]:
         _group("Samples left out", html.Div(id="windows"), _window()),
         _group(
             "Model",
-            _named("Minimum speed, rad/s", _number("min_speed", tuning.min_speed[joint], min=0)),
+            _named("Minimum speed, rad/s or m/s", _number("min_speed", tuning.min_speed[joint], min=0)),
             _titled("Terms", _choice("term", _words(bench.kinds), tuning.terms[joint], "Terms"))
             if bench.kinds
             else html.P("Terms are switched where the model is of a robot file.", className="muted"),

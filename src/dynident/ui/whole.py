@@ -48,11 +48,6 @@ class WholeRuns:
         self._now: tuple[Tuning, Step] | None = None
         self._thread: threading.Thread | None = None
 
-    def put(self, tuning: Tuning, found: Identification) -> None:
-        """Keep what is found already for a setting."""
-        with self._changed:
-            self._ended[tuning] = Ended(found)
-
     def want(self, page: str, tuning: Tuning) -> None:
         """Let a page wait for a setting, and no longer for another."""
         with self._changed:
@@ -94,6 +89,7 @@ class WholeRuns:
                 while len(self._ended) > KEPT:
                     self._ended.popitem(last=False)
                 self._now = None
+                self._changed.notify_all()
 
     def _whole(self, tuning: Tuning) -> Ended:
         def progress(step: str) -> None:

@@ -55,19 +55,30 @@ def schemes() -> tuple[dict[str, str], dict[str, str]]:
     return dict(re.findall(r"--(\w+): (#\w{6})", light)), dict(re.findall(r"--(\w+): (#\w{6})", dark))
 
 
+def scripted(name: str) -> list[str]:
+    """A list of colours of the script of the page."""
+    text = files("dynident.report").joinpath("templates", "page.js").read_text()
+    lists = re.findall(r"\[((?:\"#\w{6}\"(?:, )?)+)\]", text)
+    return re.findall(r"#\w{6}", lists[("ON_WHITE", "ON_DARK").index(name)])
+
+
+def nearest(colours: list[str], sight: str) -> float:
+    return min(float(np.linalg.norm(seen(a, sight) - seen(b, sight))) for a, b in combinations(colours, 2))
+
+
 @pytest.mark.parametrize("sight", SIGHT)
 def test_colours_of_curves_are_told_apart(sight: str) -> None:
-    far = {
-        pair: np.linalg.norm(np.subtract(*(seen(PALETTE[k], sight) for k in pair))) for pair in combinations(PALETTE, 2)
-    }
-    assert min(far.values()) > 0.11, far
-    assert np.linalg.norm(seen("#2e9e5b", "deuteranopia") - seen("#e5484d", "deuteranopia")) < 0.05  # a green and a red
+    assert nearest(list(PALETTE.values()), sight) > 0.11
+    assert nearest(scripted("ON_DARK")[:4], sight) > 0.11
+    assert nearest(["#2e9e5b", "#e5484d"], "deuteranopia") < 0.05  # a green and a red
 
 
 def test_curves_are_seen_on_both_papers() -> None:
     for scheme in schemes():
-        for colour in (*PALETTE.values(), VIOLET):
+        for colour in scripted("ON_WHITE"):
             assert contrast(colour, scheme["paper"]) >= 3.0, colour
+    assert min(contrast(colour, schemes()[1]["paper"]) for colour in scripted("ON_DARK")) >= 4.5
+    assert scripted("ON_WHITE") == [*PALETTE.values(), VIOLET]
 
 
 def test_texts_are_read_in_both_schemes() -> None:

@@ -58,7 +58,7 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
 def glance_figure(log: LogValidation, joint: str, unit: str = "N m", points: int = 1000) -> Drawing:
     """Draw a joint's measured and predicted torque over time in one small panel, as ``torque_figure`` does."""
     whole = torque_figure(log, joint, unit, points)
-    figure = panels([whole.layout["yaxis"]["title"]["text"]], 250)
+    figure = panels([whole.layout["yaxis"]["title"]["text"]], 220)
     for one in whole.data[:2]:
         figure.add(one)
     figure.layout["xaxis"]["title"] = whole.layout["xaxis2"]["title"]

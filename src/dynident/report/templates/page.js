@@ -2,6 +2,11 @@
 (() => {
   const boxes = [...document.querySelectorAll(".plot")];
   const dark = matchMedia("(prefers-color-scheme: dark)");
+  // The colours of figures on white, and brighter ones in their place on dark paper.
+  const [ON_WHITE, ON_DARK] = [
+    ["#2964c4", "#bf3a10", "#33a38f", "#b98a00", "#9a66d0"],
+    ["#5a98f5", "#e8602c", "#63d3b8", "#ecc44e", "#bd8cf0"],
+  ];
   const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
   const inked = (traces) => traces.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
   const shown = (box) => box.offsetParent !== null;
@@ -27,7 +32,7 @@
   function draw(box) {
     if (box.drawn || !shown(box)) return;
     box.drawn = true;
-    const { data, layout, motion } = JSON.parse(box.nextElementSibling.textContent);
+    const { data, layout, motion } = recoloured(JSON.parse(box.nextElementSibling.textContent), dark.matches);
     if (motion && !Scene.able) {
       box.style.height = "auto";
       box.textContent = "This browser draws nothing in 3-D (WebGL).";
@@ -49,16 +54,30 @@
       scrollZoom: false, // a wheel over a figure means to scroll the page
       modeBarButtons: motion ? [["zoom3d", "tableRotation", "resetCameraDefault3d"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d"]],
     });
-    saving(box);
+    saving(box, () => recoloured(box.data, false));
     if (motion) Scene.draw(box, motion);
     else Scene.follow(box);
   }
 
-  function paint(color) {
+  // A copy in the colours of white or of dark paper; long lists hold no colours and stay as they are.
+  function recoloured(value, bright) {
+    const again = (one) => recoloured(one, bright);
+    if (Array.isArray(value)) return value.length > 400 ? value : value.map(again);
+    if (value?.constructor === Object) return Object.fromEntries(Object.entries(value).map(([key, one]) => [key, again(one)]));
+    const [from, to] = bright ? [ON_WHITE, ON_DARK] : [ON_DARK, ON_WHITE];
+    return typeof value === "string" ? (to[from.indexOf(value)] ?? value) : value;
+  }
+
+  function paint(color, bright) {
     for (const box of boxes.filter((box) => box.data)) {
-      Plotly.relayout(box, { "font.color": color });
-      const traces = inked(box.data);
-      if (traces.length) Plotly.restyle(box, { "line.color": color, "marker.color": color }, traces);
+      const layout = recoloured(box.layout, bright);
+      layout.font.color = color;
+      const data = recoloured(box.data, bright);
+      for (const i of inked(data)) {
+        data[i].line = { ...data[i].line, color };
+        if (data[i].marker) data[i].marker.color = color;
+      }
+      Plotly.react(box, data, layout);
     }
   }
 
@@ -117,17 +136,17 @@
   );
   document.querySelectorAll("main > section").forEach((part) => here.observe(part));
 
-  dark.addEventListener("change", () => paint(ink()));
+  dark.addEventListener("change", () => paint(ink(), dark.matches));
   const sized = (width) => {
     for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, width ? { width } : { width: null, autosize: true });
   };
   addEventListener("beforeprint", () => {
     boxes.forEach(draw);
-    paint("#111111");
+    paint("#111111", false);
     sized(PAPER);
   });
   addEventListener("afterprint", () => {
-    paint(ink());
+    paint(ink(), dark.matches);
     sized();
   });
 })();

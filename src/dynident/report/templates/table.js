@@ -13,18 +13,20 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
     return box.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight);
   };
   const text = (cell) => {
+    if (cell.dataset.value) return cell.dataset.value; // a number with a power of ten
     const copy = cell.cloneNode(true);
     copy.querySelectorAll("abbr").forEach((name) => name.title.length > name.textContent.length && name.replaceWith(name.title));
+    copy.querySelectorAll("math[alttext]").forEach((formula) => formula.replaceWith(formula.getAttribute("alttext")));
     copy.querySelectorAll("sup").forEach((power) => power.replaceWith(`^${power.textContent}`));
     return copy.textContent.trim();
   };
-  const plain = (cell) => text(cell).replace(/\s*×\s*10\^/g, "e").replace(/\u2212/g, "-").replace(/\s+/g, " ");
+  const plain = (cell) => cell.dataset.value ?? text(cell).replace(/\u2212/g, "-").replace(/\s+/g, " ");
 
   // By value: what is missing comes last, numbers come before words; digits within words count as numbers.
   const words = new Intl.Collator(undefined, { numeric: true });
   function key(cell) {
     const shown = plain(cell);
-    const found = /^[<>~+]?\s*(-?(?:\d+\.?\d*(?:e[-+]?\d+)?|∞|inf))/i.exec(shown);
+    const found = /^[<>≤≥~+]?\s*(-?(?:\d+\.?\d*(?:e[-+]?\d+)?|∞|inf))/i.exec(shown);
     if (!found || !cell.classList.contains("number")) return shown;
     return /∞|inf/i.test(found[1]) ? (found[1][0] === "-" ? -Infinity : Infinity) : Number(found[1]);
   }

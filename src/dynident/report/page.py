@@ -46,6 +46,7 @@ __all__ = [
     "pairs",
     "relative",
     "render",
+    "stylesheet",
 ]
 
 NAME = 24  # letters of a word in a column of names: beside it there is room for numbers on a phone
@@ -235,6 +236,11 @@ def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     tables = script is not None or any(_has(section, PageTable) for section in sections)
     made_by = {"version": __version__, "kernel": str(kernel())}
     return template.render(title=title, lead=lead, sections=sections, plotly=script, tables=tables, **made_by)
+
+
+def stylesheet() -> str:
+    """Return the styles of a page, for pages that are made elsewhere."""
+    return _environment().get_template("page.css").render()
 
 
 @cache

@@ -37,7 +37,7 @@ def starting(name: str) -> Any:
             dcc.Store(id="ready"),
             html.H1(f"Tune {name}"),
             html.Div("starting", id="step", className="lead", role="status"),
-            html.Div(html.Div(id="bar"), className="bar", id="track"),
+            html.Div(html.Div(id="bar"), className="progress", id="track"),
             html.Div(id="failure", role="alert"),
             html.Button("Read again", id="again", className="quiet", hidden=True),
         ],

@@ -135,7 +135,7 @@ def _error(one: LogFit | None) -> float | None:
 
 
 def _percent(value: float | None) -> str:
-    return error_words(value).removesuffix(" %")
+    return number(value, 3)
 
 
 def _moved(now: float | None, before: float | None) -> Any:

@@ -36,8 +36,8 @@ def test_each_setting_is_said() -> None:
         ("minimum speed of a", "0", "0.100"),
         ("terms of a", "viscous", "viscous, dahl"),
         ("joints not fitted", "none", "b"),
-        ("parallel filter", "none", "cut-off by the decimation, each 4th sample"),
-        ("estimator", "least squares", "consistent"),
+        ("parallel filter", "none", "low-pass of order 4 at 0.8 of half the decimated rate, one of 4 samples kept"),
+        ("estimator", "least squares", "physically consistent"),
         ("time offset", "0 ms", "2.000 ms"),
         ("samples of monday", "used", "without 1.000 to 2.500 s"),
     ]

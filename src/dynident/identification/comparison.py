@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtr
 
 from dynident.errors import Use, brief
 from dynident.validation import TorqueErrors
@@ -214,7 +214,7 @@ def compare_results(
     known = np.isfinite(whole)
     with np.errstate(divide="ignore", invalid="ignore"):
         z = np.where(d == 0.0, 0.0, d / whole)
-    p_value = _holm(2.0 * norm.sf(np.abs(z[known])))
+    p_value = _holm(2.0 * ndtr(-np.abs(z[known])))
     columns = np.column_stack([own, stds[0], others, stds[1], z])[known]
     rows_known = np.column_stack([columns, p_value]).tolist()
     named = [(first.base_names[k], first.base_units[k]) for k in rows[known]]
@@ -229,7 +229,7 @@ def compare_results(
         tuple(name for name in first.base_names if name not in compared),
         squared,
         freedom,
-        None if squared is None else float(chi2.sf(squared, freedom)),
+        None if squared is None else float(chdtrc(freedom, squared)),
         tuple(_logs(first, second)),
         level,
         tolerance,

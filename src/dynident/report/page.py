@@ -46,6 +46,7 @@ __all__ = [
     "pairs",
     "relative",
     "render",
+    "stylesheet",
 ]
 
 NAME = 24  # letters of a word in a column of names: beside it there is room for numbers on a phone
@@ -101,7 +102,8 @@ class PageTable:
         if not any(column.numeric for column in self.columns):
             return {}
         names = [k for k, column in enumerate(self.columns[:2]) if not column.numeric and not column.prose]
-        words = {word for k in names for row in self.rows for word in row[k].split()}
+        cells = (row[k] for k in names for row in self.rows)
+        words = {word for cell in cells if not hasattr(cell, "__html__") for word in cell.split()}
         long = sorted(word for word in words if len(word) > NAME)
         return dict(zip(long, shortened(long, NAME), strict=True))
 
@@ -236,6 +238,11 @@ def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     return template.render(title=title, lead=lead, sections=sections, plotly=script, tables=tables, **made_by)
 
 
+def stylesheet() -> str:
+    """Return the styles of a page, for pages that are made elsewhere."""
+    return _environment().get_template("page.css").render()
+
+
 @cache
 def _environment() -> jinja2.Environment:
     import jinja2
@@ -284,14 +291,15 @@ def _has(block: PageBlock, kind: type[PageTable | Figure]) -> bool:
     return isinstance(block, kind)
 
 
-def _names(text: str, short: Mapping[str, str]) -> Markup:
-    """Return a cell, escaped, with its long names shortened: they stand whole in a title, and are copied whole."""
+def _names(cell: str, short: Mapping[str, str], shown: str) -> str:
+    """Return a cell as it is ``shown``, or, where it has long names, with these shortened: they stand whole in a title,
+    and are copied whole."""
     from markupsafe import Markup, escape
 
-    if isinstance(text, Markup):  # a formula
-        return text
+    parts = re.split(r"(\s+)", cell)
+    if isinstance(cell, Markup) or not any(part in short for part in parts):  # a formula is no name
+        return shown
     whole = Markup('<abbr title="{}">{}</abbr>')
-    parts = re.split(r"(\s+)", text.replace(" %", "\u00a0%"))
     return Markup("").join(whole.format(part, short[part]) if part in short else escape(part) for part in parts)
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import traceback
 from collections.abc import Callable, Mapping
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, set_props
 from dash.exceptions import PreventUpdate
 
+from dynident.report.page import stylesheet
 from dynident.ui.page import Page
 
 if TYPE_CHECKING:
@@ -53,8 +53,7 @@ def made(session: Session, token: str) -> Dash:
 def _styles() -> Any:
     from flask import Response
 
-    styles = files("dynident.report") / "templates" / "page.css"
-    return Response(styles.read_text(encoding="utf-8"), mimetype="text/css")
+    return Response(stylesheet(), mimetype="text/css")
 
 
 def _answering(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> Callable[[], Any]:

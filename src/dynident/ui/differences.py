@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.page import number
+from dynident.report.part_words import part_words
 from dynident.report.words import percent
 
 if TYPE_CHECKING:
-    from dynident.regression import ParallelFilter
     from dynident.tuning import Tuning
 
-__all__ = ["Change", "changes", "degree_words", "filter_words"]
+__all__ = ["Change", "changes", "degree_words", "error_words", "estimator_words"]
 
 Change = tuple[str, str, str]  # what, before, now
 
@@ -35,12 +35,9 @@ def degree_words(degree: float) -> str:
     return f"S/n = {number(10.0**degree, 3)}"
 
 
-def filter_words(one: ParallelFilter | None) -> str:
-    """Word a parallel filter."""
-    if one is None:
-        return "none"
-    cutoff = f"{number(one.cutoff, 3)} Hz" if one.cutoff else "cut-off by the decimation"
-    return cutoff if one.decimate == 1 else f"{cutoff}, each {one.decimate}th sample"
+def estimator_words(kind: str) -> str:
+    """Word a kind of estimator, one of the user by its name."""
+    return {"consistent": "physically consistent"}.get(kind, kind.replace("_", " "))
 
 
 def error_words(value: float | None) -> str:
@@ -50,8 +47,8 @@ def error_words(value: float | None) -> str:
 
 WHOLE: Mapping[str, Callable[[Tuning], str]] = {
     "joints not fitted": lambda one: ", ".join(one.unfitted) or "none",
-    "parallel filter": lambda one: filter_words(one.filter),
-    "estimator": lambda one: one.estimator.replace("_", " "),
+    "parallel filter": lambda one: "none" if one.filter is None else part_words(one.filter),
+    "estimator": lambda one: estimator_words(one.estimator),
     "time offset": lambda one: f"{number(1e3 * one.time_offset, 4)} ms",
 }
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from dash import dcc, html
 
 from dynident.errors import shortened
+from dynident.ui.differences import estimator_words
 from dynident.ui.drawings import SLIDER
 
 if TYPE_CHECKING:
@@ -22,11 +23,6 @@ DRAW = {"displaylogo": False, "responsive": True, "doubleClick": "reset"}
 BUTTONS = {"modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]]}
 REACH = {"all": "all joints", "one": "this joint"}
 FILTERS = ("none", "low-pass")
-ESTIMATORS = {
-    "least_squares": "least squares",
-    "consistent": "physically consistent",
-    "maximum_likelihood": "maximum likelihood",
-}
 
 
 def starting(name: str) -> Any:
@@ -37,7 +33,7 @@ def starting(name: str) -> Any:
             dcc.Store(id="ready"),
             html.H1(f"Tune {name}"),
             html.Div("starting", id="step", className="lead", role="status"),
-            html.Div(html.Div(id="bar"), className="bar", id="track"),
+            html.Div(html.Div(id="bar"), className="progress", id="track"),
             html.Div(id="failure", role="alert"),
             html.Button("Read again", id="again", className="quiet", hidden=True),
         ],
@@ -97,7 +93,7 @@ def _controls(bench: Bench, view: View) -> list[Any]:
     tuning, filtering = view.tuning, view.tuning.filter
     joint = bench.joints.index(view.joint)
     joints, fitted = _short(bench.joints), [one for one in bench.joints if one not in tuning.unfitted]
-    estimators = {one: ESTIMATORS.get(one, one) for one in bench.estimators}
+    estimators = {one: estimator_words(one) for one in bench.estimators}
     low_pass = "none" if filtering is None else "low-pass"
     return [
         _group("Joint", _choice("joint", joints, [view.joint], "Joint")),

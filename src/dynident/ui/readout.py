@@ -113,7 +113,9 @@ def verdict(found: Identification) -> Any:
 def pending(step: Step) -> Any:
     """Return the sign that the whole identification runs."""
     share = f"{100 * step.done / step.total:.0f}%" if step.total else None
-    bar = html.Div(html.Div(style={"width": share} if share else {}), className="bar" if share else "bar running")
+    bar = html.Div(
+        html.Div(style={"width": share} if share else {}), className="progress" if share else "progress running"
+    )
     words = html.P(f"The whole identification runs: {step.words}", className="muted")
     return [html.H2("Verdict"), words, bar]
 
@@ -133,7 +135,7 @@ def _error(one: LogFit | None) -> float | None:
 
 
 def _percent(value: float | None) -> str:
-    return error_words(value).removesuffix(" %")
+    return number(value, 3)
 
 
 def _moved(now: float | None, before: float | None) -> Any:

@@ -143,8 +143,10 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
       };
       this.widths = widths("natural");
       const words = widths("least");
-      const least = (k) => (this.prose[k] ? Math.max(words[k], Math.min(SENTENCE, this.widths[k])) : Math.min(words[k], WORD));
-      this.least = words.map((width, k) => (this.numeric[k] ? width : least(k)));
+      this.rigid = words.map((width, k) => this.numeric[k] && width <= WORD); // beside some numbers stands a name
+      this.words = words.map((width, k) => Math.max(width, this.prose[k] ? Math.min(SENTENCE, this.widths[k]) : 0));
+      const named = words.flatMap((_, k) => (this.numeric[k] && !this.rigid[k] ? [k] : []));
+      for (const row of this.rows) for (const k of named) row.cells[k].classList.add("named");
       return this.widths;
     }
 
@@ -153,6 +155,7 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
       this.room = room;
       this.place.querySelectorAll(".part").forEach((part) => part.remove());
       const narrow = sum(this.widths) > room;
+      this.least = this.words.map((width, k) => (this.rigid[k] ? width : Math.min(width, WORD, room / 2)));
       const split = sum(this.least) > room;
       this.table.hidden = split;
       this.place.classList.toggle("narrow", narrow && !split);
@@ -163,7 +166,8 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
     split(room) {
       const wide = (columns) => sum(columns.map((k) => this.least[k]));
       const names = [0];
-      if (!this.numeric[1] && this.numeric.includes(true) && wide([0, 1]) < NAMES * room) names.push(1);
+      const widest = Math.max(...this.least.slice(2));
+      if (!this.numeric[1] && this.numeric.includes(true) && wide([0, 1]) < Math.min(NAMES * room, room - widest)) names.push(1);
       const runs = [];
       for (let k = names.length; k < this.least.length; k++) {
         if (this.groups[k] && this.groups[k] === this.groups[runs.at(-1)?.[0]]) runs.at(-1).push(k);

@@ -71,12 +71,17 @@
     try {
       const answer = await post("act", { search: setting, control, value });
       put("complaint", { children: answer.words });
-      if (answer.words || answer.search === setting) return;
+      if (answer.words || answer.search === setting) return void ask(asked(setting, null));
       setting = answer.search;
       put("address", { search: setting });
     } catch {
       // the words on a server that has ended follow
     }
+  }
+  // When a person pauses, the whole identification begins: of whatever is set then.
+  function pause() {
+    clearTimeout(pausing);
+    pausing = setTimeout(() => put("rested", { data: { search: setting, at: performance.now() } }), PAUSE);
   }
   const act = (control, value) => (acting = acting.then(() => send(control, value)));
 
@@ -105,7 +110,7 @@
     gd.on("plotly_selected", (event) => {
       const range = event?.range && Object.entries(event.range).find(([key]) => key.startsWith("x"))?.[1];
       if (!range) return;
-      act("exclude", range.map((t) => t + zero));
+      act("exclude", range.map((t) => Number((t + zero).toFixed(3))));
       window.Plotly.relayout(gd, { selections: [] });
     });
   }
@@ -164,15 +169,14 @@
           set = degree;
           moved = performance.now();
           clearTimeout(resting);
-          clearTimeout(pausing);
+          pause();
           resting = setTimeout(() => act("degree", degree), REST);
           ask(asked(search, degree));
           return none();
         }
         if (by.includes("address.search")) setting = search ?? ""; // also by the browser's own button to go back
-        clearTimeout(pausing);
-        pausing = setTimeout(() => put("rested", { data: { search, at: performance.now() } }), PAUSE);
-        ask(asked(search, null));
+        pause();
+        ask(asked(setting, null));
         return none();
       },
 

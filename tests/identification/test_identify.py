@@ -10,7 +10,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.estimators import LeastSquares, MaximumLikelihood
 from dynident.estimators.maximum_likelihood import newton
 from dynident.estimators.notes import Failed, NotWhite, RankDeficient, Undetermined
-from dynident.identification import Identification, NotFitted, Recipe, identify, versions
+from dynident.identification import Identification, NotFitted, NotJudged, Recipe, identify, versions
 from dynident.log import Log
 from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
 from dynident.models.gallery import two_link_arm
@@ -207,6 +207,8 @@ def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
     gone = (log.t >= 2.0) & (log.t <= 3.0)
     spoiled = replace(log, tau=log.tau + 50.0 * gone[:, None])
     found = identify(ARM, [spoiled.excluding([(2.0, 3.0)])], [spoiled.excluding([(1.9, 3.1)])])
+    (note,) = (one for one in found.notes if isinstance(one, NotJudged))  # of the held-out log alone
+    assert note.share == pytest.approx(100 * 1.2 / np.ptp(log.t), rel=0.02)
     assert error(found) < 1e-3
     assert [one.errors.relative_error < 0.1 for one in found.validations] == [True, True]
     assert found.estimate.residual.samples == found.validations[0].motion.mask.sum()

@@ -62,6 +62,13 @@ def test_the_same_and_nothing_in_common() -> None:
     assert lines[2].startswith("No log has the same name and role in both")
 
 
+def test_a_held_out_log_judged_on_other_samples_is_not_passed_over() -> None:
+    other = replace(FIRST_FULL, logs=(log(0.5, recording="z"), log(1.0, "monday", "train", "y")))
+    lines = comparison_lines(compare_results(FIRST_FULL, other))
+    assert any(one.startswith("Of tuesday, held out, other recordings or samples were judged") for one in lines)
+    assert "Torque error on monday (training): 1 % against 1 %, the same." in lines
+
+
 def test_tables_hold_the_numbers() -> None:
     found = compare_results(FIRST_FULL, WORSE)
     base, errors, files = comparison_tables(found)

@@ -29,7 +29,7 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
-from dynident.identification.role_logs import NotFitted
+from dynident.identification.role_logs import NotFitted, NotJudged
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
 from dynident.identification.terms import Kind, NotChosen, Outcome, PlainTerms, TermChoice, Trial, choose_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
@@ -59,6 +59,7 @@ __all__ = [
     "LongRecording",
     "NotChosen",
     "NotFitted",
+    "NotJudged",
     "OldResult",
     "Outcome",
     "Pairing",

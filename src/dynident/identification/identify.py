@@ -26,7 +26,7 @@ from dynident.identification.result import (
     Sources,
     versions,
 )
-from dynident.identification.role_logs import NotFitted, RoleLogs
+from dynident.identification.role_logs import NotFitted, RoleLogs, not_judged
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.identification.terms import PlainTerms
 from dynident.identification.terms.added import chosen, first, with_choice
@@ -131,6 +131,7 @@ def _identify(
             *noted,
             *resting,
             *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
+            *not_judged(validations),
             *_steep(tilt),
             *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -13,11 +13,13 @@ from dynident.identification.rests import Rests, without_rests
 from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.smoothers import Smoother, motion_of
+from dynident.validation import LogValidation
 
-__all__ = ["NotFitted", "RoleLogs"]
+__all__ = ["NotFitted", "NotJudged", "RoleLogs", "not_judged"]
 
 Logs = Mapping[str, Mapping[str, Log]]
 Motions = dict[str, dict[str, Motion]]
+MUCH = 0.05  # share of a held-out log that may be excluded without a warning
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,22 @@ class NotFitted(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class NotJudged(Note):
+    """Of the held-out ``log`` the configuration excludes a ``share`` (%): its error is that of the rest."""
+
+    log: str
+    share: float
+
+
+def not_judged(validations: Sequence[LogValidation]) -> Iterator[NotJudged]:
+    """Yield of which held-out logs, with signals, more than 5 % are excluded."""
+    for one in validations:
+        gone = None if one.recorded is None else one.recorded.excluded
+        if one.role == "validation" and gone is not None and gone.mean() > MUCH:
+            yield NotJudged(one.name, 100.0 * float(gone.mean()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from dynident.identification import (
     Gain,
     NotChosen,
     NotFitted,
+    NotJudged,
     PlainTerms,
     PriorStrength,
     Rests,
@@ -148,6 +149,14 @@ def _(note: NotChosen) -> str:
 @words.register
 def _(note: NotFitted) -> str:
     return f"torques that are not fitted, only predicted and judged, by `unfitted`: {', '.join(note.joints)}"
+
+
+@words.register
+def _(note: NotJudged) -> str:
+    return (
+        f"{percent(note.share)} of {note.log}, which is held out, are not judged, by `exclude`: its torque error is "
+        "that of the rest. Exclude only what the robot is not to blame for, such as a collision"
+    )
 
 
 @words.register

@@ -109,6 +109,11 @@ def _log_lines(found: ResultComparison) -> Iterator[str]:
         yield "No log has the same name and role in both, so that torque errors are not compared."
     elif not found.judged:
         yield "Logs of the same name are of other recordings, so that their torque errors do not tell which is better."
+    elif other := [one.name for one in found.logs if one.role == "validation" and one.same is False]:
+        yield (
+            f"Of {listed(other)}, held out, other recordings or samples were judged (file, window, exclusions), so "
+            "that these errors do not compare."
+        )
     for one in found.judged:
         end = f": {number(abs(one.growth), 2)} % {'more' if one.growth > 0 else 'less'}"
         end = end if abs(one.growth) >= 0.05 else ", the same"

@@ -6,6 +6,7 @@ from base64 import b64decode
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification.links import DeterminedBy
@@ -60,7 +61,14 @@ def test_a_small_view_follows_without_a_player() -> None:
     small = robot_view(identified())
     assert not small.player
     assert small.figure.layout["height"] == 250
-    assert not small.figure.layout["scene"]["xaxis"]["visible"]
+    scene = small.figure.layout["scene"]
+    assert not scene["xaxis"]["visible"]
+    links = [one for one in small.figure.data if one.get("hovertext")]
+    for axis in "xyz":  # it looks at the arm, where that stands in the view
+        middle = (min(one[axis].min() for one in links) + max(one[axis].max() for one in links)) / 2
+        low, high = scene[f"{axis}axis"]["range"]
+        side = scene["aspectratio"][axis] * ((middle - low) / (high - low) - 0.5)
+        assert scene["camera"]["center"][axis] == pytest.approx(side, abs=1e-6)
 
 
 def test_a_model_without_a_robot_file_has_no_view() -> None:

@@ -98,3 +98,18 @@ def test_all_joints_together() -> None:
         both, errors=replace(both.errors, rmse={"a": 1.0, "c": float("nan")}), floors={"a": floors["a"]}
     ).at_floor
     assert replace(both, floors={}).over_floor is None
+
+
+@pytest.mark.parametrize("size", [0.0, 4.0])
+def test_friction_that_changes_between_the_passes_is_no_scatter(size: float) -> None:
+    """A friction that falls over the log leaves the floor at the noise, and the residual above it."""
+    found = []
+    for seed in range(20):
+        one = log(np.random.default_rng(seed), rho=0.8)
+        speed = np.gradient(one.motion.q, T, axis=0)
+        changed = one.motion.tau + size * NOISE * np.sign(speed) * (0.5 - T[:, None] / T[-1])
+        rmse = {"hinge": float(np.sqrt(np.mean((changed - one.predicted) ** 2)))}
+        signals = Signals(replace(one.motion, dq=speed, tau=changed), one.predicted)
+        found.append(floor(replace(one, errors=replace(one.errors, rmse=rmse), signals=signals)))
+    assert np.mean([one.size for one in found]) == pytest.approx(NOISE, rel=0.03)
+    assert np.mean([one.reached for one in found]) == pytest.approx(float(size == 0.0), abs=0.1)

@@ -19,7 +19,6 @@ __all__ = ["WORDS", "link_section", "missing_words", "shape_words", "title_of"]
 
 ZERO = 1e-9  # of what is mm, kg or kg m^2, below which it is rounding
 FEW = 5  # meshes in a sentence
-SMALL = 0.01  # share of a value
 WORDS = {
     DeterminedBy.DATA: "the data",
     DeterminedBy.COMBINATION: "the data, with other links",
@@ -29,8 +28,8 @@ WORDS = {
 }
 _LINKS = (
     "The centre of mass is in the frame of the link; the principal moments are about it. ±: standard error. Where the "
-    "data alone leave a value open, the prior chose it, with an error that is not known: ± is then what the data "
-    "contribute (>), or a dash where that is below 1 % of the value."
+    "data alone leave a value open, the prior chose it, and its error is not known: ± is then \"open\". Combinations that "
+    "the data determine have their errors among the parameters."
 )
 _OPEN = (
     "The data alone leave mass, centre of mass and moments of each link open: only combinations of links act on the "
@@ -86,10 +85,10 @@ def _cell(value: float) -> str:
 
 
 def _error(std: float, sure: bool, value: float) -> str:
-    """Return a standard error; where it is only a part, which is small, it says nothing."""
-    if not np.isfinite(value) or not np.isfinite(std) or (not sure and std < SMALL * abs(value)):
+    """Return the standard error of a value that the data alone determine."""
+    if not np.isfinite(value) or not np.isfinite(std):
         return "-"
-    return number(float(std), 2) if sure else f"> {number(float(std), 2)}"
+    return number(float(std), 2) if sure else "open"
 
 
 def _determined(links: Sequence[LinkInertia]) -> PageTable:

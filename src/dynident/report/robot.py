@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ TRIANGLES = 300  # of a link
 RATE = 25.0  # Hz, of the poses along a recording, which the page draws a line between
 POSES = 60_000  # positions of single bodies in all recordings of a page
 VIEW, SMALL = 470, 250  # px, heights
-CLOSER = 0.6  # of the small view, which has no axes around
+ROUND = 1.4  # diagonals of the arm from which the small view looks at it
 LEGEND = {
     "orientation": "h",
     "x": 0,
@@ -82,12 +82,25 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     shown = _outlines(geometry or rods_of(bodies))
     moving = _surfaces(bodies, link_inertias(identification), shown)
     still = [figures.standing(one) for one in shown if one.body < 0]
+    if not moving:
+        return None
     figure = figures.scene_figure(bodies, _replays(identification), moving, still, (), SMALL)
     scene = figure.layout["scene"]
-    scene["camera"]["eye"] = {axis: CLOSER * far for axis, far in scene["camera"]["eye"].items()}
+    scene["camera"] = _towards(figure.data[: len(moving)], scene)
     for axis in "xyz":
         scene[f"{axis}axis"]["visible"] = False
     return Figure(figure, "Links in the colour of what determined them (see below).", player=False)
+
+
+def _towards(arm: Sequence[Trace], scene: dict[str, Any]) -> dict[str, Any]:
+    """Return the camera of a ``scene`` that looks at the ``arm`` as it is drawn, from the side that it has already."""
+    low, high = (np.array([edge([edge(one[axis]) for one in arm]) for axis in "xyz"]) for edge in (np.min, np.max))
+    start, stop = np.array([scene[f"{axis}axis"]["range"] for axis in "xyz"]).T
+    whole = (stop - start).max()
+    middle = ((low + high) - (start + stop)) / (2 * whole)
+    side = np.array([scene["camera"]["eye"][axis] for axis in "xyz"])
+    away = ROUND * float(np.linalg.norm(high - low)) / whole * side / np.linalg.norm(side)
+    return {key: dict(zip("xyz", at.tolist(), strict=True)) for key, at in (("center", middle), ("eye", middle + away))}
 
 
 @lru_cache(maxsize=1)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.report.figures.canvas import (
     AMBER,
@@ -34,7 +35,7 @@ __all__ = ["SLIDER", "Zoom", "curve_drawing", "motion_drawing", "residual_drawin
 Zoom = tuple[float, float] | None  # s of the log, None for all of it
 POINTS, COARSE, AROUND = 1400, 600, 120  # of a curve: where it is seen, while a slider moves, on either side
 SLIDER = -3.0, 4.0  # log S/n, from one end of the slider to the other
-NEAR = 0.12  # of log S/n: marks that are one
+NEAR, CLOSE = 0.12, 1.0  # of log S/n: marks that are one, and whose names would meet
 PREFIXES = (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")
 LEFT_OUT = "rgba(128, 128, 128, 0.18)"
 MARGIN = {"l": 72, "r": 8, "t": 8, "b": 40}
@@ -113,14 +114,15 @@ def curve_drawing(found: DegreeCurve, at: float, joint: int, alone: bool) -> Dra
     figure.add(_plain_line(found.degrees, found.errors, "cross-validated error", BLUE, 2.0))
     marks = _marks(found, joint, alone)
     x = np.array([degree for degree, _ in marks])
+    y = np.interp(x, found.degrees, found.errors)
     figure.add(
         trace(
             "scatter",
             x=x,
-            y=np.interp(x, found.degrees, found.errors),
+            y=y,
             text=[name for _, name in marks],
             mode="markers+text",
-            textposition=["bottom right", "top left"][: len(marks)] * len(marks),
+            textposition=_sides(x, np.interp(x + NEAR, found.degrees, found.errors) > y),
             textfont={"size": 11},
             cliponaxis=False,
             name="choices",
@@ -147,6 +149,13 @@ def _marks(found: DegreeCurve, joint: int, alone: bool) -> list[tuple[float, str
         else:
             known.append((degree, name))
     return known
+
+
+def _sides(x: Array, rising: NDArray[np.bool_]) -> list[str]:
+    """Return where the name of each mark stands: away from the curve, and from the next mark where that is close."""
+    close = np.append(np.diff(x) < CLOSE, False)
+    sides = {(True, True): "top left", (True, False): "bottom right", (False, True): "bottom left"}
+    return [sides.get((bool(up), bool(near)), "top right") for up, near in zip(rising, close, strict=True)]
 
 
 def place(degrees: Sequence[float], joint: int, alone: bool) -> float:

@@ -12,6 +12,7 @@ from dash.exceptions import PreventUpdate
 from dynident.errors import DynidentError, listed
 from dynident.report.figures.canvas import origin
 from dynident.report.page import number
+from dynident.report.typography import said
 from dynident.ui import layout, readout
 from dynident.ui.differences import changes, degree_words
 from dynident.ui.drawings import Zoom, curve_drawing, motion_drawing, residual_drawing, torque_drawing
@@ -281,7 +282,7 @@ def _reached(one: Smoothed, unit: str) -> str:
     words = [f"S/n = {number(10.0**one.degree, 3)} reached", f"noise {number(one.noise, 2)} {unit}"]
     words += [f"cut-off {number(one.cutoff, 3)} Hz"] if one.cutoff == one.cutoff else []
     words += [f"{number(one.edf, 3)} degrees of freedom"] if one.edf == one.edf else []
-    return " · ".join(words)
+    return said(" · ".join(words))
 
 
 def _zoom(wanted: Mapping[str, Any]) -> Zoom:

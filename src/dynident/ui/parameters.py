@@ -12,6 +12,7 @@ from dynident.errors import brief, shortened
 from dynident.models import INERTIAL
 from dynident.report.figures.canvas import Array
 from dynident.report.page import number
+from dynident.report.typography import cell, unit_text
 from dynident.splines import NORMAL_95
 
 if TYPE_CHECKING:
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Determined", "determined", "parameter_table"]
 
-LONGEST = 16  # letters of a name
+LONGEST = 13  # letters of a name
+SHORT = 15  # of a value with its error: a longer one is broken
 SEEN = 3.0  # standard errors from which on a change of the last setting is marked
 
 
@@ -81,9 +83,8 @@ def parameter_table(now: Determined, last: Determined | None = None) -> Any:
             now.names, shortened(now.names, LONGEST), now.formulas, now.units, now.value, now.std, strict=True
         )
     ]
-    head = html.Thead(
-        html.Tr([html.Th("parameter"), html.Th("value ± 95 %", className="number"), html.Th(""), html.Th("")])
-    )
+    titles = html.Th("parameter"), html.Th("95 %"), html.Th("value ± 95 %", className="number"), html.Th("")
+    head = html.Thead(html.Tr(list(titles)))
     return html.Div(
         html.Table([html.Caption("Parameters that the data determine", className="hidden"), head, html.Tbody(rows)]),
         className="scroll tall",
@@ -107,5 +108,8 @@ def _row(name: str, short: str, formula: str, unit: str, value: float, std: floa
         title=f"95 % within {number(100 * half, 2)} % of the value",
     )
     named = html.Td(short + (" +" if formula != name else ""), title=formula)
-    both = f"{number(value, 3)} ± {number(NORMAL_95 * std, 2)}".replace("-", "\u2212")
-    return html.Tr([named, html.Td(both, className="number"), html.Td(unit, className="muted unit"), html.Td(bar)])
+    both = cell(f"{number(value, 3)} ± {number(NORMAL_95 * std, 2)}")
+    if len(both) <= SHORT:
+        both = both.replace(" ", "\u00a0")
+    unit_cell = html.Td(unit_text(unit), className="muted unit")
+    return html.Tr([named, html.Td(bar), html.Td(both, className="number"), unit_cell])

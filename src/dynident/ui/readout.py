@@ -24,6 +24,10 @@ __all__ = ["changed", "errors", "numbers", "pending", "unsaved", "verdict"]
 
 LONGEST = 18  # letters of a joint's name
 SAME = 5e-3  # points of an error that are no difference
+HELD_OUT = (
+    "Choose by the cross-validated error: it is of the training, over what is fitted. Settings that are chosen by the "
+    "held-out error make it one of training, too."
+)
 
 
 def worst(logs: Sequence[LogFit]) -> LogFit | None:
@@ -55,13 +59,14 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
         (number(fit.condition, 3), "condition", _times(fit.condition, None if last is None else last.condition)),
         (f"{fit.rank} of {len(fit.names)}", "combinations known", ""),
     ]
-    return html.Dl(
+    shown = html.Dl(
         [
             html.Div([html.Dt(title), html.Dd(value), html.Dd(difference, className="note")])
             for value, title, difference in facts
         ],
         className="facts",
     )
+    return [shown, *([html.P(HELD_OUT, className="muted")] if fit.held_out() else [])]
 
 
 def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:
@@ -135,7 +140,7 @@ def _error(one: LogFit | None) -> float | None:
 
 
 def _percent(value: float | None) -> str:
-    return error_words(value).removesuffix(" %")
+    return number(value, 3)
 
 
 def _moved(now: float | None, before: float | None) -> Any:

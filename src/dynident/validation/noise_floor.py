@@ -2,7 +2,8 @@
 
 Where a motion repeats, no model tells the two passes apart: what their residuals a and b do not share is scatter, of
 any colour, of power (a - b)^2 / 2. What they share, c = sum a b / sum (a^2 + b^2) / 2 of the power, is not (Box and
-Draper's pure error and lack of fit). Elsewhere the least that white noise leaves (``sensor_noise``) stands in.
+Draper's pure error and lack of fit). Nor is a change between the passes that an offset, friction or a gain makes, as
+of a drive that warms up: it is removed first. Elsewhere the least that white noise leaves (``sensor_noise``) stands in.
 """
 
 from __future__ import annotations
@@ -77,12 +78,27 @@ def _by_repeats(one: LogValidation, other: LogValidation, rows: Rows, twins: Row
     """Return the floors by joint from the residuals of two passes of a motion, at these samples."""
     found = {}
     for j, (joint, rmse) in enumerate(one.errors.rmse.items()):
-        a, b = _residual(one, j)[rows], _residual(other, j)[twins]
+        speed, torque = one.motion.dq[rows, j], one.predicted[rows, j]
+        drift = np.column_stack([np.ones(len(rows)), np.sign(speed), speed, torque])
+        a, b = _steady(_residual(one, j)[rows], _residual(other, j)[twins], drift)
         floor = _scatter(a, b, rmse) if np.isfinite(rmse) else None
         moved = float(np.mean(np.square(one.predicted[rows, j] - other.predicted[twins, j])) / 2)
         if floor is not None and moved <= (ALIKE * floor.size) ** 2:
             found[joint] = floor
     return found
+
+
+def _steady(a: Array, b: Array, drift: Array) -> tuple[Array, Array]:
+    """Return the residuals (M) of two passes without what their difference has of the columns of ``drift`` (M, k): half
+    of it from each, and the rest made larger for what chance has of them, of as many samples as are independent."""
+    size = np.linalg.norm(drift, axis=0)
+    columns = drift / np.where(size > 0, size, 1.0)
+    rest = a - b - columns @ np.linalg.lstsq(columns, a - b)[0]
+    if not np.ptp(rest) > 0:
+        return a, b
+    count = len(rest) / decorrelation(autocorrelation(rest))
+    rest *= np.sqrt(count / max(count - drift.shape[1], 1.0))
+    return (a + b + rest) / 2, (a + b - rest) / 2
 
 
 def _scatter(a: Array, b: Array, rmse: float) -> NoiseFloor | None:

@@ -143,6 +143,13 @@ def test_a_joint_at_rest_keeps_the_plain_set(resting: tuple[int, ...]) -> None:
         assert choice.of(f"j{j + 1}") == ()
 
 
+def test_a_joint_whose_torque_is_not_fitted_keeps_the_plain_set() -> None:
+    motion = recorded(simulated.ripple, 1)
+    kept = replace(motion, keep=np.broadcast_to([False, True, True], motion.q.shape))
+    choice = choose_terms(Model((bodies(),)), [kept])
+    assert classes(choice, "j1") <= {"Offset", "Viscous", "Coulomb", "RotorInertia"}
+
+
 def test_a_class_that_proposes_itself_takes_part() -> None:
     class Cubic(Viscous):
         """Friction with the cube of the speed."""

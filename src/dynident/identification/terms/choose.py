@@ -273,7 +273,9 @@ class _Choosing:
         return rows.grams(columns, self.block, self.samples.classes(rows.j), (self.samples.blocks, CLASSES))
 
     def _still(self, j: int) -> bool:
-        return self.seen[j].speed < max(STILL * max(one.speed for one in self.seen), SLOWEST)
+        """Return whether nothing is seen of the friction of a joint: it hardly moves, or its torque is not fitted."""
+        slow = self.seen[j].speed < max(STILL * max(one.speed for one in self.seen), SLOWEST)
+        return slow or not self.rows[j].used.any()
 
     @staticmethod
     def _of_names(one: JointSearch, names: Sequence[str]) -> list[Entered]:

@@ -110,7 +110,7 @@
     gd.on("plotly_selected", (event) => {
       const range = event?.range && Object.entries(event.range).find(([key]) => key.startsWith("x"))?.[1];
       if (!range) return;
-      act("exclude", range.map((t) => t + zero));
+      act("exclude", range.map((t) => Number((t + zero).toFixed(3))));
       window.Plotly.relayout(gd, { selections: [] });
     });
   }

@@ -113,6 +113,19 @@ def test_mode_and_link_of_the_file_stay(tuned: tuple[Project, Bench], file: Conf
     saved.undo()
 
 
+def test_a_file_that_may_only_be_read_or_is_gone(file: ConfigFile) -> None:
+    before = file.path.read_bytes()
+    file.path.chmod(0o444)
+    with pytest.raises(InputError, match="may only be read"):
+        file.save({("delay",): 0.0})
+    assert file.path.read_bytes() == before
+    file.path.chmod(0o644)
+    file.path.unlink()
+    with pytest.raises(InputError, match="is there no longer"):
+        file.save({("delay",): 0.0})
+    assert not file.path.exists()
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_cannot_be_written(file: ConfigFile) -> None:
     file.path.parent.chmod(0o500)

@@ -51,6 +51,8 @@ def test_one_that_differs_ends_with_3_and_writes_its_numbers(result: Path, other
 
 def test_what_cannot_be_done_is_said(result: Path, tmp_path: Path) -> None:
     assert run("compare-results", result).exit_code == 2
+    assert run("compare-results", result, result, "--tolerance", "nan").exit_code == 2  # nothing would be above it
+    assert run("compare-results", result, result, "--level", "nan").exit_code == 2
     done = run("compare-results", result, tmp_path / "missing.json")
     assert (done.exit_code, "no such file" in done.output) == (1, True)
     before = result.read_bytes()

@@ -33,13 +33,13 @@ class TestReproduce:
         first = json.loads((tmp_path / "deep" / "r.json").read_text())
         rows = pl.read_parquet(tmp_path / "study.parquet")
         assert len(rows) == 18
-        again = run(*words)
+        again = run(*words, "--workers", 1)
         assert again.exit_code == 0
         assert json.loads((tmp_path / "deep" / "r.json").read_text()) == first
         assert pl.read_parquet(tmp_path / "study.parquet")["seconds"].sum() == rows["seconds"].sum()
 
     def test_chosen_methods(self, tmp_path: Path) -> None:
-        done = run("reproduce", "--runs", 2, "--methods", "spline,raw", "--json", tmp_path / "r.json")
+        done = run("reproduce", "--runs", 2, "--methods", "spline,raw", "--workers", 1, "--json", tmp_path / "r.json")
         assert done.exit_code == 0, done.output
         cases = json.loads((tmp_path / "r.json").read_text())["cases"]
         assert [case["method"] for case in cases] == ["spline", "raw"] * 3

@@ -89,6 +89,15 @@ def test_what_is_no_result_is_refused(folder: Path, tmp_path: Path, part: str, w
         read_compared(wrong, "wrong")
 
 
+def test_a_number_that_nothing_differs_from_is_refused(folder: Path, tmp_path: Path) -> None:
+    data = json.loads((folder / "out" / "result.json").read_text())
+    data["parameters"][0]["value"] = 1e308
+    wrong = tmp_path / "result.json"
+    wrong.write_text(json.dumps(data))
+    with pytest.raises(InputError, match="a parameter of 1e"):
+        read_compared(wrong, "wrong")
+
+
 def test_names_are_as_short_as_they_can_be() -> None:
     assert compared_names((Path("/a/monday/result.json"), Path("/a/tuesday/result.json"))) == ("monday", "tuesday")
     assert compared_names((Path("/a/x/result.json"), Path("/b/x/result.json"))) == ("a/x", "b/x")

@@ -113,6 +113,31 @@ def test_mode_and_link_of_the_file_stay(tuned: tuple[Project, Bench], file: Conf
     saved.undo()
 
 
+def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(tmp_path: Path) -> None:
+    train = [{"file": "logs/mon: #day.csv", "window": [[None, 9.0], [10.0, 18.0]]}]
+    project = read_project(write(tmp_path, ["viscous"], train=train))
+    bench = bench_of(project)
+    first, second = bench.logs["train"]
+    ends = float(bench.logs["train"][second].t[0])
+    changes = tuned_changes(project, bench, bench.start.excluding(first, 2.0, ends + 1.0))
+    ((start, stop),) = changes["train", 0, "exclude"]
+    assert start == pytest.approx(2.0, abs=0.1)
+    assert 8.9 < stop < 9.1
+
+
+def test_a_file_that_may_only_be_read_or_is_gone(file: ConfigFile) -> None:
+    before = file.path.read_bytes()
+    file.path.chmod(0o444)
+    with pytest.raises(InputError, match="may only be read"):
+        file.save({("delay",): 0.0})
+    assert file.path.read_bytes() == before
+    file.path.chmod(0o644)
+    file.path.unlink()
+    with pytest.raises(InputError, match="is there no longer"):
+        file.save({("delay",): 0.0})
+    assert not file.path.exists()
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_cannot_be_written(file: ConfigFile) -> None:
     file.path.parent.chmod(0o500)

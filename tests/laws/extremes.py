@@ -122,7 +122,8 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
             found[kind] = (section(family, family.get(kind)), (key,), plain | {key: given})
     for kind in TERMS.table:
         where = ("model", "terms", 0)
-        config = robot | {"model": {"file": "arm.urdf", "terms": [{"kind": kind} | NEEDED.get(kind, {})]}}
+        terms = [{"kind": kind} | NEEDED.get(kind, {})]
+        config = robot | {"model": {"file": "arm.urdf", "base_tilt": "none", "terms": terms}}
         found[f"term {kind}"] = (section(TERMS, TERMS.get(kind)), where, config)
     return found
 

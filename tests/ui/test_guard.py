@@ -64,6 +64,8 @@ def test_the_page_is_answered(changes: dict[str, str]) -> None:
         ({"REQUEST_METHOD": "PUT"}, "405"),
         ({"REQUEST_METHOD": "POST", "CONTENT_LENGTH": "1000001"}, "413"),
         ({"REQUEST_METHOD": "POST", "CONTENT_LENGTH": "-1"}, "413"),
+        ({"REQUEST_METHOD": "POST", "CONTENT_LENGTH": "\u00b2"}, "413"),  # a digit, and no number
+        ({"REQUEST_METHOD": "POST", "CONTENT_LENGTH": "9" * 5000}, "413"),
     ],
 )
 def test_others_are_refused_in_words(changes: dict[str, str | None], code: str) -> None:
@@ -73,6 +75,13 @@ def test_others_are_refused_in_words(changes: dict[str, str | None], code: str) 
     assert body.endswith(b".")
     assert headers["Content-Type"].startswith("text/plain")
     assert "default-src 'self'" in headers["Content-Security-Policy"]
+
+
+def test_the_port_that_browsers_leave_out() -> None:
+    own = Guard(lambda _, __: [], 80, "secret", policy())
+    assert own.refusal(OWN | {"HTTP_HOST": "localhost", "HTTP_ORIGIN": "http://localhost"}) is None
+    assert own.refusal(OWN | {"HTTP_HOST": "127.0.0.1:80"}) is None
+    assert own.refusal(OWN | {"HTTP_HOST": "evil.example"}) is not None
 
 
 def test_files_that_never_change_may_be_kept() -> None:

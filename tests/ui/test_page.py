@@ -109,5 +109,12 @@ def test_the_application_answers_and_escapes(session: Session) -> None:
     found = client.post("/secret/act", json={"search": "", "control": "degree", "value": 1.0}).get_json()
     assert found == {"search": "?degree=1.0", "words": ""}
     assert client.post("/secret/act", data="no").status_code == 415
-    assert "there is no control 'None'" in client.post("/secret/act", json=[]).get_json()["words"]
+    for nonsense in ("[" * 100_000, "{no"):
+        answer = client.post("/secret/act", data=nonsense, content_type="application/json")
+        assert answer.status_code in (400, 500)
+        assert answer.get_data(as_text=True).endswith(".")
+    assert client.post("/secret/_dash-update-component", json={}).status_code == 500
     assert client.get("/secret/_dash-component-suites/dash/../../etc/passwd").status_code != 200
+    assert "there is no control 'None'" in client.post("/secret/act", json=[]).get_json()["words"]
+    session.bench = None
+    assert client.post("/secret/act", json={}).get_json()["words"] == "The logs are still being read."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.options import DIRECTORY, FILE, RESULT
+from dynident.cli.options import DIRECTORY, FILE, RESULT, Range
 from dynident.cli.terminal import console, status, tell
 
 if TYPE_CHECKING:
@@ -24,11 +24,11 @@ NUMBERS, PAGE = "comparison.json", "report.html"
 @click.argument("reference", type=RESULT)
 @click.argument("results", nargs=-1, required=True, metavar="RESULT...", type=RESULT)
 @click.option(
-    "--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.01, show_default=True,
+    "--level", type=Range(0, 1, min_open=True, max_open=True), default=0.01, show_default=True,
     help="Level of significance: how often parameters that are the same may be said to differ.",
 )  # fmt: skip
 @click.option(
-    "--tolerance", type=click.FloatRange(0, 1000), default=5.0, show_default=True, metavar="PERCENT",
+    "--tolerance", type=Range(0, 1000), default=5.0, show_default=True, metavar="PERCENT",
     help="How much larger the torque error on a log may be, in % of that of REFERENCE.",
 )  # fmt: skip
 @click.option("--only-worse", is_flag=True, help="Exit code 3 only where a RESULT is worse, not where it differs.")

@@ -8,14 +8,14 @@ from typing import Any
 import click
 
 from dynident.cli.launcher import command
-from dynident.cli.options import ALLOW_CODE, CONFIG, DESIGNED, DIRECTORY, noise_given
+from dynident.cli.options import ALLOW_CODE, CONFIG, DESIGNED, DIRECTORY, Range, noise_given
 from dynident.cli.terminal import console, status, tell
 from dynident.cli.workers import Spread, spread
 
 __all__ = ["excite"]
 
 PROGRAMS = ("motion", "friction", "gravity", "all")
-POSITIVE = click.FloatRange(0, min_open=True)
+POSITIVE = Range(0, min_open=True)
 
 
 @click.command(short_help="Design a motion that shows the parameters of a robot.")

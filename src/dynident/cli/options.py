@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,7 @@ __all__ = [
     "RESULT",
     "ROBOT",
     "ROBOTS",
+    "Range",
     "common",
     "noise_given",
 ]
@@ -51,6 +53,17 @@ class _Path(click.Path):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         return complete(incomplete, self.kinds) or super().shell_complete(ctx, param, incomplete)
+
+
+class Range(click.FloatRange):
+    """A range of numbers, in which "nan" is not: it is neither below nor above any limit."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number; a click.BadParameter, as for one out of the range, where it is not finite."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is no finite number.", param, ctx)
+        return number
 
 
 class _Name(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions
@@ -101,7 +114,7 @@ def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None
 
 
 _MEMORY = click.option(
-    "--memory", type=click.FloatRange(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
+    "--memory", type=Range(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
     help="Most memory that reading one file may take (GB); else DYNIDENT_MEMORY, else 4.",
 )  # fmt: skip
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynident.cli.options import Range
+
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Spread", "spread"]
 
-POSITIVE = click.FloatRange(0, min_open=True)
+POSITIVE = Range(0, min_open=True)
 
 
 @dataclass(frozen=True)

@@ -101,6 +101,8 @@ def pair(
     progress(Step("estimating the time offset"))
     some = excerpts(logs)
     motions = [model.remembering(one) for one in known.get(id(best)) or [motion_of(best, log) for log in some]]
+    usable = [k for k, one in enumerate(motions) if fitted(one).any()]  # not a log that is excluded wholly
+    some, motions = [some[k] for k in usable], [motions[k] for k in usable]
 
     def again(theta: Array) -> Sequence[Sequence[Motion]]:
         return repeated(model, some, motions, best, theta)

@@ -22,6 +22,7 @@ from dynident.io.saved import result_values
 __all__ = ["compared_names", "read_compared"]
 
 Array = NDArray[np.float64]
+LARGEST = 1e100  # of parameters: squares of larger ones are infinite, and nothing differs from them
 
 
 def compared_names(paths: tuple[Path, ...]) -> tuple[str, ...]:
@@ -51,6 +52,8 @@ def read_compared(path: Path, name: str) -> ComparedResult:
     combination, scale = (np.eye(len(names)), np.ones(len(names))) if base is None else _base(base, names, path)
     rows = file.parameters if base is None else base.parameters
     covariance, together = _covariance(file.base_parameters.covariance, [_std(row) for row in rows], path)
+    if not all(abs(row.value) < LARGEST for row in file.parameters) or (np.diag(covariance) < 0).any():
+        raise InputError(f"{path}: holds a parameter of {LARGEST:g} or more, or a variance below 0; identify again.")
     report = file.report or {}
     return ComparedResult(
         name,

@@ -101,9 +101,14 @@ def write_text(path: str | Path, text: str) -> Path:
 def replace_text(path: Path, text: str, was: str) -> None:
     """Write UTF-8 text in place of ``was``, which a file must still hold: as a whole, with its mode, links followed.
 
-    Raises ConfigError where the file is not as it was, InputError where it cannot be written.
+    Raises ConfigError where the file is not as it was, InputError where it cannot be written, is there no longer, or
+    may only be read: the folder alone would let it be replaced.
     """
     place = real(path)
+    if not os.path.exists(place):
+        raise InputError(f"{path}: is there no longer; nothing was written. Put it back, then start again.")
+    if not (os.access(place, os.W_OK) and place.stat().st_mode & 0o222):
+        raise InputError(f"{path}: may only be read; nothing was changed. Allow writing it, then try again.")
     try:
         with whole_file(place) as temporary:
             temporary.write_bytes(text.encode())

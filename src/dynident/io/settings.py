@@ -301,13 +301,8 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     unfitted = dict.fromkeys(config.unfitted)
     if {joint.name for joint in joints} <= unfitted.keys():
         raise ConfigError("unfitted: names every joint, so that nothing is left to fit; leave one out.")
-    named = {
-        "zero": config.zero,
-        "min_speed": speeds,
-        "unfitted": unfitted,
-        "transmission": config.transmission,
-        **rows,
-    }
+    named = {"zero": config.zero, "min_speed": speeds, "unfitted": unfitted}
+    named |= {"transmission": config.transmission, **rows}
     for section, values in named.items():
         _known_names(section, values, joints)
     if isinstance(config.simulation, CascadeSettings):

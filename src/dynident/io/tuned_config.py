@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dynident.errors import ConfigError, brief
 from dynident.identification import Recipe
 from dynident.io.config import parse_config
@@ -21,6 +23,7 @@ from dynident.io.robot import configured_terms
 from dynident.io.settings import LogSpec, RobotSettings
 from dynident.io.yaml_edit import REMOVED, Changes, KeyPath, edited
 from dynident.io.yaml_text import load_yaml
+from dynident.log import Log
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 from dynident.regression import ParallelFilter
 from dynident.smoothers import unshifted
@@ -171,9 +174,19 @@ def _excluded(role: str, specs: Sequence[LogSpec], bench: Bench, tuning: Tuning)
         logs = [name for name in bench.logs[role] if recording_of(name, specs) is spec]
         was = [pair for name in logs for pair in bench.start.windows(name)]
         now = [pair for name in logs for pair in tuning.windows(name)]
+        if len(logs) > 1:  # the file excludes of the whole recording: not what is beyond the part that was meant
+            now = [one for name in logs for one in _inside(tuning.windows(name), bench.logs[role][name])]
         if now != was:
             windows = dict.fromkeys(_as_given(pair, spec) if pair in was else pair for pair in now)
             yield (role, k, "exclude"), [list(pair) for pair in windows] or REMOVED
+
+
+def _inside(windows: Sequence[tuple[float, float]], log: Log) -> Iterator[tuple[float, float]]:
+    """Yield windows as far as they have samples of a log."""
+    for start, stop in windows:
+        inside = log.t[(log.t >= start) & (log.t <= stop)]
+        if inside.size:
+            yield max(start, float(inside[0])), min(stop, float(np.nextafter(inside[-1], np.inf)))
 
 
 def _as_given(pair: tuple[float, float], spec: LogSpec) -> tuple[float | None, float | None]:

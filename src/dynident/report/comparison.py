@@ -77,11 +77,11 @@ def _parameter_lines(found: ResultComparison) -> Iterator[str]:
         yield "No base parameter is determined by both results: the models, or their parameters, are others."
         return
     differing = len(found.significant)
-    verb = "differs" if differing <= 1 else "differ"
+    differ = "differs significantly by itself" if differing <= 1 else "differ significantly by themselves"
     yield (
-        f"{differing or 'None'} of {count(len(found.base), 'base parameter')} that both determine {verb} significantly "
-        f"by itself (level {percent(100 * found.level)}, corrected for their number)."
-    ).replace("differ significantly by itself", "differ significantly by themselves")
+        f"{differing or 'None'} of {count(len(found.base), 'base parameter')} that both determine {differ} "
+        f"(level {percent(100 * found.level)}, corrected for their number)."
+    )
     if found.chi_squared is not None and found.p_value is not None:
         freedom = f"{count(found.freedom, 'degree')} of freedom"
         yield (

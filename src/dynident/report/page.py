@@ -49,7 +49,7 @@ __all__ = [
     "stylesheet",
 ]
 
-NAME = 24  # letters of a word in a column of names: beside it there is room for numbers on a phone
+NAME = 22  # letters of a word in a column of names: beside it there is room for numbers on a phone
 
 
 @dataclass(frozen=True)
@@ -300,7 +300,8 @@ def _names(cell: str, short: Mapping[str, str], shown: str) -> str:
     if isinstance(cell, Markup) or not any(part in short for part in parts):  # a formula is no name
         return shown
     whole = Markup('<abbr title="{}">{}</abbr>')
-    return Markup("").join(whole.format(part, short[part]) if part in short else escape(part) for part in parts)
+    joined = {name: cut.replace("…", "\u2060…\u2060") for name, cut in short.items()}  # no line breaks there
+    return Markup("").join(whole.format(part, joined[part]) if part in short else escape(part) for part in parts)
 
 
 def _json(figure: Drawing) -> Markup:

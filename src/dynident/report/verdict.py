@@ -47,8 +47,8 @@ def verdict_section(
     said = sentences(verdict, REASON)
     numbers = Facts(tuple(head_numbers(identification)), large=True)
     pictures: tuple[PageBlock, ...] = (*filter(None, (arm,)), *_picture(identification))
-    head: tuple[PageBlock, ...] = (*said[:SENTENCES], numbers)
-    blocks: list[PageBlock] = [*((Beside(head, pictures, "left"),) if pictures else head), *export_links(exports)]
+    head: tuple[PageBlock, ...] = (*said[:SENTENCES], numbers, *export_links(exports))
+    blocks: list[PageBlock] = list((Beside(head, pictures, "left"),) if pictures else head)
     if steps:
         more = (Fold(f"{len(steps) - FIRST_STEPS} more", (steps[FIRST_STEPS:],)),) if len(steps) > FIRST_STEPS else ()
         blocks.append(PageSection("What to do next", (steps[:FIRST_STEPS], *more)))

@@ -18,7 +18,7 @@ __all__ = ["Offers", "kind_of"]
 
 Array = NDArray[np.float64]
 SAMPLES = 3000  # on which sizes are compared
-SMALLEST = 1e-9  # rad, m: what a joint that never moves is taken to move, so that shapes have a size
+SMALLEST = 1e-4  # rad, m: what a joint that never moves is taken to move, so that shapes have a size
 NEW = 1e-6  # share of a column that the model does not have: of less, nothing can be said
 
 

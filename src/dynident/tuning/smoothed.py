@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.filters import welch
 from dynident.log import Log, Motion
-from dynident.splines import stretches
+from dynident.splines import NORMAL_95, stretches
+from dynident.validation import autocorrelation
 
 __all__ = ["Smoothed", "degree_of", "smoothed"]
 
@@ -18,6 +20,7 @@ Mask = NDArray[np.bool_]
 FLOOR = -6.0  # log10(S/n) of a spline through the data
 LAGS = 400  # of the autocorrelation, at most
 BINS = 600  # frequencies of a spectrum, at most
+FEWEST = 8  # samples of a residual that is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,27 +59,19 @@ class Smoothed:
         Welch's average over windows that overlap by half, in the longest stretch of usable samples.
         """
         x, step = self._stretch(), float(np.diff(self.t).mean())
-        if len(x) < 8:
+        if len(x) < FEWEST:
             return np.zeros(0), np.zeros(0)
-        size = min(2 * BINS, len(x))
-        window = np.hanning(size)
-        parts = [x[start : start + size] for start in range(0, len(x) - size + 1, max(size // 2, 1))]
-        power = np.mean([np.square(np.abs(np.fft.rfft(window * (one - one.mean())))) for one in parts], axis=0)
-        density: Array = 2.0 * step / float(np.square(window).sum()) * power[1:]
-        return np.asarray(np.fft.rfftfreq(size, step)[1:], dtype=float), density
+        f, power = welch(x, step, min(2 * BINS, len(x)))
+        return f[1:], power[1:]
 
     def autocorrelation(self) -> tuple[Array, Array, float]:
         """Return lags (s, L), the autocorrelation (L) of the residual, and the size that 95 % of those of white noise
         stay below, in the longest stretch of usable samples."""
         x, step = self._stretch(), float(np.diff(self.t).mean())
-        if len(x) < 8 or not x.any():
+        if len(x) < FEWEST or not np.ptp(x) > 0:
             return np.zeros(0), np.zeros(0), float("nan")
-        power = np.square(np.abs(np.fft.rfft(x - x.mean(), 2 * len(x))))
-        lags = min(LAGS, len(x) // 2)
-        auto = np.fft.irfft(power)[: lags + 1]
-        found: Array = np.asarray(auto[1:] / auto[0], dtype=float)
-        late: Array = np.asarray(step * np.arange(1, lags + 1), dtype=float)
-        return late, found, 1.96 / float(np.sqrt(len(x)))
+        lags = np.arange(1, min(LAGS, len(x) // 2) + 1)
+        return np.asarray(step * lags, dtype=float), autocorrelation(x)[lags], NORMAL_95 / float(np.sqrt(len(x)))
 
     def _stretch(self) -> Array:
         parts = stretches(self.mask)

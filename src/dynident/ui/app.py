@@ -44,6 +44,7 @@ def made(session: Session, token: str) -> Dash:
     app.server.add_url_rule(f"/{token}/alive", "alive", lambda: ("", 204))
     for name, answer in (("curves", page.curves), ("act", page.act)):
         app.server.add_url_rule(f"/{token}/{name}", name, _answering(session, answer), methods=["POST"])
+    app.server.register_error_handler(Exception, lambda error: _refused(session, error))
     _starting(app, page)
     _asked_of_server(app, page)
     _done_by_page(app)
@@ -65,12 +66,25 @@ def _answering(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> 
         content = request.get_json()
         try:
             found = answer(content if isinstance(content, dict) else {})
+        except PreventUpdate:
+            found = {"words": "The logs are still being read.", "wrong": True}
         except Exception as error:
             session.fault("".join(traceback.format_exception(error)))
             found = {"words": FAULT.format(error), "wrong": True}
         return Response(json.dumps(found), mimetype="application/json")
 
     return view
+
+
+def _refused(session: Session, error: Exception) -> Any:
+    """Answer a request that is none of the page in words; the terminal gets a line of what is not HTTP's own."""
+    from flask import Response
+    from werkzeug.exceptions import HTTPException
+
+    if isinstance(error, HTTPException) and error.code is not None:
+        return error if error.code < 400 else Response(error.description, error.code, mimetype="text/plain")
+    session.fault(f"A request could not be answered: {type(error).__name__}: {error}")
+    return Response("The request could not be answered.", 500, mimetype="text/plain")
 
 
 def _fault(session: Session, error: Exception) -> None:

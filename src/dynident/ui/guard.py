@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ Environ = dict[str, Any]
 Start = Callable[..., Any]
 Application = Callable[[Environ, Start], Iterable[bytes]]
 
+HTTP = 80  # the port that browsers leave out
 LARGEST = 1_000_000  # bytes of a request; a setting takes some hundred
 METHODS = ("GET", "HEAD", "POST")
 HEADERS = (
@@ -33,7 +35,8 @@ class Guard:
 
     def __init__(self, inner: Application, port: int, token: str, content_policy: str) -> None:
         self.inner, self.token = inner, token
-        self.hosts = tuple(f"{name}:{port}" for name in ("127.0.0.1", "localhost"))
+        names = ("127.0.0.1", "localhost")
+        self.hosts = (*(f"{name}:{port}" for name in names), *(names if port == HTTP else ()))
         self.headers = (*HEADERS, ("Content-Security-Policy", content_policy))
 
     def __call__(self, environ: Environ, start: Start) -> Iterable[bytes]:
@@ -65,7 +68,7 @@ class Guard:
         if not hmac.compare_digest(_first(environ.get("PATH_INFO", "")), self.token.encode()):
             return "403 Forbidden", "Open the whole address that dynident tune printed: a part of it is missing."
         length = environ.get("CONTENT_LENGTH") or "0"
-        if not length.isdigit() or int(length) > LARGEST:
+        if not re.fullmatch("[0-9]{1,12}", length) or int(length) > LARGEST:
             return "413 Content Too Large", "The request is too large for a setting."
         return None
 

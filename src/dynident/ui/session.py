@@ -56,16 +56,21 @@ class Session:
     def save(self, tuning: Tuning) -> list[str]:
         """Write a setting into the file; return where in it something else stands then.
 
-        Raises the errors of ``ConfigFile.save``.
+        Raises the errors of ``ConfigFile.save``, and those of a setting that cannot be fitted: the file would be one
+        that cannot be identified.
         """
         from dynident.io.tuned_config import tuned_changes
         from dynident.io.yaml_edit import place_words
 
         assert self.project is not None  # noqa: S101 -- there is a bench
         assert self.bench is not None  # noqa: S101
+        self.bench.fitted(tuning)
         with self._saving:
-            changes = tuned_changes(self.project, self.bench, tuning)
-            self.files.append((self.files[-1][0].save(changes), tuning))
+            changes, last = tuned_changes(self.project, self.bench, tuning), self.files[-1][0]
+            saved = last.save(changes)
+            if saved is last:  # another tab was faster
+                return []
+            self.files.append((saved, tuning))
         return [place_words(path) for path in changes]
 
     def undo(self) -> None:

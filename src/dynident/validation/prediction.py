@@ -203,7 +203,9 @@ def validate(
     2.6 %
     """
     if not motion.mask.any():
-        raise InputError(f"{motion.source}: no usable sample is left for validation; widen the window, or smooth less.")
+        raise InputError(
+            f"{motion.source}: no usable sample is left for validation; widen the window, exclude less, or smooth less."
+        )
     motion, theta = model.remembering(motion), np.asarray(theta, dtype=float)
     parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
     predicted = np.concatenate([model.torque(**motion.states(s), theta=theta) for s in parts])

@@ -19,11 +19,14 @@
     const more = 17 * Math.max(Math.ceil(legend / (width - 70)) - 1, 0);
     layout.margin = { ...layout.margin, t: (layout.margin?.t ?? 40) + more };
     layout.height += more;
+    const rows = Object.keys(layout).flatMap((key) => (key.startsWith("yaxis") && layout[key].ticktext) || []);
+    const beside = 6 * Math.max(4, ...rows.map((label) => label.length)); // px of the names of rows
     for (const name of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) {
       const axis = layout[name];
       axis.tickfont = { size: 10, ...axis.tickfont };
       axis.automargin = true;
-      if (axis.title?.text) axis.title = { ...axis.title, text: wrapped(axis.title.text, (width - 90) / 6.5) };
+      if (axis.type === "log") axis.tickangle = 0;
+      if (axis.title?.text) axis.title = { ...axis.title, text: wrapped(axis.title.text, (width - 60 - beside) / 6.5) };
     }
   }
   const wrapped = (text, most) =>
@@ -127,10 +130,16 @@
   boxes.forEach((box) => near.observe(box));
 
   // The contents show where the reader is.
+  const bar = document.querySelector("nav");
   const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));
   const here = new IntersectionObserver(
     (entries) => {
-      for (const entry of entries) links.get(entry.target.id).classList.toggle("here", entry.isIntersecting);
+      for (const entry of entries) {
+        const link = links.get(entry.target.id);
+        link.classList.toggle("here", entry.isIntersecting);
+        // on a phone the contents are one line
+        if (entry.isIntersecting && bar.scrollWidth > bar.clientWidth) bar.scrollTo({ left: link.offsetLeft - 40 });
+      }
     },
     { rootMargin: "-20% 0px -75% 0px" },
   );

@@ -28,13 +28,8 @@ WORDS = {
 }
 _LINKS = (
     "The centre of mass is in the frame of the link; the principal moments are about it. ±: standard error. Where the "
-<<<<<<< HEAD
     "data alone leave a value open, the prior chose it, and its error is not known: ± is then open. Combinations of "
     "parameters that the data determine have their errors in the table of the parameters."
-=======
-    'data alone leave a value open, the prior chose it, and its error is not known: ± is then "open". Combinations '
-    "that the data determine have their errors among the parameters."
->>>>>>> fin
 )
 _OPEN = (
     "The data alone leave mass, centre of mass and moments of each link open: only combinations of links act on the "

@@ -61,6 +61,7 @@ def _answering(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> 
     """Return the view of an answer that the page asks for past Dash, which would take longer or mix up an order."""
 
     def view() -> Any:
+        """Answer in JSON; what nobody foresaw in words, too."""
         from flask import Response, request
 
         content = request.get_json()

@@ -89,6 +89,7 @@ class _Choosing:
         kinds: Sequence[Kind],
         progress: Callable[[str], None],
     ) -> _Choosing:
+        """Return the state before the first search, with the plain set fitted."""
         samples = samples_of(model, motions, min_speed)
         if len(samples) < FEWEST * samples.blocks:
             raise TooFewSamplesError(

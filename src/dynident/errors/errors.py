@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["ConfigError", "DynidentError", "InputError", "ModelError", "choices"]
+__all__ = ["ConfigError", "DynidentError", "InputError", "MissingInput", "ModelError", "choices"]
 
 
 class DynidentError(Exception):
@@ -14,6 +14,10 @@ class DynidentError(Exception):
 
 class InputError(DynidentError):
     """Measured data that cannot be used: a file, a column, a time stamp or a value."""
+
+
+class MissingInput(InputError):
+    """A part needs something that the log does not have: a controller, a period, a second recording."""
 
 
 class ConfigError(DynidentError):

@@ -1,5 +1,6 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
+from dynident.regression.repeat import REPEATED, Repeat, repeat_of
 from dynident.validation.clusters import clustered_std
 from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
 from dynident.validation.followed import HARMFUL, FollowTest, SmoothedAway, follow_tests, smoothed_away
@@ -14,7 +15,7 @@ from dynident.validation.free_run import (
     Singular,
     free_run,
 )
-from dynident.validation.hac import bandwidth, long_run, plain_std, robust_covariance
+from dynident.validation.hac import plain_std, robust_covariance
 from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, with_floors
 from dynident.validation.prediction import (
     SEED,
@@ -26,7 +27,6 @@ from dynident.validation.prediction import (
     relative_errors,
     validate,
 )
-from dynident.validation.repeat import REPEATED, Repeat, repeat_of
 from dynident.validation.residuals import (
     LOW,
     SLOW,
@@ -75,7 +75,6 @@ __all__ = [
     "SmoothedAway",
     "TorqueErrors",
     "autocorrelation",
-    "bandwidth",
     "check_mass",
     "clustered_std",
     "coloured_covariance",
@@ -85,7 +84,6 @@ __all__ = [
     "follow_tests",
     "free_run",
     "ljung_box",
-    "long_run",
     "plain_std",
     "relative_error",
     "relative_errors",

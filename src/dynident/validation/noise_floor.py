@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.validation.repeat import repeated_rows
+from dynident.regression.repeat import repeated_rows
 from dynident.validation.residuals import autocorrelation, decorrelation
 
 if TYPE_CHECKING:

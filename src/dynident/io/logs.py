@@ -28,7 +28,7 @@ from dynident.io.signals import RecordedSignals, bad_values, column_names, contr
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
 from dynident.models import Joint
-from dynident.validation import CascadePD
+from dynident.simulation import CascadePD
 
 __all__ = [
     "DataTable",

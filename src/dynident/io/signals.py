@@ -13,7 +13,7 @@ from dynident.io.fields import unit_factor
 from dynident.io.settings import POSITIONS, TORQUES, CascadeJoint, CascadeSettings, Channel, Config, LogSpec
 from dynident.io.tables import DataTable
 from dynident.models import Joint
-from dynident.validation import CascadePD
+from dynident.simulation import CascadePD
 
 __all__ = ["RecordedSignals", "bad_values", "column_names", "controller", "has_torques", "joint_values", "signals"]
 

@@ -25,8 +25,11 @@ from dynident.models import (
     simulate,
 )
 from dynident.models.gallery import pendulum, slider
-from dynident.validation import CascadePD
-from dynident.validation.stepper import AHEAD, FAR, Machine, _arrays, integrate
+from dynident.simulation import CascadePD
+from dynident.simulation.machine import Machine
+from dynident.simulation.one_joint import AHEAD
+from dynident.simulation.stepper import in_arrays, integrate
+from dynident.simulation.trace import FAR, Trace
 
 JOINTS = pendulum().joints
 RUSTY = Model((*pendulum().terms, Viscous(JOINTS), Coulomb(JOINTS), Coulomb(JOINTS, names=("more",)), Offset(JOINTS)))
@@ -64,7 +67,12 @@ def motion(model: Model, t: np.ndarray, tau: np.ndarray, dq: float = 0.0) -> Mot
 def both(model: Model, theta: tuple[float, ...], run: Motion, controller: Controller | None) -> list[np.ndarray]:
     """Return q and tau in plain numbers, then in arrays."""
     rows, machine = np.arange(len(run.t))[None], Machine(model, theta)
-    return [*integrate(machine, run, rows, controller), *_arrays(machine, run, rows, controller)]
+    return [*sampled(integrate(machine, run, rows, controller)), *sampled(in_arrays(machine, run, rows, controller))]
+
+
+def sampled(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+    """Return q and tau (B, K, n) at the samples."""
+    return trace.q[trace.samples].swapaxes(0, 1), trace.tau.swapaxes(0, 1)
 
 
 @pytest.mark.parametrize(("model", "theta"), [(RUSTY, RUST), (slider(), (5.0, 8.0, 3.0, 0.5))])
@@ -171,7 +179,7 @@ def test_friction_by_the_load_holds_a_joint_up_to_its_level(share, holds):
     t = np.arange(101) * 0.005
     still = np.zeros((101, 1))
     motion = Motion(t, still + 0.7, still, still, still, ("pivot",), np.ones(101, bool))
-    path, _ = integrate(machine, model.remembering(motion), np.arange(101)[None], None)
+    path, _ = sampled(integrate(machine, model.remembering(motion), np.arange(101)[None], None))
     assert (np.ptp(path) < 1e-9) == holds
 
 
@@ -187,7 +195,7 @@ def test_steps_remember_the_way():
     model, t = pendulum().with_terms(Dahl(JOINTS, length=0.05)), np.arange(301) * 0.002
     motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3])
     rows = np.arange(60, 301)[None]
-    path, _ = integrate(Machine(model, theta), motion, rows, None)
+    path, _ = sampled(integrate(Machine(model, theta), motion, rows, None))
     np.testing.assert_allclose(path[0], motion.q[rows[0]], atol=2e-4)
-    fresh, _ = integrate(Machine(model, theta), replace(motion, memory=0 * motion.memory), rows, None)
+    fresh, _ = sampled(integrate(Machine(model, theta), replace(motion, memory=0 * motion.memory), rows, None))
     assert np.abs(fresh[0] - motion.q[rows[0]]).max() > 2e-3, "without the memory of its start it is another"

@@ -1,0 +1,158 @@
+"""The equations W' D^2 (y - X theta) = 0 of instruments W and weights D, streamed; their solution and its covariance.
+
+X and W are taken in directions of the parameters in which the weighted X is orthonormal: no digits are lost when it is
+multiplied, and nothing is inverted that the data do not determine. References: Janot, Vandanjon and Gautier (2014);
+Newey and West (1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError, brief
+from dynident.regression import Rank, Regression
+from dynident.regression.long_run import bandwidth, bartlett
+
+__all__ = ["Moments", "Strength", "moments_of"]
+
+Array = NDArray[np.float64]
+LEAST = 1e-14  # of the torque: a residual below is rounding
+INDEPENDENT = 1e-9  # relative singular value of W' X below which a direction has no instrument
+
+
+@dataclass(frozen=True, eq=False)
+class Strength:
+    """How much of the regressor the instruments explain where they explain least: the smallest canonical
+    ``correlation``, the first-stage F ``statistic`` of it per effective sample, and the ``direction`` (p)."""
+
+    correlation: float
+    statistic: float
+    direction: Array
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Cross products of rows and instruments by joint, in the r columns of ``turn`` (p, r).
+
+    ``crossed`` = W_j' X_j, ``instruments`` = W_j' W_j and ``regressors`` = X_j' X_j (n, r, r); ``torque`` = W_j' y_j
+    (n, r); ``square`` (n) = y_j' y_j and ``pulled`` (n, r) = X_j' y_j, from ``rows`` (n) of each joint. ``weights`` (n).
+    """
+
+    turn: Array
+    weights: Array
+    crossed: Array
+    instruments: Array
+    regressors: Array
+    torque: Array
+    pulled: Array
+    square: Array
+    rows: NDArray[np.int_]
+
+    __repr__ = brief
+
+    def total(self, each: Array) -> Array:
+        """Return sum_j w_j^2 times what there is of each joint."""
+        return np.asarray(np.tensordot(self.weights**2, each, axes=1))
+
+    @property
+    def value(self) -> Array:
+        """theta (p) = turn (W' D^2 X)^-1 W' D^2 y; without a share of directions that have no instrument."""
+        solution: Array = np.linalg.lstsq(self.total(self.crossed), self.total(self.torque), rcond=INDEPENDENT)[0]
+        return np.asarray(self.turn @ solution)
+
+    def residual(self, beta: Array) -> Array:
+        """Return the mean squared residual (n) of each joint at beta (r), not below rounding of the torque."""
+        left = self.square - 2 * self.pulled @ beta + np.einsum("i,jik,k->j", beta, self.regressors, beta)
+        least = np.where(self.square > 0, LEAST**2 * self.square, np.finfo(float).tiny)
+        return np.asarray(np.maximum(left, least) / np.maximum(self.rows, 1))
+
+    def strength(self, samples: float) -> Strength:
+        """Return the strength of the instruments, of so many independent samples."""
+        left, right = (_root(self.total(one)) for one in (self.instruments, self.regressors))
+        _, size, axes = np.linalg.svd(np.linalg.solve(left, np.linalg.solve(right, self.total(self.crossed).T).T))
+        least, r = float(np.clip(size[-1], 0.0, 1.0)), len(size)
+        direction = self.turn @ np.linalg.solve(right.T, axes[-1])
+        return Strength(least, samples / r * least**2 / max(1.0 - least**2, np.finfo(float).tiny), direction)
+
+
+def moments_of(rows: Regression, instruments: Regression, rank: Rank, weights: Array) -> Moments:
+    """Return the moments of the ``rows`` with the regressor of other motions at the same samples, on the directions
+    of ``rank``, that of the weighted rows; ``weights`` (n) of the joints. InputError where there are too few rows."""
+    turn = rank.determined / rank.values[: rank.rank]
+    n, r = len(weights), turn.shape[1]
+    crossed, within, regressors = (np.zeros((n, r, r)) for _ in range(3))
+    torque, pulled, square, count = np.zeros((n, r)), np.zeros((n, r)), np.zeros(n), np.zeros(n, dtype=int)
+    for X, W, tau, keep in _blocks(rows, instruments, turn):
+        for j in range(n):
+            x, w, y = X[:, j], W[:, j], tau[:, j]
+            crossed[j] += w.T @ x
+            within[j] += w.T @ w
+            regressors[j] += x.T @ x
+            torque[j] += w.T @ y
+            pulled[j] += x.T @ y
+            square[j] += y @ y
+        count += keep.sum(axis=0)
+    if count.sum() <= r:
+        raise InputError(
+            f"{', '.join(motion.source for motion in rows.motions)}: only {count.max()} samples have instruments, too "
+            f"few for {r} parameters; record longer."
+        )
+    return Moments(turn, weights, crossed, within, regressors, torque, pulled, square, count)
+
+
+def _blocks(
+    rows: Regression, instruments: Regression, turn: Array
+) -> Iterator[tuple[Array, Array, Array, NDArray[np.bool_]]]:
+    """Yield X, W (B, n, r), the torque and which of it is used (B, n), block by block; zero where it is not."""
+    for one, other in zip(rows.entries(), instruments.entries(), strict=True):
+        keep = np.ones(one.tau.T.shape, dtype=bool) if one.keep is None else one.keep.T
+        X, W = (block.regressor(turn) * keep[:, :, None] for block in (one, other))
+        yield X, W, one.tau.T * keep, keep
+
+
+def covariance_of(
+    found: Moments, rows: Regression, instruments: Regression, value: Array
+) -> tuple[Array, float]:
+    """Return the covariance (r, r) of beta, and the number of samples that are independent of each other.
+
+    In units of the covariance for independent residuals, in which it is one, the long-run covariance of the scores is
+    estimated for each recording. What it says of correlations between directions counts as far as there are more
+    independent samples than directions.
+    """
+    w, r = found.weights, found.turn.shape[1]
+    beta = np.linalg.lstsq(found.turn, value, rcond=None)[0]
+    white = np.tensordot(w**4 * found.residual(beta), found.instruments, axes=1)
+    root = _root(white)
+    total, independent = np.zeros((r, r)), 0.0
+    for k in range(len(rows.motions)):
+        one, other = (_only(regression, k) for regression in (rows, instruments))
+
+        def scores(one: Regression = one, other: Regression = other) -> Iterator[Array]:
+            for X, W, tau, _ in _blocks(one, other, found.turn):
+                yield np.linalg.solve(root, np.einsum("bj,bjr->rb", (tau - X @ beta) * w**2, W)).T
+
+        length = bandwidth(iter([scores()]))
+        count, part = bartlett(scores(), length, r)
+        total, independent = total + part, independent + count / length
+    rest = np.diag(np.diag(total))
+    spread = root @ ((independent * total + r * rest) / (independent + r)) @ root.T
+    bread = np.linalg.pinv(found.total(found.crossed), rcond=INDEPENDENT)
+    n = max(found.rows.max(), 1)
+    return n / max(n - r / len(w), 1.0) * bread @ spread @ bread.T, independent
+
+
+def _only(regression: Regression, k: int) -> Regression:
+    return replace(regression, motions=regression.motions[k : k + 1], weights=regression.weights[k : k + 1])
+
+
+def _root(matrix: Array) -> Array:
+    """Return the Cholesky factor (r, r), of a singular matrix that of one near to it."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    some = matrix / np.outer(scale, scale)
+    return np.asarray(scale[:, None] * np.linalg.cholesky(some + 1e-13 * len(some) * np.eye(len(some))))

@@ -3,6 +3,7 @@
 from dynident.simulation.controllers import PD, PID, CascadePD, Function, HasSlopes, Slopes
 from dynident.simulation.failure import Broken, Failure, RunsAway, Singular
 from dynident.simulation.run import Simulated, simulated
+from dynident.simulation.sensitivity import Sensitivity, sensitivities
 
 __all__ = [
     "PD",
@@ -13,8 +14,10 @@ __all__ = [
     "Function",
     "HasSlopes",
     "RunsAway",
+    "Sensitivity",
     "Simulated",
     "Singular",
     "Slopes",
+    "sensitivities",
     "simulated",
 ]

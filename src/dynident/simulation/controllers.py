@@ -64,13 +64,13 @@ class _Loop:
     saturation: Array
     feedforward: Array
 
-    def _check(self, **more: Array | None) -> None:
+    def check(self, rate: Array | None = None, **gains: Array) -> None:
+        """Raise InputError where a shape does not fit."""
         n, rows = len(self.joints), len(self.t)
         signals = {"reference": self.reference, "feedforward": self.feedforward}
-        each = {"gain": self.gain, "saturation": self.saturation, **more}
-        if (rate := each.pop("velocity_reference", None)) is not None:
+        if rate is not None:
             signals["velocity_reference"] = rate
-        for name, array in (signals | each).items():
+        for name, array in {**signals, **gains, "gain": self.gain, "saturation": self.saturation}.items():
             shape = (rows, n) if name in signals else (n,)
             if np.shape(array) != shape:
                 raise InputError(f"controller: {name} has shape {np.shape(array)}, expected {shape}.")
@@ -148,7 +148,7 @@ class CascadePD(_Linear):
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        self._check(kp=self.kp, kv=self.kv)
+        self.check(kp=self.kp, kv=self.kv)
 
     def wanted(self, k: Any, q: Array, dq: Array) -> Array:
         """Return the input before its limit, for the references of row k."""
@@ -182,7 +182,7 @@ class PD(_Linear):
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        self._check(kp=self.kp, kd=self.kd, velocity_reference=self.velocity_reference)
+        self.check(self.velocity_reference, kp=self.kp, kd=self.kd)
 
     def wanted(self, k: Any, q: Array, dq: Array) -> Array:
         """Return the input before its limit, for the references of row k."""
@@ -287,7 +287,7 @@ class Function(_Loop):
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        self._check()
+        self.check()
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t."""

@@ -85,7 +85,7 @@ class OneJoint:
         """Return the states after steps from the step s on, mass and bias of the next one unless none follows, and
         after how many rounds all agreed, 0 if they did not.
         """
-        guess = [known] * ahead
+        states, asked, right, guess = list[_State](), list[tuple[float, float]](), 0, [known] * ahead
         for rounds in range(1, ROUNDS + 1):
             states = self._ahead(s, state, guess)
             ends = self._over(s + len(states), states[-1])  # there, no model is needed
@@ -93,11 +93,12 @@ class OneJoint:
             asked = self._asked(s + 1, states[:wanted])
             if len(asked) < wanted:
                 return states[:1], asked[0], 0
-            wrong = next((i for i, (one, two) in enumerate(zip(asked, guess[1:], strict=False)) if one != two), None)
-            if wrong is None:
+            pairs = zip(asked, guess[1:], strict=False)
+            right = next((i for i, (one, two) in enumerate(pairs) if one != two), len(states))
+            if right == len(states):
                 return states, None if ends else asked[-1], rounds
             guess = [known, *asked[: len(states) - 1]]
-        return states[: wrong + 1], asked[wrong], 0
+        return states[: right + 1], asked[right], 0
 
     def _ahead(self, s: int, state: _State, guess: list[tuple[float, float]]) -> list[_State]:
         """Return the states after each step from the step s on with these masses and biases, until the run ends."""

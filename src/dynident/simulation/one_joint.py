@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Law = Callable[[int, float, float, Any], tuple[float, Any]]  # sample, q, dq, state; torque and the next state
 _State = tuple[float, float, float, float, float, Any]  # q, dq, ddq, q at the last sample, tau, state of the controller
 AHEAD = 1024  # steps that are taken at most before the model is asked whether it has not changed
-SMOOTH, ROUNDS = 64, 6  # steps at most of a model that changes, and how often they are repeated
+SMOOTH, ROUNDS = 64, 10  # steps at most of a model that changes, and how often they are repeated
 
 
 @runtime_checkable

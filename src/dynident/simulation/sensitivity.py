@@ -19,9 +19,9 @@ from dynident.errors import InputError, ModelError, brief
 from dynident.log import Controller, HasState
 from dynident.models import Model
 from dynident.models.memory import kinds_that_remember
-from dynident.simulation.controllers import NEAR, Seen, slopes_of
 from dynident.simulation.machine import Machine
 from dynident.simulation.run import Simulated
+from dynident.simulation.slopes import NEAR, Seen, slopes_of
 from dynident.simulation.trace import Trace, gaps_of
 
 __all__ = ["Sensitivity", "sensitivities"]

@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
-    from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+    from dynident.estimators import (
+        Estimate,
+        InstrumentalVariables,
+        LeastSquares,
+        MaximumLikelihood,
+        PhysicallyConsistent,
+    )
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
@@ -53,6 +59,7 @@ __all__ = [
     "Difference",
     "Estimate",
     "Identification",
+    "InstrumentalVariables",
     "Joint",
     "Lagrangian",
     "LeastSquares",
@@ -96,6 +103,7 @@ _MODULES = {
     "Difference": "dynident.smoothers",
     "Estimate": "dynident.estimators",
     "Identification": "dynident.identification",
+    "InstrumentalVariables": "dynident.estimators",
     "Joint": "dynident.models",
     "Lagrangian": "dynident.models",
     "LeastSquares": "dynident.estimators",

@@ -5,7 +5,15 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.estimators import (
+    Estimate,
+    Estimator,
+    InstrumentalVariables,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    Problem,
+)
 from dynident.io.families import ESTIMATORS as FAMILY
 from dynident.models import Model
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
@@ -16,6 +24,7 @@ ESTIMATORS: list[Estimator] = [
     LeastSquares(),
     LeastSquares(weights="per_joint"),
     PhysicallyConsistent(),
+    InstrumentalVariables(),
     MaximumLikelihood(),
 ]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)

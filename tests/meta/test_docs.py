@@ -23,7 +23,8 @@ import yaml
 from dynident import __version__
 from dynident.cli import main
 from dynident.fleets.settings import FleetSettings, RobotChanges
-from dynident.io import settings
+from dynident.io import channels, settings
+from dynident.io import simulation_settings as loops
 from dynident.io.config import parse_config
 from dynident.io.excitation_settings import BoxSettings, CylinderSettings, JointLimitSettings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
@@ -40,8 +41,8 @@ NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 SECTIONS: dict[str, type[Section]] = {
     "Top level": settings.Config,
     "Time": settings.Time,
-    "Position": settings.PositionChannel,
-    "Torque": settings.Channel,
+    "Position": channels.PositionChannel,
+    "Torque": channels.Channel,
     "Logs": settings.LogSpec,
     "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
     "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
@@ -53,9 +54,15 @@ SECTIONS: dict[str, type[Section]] = {
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,
     "Filter": settings.FilterSettings,
-    "Simulation cascade": settings.CascadeSettings,
-    "Drive": settings.CascadeJoint,
-    "Simulation from torque": settings.TorqueInputSettings,
+    "Simulation cascade": loops.CascadeSettings,
+    "Drive": loops.CascadeJoint,
+    "Simulation pd": loops.PDSettings,
+    "Drive pd": loops.PDJoint,
+    "Simulation pid": loops.PIDSettings,
+    "Drive pid": loops.PIDJoint,
+    "Simulation by a function": loops.FunctionSettings,
+    "Drive by a function": loops.FunctionJoint,
+    "Simulation from torque": loops.TorqueInputSettings,
     "Excitation": settings.ExcitationSettings,
     "Joint limits": JointLimitSettings,
     "Box": BoxSettings,

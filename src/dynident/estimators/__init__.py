@@ -13,6 +13,7 @@ from dynident.estimators.estimator import (
     among,
     quick,
 )
+from dynident.estimators.instrumental_variables import InstrumentalVariables
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
@@ -23,6 +24,7 @@ __all__ = [
     "Determined",
     "Estimate",
     "Estimator",
+    "InstrumentalVariables",
     "IsLinear",
     "LeastSquares",
     "LinearFit",

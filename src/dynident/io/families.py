@@ -239,6 +239,7 @@ ESTIMATORS = Family(
     {
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
+        "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
     protocol="dynident.estimators.estimator:Estimator",

@@ -6,52 +6,33 @@ All hold their references constant between samples, and limit their input, such 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError, ModelError, brief
-from dynident.log import Controller, HasState
+from dynident.log import Controller
 from dynident.simulation.one_joint import Law
+from dynident.simulation.slopes import Seen, Slopes, diagonal
 from dynident.simulation.trace import gaps_of
 
-__all__ = ["PD", "PID", "CascadePD", "Function", "HasSlopes", "Slopes", "slopes_of"]
+__all__ = ["PD", "PID", "CascadePD", "Function", "HasTimes"]
 
 Array = NDArray[np.float64]
-NEAR = 1e-6  # rad or m, and per s: the step of differences, and of larger values their share
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What a controller sees at K samples: ``t`` s, each ``h`` s after the last (K); q, dq (K, n); its state (K, m)."""
-
-    t: Array
-    h: Array
-    q: Array
-    dq: Array
-    state: Array
-
-    __repr__ = brief
-
-
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Derivatives of a controller's torque (K, n, .) and next state (K, m, .) at K samples by q, dq and the state."""
-
-    tau: tuple[Array, Array, Array]
-    state: tuple[Array, Array, Array]
-
-    __repr__ = brief
 
 
 @runtime_checkable
-class HasSlopes(Protocol):
-    """A controller that knows its derivatives."""
+class HasTimes(Controller, Protocol):
+    """A controller with references that were recorded at times."""
 
-    def slopes(self, seen: Seen, /) -> Slopes:
-        """Return the derivatives at what is seen."""
+    @property
+    def t(self) -> Array:
+        """The times (N), s."""
+
+    def timed(self, t: Array, /) -> Controller:
+        """Return the controller with other times (N) of its references."""
 
 
 class _Loop:
@@ -64,16 +45,20 @@ class _Loop:
     saturation: Array
     feedforward: Array
 
-    def _check(self, **more: Array | None) -> None:
+    def check(self, rate: Array | None = None, **gains: Array) -> None:
+        """Raise InputError where a shape does not fit."""
         n, rows = len(self.joints), len(self.t)
         signals = {"reference": self.reference, "feedforward": self.feedforward}
-        each = {"gain": self.gain, "saturation": self.saturation, **more}
-        if (rate := each.pop("velocity_reference", None)) is not None:
+        if rate is not None:
             signals["velocity_reference"] = rate
-        for name, array in (signals | each).items():
+        for name, array in {**signals, **gains, "gain": self.gain, "saturation": self.saturation}.items():
             shape = (rows, n) if name in signals else (n,)
             if np.shape(array) != shape:
                 raise InputError(f"controller: {name} has shape {np.shape(array)}, expected {shape}.")
+
+    def timed(self, t: Array) -> Self:
+        """Return the controller with other times (N) of its references."""
+        return replace(self, t=t)  # type: ignore[type-var]
 
     def row(self, t: Any) -> Any:
         """Return the row of the references that is held at time t."""
@@ -123,7 +108,7 @@ class _Linear(_Loop):
         free = self.free(self.wanted(self.row(seen.t), seen.q, seen.dq))
         (rows, n), (kp, kd), none = seen.q.shape, self.gains, np.zeros((len(seen.t), 0, 0))
         nothing = np.zeros((rows, 0, n))
-        by = _diagonal(-free * kp), _diagonal(-free * kd), np.zeros((rows, n, 0))
+        by = diagonal(-free * kp), diagonal(-free * kd), np.zeros((rows, n, 0))
         return Slopes(by, (nothing, nothing, none))
 
 
@@ -148,7 +133,7 @@ class CascadePD(_Linear):
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        self._check(kp=self.kp, kv=self.kv)
+        self.check(kp=self.kp, kv=self.kv)
 
     def wanted(self, k: Any, q: Array, dq: Array) -> Array:
         """Return the input before its limit, for the references of row k."""
@@ -182,7 +167,7 @@ class PD(_Linear):
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        self._check(kp=self.kp, kd=self.kd, velocity_reference=self.velocity_reference)
+        self.check(self.velocity_reference, kp=self.kp, kd=self.kd)
 
     def wanted(self, k: Any, q: Array, dq: Array) -> Array:
         """Return the input before its limit, for the references of row k."""
@@ -216,6 +201,15 @@ class PID:
     def joints(self) -> tuple[str, ...]:
         """Names of the n joints."""
         return self.loop.joints
+
+    @property
+    def t(self) -> Array:
+        """The times (N) of the references, s."""
+        return self.loop.t
+
+    def timed(self, t: Array) -> PID:
+        """Return the controller with other times (N) of its references."""
+        return replace(self, loop=self.loop.timed(t))
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t without what the integral has gathered."""
@@ -263,7 +257,7 @@ class PID:
         free = loop.free(wanted)
         by = (-free * (loop.kp + self.ki * h), -free * loop.kd, free * self.ki)
         then = (np.where(stands, 0.0, -h * one), 0 * one, one)
-        (a, b, c), (d, e, f) = (map(_diagonal, three) for three in (by, then))
+        (a, b, c), (d, e, f) = (map(diagonal, three) for three in (by, then))
         return Slopes((a, b, c), (d, e, f))
 
 
@@ -287,7 +281,7 @@ class Function(_Loop):
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        self._check()
+        self.check()
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t."""
@@ -303,38 +297,3 @@ class Function(_Loop):
                 f"for each of {', '.join(self.joints)}."
             )
         return self.limited(found + self.feedforward[k])
-
-
-def slopes_of(controller: Controller, seen: Seen) -> Slopes:
-    """Return the derivatives of a controller, by central differences where it does not know them."""
-    if isinstance(controller, HasSlopes):
-        return controller.slopes(seen)
-    n, given = seen.q.shape[1], np.hstack((seen.q, seen.dq, seen.state))
-    out = np.empty((len(given), n + seen.state.shape[1], given.shape[1]))
-    for k, row in enumerate(given):
-        for j, value in enumerate(row):
-            step = NEAR * max(abs(float(value)), 1.0)
-            ends = [_called(controller, seen, k, _moved(row, j, by)) for by in (step, -step)]
-            out[k, :, j] = (ends[0] - ends[1]) / (2 * step)
-    tau, state = (np.split(part, [n, 2 * n], axis=2) for part in np.split(out, [n], axis=1))
-    return Slopes((tau[0], tau[1], tau[2]), (state[0], state[1], state[2]))
-
-
-def _called(controller: Controller, seen: Seen, k: int, row: Array) -> Array:
-    """Return torque and next state (n + m) at a sample with another position, velocity and state (2 n + m)."""
-    n, t = seen.q.shape[1], float(seen.t[k])
-    q, dq, state = np.split(row, [n, 2 * n])
-    if not isinstance(controller, HasState):
-        return controller(t, q, dq)
-    return np.concatenate(controller.advance(t, float(seen.h[k]), q, dq, state))
-
-
-def _moved(row: Array, j: int, by: float) -> Array:
-    moved = row.copy()
-    moved[j] += by
-    return moved
-
-
-def _diagonal(each: Array) -> Array:
-    """Return (K, n) as diagonal matrices (K, n, n)."""
-    return np.asarray(each[:, :, None] * np.eye(each.shape[1]))

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Law = Callable[[int, float, float, Any], tuple[float, Any]]  # sample, q, dq, state; torque and the next state
 _State = tuple[float, float, float, float, float, Any]  # q, dq, ddq, q at the last sample, tau, state of the controller
 AHEAD = 1024  # steps that are taken at most before the model is asked whether it has not changed
-SMOOTH, ROUNDS = 64, 6  # steps at most of a model that changes, and how often they are repeated
+SMOOTH, ROUNDS = 64, 10  # steps at most of a model that changes, and how often they are repeated
 
 
 @runtime_checkable
@@ -85,7 +85,7 @@ class OneJoint:
         """Return the states after steps from the step s on, mass and bias of the next one unless none follows, and
         after how many rounds all agreed, 0 if they did not.
         """
-        guess = [known] * ahead
+        states, asked, right, guess = list[_State](), list[tuple[float, float]](), 0, [known] * ahead
         for rounds in range(1, ROUNDS + 1):
             states = self._ahead(s, state, guess)
             ends = self._over(s + len(states), states[-1])  # there, no model is needed
@@ -93,11 +93,12 @@ class OneJoint:
             asked = self._asked(s + 1, states[:wanted])
             if len(asked) < wanted:
                 return states[:1], asked[0], 0
-            wrong = next((i for i, (one, two) in enumerate(zip(asked, guess[1:], strict=False)) if one != two), None)
-            if wrong is None:
+            pairs = zip(asked, guess[1:], strict=False)
+            right = next((i for i, (one, two) in enumerate(pairs) if one != two), len(states))
+            if right == len(states):
                 return states, None if ends else asked[-1], rounds
             guess = [known, *asked[: len(states) - 1]]
-        return states[: wrong + 1], asked[wrong], 0
+        return states[: right + 1], asked[right], 0
 
     def _ahead(self, s: int, state: _State, guess: list[tuple[float, float]]) -> list[_State]:
         """Return the states after each step from the step s on with these masses and biases, until the run ends."""

@@ -27,8 +27,9 @@ class Simulated:
 
     ``rows`` (B, K) are the samples of the measured motion that were simulated, N = B K, piece after piece; each begins
     with the last sample of the one before, at its measured state. ``ddq`` is the difference quotient of dq over the
-    steps beside a sample. Where the simulation ends early, ``failure`` says why, and what follows is not finite;
-    ``trace`` are the steps, None where the model could not be evaluated.
+    steps beside a sample; ``measured`` (n) the measured torque at the start. Where the simulation ends early,
+    ``failure`` says why, and what follows is not finite; ``trace`` are the steps, None where the model could not be
+    evaluated.
     """
 
     joints: tuple[str, ...]
@@ -38,6 +39,7 @@ class Simulated:
     dq: Array
     ddq: Array
     tau: Array
+    measured: Array
     failure: Failure | None = None
     trace: Trace | None = None
 
@@ -73,20 +75,20 @@ def simulated(
     """
     start = model.remembering(start)
     at = _pieces(start, controller, rows, restart)
-    shape = (at.size, len(start.joints))
+    shape, first = (at.size, len(start.joints)), start.tau[at[0, 0]]
     try:
         with np.errstate(all="ignore"):  # a diverging run is reported below
             trace = integrate(Machine(model, theta), start, at, controller)
             q, dq, ddq, tau = (one.swapaxes(0, 1).reshape(shape) for one in _sampled(trace))
     except (DynidentError, np.linalg.LinAlgError) as fault:
-        failure = Broken(str(fault)) if isinstance(fault, DynidentError) else Singular()
+        failure: Failure = Broken(str(fault)) if isinstance(fault, DynidentError) else Singular()
         nowhere = np.full(shape, np.inf)
         tau = start.tau[at].reshape(shape)
-        return Simulated(start.joints, at, start.t[at.ravel()], nowhere, nowhere, nowhere, tau, failure)
+        return Simulated(start.joints, at, start.t[at.ravel()], nowhere, nowhere, nowhere, tau, first, failure)
     t = start.t[at.ravel()]
-    away = np.flatnonzero(~(np.abs(q.reshape(*at.shape, -1)) < FAR).all(axis=(0, 2)))
-    failure = RunsAway(float(start.t[at[0, away[0]]] - start.t[at[0, 0]])) if len(away) else None
-    return Simulated(start.joints, at, t, q, dq, ddq, tau, failure, trace)
+    far = np.flatnonzero(~(np.abs(q.reshape(*at.shape, -1)) < FAR).all(axis=(0, 2)))
+    away = RunsAway(float(start.t[at[0, far[0]]] - start.t[at[0, 0]])) if len(far) else None
+    return Simulated(start.joints, at, t, q, dq, ddq, tau, first, away, trace)
 
 
 def _pieces(

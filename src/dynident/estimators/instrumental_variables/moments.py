@@ -17,7 +17,7 @@ from dynident.errors import InputError, brief
 from dynident.regression import Rank, Regression
 from dynident.regression.long_run import bandwidth, bartlett
 
-__all__ = ["Moments", "Strength", "moments_of"]
+__all__ = ["Moments", "Strength", "information_of", "moments_of"]
 
 Array = NDArray[np.float64]
 LEAST = 1e-14  # of the torque: a residual below is rounding
@@ -27,7 +27,7 @@ INDEPENDENT = 1e-9  # relative singular value of W' X below which a direction ha
 @dataclass(frozen=True, eq=False)
 class Strength:
     """How much of the regressor the instruments explain where they explain least: the smallest canonical
-    ``correlation``, the first-stage F ``statistic`` of it per effective sample, and the ``direction`` (p)."""
+    ``correlation`` r, the F ``statistic`` N r^2 / (1 - r^2) of the first stage, and the ``direction`` (p)."""
 
     correlation: float
     statistic: float
@@ -41,7 +41,8 @@ class Moments:
     """Cross products of rows and instruments by joint, in the r columns of ``turn`` (p, r).
 
     ``crossed`` = W_j' X_j, ``instruments`` = W_j' W_j and ``regressors`` = X_j' X_j (n, r, r); ``torque`` = W_j' y_j
-    (n, r); ``square`` (n) = y_j' y_j and ``pulled`` (n, r) = X_j' y_j, from ``rows`` (n) of each joint. ``weights`` (n).
+    (n, r); ``square`` (n) = y_j' y_j and ``pulled`` (n, r) = X_j' y_j, from ``rows`` (n) of each joint, whose
+    ``weights`` (n) are those in D.
     """
 
     turn: Array
@@ -63,8 +64,27 @@ class Moments:
     @property
     def value(self) -> Array:
         """theta (p) = turn (W' D^2 X)^-1 W' D^2 y; without a share of directions that have no instrument."""
-        solution: Array = np.linalg.lstsq(self.total(self.crossed), self.total(self.torque), rcond=INDEPENDENT)[0]
-        return np.asarray(self.turn @ solution)
+        solution = np.linalg.lstsq(self.total(self.crossed), self.total(self.torque), rcond=INDEPENDENT)[0]
+        return np.asarray(self.turn @ solution, dtype=np.float64)
+
+    def to_turn(self, value: Array) -> Array:
+        """Return beta (r) with turn beta = ``value`` (p)."""
+        return np.asarray(np.linalg.lstsq(self.turn, value, rcond=None)[0])
+
+    def white(self, beta: Array) -> Array:
+        """Return the covariance (r, r) of W' D^2 e for residuals e at beta (r) that are white."""
+        return np.asarray(np.tensordot(self.weights**4 * self.residual(beta), self.instruments, axes=1))
+
+    def distance(self, one: Array, other: Array) -> float:
+        """Return how far two values (p) are apart: usual standard errors of a direction where residuals are white."""
+        beta, step = self.to_turn(one), self.to_turn(one - other)
+        errors = np.linalg.solve(_root(self.white(beta)), self.total(self.crossed) @ step)
+        return float(np.sqrt(np.mean(np.square(errors))))
+
+    def change(self, one: Array, other: Array) -> float:
+        """Return how much two values (p) differ in the torque, relative to that of the one."""
+        size = float(np.linalg.norm(self.to_turn(one)))
+        return float(np.linalg.norm(self.to_turn(one - other))) / size if size else 0.0
 
     def residual(self, beta: Array) -> Array:
         """Return the mean squared residual (n) of each joint at beta (r), not below rounding of the torque."""
@@ -76,9 +96,9 @@ class Moments:
         """Return the strength of the instruments, of so many independent samples."""
         left, right = (_root(self.total(one)) for one in (self.instruments, self.regressors))
         _, size, axes = np.linalg.svd(np.linalg.solve(left, np.linalg.solve(right, self.total(self.crossed).T).T))
-        least, r = float(np.clip(size[-1], 0.0, 1.0)), len(size)
+        least = float(np.clip(size[-1], 0.0, 1.0))
         direction = self.turn @ np.linalg.solve(right.T, axes[-1])
-        return Strength(least, samples / r * least**2 / max(1.0 - least**2, np.finfo(float).tiny), direction)
+        return Strength(least, samples * least**2 / max(1.0 - least**2, np.finfo(float).eps), direction)
 
 
 def moments_of(rows: Regression, instruments: Regression, rank: Rank, weights: Array) -> Moments:
@@ -116,22 +136,21 @@ def _blocks(
         yield X, W, one.tau.T * keep, keep
 
 
-def covariance_of(
-    found: Moments, rows: Regression, instruments: Regression, value: Array
+def information_of(
+    found: Moments, rows: Regression, instruments: Regression, rank: Rank, value: Array
 ) -> tuple[Array, float]:
-    """Return the covariance (r, r) of beta, and the number of samples that are independent of each other.
+    """Return the inverse covariance (p, p) of ``value`` (p), and the number of samples that are independent.
 
-    In units of the covariance for independent residuals, in which it is one, the long-run covariance of the scores is
-    estimated for each recording. What it says of correlations between directions counts as far as there are more
-    independent samples than directions.
+    The covariance is A^-1 S A^-T with A = W' D^2 X and the long-run covariance S of the scores of each recording. Where
+    residuals are white, S is known; in units of that, what is estimated of correlations between directions counts as
+    far as there are more independent samples than directions.
     """
     w, r = found.weights, found.turn.shape[1]
-    beta = np.linalg.lstsq(found.turn, value, rcond=None)[0]
-    white = np.tensordot(w**4 * found.residual(beta), found.instruments, axes=1)
-    root = _root(white)
+    beta = found.to_turn(value)
+    root = _root(found.white(beta))
     total, independent = np.zeros((r, r)), 0.0
     for k in range(len(rows.motions)):
-        one, other = (_only(regression, k) for regression in (rows, instruments))
+        one, other = _only(rows, k), _only(instruments, k)
 
         def scores(one: Regression = one, other: Regression = other) -> Iterator[Array]:
             for X, W, tau, _ in _blocks(one, other, found.turn):
@@ -142,9 +161,10 @@ def covariance_of(
         total, independent = total + part, independent + count / length
     rest = np.diag(np.diag(total))
     spread = root @ ((independent * total + r * rest) / (independent + r)) @ root.T
-    bread = np.linalg.pinv(found.total(found.crossed), rcond=INDEPENDENT)
+    half = np.linalg.solve(_root(spread), found.total(found.crossed))  # its square is that of beta
     n = max(found.rows.max(), 1)
-    return n / max(n - r / len(w), 1.0) * bread @ spread @ bread.T, independent
+    back = rank.values[: rank.rank, None] * rank.vectors[:, : rank.rank].T * rank.scale
+    return max(n - r / len(w), 1.0) / n * (half @ back).T @ (half @ back), independent
 
 
 def _only(regression: Regression, k: int) -> Regression:

@@ -240,6 +240,7 @@ ESTIMATORS = Family(
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
+        "didim": "dynident.estimators.output_error.didim:Didim",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
     protocol="dynident.estimators.estimator:Estimator",

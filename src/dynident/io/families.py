@@ -241,6 +241,7 @@ ESTIMATORS = Family(
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
         "didim": "dynident.estimators.output_error.didim:Didim",
+        "output_error": "dynident.estimators.output_error.output_error:OutputError",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
     protocol="dynident.estimators.estimator:Estimator",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dynident.errors import Note, Step, brief
 from dynident.estimators.estimator import Problem
 from dynident.estimators.output_error.first import first_runs
-from dynident.estimators.output_error.notes import StartedConsistent, StillSimulating
+from dynident.estimators.output_error.notes import StartedElsewhere, StillSimulating
 from dynident.estimators.output_error.shots import Shots, Simulation
 from dynident.regression import Rank
 from dynident.regression.long_run import bandwidth, bartlett
@@ -28,6 +28,7 @@ CLOSE = 0.01  # standard errors of a step that ends the iteration
 ROUNDING = 1e-10  # relative change of the cost that ends it
 DAMPING, LEAST, MOST = 1e-3, 1e-9, 1e6
 RIDGE = 1e-12  # of the start: a joint that rests has no sensitivity
+ALONE = 1e6  # condition above which a piece alone determines a direction
 EXACT = 1e-9  # of the motion: a residual below it is rounding
 
 
@@ -70,9 +71,9 @@ class Descent:
         """Return the fit that begins with ``start`` (p)."""
         model, turn = self.problem.model, self.rank.determined / self.rank.values[: self.rank.rank]
         self.problem.progress("simulating")
-        theta, runs, consistent = first_runs(self.problem, start, lambda value: self.simulated(self.shots, value))
-        if consistent:
-            self.notes.append(StartedConsistent())
+        theta, runs, other = first_runs(self.problem, start, lambda value: self.simulated(self.shots, value))
+        if other is not None:
+            self.notes.append(StartedElsewhere(other))
         damping, moved, settled = DAMPING, np.inf, False
         sigma = self.noise(runs)
         for iteration in range(1, self.iterations + 1):
@@ -150,10 +151,18 @@ class Descent:
         return _Linear(left[..., :-1], left[..., -1], scaled[..., -1], scaled[..., :-1])
 
     def information(self, linear: Sequence[_Linear]) -> Array:
-        """Return the inverse covariance (p, p): H S^-1 H on the determined directions, S the long-run covariance."""
-        n, (H, _) = len(self.problem.model.joints), _normal(linear)
+        """Return the inverse covariance (p, p): H S^-1 H on the determined directions, with the covariance S of J' e."""
+        H, _ = _normal(linear)
         r = len(H)
-        half = _root(H)
+        pieces = [one for one in linear if len(one.rows) > 1]
+        S = _of_pieces(pieces, H) if len(pieces) == len(linear) else self._of_samples(linear, H)
+        back = self.rank.values[:r, None] * self.rank.vectors[:, :r].T * self.rank.scale
+        root = np.linalg.solve(_root(S), H @ back)
+        return np.asarray(root.T @ root)
+
+    def _of_samples(self, linear: Sequence[_Linear], H: Array) -> Array:
+        """Return the long-run covariance (r, r) of J' e, of residuals that are correlated in time."""
+        n, r, half = len(self.problem.model.joints), len(H), _root(H)
         total, independent = np.zeros((r, r)), 0.0
         for one in linear:
             scores = (one.rows * one.rest[..., None]).reshape(-1, n, r).sum(axis=1)
@@ -161,10 +170,19 @@ class Descent:
             length = bandwidth(iter([iter([scores])]))
             count, part = bartlett(iter([scores]), length, r)
             total, independent = total + part, independent + count / length
-        spread = half @ ((independent * total + r * np.diag(np.diag(total))) / (independent + r)) @ half.T
-        back = self.rank.values[:r, None] * self.rank.vectors[:, :r].T * self.rank.scale
-        root = np.linalg.solve(_root(spread), H @ back)
-        return np.asarray(root.T @ root)
+        spread = (independent * total + r * np.diag(np.diag(total))) / (independent + r)
+        return np.asarray(half @ spread @ half.T)
+
+
+def _of_pieces(linear: Sequence[_Linear], H: Array) -> Array:
+    """Return the covariance (r, r) of J' e from pieces, each of which is correlated as it will: what each changes when
+    it is left out (the jackknife; Bell and McCaffrey, 2002)."""
+    J, e = (np.concatenate(some) for some in ([one.rows for one in linear], [one.rest for one in linear]))
+    scores = np.einsum("bkr,bk->br", J, e)
+    rest = np.eye(len(H)) - (J.transpose(0, 2, 1) @ J) @ np.linalg.inv(H)
+    known = np.linalg.cond(rest) < ALONE
+    scores[known] = np.linalg.solve(rest[known], scores[known][..., None])[..., 0]
+    return np.asarray(scores.T @ scores + np.diag(ROUNDING**2 * np.diag(H)))
 
 
 def _normal(linear: Sequence[_Linear]) -> tuple[Array, Array]:

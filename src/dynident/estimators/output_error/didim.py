@@ -18,7 +18,7 @@ from dynident.estimators.instrumental_variables.simulated import controller_of, 
 from dynident.estimators.least_squares import MOST, LeastSquares, Weights, check_weights, joint_weights, weighted
 from dynident.estimators.linear import LinearFit, estimate_of, of_information, solve
 from dynident.estimators.output_error.first import first_runs, no_controller
-from dynident.estimators.output_error.notes import StartedConsistent, StillSimulating
+from dynident.estimators.output_error.notes import StartedElsewhere, StillSimulating
 from dynident.regression import Rank, Regression
 from dynident.simulation import Failure
 
@@ -87,9 +87,9 @@ class _Run:
     def fit(self, start: Array) -> LinearFit:
         """Return the fit that begins with the ``start`` (p) of least squares."""
         self.problem.progress("simulating the closed loop")
-        value, runs, consistent = first_runs(self.problem, start, self.simulated)
-        if consistent:
-            self.notes.append(StartedConsistent())
+        value, runs, other = first_runs(self.problem, start, self.simulated)
+        if other is not None:
+            self.notes.append(StartedElsewhere(other))
         for iteration in range(1, self.settings.iterations + 1):
             rows, found = self.solved(runs)
             moved, change = found.distance(found.value, value), found.change(found.value, value)

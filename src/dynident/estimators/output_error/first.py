@@ -1,8 +1,8 @@
-"""The first model of an estimation by simulation: least squares, or where this fails in the loop, a consistent one."""
+"""The first model of an estimation by simulation: that of least squares, or where this fails another."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, MissingInputError
 from dynident.estimators.estimator import Problem
+from dynident.estimators.instrumental_variables import InstrumentalVariables
+from dynident.estimators.output_error.notes import Start
 from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.log import Motion
 from dynident.simulation import Failure, RunsAway, Singular
@@ -20,19 +22,31 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 
-def first_runs(problem: Problem, start: Array, simulated: Callable[[Array], T | Failure]) -> tuple[Array, T, bool]:
-    """Return the first parameters (p) that can be simulated, what is simulated, and whether they are consistent ones.
+def first_runs(
+    problem: Problem, start: Array, simulated: Callable[[Array], T | Failure]
+) -> tuple[Array, T, Start | None]:
+    """Return the first parameters (p) that can be simulated, what is simulated, and what made them where ``start`` cannot.
 
-    Raises InputError where neither ``start`` nor the physically consistent fit can be.
+    Least squares of a noisy motion may have a mass matrix that is not positive definite: then the physically consistent
+    fit is tried, instrumental variables, which such noise does not bias, and the values that the model has from its
+    file. Raises InputError where none can be simulated.
     """
     runs = simulated(start)
     if not isinstance(runs, Failure):
-        return start, runs, False
-    value = PhysicallyConsistent(costs=False)(problem).value
-    runs = simulated(value)
-    if isinstance(runs, Failure):
-        raise _failed(problem, runs)
-    return value, runs, True
+        return start, runs, None
+    for kind, value in _others(problem):
+        runs = simulated(value)
+        if not isinstance(runs, Failure):
+            return value, runs, kind
+    raise _failed(problem, runs)
+
+
+def _others(problem: Problem) -> Iterator[tuple[Start, Array]]:
+    """Yield other parameters to begin with, those of the model's file last."""
+    yield Start.CONSISTENT, PhysicallyConsistent(costs=False)(problem).value
+    yield Start.INSTRUMENTS, InstrumentalVariables(instruments="lagged")(problem).value
+    if problem.model.values is not None:
+        yield Start.NOMINAL, np.asarray(problem.model.values, dtype=float)
 
 
 def no_controller(motion: Motion) -> MissingInputError:
@@ -50,6 +64,6 @@ def _failed(problem: Problem, failure: Failure) -> InputError:
         why = "its mass matrix is singular" if isinstance(failure, Singular) else f"{failure}"
     return InputError(
         f"{', '.join(one.source for one in problem.motions)}: the first model cannot be simulated, neither that of least "
-        f"squares nor the physically consistent one ({why}). Check gains, units and reference of the controller and the "
+        f"squares nor a physically consistent one, one by instrumental variables or that of the file ({why}). Check gains, units and reference of the controller and the "
         "terms of the model, or use an estimator that simulates nothing."
     )

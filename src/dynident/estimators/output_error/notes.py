@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import ClassVar
 
 from dynident.errors import Note, Severity
 from dynident.estimators.notes import Unsettled
 
-__all__ = ["StartedConsistent", "StillSimulating"]
+__all__ = ["Start", "StartedElsewhere", "StillSimulating"]
+
+
+class Start(StrEnum):
+    """With what a simulation began: the physically consistent fit, instrumental variables, values of the model's file."""
+
+    CONSISTENT = "consistent"
+    INSTRUMENTS = "instruments"
+    NOMINAL = "nominal"
 
 
 @dataclass(frozen=True)
-class StartedConsistent(Note):
-    """The iteration began with the physically consistent fit, as the model of least squares cannot be simulated."""
+class StartedElsewhere(Note):
+    """The iteration began with other values, as those of least squares cannot be simulated."""
 
     severity: ClassVar[Severity] = Severity.INFO
+    start: Start
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from dynident.simulation import Failure, Sensitivity, Simulated, sensitivities, 
 __all__ = ["Shots", "Simulation", "shots_of"]
 
 Array = NDArray[np.float64]
-SEGMENT = 0.5  # s, of a measured torque: its noise moves the model more than sensors of positions have noise
+SEGMENT = 1.0  # s, of a measured torque: its noise moves the model more than sensors of positions have noise
 KNOWN = 5.0  # s, of a commanded torque, which has none
 
 

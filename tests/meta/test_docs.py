@@ -19,6 +19,7 @@ from typing import Any
 import click
 import pytest
 import yaml
+from pydantic import TypeAdapter
 
 from dynident import __version__
 from dynident.cli import main
@@ -296,12 +297,14 @@ def test_configuration_lists_every_term_with_its_settings() -> None:
 def test_configuration_has_every_section_and_unit() -> None:
     sections = {
         value
-        for value in vars(settings).values()
-        if isinstance(value, type) and issubclass(value, Section) and value is not Section
+        for module in (settings, channels, loops)
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Section)
     }
     parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
     own = {FleetSettings, RobotChanges, BoxSettings, CylinderSettings, JointLimitSettings}
-    assert set(SECTIONS.values()) == sections | parts | own
+    bases = {Section, loops.LoopSettings, loops.LoopJoint}
+    assert set(SECTIONS.values()) == (sections - bases) | parts | own
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
     assert len(rows("Units")) == len(UNITS)
@@ -320,6 +323,8 @@ def configurations() -> list[Any]:
 def test_configurations_shown_are_valid(text: str) -> None:
     if "recipe" in (given := yaml.safe_load(text)):
         FleetSettings.model_validate(given)
+    elif given.keys() == {"simulation"}:
+        TypeAdapter(loops.Simulation).validate_python(given["simulation"])
     elif "model" not in given:
         settings.ExcitationSettings.model_validate(given)
     else:

@@ -14,13 +14,10 @@ from dynident.models import (
     Dahl,
     Joint,
     LoadCoulomb,
-    LoadViscous,
     Model,
     Offset,
     Parameter,
     Partials,
-    Power,
-    Stribeck,
     Viscous,
     simulate,
 )
@@ -159,16 +156,6 @@ def test_the_model_is_not_asked_after_the_end() -> None:
     assert q[0, -1, 0] == pytest.approx(2.1)
 
 
-def test_only_friction_of_a_constant_size_or_slope_is_separated() -> None:
-    """A power of the speed, viscous by its role, and the Stribeck effect stay in the model."""
-    terms = Viscous(JOINTS), Coulomb(JOINTS), Power(JOINTS, exponent=0.5), Stribeck(JOINTS, velocity=0.1)
-    machine = Machine(pendulum().with_terms(*terms), (0.1, 0.2, 1.0, 2.0, 4.0, 8.0))
-    assert machine.V.tolist() == [[1.0]]
-    assert machine.F.tolist() == [2.0]
-    slow, fast = (machine.mass_and_bias(np.zeros((1, 1)), np.full((1, 1), v))[1].item() for v in (0.1, 4.0))
-    assert (slow, fast) == pytest.approx((4.0 * 0.1**0.5 + 8.0 * np.exp(-1), 8.0))
-
-
 @pytest.mark.parametrize(("share", "holds"), [(0.8, False), (1.2, True)])
 def test_friction_by_the_load_holds_a_joint_up_to_its_level(share, holds):
     """A pendulum at rest, held by a share of its own weight."""
@@ -181,12 +168,6 @@ def test_friction_by_the_load_holds_a_joint_up_to_its_level(share, holds):
     motion = Motion(t, still + 0.7, still, still, still, ("pivot",), np.ones(101, bool))
     path, _ = sampled(integrate(machine, model.remembering(motion), np.arange(101)[None], None))
     assert (np.ptp(path) < 1e-9) == holds
-
-
-def test_hysteresis_and_what_grows_with_the_load_stay_in_the_model():
-    theta = np.array([0.0825, 0.25, 0.4, 0.1])
-    machine = Machine(pendulum().with_terms(Dahl(JOINTS), LoadViscous(JOINTS)), theta)
-    assert (len(machine.F), machine.V.any()) == (0, False)
 
 
 def test_steps_remember_the_way():

@@ -7,7 +7,7 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import singledispatch
 from typing import Any
 
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import InstrumentalVariables, LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.regression import ParallelFilter
 from dynident.report.words import short
 from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
@@ -110,6 +110,11 @@ def _(part: LeastSquares) -> str:
 @part_words.register
 def _(part: PhysicallyConsistent) -> str:
     return settings_words("physically consistent least squares", part)
+
+
+@part_words.register
+def _(part: InstrumentalVariables) -> str:
+    return settings_words("instrumental variables", part)
 
 
 @part_words.register

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -145,6 +149,15 @@ def test_a_function_gets_time_state_reference_and_settings(tmp_path):
     drive = controlled(tmp_path, LAW)
     q, dq = np.array([np.sin(0.5) - 0.01]), np.array([0.2])
     assert drive(0.5, q, dq) == pytest.approx(2 * (7 * 0.01 - 0.2))
+
+
+def test_a_function_is_found_by_another_process(tmp_path):
+    drive = controlled(tmp_path, LAW)
+    (tmp_path / "drive").write_bytes(pickle.dumps(drive))
+    code = f"import pickle, numpy as np; d = pickle.load(open({str(tmp_path / 'drive')!r}, 'rb')); "
+    code += "print(d(0.5, np.array([np.sin(0.5) - 0.01]), np.array([0.2])).item())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) == pytest.approx(2 * (7 * 0.01 - 0.2))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dynident.cli import main
 from dynident.errors import ConfigError
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import InstrumentalVariables, LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.io.parts import build, schemas, unusable
 from dynident.io.settings import Config
@@ -71,6 +71,8 @@ ESTIMATING = [
         total_mass=(None, 20.0), centre_of_mass={"arm": ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))}, prior="none"
     ),
     PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
+    InstrumentalVariables(),
+    InstrumentalVariables("lagged", 3, 0.05, "equal"),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
 ]

@@ -51,6 +51,7 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
     "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
+    "Estimator instrumental variables": section(ESTIMATORS, ESTIMATORS.get("instrumental_variables")),
     "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,

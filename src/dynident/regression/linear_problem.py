@@ -171,7 +171,7 @@ class Regression:
         The torque is less Y theta, where ``theta`` (p) is given. ``within`` are the place of a motion and its samples
         to take: those around them still count in the filter.
         """
-        for _, _, block in self._placed(structure or self.model.structure, theta, within):
+        for _, _, block in self.placed(structure or self.model.structure, theta, within):
             yield block
 
     @cached_property
@@ -196,7 +196,7 @@ class Regression:
         structure = self.model.structure
         total = np.zeros((len(structure.joint), torques[0].shape[2]))
         series = [self._passed(k, c) for k, c in enumerate(torques)]
-        for k, kept, block in self._placed(structure):
+        for k, kept, block in self.placed(structure):
             for j, part in enumerate(structure.parts):
                 total[part] += w2[j] * block.used(j)[:-1] @ series[k][kept, j]
         parts = zip(structure.parts, structure.maps, strict=True)
@@ -208,7 +208,7 @@ class Regression:
             c = self.filter.apply(self.filter.sections(self.motions[k]), c)
         return c * self.weights[k][:, :, None] if self.weights else c
 
-    def _placed(
+    def placed(
         self, structure: Structure, theta: Array | None = None, within: tuple[int, slice] | None = None
     ) -> Iterator[tuple[int, slice, EntryBlock]]:
         """Yield each block with the place of its motion, and of its rows in this motion."""

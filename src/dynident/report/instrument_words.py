@@ -38,13 +38,13 @@ def _(note: notes.WeakInstruments) -> str:
 def _(note: notes.NotSimulated) -> str:
     return (
         "instruments were not simulated, as neither least squares nor the physically consistent model can be simulated "
-        f"in the loop of the controller: {words(note.failure)}"
+        f"in the loop of the controller: {note.reason}"
     )
 
 
 @words.register
 def _(note: notes.MotionMovesOn) -> str:
-    why = "" if note.failure is None else f": {words(note.failure)}"
+    why = f": {note.reason}" if note.reason else ""
     return (
         f"instruments have not settled after {note.iterations} simulations (the last one moved the value by "
         f"{short(note.moved, 2)} standard errors){why}"

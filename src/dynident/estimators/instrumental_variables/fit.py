@@ -50,7 +50,9 @@ class InstrumentalVariables:
     >>> log = dy.record(motion, sigma_q=1e-3, sigma_tau=0.01, rng=rng).log
     >>> for estimator in (dy.LeastSquares(), dy.InstrumentalVariables()):
     ...     found = dy.identify(arm, log, recipe=dy.Recipe(smoother=dy.Difference(), estimator=estimator)).estimate
-    ...     print(f"J = {found.value[0]:.4f} +- {found.std[0]:.4f}")
+    ...     print(f"J = {found.value[0]:.3f} +- {found.std[0]:.3f}, is {arm.values[0]:.3f}")
+    J = 0.016 +- 0.001, is 0.083
+    J = 0.085 +- 0.005, is 0.083
     """
 
     instruments: Source = "auto"

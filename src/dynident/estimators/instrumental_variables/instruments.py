@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynident.errors import brief
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrumental_variables.notes import InstrumentKind
@@ -16,11 +19,16 @@ __all__ = ["Instruments", "log_of", "paired"]
 
 @dataclass(frozen=True, eq=False)
 class Instruments:
-    """A ``motion`` at the samples of another one, usable where its mask is True; its ``kind`` and ``lag`` (s)."""
+    """A ``motion`` at the samples of another one, usable where its mask is True; its ``kind`` and ``lag`` (s).
+
+    Of another pass ``other`` is the place of its recording, and ``partner`` (N) its sample for each, -1 for none.
+    """
 
     motion: Motion
     kind: InstrumentKind
     lag: float | None = None
+    other: int | None = None
+    partner: NDArray[np.intp] | None = None
 
     __repr__ = brief
 

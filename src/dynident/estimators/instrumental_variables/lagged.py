@@ -83,9 +83,10 @@ def cutoff(before: Array, after: Array) -> float:
         power = np.square(np.abs(one)).mean(axis=0)
         shown = power > SMALL * power.max()
         gain = np.abs((one.conj() * other).mean(axis=0)) / np.where(shown, power, np.inf)
-        lost = np.flatnonzero((gain < 0.5) & (np.arange(len(gain)) > np.argmax(shown)))
-        if shown.any() and len(lost):
-            found = min(found, float(max(lost[0], 1) / (len(gain) - 1)))
+        if shown.any():
+            end = np.flatnonzero(shown)[-1] + 1
+            lost = np.flatnonzero(shown & (gain < 0.5)).min(initial=end)
+            found = min(found, max(int(lost), 1) / (len(gain) - 1))
     return found
 
 

@@ -1,23 +1,21 @@
-"""The equations W' D^2 (y - X theta) = 0 of instruments W and weights D, streamed; their solution and its covariance.
+"""The equations W' D^2 (y - X theta) = 0 of instruments W and weights D, streamed, and their solution.
 
 X and W are taken in directions of the parameters in which the weighted X is orthonormal: no digits are lost when it is
-multiplied, and nothing is inverted that the data do not determine. References: Janot, Vandanjon and Gautier (2014);
-Newey and West (1987).
+multiplied, and nothing is inverted that the data do not determine. Reference: Janot, Vandanjon and Gautier (2014).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief
 from dynident.regression import Rank, Regression
-from dynident.regression.long_run import bandwidth, bartlett
 
-__all__ = ["Moments", "Strength", "information_of", "moments_of"]
+__all__ = ["Block", "Moments", "Strength", "blocks_of", "cholesky", "moments_of"]
 
 Array = NDArray[np.float64]
 LEAST = 1e-14  # of the torque: a residual below is rounding
@@ -78,7 +76,7 @@ class Moments:
     def distance(self, one: Array, other: Array) -> float:
         """Return how far two values (p) are apart: usual standard errors of a direction where residuals are white."""
         beta, step = self.to_turn(one), self.to_turn(one - other)
-        errors = np.linalg.solve(_root(self.white(beta)), self.total(self.crossed) @ step)
+        errors = np.linalg.solve(cholesky(self.white(beta)), self.total(self.crossed) @ step)
         return float(np.sqrt(np.mean(np.square(errors))))
 
     def change(self, one: Array, other: Array) -> float:
@@ -94,7 +92,7 @@ class Moments:
 
     def strength(self, samples: float) -> Strength:
         """Return the strength of the instruments, of so many independent samples."""
-        left, right = (_root(self.total(one)) for one in (self.instruments, self.regressors))
+        left, right = (cholesky(self.total(one)) for one in (self.instruments, self.regressors))
         _, size, axes = np.linalg.svd(np.linalg.solve(left, np.linalg.solve(right, self.total(self.crossed).T).T))
         least = float(np.clip(size[-1], 0.0, 1.0))
         direction = self.turn @ np.linalg.solve(right.T, axes[-1])
@@ -108,16 +106,16 @@ def moments_of(rows: Regression, instruments: Regression, rank: Rank, weights: A
     n, r = len(weights), turn.shape[1]
     crossed, within, regressors = (np.zeros((n, r, r)) for _ in range(3))
     torque, pulled, square, count = np.zeros((n, r)), np.zeros((n, r)), np.zeros(n), np.zeros(n, dtype=int)
-    for X, W, tau, keep in _blocks(rows, instruments, turn):
+    for block in blocks_of(rows, instruments, turn):
         for j in range(n):
-            x, w, y = X[:, j], W[:, j], tau[:, j]
+            x, w, y = block.X[:, j], block.W[:, j], block.y[:, j]
             crossed[j] += w.T @ x
             within[j] += w.T @ w
             regressors[j] += x.T @ x
             torque[j] += w.T @ y
             pulled[j] += x.T @ y
             square[j] += y @ y
-        count += keep.sum(axis=0)
+        count += block.keep.sum(axis=0)
     if count.sum() <= r:
         raise InputError(
             f"{', '.join(motion.source for motion in rows.motions)}: only {count.max()} samples have instruments, too "
@@ -126,52 +124,30 @@ def moments_of(rows: Regression, instruments: Regression, rank: Rank, weights: A
     return Moments(turn, weights, crossed, within, regressors, torque, pulled, square, count)
 
 
-def _blocks(
-    rows: Regression, instruments: Regression, turn: Array
-) -> Iterator[tuple[Array, Array, Array, NDArray[np.bool_]]]:
-    """Yield X, W (B, n, r), the torque and which of it is used (B, n), block by block; zero where it is not."""
-    for one, other in zip(rows.entries(), instruments.entries(), strict=True):
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some samples ``rows`` of a recording: X and W (B, n, r), the torque ``y`` and whether to use it, ``keep`` (B, n);
+    zero where it is not."""
+
+    rows: slice
+    X: Array
+    W: Array
+    y: Array
+    keep: NDArray[np.bool_]
+
+    __repr__ = brief
+
+
+def blocks_of(rows: Regression, instruments: Regression, turn: Array) -> Iterator[Block]:
+    """Yield the rows and their instruments in the columns of ``turn`` (p, r)."""
+    pairs = zip(rows.placed(rows.model.structure), instruments.placed(rows.model.structure), strict=True)
+    for (_, at, one), (_, _, other) in pairs:
         keep = np.ones(one.tau.T.shape, dtype=bool) if one.keep is None else one.keep.T
         X, W = (block.regressor(turn) * keep[:, :, None] for block in (one, other))
-        yield X, W, one.tau.T * keep, keep
+        yield Block(at, X, W, one.tau.T * keep, keep)
 
 
-def information_of(
-    found: Moments, rows: Regression, instruments: Regression, rank: Rank, value: Array
-) -> tuple[Array, float]:
-    """Return the inverse covariance (p, p) of ``value`` (p), and the number of samples that are independent.
-
-    The covariance is A^-1 S A^-T with A = W' D^2 X and the long-run covariance S of the scores of each recording. Where
-    residuals are white, S is known; in units of that, what is estimated of correlations between directions counts as
-    far as there are more independent samples than directions.
-    """
-    w, r = found.weights, found.turn.shape[1]
-    beta = found.to_turn(value)
-    root = _root(found.white(beta))
-    total, independent = np.zeros((r, r)), 0.0
-    for k in range(len(rows.motions)):
-        one, other = _only(rows, k), _only(instruments, k)
-
-        def scores(one: Regression = one, other: Regression = other) -> Iterator[Array]:
-            for X, W, tau, _ in _blocks(one, other, found.turn):
-                yield np.linalg.solve(root, np.einsum("bj,bjr->rb", (tau - X @ beta) * w**2, W)).T
-
-        length = bandwidth(iter([scores()]))
-        count, part = bartlett(scores(), length, r)
-        total, independent = total + part, independent + count / length
-    rest = np.diag(np.diag(total))
-    spread = root @ ((independent * total + r * rest) / (independent + r)) @ root.T
-    half = np.linalg.solve(_root(spread), found.total(found.crossed))  # its square is that of beta
-    n = max(found.rows.max(), 1)
-    back = rank.values[: rank.rank, None] * rank.vectors[:, : rank.rank].T * rank.scale
-    return max(n - r / len(w), 1.0) / n * (half @ back).T @ (half @ back), independent
-
-
-def _only(regression: Regression, k: int) -> Regression:
-    return replace(regression, motions=regression.motions[k : k + 1], weights=regression.weights[k : k + 1])
-
-
-def _root(matrix: Array) -> Array:
+def cholesky(matrix: Array) -> Array:
     """Return the Cholesky factor (r, r), of a singular matrix that of one near to it."""
     scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     some = matrix / np.outer(scale, scale)

@@ -8,7 +8,6 @@ from typing import ClassVar
 
 from dynident.errors import Note, Severity
 from dynident.estimators.notes import Unsettled
-from dynident.simulation import Failure
 
 __all__ = ["InstrumentKind", "InstrumentsUsed", "MotionMovesOn", "NotSimulated", "WeakInstruments"]
 
@@ -49,16 +48,16 @@ class WeakInstruments(Note):
 
 @dataclass(frozen=True)
 class NotSimulated(Note):
-    """Instruments are not simulated, as the first model fails in the controller's loop: ``failure``."""
+    """Instruments are not simulated, as the first model fails in the controller's loop, for a ``reason``."""
 
-    failure: Failure
+    reason: str
 
 
 @dataclass(frozen=True)
 class MotionMovesOn(Unsettled):
     """The simulated motion, and with it the value, still moves after so many ``iterations``: by ``moved`` standard
-    errors in the last one; a ``failure`` of the simulation may have ended them."""
+    errors in the last one. Where a simulation failed, the ``reason`` says why."""
 
     iterations: int
     moved: float
-    failure: Failure | None = None
+    reason: str = ""

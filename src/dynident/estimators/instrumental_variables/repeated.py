@@ -27,22 +27,23 @@ def repeated_instruments(problem: Problem, k: int) -> Instruments | None:
     A copy of the same samples has the same noise, and is none.
     """
     motion = problem.motions[k]
-    found = (_from(motion, other, other is motion) for other in dict.fromkeys(problem.motions))
+    others = {other: m for m, other in reversed(list(enumerate(problem.motions)))}  # each once
+    found = (_from(motion, other, m) for other, m in others.items())
     return max((one for one in found if one), key=lambda one: int(one.motion.mask.sum()), default=None)
 
 
-def _from(motion: Motion, other: Motion, itself: bool) -> Instruments | None:
+def _from(motion: Motion, other: Motion, m: int) -> Instruments | None:
     pairs = repeated_rows(motion, other)
     if pairs is None or _copied(motion, other, *pairs):
         return None
-    partner = np.full(len(motion), -1)
-    if itself:  # what is passed again is a pass of what passes it
+    partner = np.full(len(motion), -1, dtype=np.intp)
+    if other is motion:  # what is passed again is a pass of what passes it
         partner[pairs[1]] = pairs[0]
     partner[pairs[0]] = pairs[1]
     mask, at = partner >= 0, np.maximum(partner, 0)
     memory = None if other.memory is None else other.memory[at]
     found = replace(motion, q=other.q[at], dq=other.dq[at], ddq=other.ddq[at], mask=mask, memory=memory)
-    return Instruments(found, InstrumentKind.REPEATED)
+    return Instruments(found, InstrumentKind.REPEATED, None, m, partner)
 
 
 def _copied(motion: Motion, other: Motion, rows: Rows, others: Rows) -> bool:

@@ -13,7 +13,7 @@ from dynident.errors import Note, Step
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrumental_variables.instruments import Instruments, log_of, paired
 from dynident.estimators.instrumental_variables.lagged import lagged_instruments
-from dynident.estimators.instrumental_variables.moments import Moments, information_of, moments_of
+from dynident.estimators.instrumental_variables.moments import Moments, moments_of
 from dynident.estimators.instrumental_variables.notes import (
     InstrumentKind,
     InstrumentsUsed,
@@ -22,10 +22,12 @@ from dynident.estimators.instrumental_variables.notes import (
     WeakInstruments,
 )
 from dynident.estimators.instrumental_variables.repeated import not_repeated, repeated_instruments
+from dynident.estimators.instrumental_variables.scores import information_of
 from dynident.estimators.instrumental_variables.simulated import (
     controller_of,
     failed,
     missing,
+    reason_of,
     simulated_instruments,
 )
 from dynident.estimators.linear import LinearFit, of_information
@@ -77,7 +79,7 @@ class Run:
             self.problem.progress(Step("simulating instruments", iteration, self.iterations))
             again = self.simulated(value, loops)
             if isinstance(again, Failure):
-                self.notes.append(MotionMovesOn(iteration, moved, again))
+                self.notes.append(MotionMovesOn(iteration, moved, reason_of(again)))
                 break
             instruments = [again.get(k, one) for k, one in enumerate(instruments)]
         return self.finished(instruments, (rows, others), found)
@@ -114,7 +116,7 @@ class Run:
         if isinstance(found, Failure) and self.source == "simulated":
             raise failed(self.problem.motions[loops[0]], found)
         if isinstance(found, Failure):
-            self.notes.append(NotSimulated(found))
+            self.notes.append(NotSimulated(reason_of(found)))
             found = {k: self.measured(k) for k in loops}
         return [found[k] if one is None else one for k, one in enumerate(given)]
 
@@ -137,7 +139,7 @@ class Run:
         self, instruments: Sequence[Instruments], both: tuple[Regression, Regression], found: Moments
     ) -> LinearFit:
         """Return the fit with its information and notes."""
-        information, independent = information_of(found, *both, self.rank, found.value)
+        information, independent = information_of(found, *both, instruments, self.rank)
         fit = of_information(found.value, information, self.rank, int(found.rows.sum()), ())
         weakest, names = found.strength(independent), self.problem.model.names
         if weakest.statistic < WEAK:

@@ -12,9 +12,9 @@ from dynident.estimators.estimator import Problem
 from dynident.estimators.instrumental_variables.instruments import Instruments, log_of
 from dynident.estimators.instrumental_variables.notes import InstrumentKind
 from dynident.log import Controller, Motion
-from dynident.simulation import Failure, RunsAway, Singular, simulated
+from dynident.simulation import Broken, Failure, RunsAway, simulated
 
-__all__ = ["controller_of", "failed", "missing", "simulated_instruments"]
+__all__ = ["controller_of", "failed", "missing", "reason_of", "simulated_instruments"]
 
 Array = NDArray[np.float64]
 
@@ -57,14 +57,17 @@ def missing(motion: Motion) -> MissingInputError:
     )
 
 
+def reason_of(failure: Failure) -> str:
+    """Return why a simulation failed."""
+    if isinstance(failure, RunsAway):
+        return f"it runs away after {failure.after:.3g} s"
+    return failure.reason if isinstance(failure, Broken) else "its mass matrix is singular"
+
+
 def failed(motion: Motion, failure: Failure) -> InputError:
     """Return the error where the first model fails in the loop, also with physically consistent parameters."""
-    if isinstance(failure, RunsAway):
-        why = f"it runs away after {failure.after:.3g} s"
-    else:
-        why = "its mass matrix is singular" if isinstance(failure, Singular) else f"{failure}"
     return InputError(
         f"{motion.source}: instruments cannot be simulated: in the loop of the controller the first model fails, that "
-        f"of least squares and the physically consistent one alike ({why}). Check gains, units and reference of the "
-        "controller and the terms of the model, or use instruments `repeated` or `lagged`."
+        f"of least squares and the physically consistent one alike ({reason_of(failure)}). Check gains, units and "
+        "reference of the controller and the terms of the model, or use instruments `repeated` or `lagged`."
     )

@@ -78,7 +78,8 @@ class LinearFit:
 
     ``directions`` are those of the parameters that they determine. How they were weighted, as in a ``Residual``:
     ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``. Where errors of the motion count in
-    the fit, ``information`` (p, p) is that of all. ``notes`` say what was not as it should be.
+    the fit, ``information`` (p, p) is that of all; it is ``robust`` where it allows for residuals that are correlated.
+    ``notes`` say what was not as it should be.
     """
 
     factor: Array
@@ -89,6 +90,7 @@ class LinearFit:
     slopes: tuple[Array, ...] = ()
     information: Array | None = None
     notes: tuple[Note, ...] = ()
+    robust: bool = False
 
     __repr__ = brief
 
@@ -128,6 +130,7 @@ def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
         residual=fit.residual(problem, found.value),
         notes=(*_notes(fit.directions, problem.model.names), *fit.notes),
         information=fit.information,
+        robust=fit.robust,
     )
 
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, MissingInputError
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrumental_variables import InstrumentalVariables
+from dynident.estimators.instrumental_variables.simulated import reason_of
 from dynident.estimators.output_error.notes import Start
 from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.log import Motion
-from dynident.simulation import Failure, RunsAway, Singular
+from dynident.simulation import Failure
 
 __all__ = ["first_runs", "no_controller"]
 
@@ -25,9 +26,10 @@ T = TypeVar("T")
 def first_runs(
     problem: Problem, start: Array, simulated: Callable[[Array], T | Failure]
 ) -> tuple[Array, T, Start | None]:
-    """Return the first parameters (p) that can be simulated, what is simulated, and what made them where ``start`` cannot.
+    """Return the first parameters (p) that can be simulated, what is simulated, and what made them where
+    ``start`` cannot.
 
-    Least squares of a noisy motion may have a mass matrix that is not positive definite: then the physically consistent
+    Least squares of a noisy motion can have a mass matrix that is not positive definite: then the physically consistent
     fit is tried, instrumental variables, which such noise does not bias, and the values that the model has from its
     file. Raises InputError where none can be simulated.
     """
@@ -58,12 +60,9 @@ def no_controller(motion: Motion) -> MissingInputError:
 
 
 def _failed(problem: Problem, failure: Failure) -> InputError:
-    if isinstance(failure, RunsAway):
-        why = f"it runs away after {failure.after:.3g} s"
-    else:
-        why = "its mass matrix is singular" if isinstance(failure, Singular) else f"{failure}"
     return InputError(
-        f"{', '.join(one.source for one in problem.motions)}: the first model cannot be simulated, neither that of least "
-        f"squares nor a physically consistent one, one by instrumental variables or that of the file ({why}). Check gains, units and reference of the controller and the "
-        "terms of the model, or use an estimator that simulates nothing."
+        f"{', '.join(one.source for one in problem.motions)}: no first model can be simulated, neither that of least "
+        "squares nor a physically consistent one, one by instrumental variables or that of the file "
+        f"({reason_of(failure)}). Check gains, units and reference of the controller and the terms of the model, or use "
+        "an estimator that simulates nothing."
     )

@@ -2,49 +2,56 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Annotated, Literal, get_args
 
-import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, changed, choices
+from dynident.errors import ConfigError, MissingInputError, changed, choices
 from dynident.estimators.estimator import Estimate, Problem
-from dynident.estimators.least_squares import MOST, LeastSquares, joint_weights, weighted
-from dynident.estimators.linear import estimate_of, of_information, solve
-from dynident.estimators.output_error.descent import Descent
+from dynident.estimators.instrumental_variables.instruments import log_of
+from dynident.estimators.instrumental_variables.simulated import controller_of
+from dynident.estimators.least_squares import MOST, LeastSquares
+from dynident.estimators.linear import LinearFit
 from dynident.estimators.output_error.first import no_controller
-from dynident.estimators.output_error.shots import Shots, shots_of
+from dynident.estimators.output_error.fit import OutputFit, fitted
+from dynident.estimators.output_error.recordings import closed_shots, open_shots
+from dynident.estimators.output_error.shots import Shots
 
-__all__ = ["Loop", "OutputError"]
+__all__ = ["Loop", "OutputError", "Torque"]
 
-Array = NDArray[np.float64]
 Loop = Literal["auto", "closed", "open"]
+Torque = Literal["measured", "commanded"]
+SEGMENT = 1.0  # s, of a measured torque: its noise moves the model more than sensors of positions have noise
+KNOWN = 5.0  # s, of a commanded torque, which has none
 LONGEST = 1e4  # s
 
 
 @dataclass(frozen=True)
 class OutputError:
-    """The theta whose simulated positions are nearest to the measured ones, each joint weighted by its noise.
+    """The theta whose simulated positions are nearest to the measured ones, each joint weighted by its residual.
 
     ``loop``: "closed" simulates the model in the loop of the recorded controller (``Log.controller``) under the recorded
-    reference, from an unknown state at the start; "open" drives the model with the torque that was commanded
-    (``Log.command``), else measured, in segments of ``segment`` (s), whose states at the start are all unknown (multiple
-    shooting): an arm that would run away cannot. "auto" closes the loop where all recordings know their controller.
+    reference, from an unknown state at the start; "open" drives the model with the ``torque`` that was "measured", or,
+    where it is known, "commanded" (``Log.command``), in segments of ``segment`` s (by default 1 s, of a commanded torque
+    5 s), whose states at the start are all unknown (multiple shooting): a robot would run away from one start. "auto"
+    closes the loop where all recordings know their controller.
 
     Gauss and Newton's iteration with Levenberg's damping, by the exact derivatives of the discrete simulation. It begins
-    with least squares, or, where this cannot be simulated, with the physically consistent fit; ``iterations`` is the
-    most steps. The covariance allows for residuals that are correlated in time: noise of a measured torque that drives
-    the model is in them, as is all that the model lacks. It counts errors of the positions, and of no torque: with a
-    measured torque of much noise, maximum likelihood has smaller errors.
+    with least squares, or, where this cannot be simulated, with another fit; ``iterations`` is the most steps. The
+    covariance allows for residuals that are correlated in time and between joints: what noise of a measured torque does
+    to the model is in them, as is all that the model lacks. Such noise is not modelled: with a measured torque that has
+    much of it, maximum likelihood has smaller errors; with an exact one, output error uses that it is.
 
-    Raises MissingInputError where the loop is to be closed and a recording does not know its controller, InputError where
-    the first model cannot be simulated, ModelError for terms that remember, ConfigError for bad settings. References:
-    Landau and Karimi (1997); Jubien, Gautier and Janot (2014); of multiple shooting, Bock (1983).
+    Calling it with a ``Problem`` gives an ``Estimate``. Raises MissingInputError where a recording lacks the controller
+    or the command that is asked for, InputError where no first model can be simulated, ModelError for terms that
+    remember, ConfigError for bad settings. References: Landau and Karimi (1997); Jubien, Gautier and Janot (2014); of
+    multiple shooting, Bock (1983).
     """
 
     loop: Loop = "auto"
+    torque: Torque = "measured"
     segment: Annotated[float, Gt(0), Le(LONGEST)] | None = None
     iterations: Annotated[int, Ge(1), Le(MOST)] = 30
 
@@ -53,6 +60,8 @@ class OutputError:
     def __post_init__(self) -> None:
         if self.loop not in get_args(Loop):
             raise ConfigError(f"loop = {self.loop!r}; {choices(self.loop, get_args(Loop))}")
+        if self.torque not in get_args(Torque):
+            raise ConfigError(f"torque = {self.torque!r}; {choices(self.torque, get_args(Torque))}")
         if self.segment is not None and not 0 < self.segment <= LONGEST:
             raise ConfigError(f"segment = {self.segment}; give a time (s) of at most {LONGEST:g}, or null.")
         if not 1 <= self.iterations <= MOST:
@@ -60,22 +69,35 @@ class OutputError:
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; a note says where the iteration did not converge."""
-        triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
-        weights = joint_weights(triangular, "per_joint", 3, parameters)
-        factor, rank = weighted(triangular, weights, parameters)
-        found = Descent(problem, self._shots(problem), rank, self.iterations).fit(solve(factor, rank).value)
-        fit = of_information(found.value, found.information, rank, found.rows, found.notes)
-        estimate = estimate_of(problem, replace(fit, weights=weights))
-        return replace(estimate, value=found.value, residual=fit.residual(problem, found.value))
+        return self._fitted(problem).estimate(problem)
+
+    def reduced(self, problem: Problem) -> LinearFit:
+        """Return the value with its information, as rows that constraints can be put on."""
+        return self._fitted(problem).linear
 
     def quick(self) -> LeastSquares:
         """Return least squares: a search needs no simulation."""
         return LeastSquares(weights="per_joint")
 
-    def _shots(self, problem: Problem) -> tuple[Shots, ...]:
-        """Return what is to be simulated of each recording."""
-        found = tuple(shots_of(problem, k, self.segment) for k in range(len(problem.motions)))
-        known = [one.controller is not None for one in found]
-        if self.loop == "closed" and not all(known):
-            raise no_controller(problem.motions[known.index(False)])
-        return found if self.loop != "open" and all(known) else tuple(one.opened() for one in found)
+    def _fitted(self, problem: Problem) -> OutputFit:
+        controllers = [controller_of(problem, k) for k in range(len(problem.motions))]
+        if self.loop == "closed" and None in controllers:
+            raise no_controller(problem.motions[controllers.index(None)])
+        closed = [] if self.loop == "open" else [one for one in controllers if one is not None]
+        if len(closed) == len(problem.motions):
+            shots = [closed_shots(problem, k, one) for k, one in enumerate(closed)]
+        else:
+            shots = [one for k in range(len(problem.motions)) for one in self._opened(problem, k)]
+        return fitted(problem, tuple(shots), self.iterations)
+
+    def _opened(self, problem: Problem, k: int) -> Iterator[Shots]:
+        """Return the segments of the k-th recording, which its torque drives."""
+        if self.torque == "measured":
+            return open_shots(problem, k, self.segment or SEGMENT)
+        log = log_of(problem, k)
+        if log is None or log.command is None:
+            raise MissingInputError(
+                f"{problem.motions[k].source}: the commanded torque is to drive the model, and the recording does not "
+                "have it (Log.command). Give it, or leave `torque` at measured."
+            )
+        return open_shots(problem, k, self.segment or KNOWN, log.command)

@@ -1,53 +1,54 @@
-"""What is simulated of a recording: one piece in the loop of its controller, or segments that begin anew."""
+"""What is simulated of a recording: stretches in the loop of its controller, or segments that begin anew."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, brief
-from dynident.estimators.estimator import Problem
+from dynident.errors import brief
 from dynident.log import Controller, Motion
 from dynident.models import Model
-from dynident.regression import stretches
 from dynident.simulation import Failure, Sensitivity, Simulated, sensitivities, simulated
 
-__all__ = ["Shots", "Simulation", "shots_of"]
+__all__ = ["Output", "Shots", "Simulation"]
 
 Array = NDArray[np.float64]
-SEGMENT = 1.0  # s, of a measured torque: its noise moves the model more than sensors of positions have noise
-KNOWN = 5.0  # s, of a commanded torque, which has none
+Output = Literal["positions", "torque"]
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A simulated recording: the ``run``, its residuals e (B, K, n) of the positions, and its ``slopes``, once asked."""
+    """A simulated stretch: the ``run``, its residuals ``e`` (B, K, n) and which of them ``count`` (B, K, n), 0 or 1."""
 
     run: Simulated
     e: Array
+    count: Array
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """A recording to be simulated: ``motion`` begins the pieces, with the torque that drives it; ``measured`` (N, n) are
-    the positions to be met. With a ``controller`` it is one piece, else pieces of ``segment`` s.
+    """A stretch of a recording to be simulated: ``rows`` of a ``motion``, which begins the pieces and drives the model
+    with its torque; with a ``controller`` it is one piece, else pieces of ``segment`` s.
+
+    ``measured`` (N, n) are the positions to be met, rad or m, or the torque ``after`` s after the positions, N m or N;
+    ``count`` (N, n) is 0 where it does not count, else 1.
     """
 
     motion: Motion
     measured: Array
+    count: Array
     rows: slice
     segment: float
     controller: Controller | None = None
+    output: Output = "positions"
+    after: float = 0.0
 
     __repr__ = brief
-
-    def opened(self) -> Shots:
-        """Return the same to be driven by the torque."""
-        return replace(self, controller=None)
 
     @property
     def restart(self) -> float | None:
@@ -67,49 +68,39 @@ class Shots:
         run = simulated(model, theta, self.motion, self.controller, rows=self.rows, restart=self.restart)
         if run.failure is not None:
             return run.failure
-        e = self.measured[run.rows] - run.q.reshape(*run.rows.shape, -1)
-        if self.controller is None and len(run.rows) > 1:
-            e[:-1, -1] = 0.0  # the first of the next piece
-        return Simulation(run, e)
+        count = self.count[run.rows]
+        count[:-1, -1] = 0.0  # the first of the next piece
+        if self.output == "torque":
+            count *= _between(run.t, self.after)[2][:, None]
+        e = self.measured[run.rows] - self._seen(run.t, run).reshape(count.shape)
+        return Simulation(run, e * count, count)
 
     def slopes(self, model: Model, theta: Array, of: Simulation, directions: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the positions (B, K, n, r) by ``directions`` (p, r), and by the start (.., 2 n)."""
+        """Return the derivatives (B, K, n, r) of what is met by ``directions`` (p, r), and by the start (.., 2 n)."""
         found = sensitivities(model, theta, of.run, self.controller, directions)
-        start = found.start
-        assert isinstance(start, Sensitivity)  # noqa: S101
-        shape = (*of.run.rows.shape, self.motion.q.shape[1], -1)
-        by_theta, by_start = found.q.reshape(shape), start.q.reshape(shape)
-        if self.controller is None and len(of.run.rows) > 1:
-            by_theta, by_start = by_theta.copy(), by_start.copy()
-            by_theta[:-1, -1], by_start[:-1, -1] = 0.0, 0.0
+        assert found.start is not None  # noqa: S101
+        by_theta, by_start = (
+            self._seen(of.run.t, one).reshape(*of.count.shape, -1) * of.count[..., None] for one in (found, found.start)
+        )
         return by_theta, by_start
 
+    def _seen(self, t: Array, one: Simulated | Sensitivity) -> Array:
+        """Return the positions, or the torque when it was measured, of a run or of its derivatives (N, n, ...)."""
+        if self.output == "positions":
+            return one.q
+        k, share, _ = _between(t, self.after)
+        share = share.reshape(-1, *[1] * (one.tau.ndim - 1))
+        return np.asarray((1 - share) * one.tau[k] + share * one.tau[k + 1])
 
-def shots_of(problem: Problem, k: int, segment: float | None) -> Shots:
-    """Return what is to be simulated of the k-th recording: its longest uninterrupted stretch.
 
-    Positions are simulated when they are stamped, the torque that drives the model is then that of the same moment.
+def _between(t: Array, after: float) -> tuple[NDArray[np.intp], Array, NDArray[np.bool_]]:
+    """Return the step in whose middle, or after it, each time t (N) + ``after`` is, its share of the way to the middle
+    of the next, and whether it is on that way.
+
+    A torque that is held from one sample to the next is on the average that of the middle.
     """
-    motion = problem.motions[k]
-    logs = problem.logs
-    log = logs[k] if len(logs) == len(problem.motions) and len(logs[k]) == len(motion) else None
-    stamped = motion.shifted(-motion.time_offset)
-    usable = max(stretches(stamped.mask), key=lambda one: one.stop - one.start, default=slice(0, 0))
-    if usable.stop - usable.start < 3:
-        raise InputError(f"{motion.source}: too few usable samples in a row to simulate.")
-    command = None if log is None else log.command
-    if command is not None:
-        stamped = replace(stamped, tau=command)
-    elif motion.time_offset:
-        stamped = replace(stamped, tau=_late(motion))
-    measured = stamped.q if log is None else log.q
-    length = segment or (SEGMENT if command is None else KNOWN)
-    return Shots(stamped, measured, usable, length, None if log is None else log.controller)
-
-
-def _late(motion: Motion) -> Array:
-    """Return the torque when the positions are stamped: they are stamped later by the time offset."""
-    t = motion.t - motion.time_offset
-    found = np.column_stack([np.interp(t, motion.t, one) for one in motion.tau.T])
-    found.flags.writeable = False
-    return found
+    gaps = np.diff(t)
+    middle, at = t + 0.5 * np.append(gaps, gaps[-1]), t + after
+    k = np.clip(np.searchsorted(middle, at + 1e-9, side="right") - 1, 0, len(t) - 2)
+    share = (at - middle[k]) / (middle[k + 1] - middle[k])
+    return k, np.clip(share, 0.0, 1.0), np.abs(share - 0.5) < 0.5 + 1e-6

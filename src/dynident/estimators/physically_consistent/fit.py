@@ -193,6 +193,7 @@ class PhysicallyConsistent:
             provenance=provenance,
             consistency=Consistency(_eigenvalues(bodies, value), costs, known.base),
             information=rows.information,
+            robust=rows.robust,
         )
 
     def _rows(self, problem: Problem) -> LinearFit:

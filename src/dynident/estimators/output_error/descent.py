@@ -14,24 +14,27 @@ from dynident.estimators.output_error.first import first_runs
 from dynident.estimators.output_error.linear import Linear, linearised, normal
 from dynident.estimators.output_error.notes import StartedElsewhere, StillSimulating
 from dynident.estimators.output_error.shots import Shots, Simulation
+from dynident.estimators.output_error.spread import information_of
 from dynident.simulation import Failure
 
 __all__ = ["Descent", "Fitted"]
 
 Array = NDArray[np.float64]
 CLOSE = 0.01  # standard errors of a step that ends the iteration
-FAR = 1.0  # standard errors that a step must still be long to be missed where none helps
-ROUNDING = 1e-10  # relative change of the cost that ends it
+FAR = 1.0  # standard errors that the solution may seem away where steps no longer help: sticking friction has edges
+LITTLE, SLOW = 1e-7, 3e-4  # relative change of the cost that ends it, and after damped steps
+ROUNDING = 1e-10  # by which the cost may rise
 DAMPING, LEAST, MOST = 1e-3, 1e-9, 1e6
 EXACT = 1e-9  # of the motion or torque: a residual below it is rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The ``value`` (p) with the linearised problem there, and what is to be noted."""
+    """The ``value`` (p) with the ``information`` (r, r) of the directions, from so many ``samples``; what is to be noted."""
 
     value: Array
-    linear: tuple[Linear, ...]
+    information: Array
+    samples: int
     notes: tuple[Note, ...]
 
     __repr__ = brief
@@ -59,26 +62,30 @@ class Descent:
 
     def fit(self, start: Array, shots: tuple[Shots, ...]) -> Fitted:
         """Return the fit that begins with ``start`` (p); InputError where the parameters do not matter."""
-        state, damping, moved = self.begun(start, shots), DAMPING, np.inf
-        for iteration in range(1, self.iterations + 1):
-            self.problem.progress(Step("simulating", iteration, self.iterations))
+        state, damping, fall = self.begun(start, shots), DAMPING, 1.0
+        for iteration in range(1, self.iterations + 2):
+            self.problem.progress(Step("simulating", min(iteration, self.iterations), self.iterations))
             sigma = noise(state)
             linear = self.linearised(state, sigma)
-            H, g = normal(linear)
-            _check(self.problem, H)
-            moved = _length(H, _solved(H, g, LEAST))
-            found, step, damping = self.stepped(state, linear, sigma, damping)
+            information, far = self.judged(linear)
+            exact = cost(state.runs, sigma) < 0.5 * sum(one.samples for one in linear)
+            if far < CLOSE or fall < (LITTLE if damping < DAMPING else SLOW) or iteration > self.iterations or exact:
+                break
+            found, damping = self.stepped(state, linear, sigma, damping)
             if found is None:
-                moved = 0.0 if moved < FAR else moved
                 break
-            moved, fall = _length(H, step), 1.0 - cost(found.runs, sigma) / (cost(state.runs, sigma) or 1.0)
-            close = (moved < CLOSE and damping <= DAMPING) or fall < ROUNDING
-            state, damping, moved = found, max(damping / 10.0, LEAST), 0.0 if close else moved
-            if close:
-                break
-        if moved > 0:
-            self.notes.append(StillSimulating(iteration, moved))
-        return Fitted(state.theta, linear, tuple(self.notes))
+            fall = 1.0 - cost(found.runs, sigma) / cost(state.runs, sigma)
+            state, damping = found, max(damping / 10.0, LEAST)
+        if far > FAR and not exact:
+            self.notes.append(StillSimulating(iteration, far))
+        return Fitted(state.theta, information, sum(one.samples for one in linear), tuple(self.notes))
+
+    def judged(self, linear: Sequence[Linear]) -> tuple[Array, float]:
+        """Return the information (r, r), and how many usual standard errors of a direction away the solution seems."""
+        H, g = normal(linear)
+        _check(self.problem, H)
+        information, step = information_of(linear, len(self.problem.model.joints)), _solved(H, g, LEAST)
+        return information, float(np.sqrt(max(step @ information @ step, 0.0) / len(step)))
 
     def begun(self, start: Array, shots: tuple[Shots, ...]) -> _State:
         """Return the first simulation."""
@@ -108,23 +115,22 @@ class Descent:
 
     def stepped(
         self, state: _State, linear: Sequence[Linear], sigma: Array, damping: float
-    ) -> tuple[_State | None, Array, float]:
-        """Return the state after a step with so much damping, or ten times as much until it is no worse; the step (r),
-        and the damping. None where no step helps."""
-        H, g = normal(linear)
+    ) -> tuple[_State | None, float]:
+        """Return the state after a step with so much damping, or ten times as much until it is no worse, and the
+        damping; None where no step helps."""
         most = cost(state.runs, sigma) * (1 + ROUNDING)
         while damping < MOST:
-            step = _solved(H, g, damping)
+            step = _solved(*normal(linear, damping), damping)
             shots = tuple(
-                one.moved(run.run.rows[:, 0], some.start - some.follow @ step)
+                one.moved(run.run.rows[:, 0], some.moved(step, damping))
                 for one, run, some in zip(state.shots, state.runs, linear, strict=True)
             )
             theta = state.theta + self.turn @ step
             runs = self.simulated(shots, theta)
             if not isinstance(runs, Failure) and cost(runs, sigma) <= most:
-                return _State(theta, shots, runs), step, damping
+                return _State(theta, shots, runs), damping
             damping *= 10.0
-        return None, np.zeros_like(g), damping
+        return None, damping
 
 
 def noise(state: _State) -> Array:
@@ -146,11 +152,6 @@ def _solved(H: Array, g: Array, damping: float) -> Array:
     scale = np.sqrt(np.diag(H) + np.finfo(float).tiny)
     some = H / np.outer(scale, scale) + damping * np.eye(len(H))
     return np.asarray(np.linalg.solve(some, g / scale) / scale)
-
-
-def _length(H: Array, step: Array) -> float:
-    """Return how long a step is: usual standard errors of a direction where residuals are white."""
-    return float(np.sqrt(max(step @ H @ step, 0.0) / max(len(step), 1)))
 
 
 def _check(problem: Problem, H: Array) -> None:

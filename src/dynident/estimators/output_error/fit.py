@@ -13,7 +13,6 @@ from dynident.estimators.least_squares import joint_weights, weighted
 from dynident.estimators.linear import LinearFit, estimate_of, of_information, solve
 from dynident.estimators.output_error.descent import Descent
 from dynident.estimators.output_error.shots import Shots
-from dynident.estimators.output_error.spread import information_of
 
 __all__ = ["OutputFit", "fitted"]
 
@@ -44,7 +43,6 @@ def fitted(problem: Problem, shots: tuple[Shots, ...], iterations: int) -> Outpu
     turn = rank.determined / rank.values[:r]
     found = Descent(problem, turn, iterations).fit(solve(factor, rank).value, shots)
     back = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
-    information = back.T @ information_of(found.linear) @ back
-    total = sum(one.samples for one in found.linear)
-    fit = of_information(found.value, information, rank, total, found.notes)
+    information = back.T @ found.information @ back
+    fit = of_information(found.value, information, rank, found.samples, found.notes)
     return OutputFit(found.value, replace(fit, weights=weights, robust=True))

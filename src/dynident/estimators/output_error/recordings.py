@@ -14,15 +14,22 @@ from dynident.estimators.instrumental_variables.instruments import log_of
 from dynident.estimators.output_error.shots import Shots
 from dynident.log import Controller, Motion
 from dynident.regression import fitted_rows, stretches
+from dynident.simulation import HasTimes
 
 __all__ = ["closed_shots", "open_shots", "torque_shots"]
 
 Array = NDArray[np.float64]
+SAME = 0.01  # of a step: times that are as near are the same
 FEWEST, SHORTEST = 10, 0.1  # samples of a stretch, and its share of the longest one
 
 
 def closed_shots(problem: Problem, k: int, controller: Controller) -> Shots:
-    """Return the k-th recording in the loop of its controller, which goes on where samples are not used."""
+    """Return the k-th recording in the loop of its controller, which goes on where samples are not used, and as fast as
+    its references are known."""
+    return _refined(_closed(problem, k, controller))
+
+
+def _closed(problem: Problem, k: int, controller: Controller) -> Shots:
     motion = _stamped(problem.motions[k])
     usable = np.flatnonzero(motion.mask)
     if len(usable) < FEWEST:
@@ -50,10 +57,33 @@ def open_shots(problem: Problem, k: int, segment: float, torque: Array | None = 
 def torque_shots(problem: Problem, k: int, controller: Controller) -> Shots:
     """Return the k-th recording in the loop of its controller, whose torque is to be met; where equations are left out
     of the regression, torques are."""
-    motion, shots = problem.motions[k], closed_shots(problem, k, controller)
+    motion, shots = problem.motions[k], _closed(problem, k, controller)
     keep = fitted_rows(motion, problem.regression.min_speed)
     count = _counted(motion) if keep is None else _counted(motion) * keep
-    return replace(shots, measured=motion.tau, count=count, output="torque", after=motion.time_offset)
+    met = replace(shots, measured=motion.tau, count=count, output="torque", after=motion.time_offset)
+    return _refined(met)
+
+
+def _refined(shots: Shots) -> Shots:
+    """Return the same at the times of the controller's references, where these are more than, and among them, those of
+    the recording: a drive is often faster than its log."""
+    motion, controller = shots.motion, shots.controller
+    if not isinstance(controller, HasTimes) or len(controller.t) < 2:
+        return shots
+    span = motion.t[[shots.rows.start, shots.rows.stop - 1]]
+    step = float(np.diff(controller.t).min())
+    t = controller.t[(controller.t > span[0] - SAME * step) & (controller.t < span[1] + SAME * step)]
+    at = np.clip(np.searchsorted(t, motion.t[shots.rows] - SAME * step), 0, max(len(t) - 1, 0))
+    if len(t) <= len(at) or (np.abs(t[at] - motion.t[shots.rows]) > SAME * step).any():
+        return shots
+    q, dq, ddq, tau = (
+        np.column_stack([np.interp(t, motion.t, one) for one in columns.T])
+        for columns in (motion.q, motion.dq, motion.ddq, motion.tau)
+    )
+    fine = Motion(t, q, dq, ddq, tau, motion.joints, np.ones(len(t), dtype=bool), motion.source)
+    measured, count = np.zeros_like(q), np.zeros_like(q)
+    measured[at], count[at] = shots.measured[shots.rows], shots.count[shots.rows]
+    return replace(shots, motion=fine, measured=measured, count=count, rows=slice(0, len(t)))
 
 
 def _stamped(motion: Motion) -> Motion:

@@ -1,4 +1,4 @@
-"""Levenberg's and Marquardt's iteration for an output error: each step is tried by simulating, and damped until it helps."""
+"""Levenberg's and Marquardt's iteration for an output error: a step is tried by simulating, damped until it helps."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EXACT = 1e-9  # of the motion or torque: a residual below it is rounding
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The ``value`` (p) with the ``information`` (r, r) of the directions, from so many ``samples``; what is to be noted."""
+    """The ``value`` (p), the ``information`` (r, r) of the directions from so many ``samples``, what is to be noted."""
 
     value: Array
     information: Array
@@ -63,29 +63,31 @@ class Descent:
     def fit(self, start: Array, shots: tuple[Shots, ...]) -> Fitted:
         """Return the fit that begins with ``start`` (p); InputError where the parameters do not matter."""
         state, damping, fall = self.begun(start, shots), DAMPING, 1.0
-        for iteration in range(1, self.iterations + 2):
-            self.problem.progress(Step("simulating", min(iteration, self.iterations), self.iterations))
+        for steps in range(self.iterations + 1):
+            self.problem.progress(Step("simulating", steps, self.iterations))
             sigma = noise(state)
             linear = self.linearised(state, sigma)
-            information, far = self.judged(linear)
-            exact = cost(state.runs, sigma) < 0.5 * sum(one.samples for one in linear)
-            if far < CLOSE or fall < (LITTLE if damping < DAMPING else SLOW) or iteration > self.iterations or exact:
+            information, far = self.judged(state, linear, sigma)
+            if steps == self.iterations or far < CLOSE or fall < (LITTLE if damping < DAMPING else SLOW):
                 break
             found, damping = self.stepped(state, linear, sigma, damping)
             if found is None:
                 break
             fall = 1.0 - cost(found.runs, sigma) / cost(state.runs, sigma)
             state, damping = found, max(damping / 10.0, LEAST)
-        if far > FAR and not exact:
-            self.notes.append(StillSimulating(iteration, far))
+        if far > FAR:
+            self.notes.append(StillSimulating(steps, far))
         return Fitted(state.theta, information, sum(one.samples for one in linear), tuple(self.notes))
 
-    def judged(self, linear: Sequence[Linear]) -> tuple[Array, float]:
-        """Return the information (r, r), and how many usual standard errors of a direction away the solution seems."""
+    def judged(self, state: _State, linear: Sequence[Linear], sigma: Array) -> tuple[Array, float]:
+        """Return the information (r, r), and how many usual standard errors of a direction away the solution seems,
+        none where residuals are rounding."""
         H, g = normal(linear)
         _check(self.problem, H)
         information, step = information_of(linear, len(self.problem.model.joints)), _solved(H, g, LEAST)
-        return information, float(np.sqrt(max(step @ information @ step, 0.0) / len(step)))
+        exact = cost(state.runs, sigma) < 0.5 * sum(one.samples for one in linear)
+        square = float(step @ information @ step) / len(step)
+        return information, 0.0 if exact else np.sqrt(max(square, 0.0))
 
     def begun(self, start: Array, shots: tuple[Shots, ...]) -> _State:
         """Return the first simulation."""
@@ -135,9 +137,9 @@ class Descent:
 
 def noise(state: _State) -> Array:
     """Return the rms (n) of the residuals of each joint."""
-    square = sum(np.square(one.e).sum(axis=(0, 1)) for one in state.runs)
-    count = sum(one.count.sum(axis=(0, 1)) for one in state.runs)
-    span = np.max([np.ptp(one.measured[one.rows], axis=0) for one in state.shots], axis=0)
+    square: Array = np.sum([np.square(one.e).sum(axis=(0, 1)) for one in state.runs], axis=0)
+    count: Array = np.sum([one.count.sum(axis=(0, 1)) for one in state.runs], axis=0)
+    span: Array = np.max([np.ptp(one.measured[one.rows], axis=0) for one in state.shots], axis=0)
     least = EXACT * (np.where(span > 0, span, span.max(initial=0.0)) + np.finfo(float).tiny)
     return np.asarray(np.maximum(np.sqrt(square / np.maximum(count, 1)), least))
 

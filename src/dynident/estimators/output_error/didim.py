@@ -23,9 +23,10 @@ __all__ = ["Didim"]
 class Didim:
     """The theta with which the recorded controller asks for the measured torque, each joint weighted by its residual.
 
-    The model is simulated in the loop of the recorded controller (``Log.controller``) under the recorded reference, from
-    an unknown state at the start; minimised is the difference of the controller's torque to the measured one. Measured
-    positions are not used but for the first guess: no noise of theirs is in a regressor, and none is differentiated.
+    The model is simulated in the loop of the recorded controller (``Log.controller``) under the recorded reference,
+    from an unknown state at the start; minimised is the difference of the controller's torque to the measured one.
+    Measured positions are not used but for the first guess: no noise of theirs is in a regressor, and none is
+    differentiated.
     Where the published method takes the regressor of the simulated motion for the derivatives of that torque, which a
     stiff loop justifies, these are exact here, so that the iteration of Gauss and Newton, with Levenberg's damping,
     converges in a soft loop, too. It begins with least squares, or, where this fails in the loop, with another fit;

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class OutputFit:
-    """A fit by simulation: its ``value`` (p), and the same as ``linear`` rows, without what the data do not determine."""
+    """A fit by simulation: its ``value`` (p), and as ``linear`` rows what of it the data determine."""
 
     value: Array
     linear: LinearFit

@@ -72,6 +72,9 @@ class Linear:
 def linearised(by_theta: Array, by_start: Array, e: Array, count: Array, sigma: Array) -> Linear:
     """Return the rows of derivatives (B, K, n, r) and (B, K, n, 2 n), and of residuals e (B, K, n) of which those with
     ``count`` 1 are there, in units of ``sigma`` (n)."""
+    if len(e) == 1:  # samples that do not count would hide that the others are correlated
+        some = count[0].any(axis=1)
+        by_theta, by_start, e = by_theta[:, some], by_start[:, some], e[:, some]
     pieces, scale = len(e), sigma.reshape(-1, 1)
     J, S = ((one / scale).reshape(pieces, -1, one.shape[3]) for one in (by_theta, by_start))
     size = np.linalg.norm(S, axis=1)

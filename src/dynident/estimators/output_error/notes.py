@@ -13,7 +13,7 @@ __all__ = ["Start", "StartedElsewhere", "StillSimulating"]
 
 
 class Start(StrEnum):
-    """With what a simulation began: the physically consistent fit, instrumental variables, values of the model's file."""
+    """With what a simulation began: the physically consistent fit, instrumental variables, values of the robot file."""
 
     CONSISTENT = "consistent"
     INSTRUMENTS = "instruments"

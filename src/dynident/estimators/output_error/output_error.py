@@ -32,14 +32,14 @@ LONGEST = 1e4  # s
 class OutputError:
     """The theta whose simulated positions are nearest to the measured ones, each joint weighted by its residual.
 
-    ``loop``: "closed" simulates the model in the loop of the recorded controller (``Log.controller``) under the recorded
-    reference, from an unknown state at the start; "open" drives the model with the ``torque`` that was "measured", or,
-    where it is known, "commanded" (``Log.command``), in segments of ``segment`` s (by default 1 s, of a commanded torque
-    5 s), whose states at the start are all unknown (multiple shooting): a robot would run away from one start. "auto"
-    closes the loop where all recordings know their controller.
+    ``loop``: "closed" simulates the model in the loop of the recorded controller (``Log.controller``) under the
+    recorded reference, from an unknown state at the start; "open" drives the model with the ``torque`` that was
+    "measured", or, where it is known, "commanded" (``Log.command``), in segments of ``segment`` s (by default 1 s, of a
+    commanded torque 5 s), whose states at the start are all unknown (multiple shooting): a robot would run away from
+    one start. "auto" closes the loop where all recordings know their controller.
 
-    Gauss and Newton's iteration with Levenberg's damping, by the exact derivatives of the discrete simulation. It begins
-    with least squares, or, where this cannot be simulated, with another fit; ``iterations`` is the most steps. The
+    Gauss and Newton's iteration with Levenberg's damping, by the exact derivatives of the discrete simulation. It
+    begins with least squares, or, where this cannot be simulated, with another fit; ``iterations`` is the most steps. The
     covariance allows for residuals that are correlated in time and between joints: what noise of a measured torque does
     to the model is in them, as is all that the model lacks. Such noise is not modelled: with a measured torque that has
     much of it, maximum likelihood has smaller errors; with an exact one, output error uses that it is.

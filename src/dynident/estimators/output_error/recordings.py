@@ -39,9 +39,9 @@ def _closed(problem: Problem, k: int, controller: Controller) -> Shots:
 
 
 def open_shots(problem: Problem, k: int, segment: float, torque: Array | None = None) -> Iterator[Shots]:
-    """Yield the stretches of the k-th recording that are not short, whose positions are met in segments of so many s.
+    """Yield the stretches of the k-th recording, but short ones, whose positions are met in segments of so many s.
 
-    Positions are simulated when they are stamped; ``torque`` (N, n) is that of these times, by default the measured one.
+    Positions are simulated when they are stamped; ``torque`` (N, n) is that of then, by default the measured one.
     """
     motion = problem.motions[k]
     driven = replace(_stamped(motion), tau=_late(motion) if torque is None else torque)

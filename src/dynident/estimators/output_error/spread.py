@@ -1,4 +1,4 @@
-"""The covariance of the slope J' e of a fit whose residuals are correlated in time, between joints, and unevenly large."""
+"""The covariance of the slope J' e of a fit whose residuals are correlated in time and between joints."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def _of_pieces(left: Sequence[tuple[Array, Array]], half: Array) -> tuple[Array,
     """Return S in units of H = half half' (r, r) of pieces, each of which is correlated as it will, and their number:
     what the fit changes by when each is left out (the jackknife; Bell and McCaffrey, 2002)."""
     total, count = np.zeros_like(half), 0
-    for J, e in left:
-        J = np.linalg.solve(half, J.reshape(-1, J.shape[2]).T).T.reshape(J.shape)
+    for rows, e in left:
+        J = np.linalg.solve(half, rows.reshape(-1, len(half)).T).T.reshape(rows.shape)
         scores = np.einsum("bkr,bk->br", J, e)
         others = np.eye(len(half)) - J.transpose(0, 2, 1) @ J
         known = np.linalg.cond(others) < ALONE
@@ -52,7 +52,7 @@ def _of_pieces(left: Sequence[tuple[Array, Array]], half: Array) -> tuple[Array,
 
 
 def _of_samples(left: Sequence[tuple[Array, Array]], half: Array, joints: int) -> tuple[Array, float]:
-    """Return S in units of H (r, r) by the long-run covariance of each stretch, and how many samples are independent."""
+    """Return S in units of H (r, r), the long-run covariance of each stretch, and how many samples are independent."""
     total, independent = np.zeros_like(half), 0.0
     for J, e in left:
         scores = (J * e[..., None]).reshape(-1, joints, J.shape[2]).sum(axis=1)

@@ -27,13 +27,15 @@ class KalmanSmoother:
     """The most probable motion of joints whose jerk (order 3) or acceleration (order 2) is white noise.
 
     Each joint's position is an integrated Wiener process of ``order`` m, whose derivative of order m is white noise of
-    spectral density ``intensity`` (rad^2 s^(1 - 2 m)), measured with white noise of standard deviation ``sigma`` (rad, m);
-    nothing is known of its start. Either is one number or a mapping by joint name; None, and a joint that a mapping
-    lacks, takes the value of the largest restricted likelihood. The posterior mean, which a Kalman filter and the smoother
-    of Rauch, Tung and Striebel (1965) would give, is found as the smoothing spline that it is: cubic for order 2, as
-    ``Spline(REML())``, quintic for order 3. With order 3 the acceleration is a state; with order 2 it is the mean of
-    white noise. The mask leaves out ``ends`` bandwidths of the widest kernel, plus one step, at both ends: after k,
-    exp(-k / 2) is left of a wrong start with order 3, exp(-k / sqrt 2) with order 2.
+    spectral density ``intensity`` (rad^2 s^(1 - 2 m)), measured with white noise of standard deviation ``sigma`` (rad,
+    m); nothing is known of its start. Either is one number or a mapping by joint name; None, and a joint that a mapping
+    lacks, takes the value of the largest restricted likelihood. The posterior mean, which a Kalman filter and the
+    smoother of Rauch, Tung and Striebel (1965) would give, is found as the smoothing spline that it is: cubic for order
+    2, as ``Spline(REML())``, quintic for order 3. With order 3 the acceleration is a state; with order 2 it is the mean
+    of white noise.
+
+    The mask leaves out, at both ends, ``ends`` bandwidths of the widest kernel of a joint that moves, plus one step,
+    but at most a quarter of the log: a joint that is smoothed over all of it is nearly a polynomial, which has no ends.
 
     The likelihood takes the noise as white. That of a filtered encoder is not, and is followed: give sigma then.
 
@@ -83,13 +85,15 @@ class KalmanSmoother:
         return "maximum likelihood" if self.sigma is None else "noise as given, intensity of maximum likelihood"
 
     def __call__(self, log: Log) -> Motion:
-        """Smooth; ``smoothing`` holds per joint sigma, the noise left, intensity and cut-off (Hz)."""
+        """Smooth; ``smoothing`` holds per joint sigma, the noise left, intensity, bandwidth (s), cut-off (Hz)."""
         fit = self._fit(log)
-        widths = fit.bandwidth[np.isfinite(fit.bandwidth)]
-        reach = self.ends * float(widths.max(initial=0.0)) + float(np.diff(log.t).mean())
+        rests = at_rest(log.q, fit.values, fit.left)
+        widths = fit.bandwidth[np.isfinite(fit.bandwidth) & ~rests]
+        length = float(log.t[-1] - log.t[0])
+        reach = min(self.ends * float(widths.max(initial=0.0)), length / 4) + length / (len(log) - 1)
         mask = ends_mask(log, reach, reach)
         q, dq, ddq = fit.values, fit.first, fit.second
-        if (rests := at_rest(log.q, fit.values, fit.left)).any():
+        if rests.any():
             rest = np.where(rests, 0.0, 1.0)
             q, dq, ddq = np.where(rests, log.q.mean(axis=0), q), dq * rest, ddq * rest
         for x in (q, dq, ddq):
@@ -116,10 +120,11 @@ class KalmanSmoother:
         power = 0.5 / self.order
         with np.errstate(divide="ignore"):
             cutoff = (np.sqrt(2.0) - 1.0) ** power / (2.0 * np.pi * fit.bandwidth)
-            found = {"sigma": fit.sigma, "noise": fit.left, "intensity": fit.intensity, "cutoff": cutoff}
-            if self.order == 2:
-                found |= {"lam": 1.0 / fit.intensity, "bandwidth": fit.bandwidth}
-        return {name: tuple(map(float, value)) for name, value in found.items()} | {"method": self.method}
+            found = {"sigma": fit.sigma, "noise": fit.left, "intensity": fit.intensity}
+            found |= {"lam": 1.0 / fit.intensity} if self.order == 2 else {}
+        found |= {"bandwidth": fit.bandwidth, "cutoff": cutoff}
+        said: dict[str, object] = {name: tuple(map(float, value)) for name, value in found.items()}
+        return said | {"order": self.order, "method": self.method}
 
     def _fit(self, log: Log) -> WienerFit:
         names = [f"joint {name!r}" for name in log.joints]

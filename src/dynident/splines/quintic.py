@@ -67,7 +67,7 @@ class Quintic:
 
     @cached_property
     def shares(self) -> tuple[Array, Array]:
-        """The shares (N) that the B-splines over the steps before and after have in the third derivative at a sample."""
+        """The shares (N) of the B-splines over the steps before and after in the third derivative at a sample."""
         h = np.concatenate(([1.0], self.step, [1.0]))
         return h[1:] / (h[1:] + h[:-1]), h[:-1] / (h[1:] + h[:-1])
 

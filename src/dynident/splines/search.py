@@ -254,7 +254,7 @@ def _lowest(points: list[Point]) -> tuple[float, Bracket | None]:
     """Return about where the least minimum is, and the two points around it, None where that is at an end."""
     ends = [(points[0][1], points[0][0], None)] if points[0][2] >= 0 else []
     ends += [(points[-1][1], points[-1][0], None)] if points[-1][2] <= 0 else []
-    between = [(*_cubic(a, b), (a, b)) for a, b in pairwise(points) if a[2] < 0 < b[2]]
+    between = [(*_cubic(a, b), (a, b)) for a, b in pairwise(points) if a[2] < 0 <= b[2]]
     _, x, bracket = min([*ends, *between], key=lambda one: one[0])
     return x, bracket
 

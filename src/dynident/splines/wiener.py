@@ -2,9 +2,9 @@
 
 The derivative of order m of the position is white noise of spectral density ``intensity``, and nothing is known of the
 start (diffuse). Given the samples, the mean of the position is the spline that minimises sum((g - y)^2) + lam
-integral((g^(m))^2), lam = noise variance / intensity (Wahba, 1978): cubic for m = 2, quintic for m = 3. A Kalman filter and the
-backward pass of Rauch, Tung and Striebel (1965) would give the same; the banded systems of the splines are faster,
-and take irregular times as they are. The likelihood of what does not depend on the start is the restricted one.
+integral((g^(m))^2), lam = noise variance / intensity (Wahba, 1978): cubic for m = 2, quintic for m = 3. A Kalman filter
+and the backward pass of Rauch, Tung and Striebel (1965) would give the same; the banded systems of the splines are
+faster. The likelihood of what does not depend on the start is the restricted one.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ __all__ = ["Known", "Order", "WienerFit", "posterior_errors", "wiener"]
 Array = NDArray[np.float64]
 Order = Literal[2, 3]
 Known = Sequence[float | None]
-NARROWEST, WIDEST = 0.3, 2000.0  # bandwidths in samples between which that of the largest likelihood is sought
-GRID = 18  # bandwidths that are tried first
+NARROWEST, WIDEST = 0.3, 20_000.0  # bandwidths in samples between which that of the largest likelihood is sought
+GRID = 20  # bandwidths that are tried first
 NEARBY, CLOSE, STEPS = 0.5, 1e-3, 40  # of log p: how far the likeliest of all data may be, how close to come; in steps
 
 
@@ -65,8 +65,8 @@ def wiener(
     """
     if len(t) <= order:
         raise InputError(f"an integrated Wiener process of order {order} needs {order + 1} samples, got {len(t)}.")
-    fit = (_cubic if order == 2 else _quintic)(t, y, sigma, intensity, names or [f"column {k}" for k in range(y.shape[1])])
-    values, first, second, ratio, whole = fit
+    names = [f"column {k}" for k in range(y.shape[1])] if names is None else names
+    values, first, second, ratio, whole = (_cubic if order == 2 else _quintic)(t, y, sigma, intensity, names)
     left = np.maximum(np.sqrt(whole / (len(t) - order)), np.maximum(4 * EPS * np.abs(y).max(axis=0), 1e-100))
     noise = np.array([own if given is None else given for own, given in zip(left, sigma, strict=True)])
     step = float(t[-1] - t[0]) / (len(t) - 1)
@@ -144,7 +144,8 @@ def _column(
     ratio, whole = inf, float(rest @ rest)
     if not (np.abs(rest).max() <= least or intensity == 0):
         noise = None if sigma is None else sigma / size
-        found = _solved(system, rest, noise, None if intensity is None or sigma is None else intensity * mean**5 / sigma**2)
+        signal = None if intensity is None or sigma is None else intensity * mean**5 / sigma**2
+        found = _solved(system, rest, noise, signal)
         ratio, whole = 0.5 / found.p * mean**5, found.whole
         derived = system.derivatives(found.g, found.p * found.u)
         parabola = [one + other for one, other in zip(parabola, (found.g, *derived), strict=True)]
@@ -253,7 +254,7 @@ def _information(step: Array, noise: Array, order: int) -> Array:
     back = np.where(up >= 0, (-1.0) ** up / factorial[np.abs(up)], 0.0)  # of the state a step earlier, times step^up
     left = order - 1 - powers
     total = left[:, None] + left[None, :] + 1
-    spread = 1.0 / (factorial[left][:, None] * factorial[left][None, :] * total)  # covariance of a step, times step^total
+    spread = 1.0 / (factorial[left][:, None] * factorial[left] * total)  # covariance a step adds, times step^total
     out = np.zeros((len(step) + 1, step.shape[1], order, order))
     for k, h in enumerate(step[:, :, None, None]):
         known = out[k].copy()

@@ -36,6 +36,8 @@ class KalmanSmoother:
 
     The mask leaves out, at both ends, ``ends`` bandwidths of the widest kernel of a joint that moves, plus one step,
     but at most a quarter of the log: a joint that is smoothed over all of it is nearly a polynomial, which has no ends.
+    After k bandwidths exp(-k / 2) is left of a wrong jerk at the end with order 3, and with order 2 exp(-k / sqrt 2)
+    of a wrong acceleration.
 
     The likelihood takes the noise as white. That of a filtered encoder is not, and is followed: give sigma then.
 
@@ -57,7 +59,7 @@ class KalmanSmoother:
     order: Order = 3
     sigma: Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]] | None, BY_JOINT] = None
     intensity: Annotated[Annotated[float, Ge(0)] | Mapping[str, Annotated[float, Ge(0)]] | None, BY_JOINT] = None
-    ends: Annotated[float, Ge(0)] = 6.0
+    ends: Annotated[float, Ge(0)] = 4.0
 
     def __post_init__(self) -> None:
         if self.order not in (2, 3):
@@ -90,7 +92,8 @@ class KalmanSmoother:
         rests = at_rest(log.q, fit.values, fit.left)
         widths = fit.bandwidth[np.isfinite(fit.bandwidth) & ~rests]
         length = float(log.t[-1] - log.t[0])
-        reach = min(self.ends * float(widths.max(initial=0.0)), length / 4) + length / (len(log) - 1)
+        step = length / (len(log) - 1)
+        reach = max(step, min(self.ends * float(widths.max(initial=0.0)) + step, length / 4))
         mask = ends_mask(log, reach, reach)
         q, dq, ddq = fit.values, fit.first, fit.second
         if rests.any():

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from dynident.regression import ParallelFilter
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, Spline
+    from dynident.smoothers import Butterworth, Difference, FourierSeries, SavitzkyGolay, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
 
@@ -52,6 +52,7 @@ __all__ = [
     "CoupledMotor",
     "Difference",
     "Estimate",
+    "FourierSeries",
     "Identification",
     "Joint",
     "Lagrangian",
@@ -66,6 +67,7 @@ __all__ = [
     "Recipe",
     "RigidBodies",
     "RotorInertia",
+    "SavitzkyGolay",
     "Spline",
     "Viscous",
     "accuracy_bound",
@@ -95,6 +97,7 @@ _MODULES = {
     "CoupledMotor": "dynident.models",
     "Difference": "dynident.smoothers",
     "Estimate": "dynident.estimators",
+    "FourierSeries": "dynident.smoothers",
     "Identification": "dynident.identification",
     "Joint": "dynident.models",
     "Lagrangian": "dynident.models",
@@ -109,6 +112,7 @@ _MODULES = {
     "Recipe": "dynident.identification",
     "RigidBodies": "dynident.models",
     "RotorInertia": "dynident.models",
+    "SavitzkyGolay": "dynident.smoothers",
     "Spline": "dynident.smoothers",
     "Viscous": "dynident.models",
     "accuracy_bound": "dynident.io.shortcuts",

@@ -204,6 +204,8 @@ SMOOTHERS = Family(
         "spline": "dynident.smoothers.spline:Spline",
         "difference": "dynident.smoothers.difference:Difference",
         "butterworth": "dynident.smoothers.butterworth:Butterworth",
+        "savitzky_golay": "dynident.smoothers.savitzky_golay:SavitzkyGolay",
+        "fourier": "dynident.smoothers.fourier:FourierSeries",
         "time_shifted": "dynident.smoothers.time_offset:TimeShifted",
     },
     protocol="dynident.smoothers.smoother:Smoother",

@@ -10,7 +10,7 @@ from typing import Any
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.regression import ParallelFilter
 from dynident.report.words import short
-from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.smoothers import Butterworth, Difference, FourierSeries, SavitzkyGolay, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 __all__ = ["part_words", "settings_words", "value_words"]
@@ -94,6 +94,20 @@ def _(part: Butterworth) -> str:
 @part_words.register
 def _(part: Difference) -> str:
     return part.method
+
+
+@part_words.register
+def _(part: SavitzkyGolay) -> str:
+    words = settings_words(f"Savitzky-Golay polynomials of order {part.order}", part, ("order", "window", "factor"))
+    given = {} if part.window is None else {"window": part.window}
+    sizes = [f"{name} {value_words(value)} s" for name, value in given.items()]
+    sizes += [f"{value_words(part.factor)} times the window best for ddq"] if part.factor != 1.0 and not given else []
+    return ", ".join([words, *sizes])
+
+
+@part_words.register
+def _(part: FourierSeries) -> str:
+    return settings_words(part.method, part, ("period",))
 
 
 @part_words.register

@@ -37,9 +37,7 @@ from dynident.validation.residuals import (
     ResidualTest,
     Reversals,
     Ripple,
-    autocorrelation,
     decorrelation,
-    ljung_box,
     residual_test,
 )
 from dynident.validation.sensor_noise import sensor_noise
@@ -74,7 +72,6 @@ __all__ = [
     "Singular",
     "SmoothedAway",
     "TorqueErrors",
-    "autocorrelation",
     "bandwidth",
     "check_mass",
     "clustered_std",
@@ -84,7 +81,6 @@ __all__ = [
     "decorrelation",
     "follow_tests",
     "free_run",
-    "ljung_box",
     "long_run",
     "plain_std",
     "relative_error",

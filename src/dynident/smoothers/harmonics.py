@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 ROWS = 2048  # evaluated at once
 LINES = 8  # of the spectrum from which the noise at a harmonic is taken, at least
+SINGULAR = 1e-5  # times the largest pivot
 TINY = 1e-300
 
 
@@ -74,7 +75,11 @@ def fitted_series(t: Array, q: Array, period: float, harmonics: int) -> Harmonic
     lag = order - order[:, None]
     gram = np.where(lag >= 0, sums[np.abs(lag)], sums[np.abs(lag)].conj())
     right = np.concatenate([products[:0:-1].conj(), products])
-    found = cho_solve(cho_factor(gram), right)[harmonics:]
+    factor = cho_factor(gram)
+    pivots = np.abs(np.diag(factor[0]))
+    if pivots.min() < SINGULAR * pivots.max():
+        raise np.linalg.LinAlgError("the samples do not determine the series")
+    found = cho_solve(factor, right)[harmonics:]
     found[1:] *= 2.0
     found[0] = found[0].real + base
     return HarmonicSeries(period, float(middle), found)

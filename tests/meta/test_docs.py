@@ -46,6 +46,8 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
     "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
     "Smoother butterworth": section(SMOOTHERS, SMOOTHERS.get("butterworth")),
+    "Smoother savitzky golay": section(SMOOTHERS, SMOOTHERS.get("savitzky_golay")),
+    "Smoother fourier": section(SMOOTHERS, SMOOTHERS.get("fourier")),
     "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
     "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),

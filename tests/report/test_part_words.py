@@ -8,7 +8,7 @@ from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsi
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.regression import ParallelFilter
 from dynident.report.part_words import part_words, value_words
-from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.smoothers import Butterworth, Difference, FourierSeries, SavitzkyGolay, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 
@@ -33,6 +33,12 @@ class Own:
         (Spline(Fixed(lam=(1, 2e-7)), {"a": 0.1}), "smoothing spline, lam (1, 2.000e-7), noise (a 0.1) rad or m"),
         (Difference("central"), "central differences"),
         (Butterworth(), "forward differences, Butterworth filters of orders 3, 3, 4 at 10, 3, 2 Hz"),
+        (SavitzkyGolay(), "Savitzky-Golay polynomials of order 4"),
+        (SavitzkyGolay(0.25, 3), "Savitzky-Golay polynomials of order 3, window 0.25 s"),
+        (SavitzkyGolay({"a": 0.25}), "Savitzky-Golay polynomials of order 4, windows (a 0.25) s"),
+        (SavitzkyGolay(factor=1.4), "Savitzky-Golay polynomials of order 4, 1.4 times the window best for the acceleration"),
+        (FourierSeries(), "Fourier series"),
+        (FourierSeries(10.0, 5), "Fourier series of period 10 s, harmonics 5"),
         (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),
         (LeastSquares(), "least squares"),
         (LeastSquares(weights="per_joint", iterations=4), "least squares, weighted by joint, iterations 4"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.smoothers.harmonics import by_bic, fitted_series, noise_power, taken
+from dynident.smoothers.harmonics import by_bic, fitted_series, highest_seen, noise_power, taken
 
 
 def design(t: np.ndarray, period: float, harmonics: int) -> np.ndarray:
@@ -78,3 +78,11 @@ def test_the_noise_of_a_harmonic_is_found_between_them(rho: float) -> None:
 def test_a_fit_takes_one_line_of_so_many() -> None:
     assert taken(2.0) == pytest.approx(2.0)
     assert taken(10.0) == pytest.approx(10 / 9)
+
+
+def test_a_line_that_stands_out_is_seen_and_noise_is_none() -> None:
+    t, e = np.arange(2000) * 0.01, np.random.default_rng(4).normal(size=(2000, 50))
+    assert highest_seen(t, e, 3.7, 100) == 0
+    e[:, 7] += np.sin(2 * np.pi * 61 / 3.7 * t)
+    assert highest_seen(t, e, 3.7, 100) == 61
+    assert highest_seen(t, np.zeros((2000, 1)), 3.7, 100) == 0

@@ -65,7 +65,7 @@ def test_the_trace_is_the_change_of_each_value_with_its_own_sample() -> None:
 
 
 def test_noise_makes_two_orders_differ_by_its_known_gain() -> None:
-    """Its variance is that of ddq of the lower order times the gain: for order 2, W = 2 m + 1 samples, known in full."""
+    """Its variance is that of ddq of the lower order times the gain, which of a parabola is known in full."""
     t, half, sigma = np.arange(40_000) * 0.01, 10, 0.3
     q = sigma * np.random.default_rng(2).standard_normal((40_000, 1))
     rows = np.arange(half, 40_000 - half)

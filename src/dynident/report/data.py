@@ -45,6 +45,8 @@ _HEADS = {
     "noise": "noise left, rad or m",
     "bandwidth": "bandwidth, s",
     "cutoff": "cut-off, Hz",
+    "window": "window, s",
+    "whiteness": "p-value of white noise",
 }
 
 

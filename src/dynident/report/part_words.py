@@ -98,11 +98,11 @@ def _(part: Difference) -> str:
 
 @part_words.register
 def _(part: SavitzkyGolay) -> str:
-    words = settings_words(f"Savitzky-Golay polynomials of order {part.order}", part, ("order", "window", "factor"))
-    given = {} if part.window is None else {"window": part.window}
-    sizes = [f"{name} {value_words(value)} s" for name, value in given.items()]
-    sizes += [f"{value_words(part.factor)} times the window best for ddq"] if part.factor != 1.0 and not given else []
-    return ", ".join([words, *sizes])
+    words = f"Savitzky-Golay polynomials of order {part.order}"
+    if part.window is not None:
+        return f"{words}, window{'s' * isinstance(part.window, Mapping)} {value_words(part.window)} s"
+    times = f", {value_words(part.factor)} times the window best for the acceleration"
+    return words + times * (part.factor != 1.0)
 
 
 @part_words.register

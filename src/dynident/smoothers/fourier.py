@@ -76,7 +76,7 @@ class FourierSeries:
         return "Fourier series" if self.period is None else f"Fourier series of period {self.period:.6g} s"
 
     def __call__(self, log: Log) -> Motion:
-        """Fit; ``smoothing`` holds period, its error, settle (s), and per joint harmonics, sigma, noise, whiteness."""
+        """Fit; ``smoothing`` holds period, its error, what settles (s), and per joint harmonics, sigma, noise, whiteness."""
         fit = self._fit(log)
         parts = [series(log.t) for series in fit.series]
         q, dq, ddq = (np.concatenate([one[k] for one in parts], axis=1) for k in range(3))
@@ -93,7 +93,8 @@ class FourierSeries:
             "method": f"Fourier series over {periods:.4g} periods of {value:.6g}{known} s",
             "period": value,
             "period error": fit.period.std,
-            "settle": (start, stop),
+            "start": start,
+            "stop": stop,
             "harmonics": tuple(fit.harmonics.tolist()),
             "sigma": tuple((scatter(t, fit.left, value) if periods >= ENOUGH else noise).tolist()),
             "noise": tuple(noise.tolist()),
@@ -107,7 +108,7 @@ class FourierSeries:
         """Return the series with period, harmonics of each joint and ends that it has used for a motion."""
         how = motion.smoothing
         harmonics = dict(zip(motion.joints, how["harmonics"], strict=True))
-        return FourierSeries(how["period"], harmonics, how["settle"])
+        return FourierSeries(how["period"], harmonics, (how["start"], how["stop"]))
 
     def of_period(self, motion: Motion) -> FourierSeries:
         """Return the series with the period that it has found for all joints of a motion."""

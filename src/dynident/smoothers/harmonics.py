@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 
-__all__ = ["HarmonicSeries", "by_bic", "fitted_series", "noise_power", "spectrum", "taken"]
+__all__ = ["HarmonicSeries", "by_bic", "fitted_series", "highest_seen", "noise_power", "spectrum", "taken"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 ROWS = 2048  # evaluated at once
 LINES = 8  # of the spectrum from which the noise at a harmonic is taken, at least
 SINGULAR = 1e-5  # times the largest pivot
+STANDS_OUT = 2.0  # times what the largest of all lines of white noise is of their mean
 TINY = 1e-300
 
 
@@ -107,6 +108,21 @@ def noise_power(t: Array, left: Array, period: float, harmonics: int) -> Array:
     power = spectrum(left, lines)
     at = np.minimum(np.round(np.arange(harmonics + 1) * periods).astype(int), len(power) - 1)
     return np.asarray(4.0 / count**2 * power[at] * taken(periods))
+
+
+def highest_seen(t: Array, left: Array, period: float, limit: int) -> int:
+    """Return the highest harmonic, up to a ``limit``, whose line stands out of its neighbours in what is ``left`` (N,
+    k); 0 where none does."""
+    from scipy.fft import rfft
+    from scipy.ndimage import median_filter
+
+    count = len(t)
+    periods = (t[-1] - t[0]) / period * count / (count - 1)
+    power = np.square(np.abs(rfft(left - left.mean(axis=0), axis=0)))
+    usual = median_filter(power, (8 * LINES + 1, 1), mode="mirror") / np.log(2.0)
+    at = np.minimum(np.round(np.arange(1, limit + 1) * periods).astype(int), len(power) - 1)
+    seen = (power[at] > STANDS_OUT * np.log(count) * np.maximum(usual[at], TINY)).any(axis=1)
+    return int(np.flatnonzero(seen).max(initial=-1)) + 1
 
 
 def taken(periods: float) -> float:

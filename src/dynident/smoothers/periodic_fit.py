@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief
 from dynident.log import Log
-from dynident.smoothers.harmonics import HarmonicSeries, by_bic, fitted_series, noise_power
+from dynident.smoothers.harmonics import HarmonicSeries, by_bic, fitted_series, highest_seen, noise_power
 from dynident.smoothers.period import Period, refined
 from dynident.splines import noise_sigma
 
@@ -23,6 +23,7 @@ NYQUIST = 0.4  # harmonics for each sample of a period: beyond, the sampling is 
 WINDOW, ODD = 1 / 8, 3.0  # of a period: parts at the ends of a log with so many times the usual residual are transients
 GAP = 3.0  # times the usual step
 REMAINING = 1.5  # periods without transients that let a period be found
+BAND = 4.0  # times the highest harmonic, up to which what is left may be motion
 ROUNDS = 3
 
 
@@ -125,9 +126,10 @@ def _chosen(t: Array, q: Array, period: float, limit: int) -> NDArray[np.intp]:
         else:  # there is nothing between the harmonics
             noise = np.broadcast_to(4 / len(t) * np.square(noise_sigma(t, q)), (count + 1, q.shape[1]))
         best = by_bic(series, np.maximum(noise, rounding), len(t))
-        if count == limit or best.max() <= count // 2:
+        further = highest_seen(t, left, period, limit)
+        if count == limit or max(best.max(), further // 2) <= count // 2:
             return best
-        count = min(2 * count, limit)
+        count = min(max(2 * count, further + 1), limit)
 
 
 def _steady(t: Array, left: Array, moves: NDArray[np.bool_], period: float) -> slice:
@@ -161,14 +163,15 @@ def _apart(t: Array, q: Array, period: float) -> Array:
 def misfit(t: Array, fit: PeriodicFit, sought: Sought) -> tuple[Array, Array]:
     """Return which shares (n) of the motion and of its acceleration (rms) a fit leaves, beyond white noise.
 
-    Those of the acceleration are by the spectrum of what is left, up to the highest harmonic of all joints.
+    Those of the acceleration are by the spectrum of what is left, up to four times the highest harmonic of all
+    joints: beyond there is noise that need not be white.
     """
     from scipy.fft import rfft
 
     window = np.hanning(len(t))[:, None]
     power = np.square(np.abs(rfft(fit.left * window, axis=0))) / np.square(window).sum()
     turn = 2.0 * np.pi * np.arange(len(power)) / float(t[-1] - t[0])
-    highest = 2.0 * np.pi * int(fit.harmonics.max()) / fit.period.value
+    highest = BAND * 2.0 * np.pi * int(fit.harmonics.max()) / fit.period.value
     beyond = np.maximum(power - np.square(sought.sigma), 0.0) * 2.0 / len(t)
     left = np.maximum(np.square(fit.left).mean(axis=0) - np.square(sought.sigma), 0.0)
     bent = (turn[:, None] ** 4 * beyond)[turn <= highest].sum(axis=0)

@@ -36,7 +36,7 @@ class Own:
         (SavitzkyGolay(), "Savitzky-Golay polynomials of order 4"),
         (SavitzkyGolay(0.25, 3), "Savitzky-Golay polynomials of order 3, window 0.25 s"),
         (SavitzkyGolay({"a": 0.25}), "Savitzky-Golay polynomials of order 4, windows (a 0.25) s"),
-        (SavitzkyGolay(factor=1.4), "Savitzky-Golay polynomials of order 4, 1.4 times the window best for the acceleration"),
+        (SavitzkyGolay(factor=2.0), "Savitzky-Golay polynomials of order 4, 2 times the window best for ddq"),
         (FourierSeries(), "Fourier series"),
         (FourierSeries(10.0, 5), "Fourier series of period 10 s, harmonics 5"),
         (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),

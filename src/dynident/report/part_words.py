@@ -101,7 +101,7 @@ def _(part: SavitzkyGolay) -> str:
     words = f"Savitzky-Golay polynomials of order {part.order}"
     if part.window is not None:
         return f"{words}, window{'s' * isinstance(part.window, Mapping)} {value_words(part.window)} s"
-    times = f", {value_words(part.factor)} times the window best for the acceleration"
+    times = f", {value_words(part.factor)} times the window best for ddq"
     return words + times * (part.factor != 1.0)
 
 

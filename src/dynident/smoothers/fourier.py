@@ -76,7 +76,7 @@ class FourierSeries:
         return "Fourier series" if self.period is None else f"Fourier series of period {self.period:.6g} s"
 
     def __call__(self, log: Log) -> Motion:
-        """Fit; ``smoothing`` holds period, its error, what settles (s), and per joint harmonics, sigma, noise, whiteness."""
+        """Fit; ``smoothing`` holds period and error, start, stop (s), by joint harmonics, sigma, noise, whiteness."""
         fit = self._fit(log)
         parts = [series(log.t) for series in fit.series]
         q, dq, ddq = (np.concatenate([one[k] for one in parts], axis=1) for k in range(3))

@@ -151,7 +151,7 @@ def test_it_is_linear_as_it_was_used() -> None:
 
 @pytest.mark.parametrize("samples", [3, 4, 5])
 def test_a_few_samples_are_refused(samples: int) -> None:
-    short: list[Smoother] = [FourierSeries(), FourierSeries(0.005)]
+    short: list[Smoother] = [FourierSeries(), FourierSeries(0.02)]
     for part in short:
         with pytest.raises(InputError, match=f"made: {samples} samples are too few for a series; it needs 6"):
             part(log(arm(T[:samples]), T[:samples]))
@@ -170,5 +170,8 @@ def test_wrong_settings() -> None:
         FourierSeries(3.7, {"d": 3})(log(arm(T)))
     with pytest.raises(InputError, match=r"700 harmonics of 3.7 s are too many for 1480 samples a period.*at most 592"):
         FourierSeries(3.7, 700)(log(arm(T)))
+    for period in (1e-3, 1e-300, 5e-324):
+        with pytest.raises(InputError, match=r"made: a period of \S+ s is shorter than 5 samples, 0.0125 s; correct"):
+            FourierSeries(period)(log(arm(T)))
     with pytest.raises(InputError, match=r"too short"):
         FourierSeries(3.7, settle=(9.0, 9.0))(log(arm(T)))

@@ -110,6 +110,10 @@ def test_a_window_that_does_not_fit_the_log(part: SavitzkyGolay, words: str) -> 
         part(log())
 
 
+def test_a_huge_factor_takes_the_longest_window() -> None:
+    assert SavitzkyGolay(factor=1e308)(log()).smoothing["window"][0] == pytest.approx(10 / 3, rel=0.01)
+
+
 def test_wrong_settings() -> None:
     for settings, words in (
         ({"window": -1.0}, "window is -1.0"),

@@ -28,6 +28,7 @@ MISFIT, BENT = 0.02, 0.1  # of the motion and of its acceleration (rms) that a s
 TWO = 1.99  # periods that a log must hold for its period to be found
 ENOUGH = 1.5  # periods from which on they can be compared
 FEWEST = 6  # samples
+SHORTEST = 5.0  # samples of a period
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,12 @@ class FourierSeries:
         t, q, sigma = log.t[used], log.q[used], position_noise(log)
         sought = Sought(given, self.settle is not None, q.std(axis=0) > MOVES * sigma, sigma)
         period = self._found(log, t, q, sought.moves) if self.period is None else Period(self.period, 0.0)
+        step = float(np.median(np.diff(t)))
+        if not period.value > SHORTEST * step:
+            raise InputError(
+                f"{log.source}: a period of {period.value:g} s is shorter than {SHORTEST:g} samples, "
+                f"{SHORTEST * step:.3g} s; correct `period`, which is in s, or leave it out."
+            )
         if periods_in(t, period.value) < (1.0 if self.period else TWO):
             if self.period is None:
                 raise MissingInput(f"{log.source}: {_no_period(t)}")

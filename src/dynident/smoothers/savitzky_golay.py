@@ -195,7 +195,7 @@ class SavitzkyGolay:
             return [least] * log.q.shape[1]
         widths, squares = (np.array(one) for one in zip(*tried, strict=True))
         best = (widths[_first_minimum(widths, column)] for column in squares.T)
-        return [min(max(round(self.factor * width), least), longest) for width in best]
+        return [max(round(min(self.factor * float(width), float(longest))), least) for width in best]
 
     def _mask(self, log: Log, half: int) -> NDArray[np.bool_]:
         """Return the samples that may be used."""

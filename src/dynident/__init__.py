@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
-    from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+    from dynident.estimators import (
+        Estimate,
+        GeneralisedLeastSquares,
+        LeastSquares,
+        MaximumLikelihood,
+        PhysicallyConsistent,
+        WeightedLeastSquares,
+    )
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
@@ -52,6 +59,7 @@ __all__ = [
     "CoupledMotor",
     "Difference",
     "Estimate",
+    "GeneralisedLeastSquares",
     "Identification",
     "Joint",
     "Lagrangian",
@@ -68,6 +76,7 @@ __all__ = [
     "RotorInertia",
     "Spline",
     "Viscous",
+    "WeightedLeastSquares",
     "accuracy_bound",
     "bootstrap",
     "check",
@@ -98,7 +107,9 @@ _MODULES = {
     "Identification": "dynident.identification",
     "Joint": "dynident.models",
     "Lagrangian": "dynident.models",
+    "GeneralisedLeastSquares": "dynident.estimators",
     "LeastSquares": "dynident.estimators",
+    "WeightedLeastSquares": "dynident.estimators",
     "Log": "dynident.log",
     "MaximumLikelihood": "dynident.estimators",
     "Model": "dynident.models",

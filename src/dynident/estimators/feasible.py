@@ -44,27 +44,33 @@ def check_feasible(tolerance: float | None, iterations: int) -> None:
 
 def feasible(problem: Problem, most: int, iterations: int, tolerance: float | None = None) -> LinearFit:
     """Return the rows of a problem, whitened by autoregressions of at most the order ``most`` and the covariance of
-    their innovations, which are those of the fit itself."""
+    their innovations, which are those of the fit itself.
+
+    It ends, with a note, where the fit leaves much more of the torque than least squares, which no noise explains: from
+    there the parameters would move on, to explain what whitening has left.
+    """
     plain, parameters = replace(problem.regression, weights=(), whitening=None), problem.model.parameters
     triangular = problem.regression.triangular_factors
     weights = joint_weights(triangular, "per_joint", START, parameters, tolerance)
     first, shown = weighted(triangular, weights, parameters, tolerance)
     start = value = solve(first, shown).value
-    floor = _floor(triangular)
+    floor, names = _floor(triangular), [joint.name for joint in problem.model.joints]
     orders: Sequence[int] | None = None
+    costly: tuple[Note, ...] = ()
     for k in range(iterations):
         problem.progress(Step("whitening", k, iterations))
         noise = Residuals.of(plain, value, floor).noise(most, shown.rank, orders)
         orders = noise.orders if k + 1 >= SETTLED else None
         factor, rank = _whitened(plain, noise, shown, parameters, tolerance)
         step, value = _step(factor, rank, value, triangular.total)
-        if step < CLOSE:
+        costly = _costly(triangular, value, start, floor, names)
+        if step < CLOSE or costly:
             break
-    left, names = Residuals.of(plain, value, floor), [joint.name for joint in problem.model.joints]
+    unsettled = step >= CLOSE and not costly
     notes = (
-        *((NotConverged(iterations, 0.5 * rank.rank * step**2),) if step >= CLOSE else ()),
-        *(_coloured(left.innovations(noise), floor, names) if most else ()),
-        *_costly(triangular, value, start, floor, names),
+        *((NotConverged(iterations, 0.5 * rank.rank * step**2),) if unsettled else ()),
+        *(_coloured(Residuals.of(plain, value, floor).innovations(noise), floor, names) if most else ()),
+        *costly,
     )
     return LinearFit(factor, rank, triangular.total, notes=notes, whitening=noise)
 

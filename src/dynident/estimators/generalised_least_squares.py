@@ -30,8 +30,8 @@ class GeneralisedLeastSquares:
 
     It is the best linear fit where the residual is noise. Where it is what the model lacks, slow and following the
     motion, prewhitening takes the slow part of the torque away with it, and fits what is left, where noise of the
-    smoothed motion is largest: notes say where the whitened residual is still coloured, and where the fit leaves much
-    more of the torque than least squares.
+    smoothed motion is largest. A note says where the whitened residual is still coloured; where the fit leaves 1.1
+    times as much of the torque of a joint as least squares, another says so, and the iteration ends.
 
     >>> import numpy as np
     >>> import dynident as dy

@@ -47,8 +47,11 @@ def feasible(problem: Problem, most: int, iterations: int, tolerance: float | No
     their innovations, which are those of the fit itself.
 
     It ends, with a note, where the fit leaves much more of the torque than least squares, which no noise explains: from
-    there the parameters would move on, to explain what whitening has left.
+    there the parameters would move on, to explain what whitening has left. Raises ConfigError for a regression that
+    holds factors alone.
     """
+    if not problem.regression.motions:
+        raise ConfigError("estimator: whitening needs all samples; take least squares or the consistent fit.")
     plain, parameters = replace(problem.regression, weights=(), whitening=None), problem.model.parameters
     triangular = problem.regression.triangular_factors
     weights = joint_weights(triangular, "per_joint", START, parameters, tolerance)

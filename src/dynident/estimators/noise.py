@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.regression import EntryBlock, Regression, Whitening, ages
+from dynident.regression import EntryBlock, Regression, Whitening, ages, is_stable
 
 __all__ = ["Residuals", "Series", "autoregression", "shrunk"]
 
@@ -97,8 +97,8 @@ def autoregression(series: Series, j: int, most: int, order: int | None = None) 
     """Return the coefficients (m) of the autoregression of one joint, by Burg's method over all stretches.
 
     The order is the one with the least Bayesian information criterion N log s^2 + m log N (Schwarz, 1978), of those up
-    to ``most`` and a tenth of the rows; or ``order``. It is always stable. Burg (1975), "Maximum entropy spectral
-    analysis".
+    to ``most`` and a tenth of the rows; or ``order``; a lower one where rounding would make it unstable. Burg (1975),
+    "Maximum entropy spectral analysis".
     """
     used, age = series.used[j], series.age[j]
     rows = int(used.sum())
@@ -118,7 +118,8 @@ def autoregression(series: Series, j: int, most: int, order: int | None = None) 
         error += rows * np.log(1.0 - own**2)
         found.append(a)
         criteria.append(error + m * np.log(rows))
-    return found[-1] if order is not None else found[int(np.argmin(criteria))]
+    best = len(found) - 1 if order is not None else int(np.argmin(criteria))
+    return next(one for one in reversed(found[: best + 1]) if is_stable(one))
 
 
 def shrunk(correlation: Array, pairs: Array) -> Array:

@@ -23,7 +23,7 @@ from dynident.regression.parallel_filter import HIGHEST_ORDER, ParallelFilter
 from dynident.regression.parts import Part, divided, factors_of_parts, merged, packed, unpacked
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
-from dynident.regression.whitening import Whitening, ages
+from dynident.regression.whitening import Whitening, ages, is_stable
 
 __all__ = [
     "BLOCK",
@@ -52,6 +52,7 @@ __all__ = [
     "groups_of",
     "independent_columns",
     "informed_std",
+    "is_stable",
     "kinds_of",
     "merged",
     "one_thread",

@@ -25,7 +25,7 @@ from dynident.models import Structure
 from dynident.models.structure import independent
 from dynident.regression.triangular import EntryBlock
 
-__all__ = ["Placed", "Whitening", "ages", "joined", "whitened"]
+__all__ = ["Placed", "Whitening", "ages", "is_stable", "joined", "whitened"]
 
 Array = NDArray[np.float64]
 Placed = tuple[int, slice, EntryBlock]  # rows, with the place of their motion and their samples in it
@@ -51,8 +51,8 @@ class Whitening:
             raise ConfigError(f"covariance of the noise is no symmetric matrix of the {n} joints.")
         if not (np.isfinite(self.covariance).all() and np.linalg.eigvalsh(self._correlation)[0] > 0):
             raise ConfigError("covariance of the noise: is not positive definite.")
-        for j, one in enumerate(self.predictors):
-            if not all(np.isfinite(scale) and scale > 0 for _, scale in one):
+        for j, one in enumerate(self.coefficients):
+            if not is_stable(one):
                 raise ConfigError(f"coefficients of the noise of joint {j + 1}: the autoregression is not stable.")
 
     @property
@@ -169,6 +169,11 @@ def ages(present: NDArray[np.bool_]) -> NDArray[np.int_]:
     index = np.arange(len(present))
     gap = np.maximum.accumulate(np.where(present, -1, index))
     return np.asarray(index - 1 - np.concatenate([[-1], gap[:-1]])) if len(index) else index
+
+
+def is_stable(a: Array) -> bool:
+    """Return whether an autoregression with the coefficients a (m) is stable, to working precision."""
+    return all(np.isfinite(scale) and scale > 0 for _, scale in _predictors(a))
 
 
 def _last(block: EntryBlock, rows: int) -> EntryBlock:

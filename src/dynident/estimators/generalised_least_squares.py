@@ -33,15 +33,20 @@ class GeneralisedLeastSquares:
     smoothed motion is largest. A note says where the whitened residual is still coloured; where the fit leaves 1.1
     times as much of the torque of a joint as least squares, another says so, and the iteration ends.
 
+    >>> from dataclasses import replace
     >>> import numpy as np
+    >>> from scipy.signal import lfilter
     >>> import dynident as dy
     >>> from dynident.models.gallery import pendulum
     >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
     >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
-    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
-    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.GeneralisedLeastSquares())
-    >>> found.estimate.residual.whitening.orders  # the noise is white
-    (0,)
+    >>> log = dy.record(motion, sigma_q=1e-8, sigma_tau=0.0, rng=rng).log
+    >>> noise = lfilter([1.0], [1.0, -0.9], 0.01 * rng.standard_normal(1001))
+    >>> log = replace(log, tau=log.tau + noise[:, None])
+    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-8), estimator=dy.GeneralisedLeastSquares())
+    >>> (a,) = found.estimate.residual.whitening.coefficients
+    >>> print(a.round(2))
+    [0.89]
     """
 
     max_order: Annotated[int, Ge(1), Le(HIGHEST)] = 20

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from dynident.regression import ParallelFilter
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, Spline
+    from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
 
@@ -62,6 +62,7 @@ __all__ = [
     "GeneralisedLeastSquares",
     "Identification",
     "Joint",
+    "KalmanSmoother",
     "Lagrangian",
     "LeastSquares",
     "Log",
@@ -106,6 +107,7 @@ _MODULES = {
     "Estimate": "dynident.estimators",
     "Identification": "dynident.identification",
     "Joint": "dynident.models",
+    "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",
     "GeneralisedLeastSquares": "dynident.estimators",
     "LeastSquares": "dynident.estimators",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.regression import EntryBlock, Regression, Whitening, ages, is_stable
+from dynident.regression import EntryBlock, Regression, Whitening, ages, is_stable, joined
 
 __all__ = ["Residuals", "Series", "autoregression", "shrunk"]
 
@@ -58,7 +58,13 @@ class Residuals:
     @classmethod
     def of(cls, regression: Regression, theta: Array, floor: Array) -> Residuals:
         """Return what theta (p) leaves of a regression."""
-        return cls(tuple(regression.residuals(theta)), floor)
+        none, end = regression.model.structure_with(()), None
+        found: list[list[EntryBlock]] = []
+        for k, rows, e, keep in regression.residuals(theta):
+            found += [] if end == (k, rows.start) else [[]]
+            found[-1].append(EntryBlock(none, np.zeros((0, len(e))), e.T, None if keep is None else keep.T))
+            end = k, rows.stop
+        return cls(tuple(map(joined, found)), floor)
 
     def innovations(self, whitening: Whitening) -> Series:
         """Return the innovations of autoregressions, not yet mixed."""

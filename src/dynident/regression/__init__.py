@@ -23,7 +23,7 @@ from dynident.regression.parallel_filter import HIGHEST_ORDER, ParallelFilter
 from dynident.regression.parts import Part, divided, factors_of_parts, merged, packed, unpacked
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
-from dynident.regression.whitening import Whitening, ages, is_stable
+from dynident.regression.whitening import Whitening, ages, is_stable, joined
 
 __all__ = [
     "BLOCK",
@@ -53,6 +53,7 @@ __all__ = [
     "independent_columns",
     "informed_std",
     "is_stable",
+    "joined",
     "kinds_of",
     "merged",
     "one_thread",

@@ -17,7 +17,7 @@ from dynident.models import Model, Structure
 from dynident.models.memory import memory_of
 from dynident.regression.parallel_filter import ParallelFilter
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
-from dynident.regression.whitening import Placed, Whitening, joined, whitened
+from dynident.regression.whitening import Placed, Whitening, whitened
 from dynident.splines import stretches
 
 __all__ = [
@@ -120,17 +120,11 @@ class Regression:
         plain = self.model.structure
         return plain if self.whitening is None else self.whitening.structure(plain)
 
-    def residuals(self, theta: Array) -> list[EntryBlock]:
-        """Return what theta (p) leaves of the torque: for each uninterrupted stretch a block without entries."""
-        n, p = len(self.model.joints), len(self.model.parameters)
-        none = Structure((np.zeros(0, dtype=np.intp),) * n, (np.zeros((0, p)),) * n)
-        found: list[list[EntryBlock]] = []
-        end = None
-        for k, kept, block in self._placed(none, theta):
-            found += [] if end == (k, kept.start) else [[]]
-            found[-1].append(block)
-            end = k, kept.stop
-        return [joined(one) for one in found]
+    def residuals(self, theta: Array) -> Iterator[tuple[int, slice, Array, NDArray[np.bool_] | None]]:
+        """Yield what theta (p) leaves of the torque, (B, n), filtered and weighted, block by block: the place of the
+        motion, its samples, the residual, and which of it is used, (B, n) or all."""
+        for k, rows, one in self._placed(self.model.structure_with(()), theta):
+            yield k, rows, one.tau.T, None if one.keep is None else one.keep.T
 
     @cached_property
     def known(self) -> dict[Any, Any]:

@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
-    from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+    from dynident.estimators import (
+        Estimate,
+        GeneralisedLeastSquares,
+        LeastSquares,
+        MaximumLikelihood,
+        PhysicallyConsistent,
+        WeightedLeastSquares,
+    )
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
@@ -53,6 +60,7 @@ __all__ = [
     "Difference",
     "Estimate",
     "FourierSeries",
+    "GeneralisedLeastSquares",
     "Identification",
     "Joint",
     "KalmanSmoother",
@@ -71,6 +79,7 @@ __all__ = [
     "SavitzkyGolay",
     "Spline",
     "Viscous",
+    "WeightedLeastSquares",
     "accuracy_bound",
     "bootstrap",
     "check",
@@ -103,7 +112,9 @@ _MODULES = {
     "Joint": "dynident.models",
     "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",
+    "GeneralisedLeastSquares": "dynident.estimators",
     "LeastSquares": "dynident.estimators",
+    "WeightedLeastSquares": "dynident.estimators",
     "Log": "dynident.log",
     "MaximumLikelihood": "dynident.estimators",
     "Model": "dynident.models",

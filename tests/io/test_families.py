@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 
 from dynident.cli import main
 from dynident.errors import ConfigError
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    GeneralisedLeastSquares,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    WeightedLeastSquares,
+)
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.io.parts import build, schemas, unusable
 from dynident.io.settings import Config
@@ -81,6 +87,9 @@ SMOOTHING = [
 ESTIMATING = [
     LeastSquares(),
     LeastSquares(1e-9, "per_joint", 5),
+    WeightedLeastSquares(1e-9, 5),
+    GeneralisedLeastSquares(5, 1e-9, 4),
+    PhysicallyConsistent(fit=GeneralisedLeastSquares(5)),
     PhysicallyConsistent(),
     PhysicallyConsistent(total_mass=12.0, bounds={"Fv_a": (None, 3.0), "Fc_a": (0.1, math.inf)}, prior={"a.mass": 2.0}),
     PhysicallyConsistent(

@@ -53,6 +53,8 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother fourier": section(SMOOTHERS, SMOOTHERS.get("fourier")),
     "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
     "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
+    "Estimator weighted least squares": section(ESTIMATORS, ESTIMATORS.get("weighted_least_squares")),
+    "Estimator generalised least squares": section(ESTIMATORS, ESTIMATORS.get("generalised_least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
     "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
     "Robot": settings.RobotSettings,

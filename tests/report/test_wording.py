@@ -134,6 +134,20 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
+            notes.StillColoured("elbow", 0.456),
+            (
+                "after whitening, the torque residual of elbow is still correlated over time (0.46): it is more than "
+                "autoregressive noise, so compare with least squares on held-out motion"
+            ),
+        ),
+        (
+            notes.WhiteningCostly("elbow", 1.239),
+            (
+                "the fit to whitened rows leaves 1.24 times as much of the torque of elbow as least squares: what "
+                "counts as noise there is what the model lacks; least squares predicts better"
+            ),
+        ),
+        (
             notes.ScatterLarger("Fc", 1.66),
             (
                 "standard errors assume white residuals; from the scatter of the residuals over time, that of Fc is "

@@ -146,10 +146,9 @@ def _estimated(
     covariance (p, p) by errors of motion and time offset, and what to note of them.
     """
     progress("estimating")
-    model, regression, logs = problem.model, problem.regression, problem.logs
+    model, plain, logs = problem.model, problem.regression, problem.logs
     estimate = called(estimator, problem, Estimate)
-    if estimate.residual.sample_weights:
-        regression = replace(regression, weights=estimate.residual.sample_weights)
+    regression = estimate.residual.weighted(plain)
     late = covariance_of_time_offset(model, regression, estimate, pairing.time_offset)
     if estimate.information is not None:
         return estimate, regression, late, ()
@@ -160,8 +159,9 @@ def _estimated(
     if not found.significant:
         return estimate, regression, late + found.covariance + np.outer(found.bias, found.bias), ()
     if found.share < FAR:
-        regression = regression.unbiased(found.bias)
-        estimate = called(estimator, replace(problem, regression=regression), Estimate)
+        plain = plain.unbiased(found.bias)
+        estimate = called(estimator, replace(problem, regression=plain), Estimate)
+        regression = estimate.residual.weighted(plain)
     return estimate, regression, late + found.covariance, _noted(found)
 
 

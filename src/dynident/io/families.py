@@ -241,6 +241,8 @@ ESTIMATORS = Family(
     "estimator",
     {
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
+        "weighted_least_squares": "dynident.estimators.weighted_least_squares:WeightedLeastSquares",
+        "generalised_least_squares": "dynident.estimators.generalised_least_squares:GeneralisedLeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },

@@ -7,7 +7,13 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import singledispatch
 from typing import Any
 
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    GeneralisedLeastSquares,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    WeightedLeastSquares,
+)
 from dynident.regression import ParallelFilter
 from dynident.report.words import short
 from dynident.smoothers import (
@@ -138,6 +144,16 @@ def _(part: TimeShifted) -> str:
 def _(part: LeastSquares) -> str:
     name = "least squares" + ", weighted by joint" * (part.weights == "per_joint")
     return settings_words(name, part, ("weights",))
+
+
+@part_words.register
+def _(part: WeightedLeastSquares) -> str:
+    return settings_words("least squares, weighted by the noise of all joints", part)
+
+
+@part_words.register
+def _(part: GeneralisedLeastSquares) -> str:
+    return settings_words("generalised least squares, with autoregressive noise", part)
 
 
 @part_words.register

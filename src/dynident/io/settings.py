@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 
 from dynident.errors import ConfigError, choices
+from dynident.io.compare_settings import CompareSettings
 from dynident.io.excitation_settings import ExcitationSettings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import (
@@ -284,6 +285,7 @@ class Config(Section):
     rests: Literal["trim", "keep"] = "trim"
     simulation: Simulation | None = None
     excitation: ExcitationSettings | None = None
+    compare: CompareSettings | None = None
 
 
 def check_joints(config: Config, joints: Sequence[Joint]) -> None:

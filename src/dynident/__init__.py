@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from dynident.models.gallery import two_link_arm
     from dynident.payload import find_payload
     from dynident.regression import ParallelFilter
+    from dynident.report.compare_run import compare
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
     from dynident.smoothers import Butterworth, Difference, Spline
@@ -71,6 +72,7 @@ __all__ = [
     "accuracy_bound",
     "bootstrap",
     "check",
+    "compare",
     "cramer_rao_bound",
     "errors",
     "excite",
@@ -114,6 +116,7 @@ _MODULES = {
     "accuracy_bound": "dynident.io.shortcuts",
     "bootstrap": "dynident.identification",
     "check": "dynident.io.shortcuts",
+    "compare": "dynident.report.compare_run",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
     "excite": "dynident.report.excite_run",

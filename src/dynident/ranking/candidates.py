@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any
 
 from dynident.errors import ConfigError, choices
 from dynident.estimators import Estimator, IsLinear, PhysicallyConsistent
-from dynident.io.families import ESTIMATORS, SMOOTHERS, Family
+from dynident.io.families import ESTIMATORS, SMOOTHERS, Family, settings_type
 from dynident.io.parts import built
 from dynident.io.settings import Config
 from dynident.models import Model
@@ -76,9 +76,9 @@ def estimators_of(
     given = wanted if wanted is not None else listed
     if given is not None:
         return _distinct(ESTIMATORS, config.estimator, (_read(ESTIMATORS, one) for one in given))
-    every = list(_usual(ESTIMATORS))
+    every: list[Any] = list(_usual(ESTIMATORS))
     if any(one.body for one in model.parameters):
-        every += [PhysicallyConsistent(fit=one) for one in every if isinstance(one, IsLinear)]
+        every += [_consistent(one) for one in tuple(every) if isinstance(one, IsLinear)]
     else:
         every = [one for one in every if not isinstance(one, PhysicallyConsistent)]
     return _distinct(ESTIMATORS, config.estimator, every)
@@ -113,10 +113,14 @@ def _read(family: Family, given: Any, usual: Any = None) -> Any:
     outer, join, inner = given.partition(JOIN)
     if family is not ESTIMATORS or not join or outer != CONSISTENT:
         return _of_kind(family, given.strip(), usual)
-    fit = _of_kind(family, inner)
+    fit: Any = _of_kind(family, inner)
     if not isinstance(fit, IsLinear):
         linear = [kind for kind in family.kinds() if hasattr(family.get(kind), "reduced")]
         raise ConfigError(f"estimators: {inner!r} is not linear in the parameters; {choices(inner, linear)}")
+    return _consistent(fit)
+
+
+def _consistent(fit: Any) -> PhysicallyConsistent:
     return PhysicallyConsistent(fit=fit)
 
 
@@ -129,7 +133,7 @@ def _distinct(family: Family, own: Any, others: Iterable[Any], usual: Any = None
         settings = json.dumps(plain, sort_keys=True, default=str)
         if settings in found:
             continue
-        base = name = _name(family, plain, usual)
+        base = name = _name(family, given, usual)
         count = 2
         while name in names:
             name, count = f"{base} ({count})", count + 1
@@ -154,27 +158,31 @@ def _plain(family: Family, given: Any) -> list[dict[str, Any]]:
     return found
 
 
-def _name(family: Family, plain: Sequence[Mapping[str, Any]], usual: Any) -> str:
+def _name(family: Family, given: Any, usual: Any) -> str:
     """Return the kind, with what is set otherwise than by default."""
-    kind = str(plain[0]["kind"])
-    short = kind.rpartition(":")[2]
-    if usual is not None and list(plain) == _plain(family, usual):
-        return short
-    try:
-        default: Mapping[str, Any] = family.describe(family.get(kind)())
-    except (ConfigError, TypeError):
-        default = {}
-    differs = {key: value for key, value in plain[0].items() if key != "kind" and default.get(key) != value}
-    fit = differs.pop("fit", None)
-    if isinstance(fit, Mapping):
-        inner = _name(family, [fit], None)
-        short = f"{short}{JOIN}{inner}"
-    if not differs:
-        return short if len(plain) == 1 else f"{short}, {len(plain)} to choose from"
-    words = ", ".join(f"{key} {_word(value)}" for key, value in differs.items())
-    text = f"{short} ({words})"
+    part = _parts(given)[0]
+    kind = family.kind_of(part).rpartition(":")[2]
+    holder = settings_type(type(part))
+    held = given if isinstance(given, holder) else holder.of(part)
+    default = usual if isinstance(usual, holder) else _default(type(part), holder)
+    names = [one.name for one in fields(held) if one.init]
+    differs = {name: getattr(held, name) for name in names if getattr(held, name) != getattr(default, name, MISSING)}
+    if (fit := differs.pop("fit", None)) is not None:
+        kind = f"{kind}{JOIN}{_name(family, fit, None)}"
+    words = ", ".join(f"{name} {_word(value)}" for name, value in differs.items())
+    text = f"{kind} ({words})" if words else kind
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
+def _default(part: type, holder: Any) -> Any:
+    """Return the default settings of a part, None where it has none."""
+    try:
+        return part() if holder is part else holder.of(part())
+    except TypeError:
+        return None
+
+
 def _word(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False).strip('"') if not isinstance(value, float) else f"{value:g}"
+    if is_dataclass(value):
+        return type(value).__name__
+    return f"{value:g}" if isinstance(value, float) else str(value)

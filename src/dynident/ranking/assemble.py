@@ -53,7 +53,8 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         told = differences(np.stack(list(judged.values())), torque, task.blocks[basis].log, rng)
         for k, key in enumerate(judged):
             found[key] = replace(
-                found[key], error=float(told.error[k]), p_value=float(told.p_value[k]),
+                found[key], error=float(told.error[k]), overall=_overall(judged[key], torque),
+                p_value=float(told.p_value[k]),
                 interval=(float(told.interval[k, 0]), float(told.interval[k, 1])),
             )  # fmt: skip
     every = [*found.values(), *_without(rows)]
@@ -66,6 +67,7 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         tuple(ordered),
         tuple(_absent(every)),
         rows.common.shares,
+        rows.common.kept,
         math.nan if told is None else told.length * task.blocks[basis].seconds,
         0.0 if told is None else told.drawn,
         told is not None and told.told,
@@ -127,6 +129,12 @@ def _errors(task: Task, values: list[float], torque: Array) -> dict[str, float]:
 def _of_sums(task: Task, squares: list[float] | Array, torque: Array) -> dict[str, float]:
     """Return the errors by joint from sums of squares (n)."""
     return dict(zip(task.joints, joint_errors(np.asarray(squares), torque).tolist(), strict=True))
+
+
+def _overall(squares: Array, torque: Array) -> float:
+    """Return the relative error (%) of all joints together that have a torque."""
+    known = torque.sum(axis=0) > 0
+    return float(100.0 * np.sqrt(squares[:, known].sum() / torque.sum()))
 
 
 def _truth(truth: Truth, row: Row) -> TruthFigures:

@@ -76,7 +76,7 @@ class Fit:
         settled = Outcome.OK if estimate.converged else Outcome.UNSETTLED
         row = empty_row(self.key(job), settled, "", seconds)
         row["notes"] = sorted({type(note).__name__ for note in (*estimate.notes, *noted)})
-        row["condition"] = float(estimate.determined.condition)
+        row["condition"] = _condition(estimate)
         row["eigenvalue"] = _eigenvalue(problem, estimate.value)
         own = with_common(task, task.motions, self.common)
         for column, some, role in (
@@ -115,6 +115,14 @@ def _problem(task: Task, motions: tuple[Motion, ...]) -> Problem:
     regression = Regression(task.model, motions, task.recipe.filter)
     named = dict(zip(task.logs.repaired["train"], motions, strict=True))
     return Problem(task.model, motions, regression, task.logs.fitted({"train": named}), task.late)
+
+
+def _condition(estimate: Estimate) -> float:
+    """Return the condition of the scaled regressor, of the directions that the data determine where they are known."""
+    known = estimate.determined.directions
+    if known is None or not known.rank:
+        return float(estimate.determined.condition)
+    return float(known.values[0] / known.values[known.rank - 1])
 
 
 def _eigenvalue(problem: Problem, value: Array) -> float | None:

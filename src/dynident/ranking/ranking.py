@@ -51,7 +51,8 @@ class Ranked:
     Errors are relative to the unfiltered torque, in %, by joint: of the logs ``held_out``, of the same with the motion
     of the configured smoother (``same_motion``), which differ by the parameters alone, of the ``training``, and
     ``cross_validated``, nan where not known. ``error`` is the mean over joints of the first, or of the last where no
-    log is held out. ``interval`` are the ends of the 95 % interval of its difference to that of the best,
+    log is held out, ``overall`` that of the torques of all joints together. ``interval`` are the ends of the 95 %
+    interval of its difference to that of the best,
     ``p_value`` is that of being as good as any other. ``condition`` is that of the scaled regressor, ``eigenvalue`` the
     smallest one of the pseudo-inertias (below 0: no physical body; None: no bodies). Seconds are those of smoothing all
     logs, of the estimate, of the cross-validation. ``chosen`` says in words which smoother was taken of several.
@@ -61,6 +62,7 @@ class Ranked:
     outcome: Outcome
     reason: str = ""
     error: float = math.nan
+    overall: float = math.nan
     held_out: Mapping[str, float] = field(default_factory=dict)
     same_motion: Mapping[str, float] = field(default_factory=dict)
     training: Mapping[str, float] = field(default_factory=dict)
@@ -108,10 +110,10 @@ class Ranking:
 
     ``basis`` is what they are ranked by: logs that are held out ("validation") or, without any, the cross-validation of
     the training ("train"), which has so many ``folds``. ``absent`` does not apply. ``shares`` are the samples (%) of
-    each log that all have in common. ``block`` is the time (s) of the blocks that are drawn to tell differences from
-    chance, ``blocks`` how many such there are, ``told`` whether these are enough. ``parameters`` are base parameters
-    whose truth is known, with their ``units``. ``smoothers`` are as used, ``estimators`` as given. ``computed`` is the
-    number of new rows; others were known.
+    each log that all have in common, ``kept`` those (%) of all logs that each smoother keeps. ``block`` is the time (s)
+    of the blocks that are drawn to tell differences from chance, ``blocks`` how many such there are, ``told`` whether
+    these are enough. ``parameters`` are base parameters whose truth is known, with their ``units``. ``smoothers`` are
+    as used, ``estimators`` as given. ``computed`` is the number of new rows; others were known.
     """
 
     name: str
@@ -120,6 +122,7 @@ class Ranking:
     rows: tuple[Ranked, ...]
     absent: tuple[Absent, ...]
     shares: Mapping[str, float]
+    kept: Mapping[str, float]
     block: float
     blocks: float
     told: bool
@@ -172,10 +175,10 @@ class Ranking:
         return next((one for one in self.rows if one.combination.own), None)
 
     def frame(self) -> pl.DataFrame:
-        """Return a table, one row per combination: smoother, estimator, own, status, reason, error (%), its difference
-        to the best with the ends of its interval, p_value, worse, errors (%, mean over joints) of the same motion,
-        cross-validated and of the training, condition, eigenvalue, seconds, notes, and ``held_out.JOINT`` (%) by joint;
-        null where not known.
+        """Return a table, one row per combination: smoother, estimator, own, status, reason, error (%), that of all
+        joints together, the difference to the best with the ends of its interval, p_value, worse, errors (%, mean over
+        joints) of the same motion, cross-validated and of the training, condition, eigenvalue, seconds, notes, and
+        ``held_out.JOINT`` (%) by joint; null where not known.
         """
         import polars as pl
 
@@ -185,6 +188,7 @@ class Ranking:
             row = {
                 "smoother": one.combination.smoother, "estimator": one.combination.estimator,
                 "own": one.combination.own, "status": one.outcome.value, "reason": one.reason, "error": one.error,
+                "overall": one.overall,
                 "difference": one.error - least, "lower": one.interval[0], "upper": one.interval[1],
                 "p_value": one.p_value, "worse": one.worse, "same_motion": mean_of(one.same_motion),
                 "cross_validated": mean_of(one.cross_validated), "training": mean_of(one.training),

@@ -89,12 +89,13 @@ class Common:
     """The samples that count: those that all smoothers keep which are compared, ``masks`` (N) by role and log.
 
     ``apart`` are smoothers that keep so few that they are not compared, with the reason; ``shares`` the part (%) of the
-    samples of each log that is left.
+    samples of each log that is left, ``kept`` that of all logs that each smoother keeps.
     """
 
     masks: Mapping[str, Mapping[str, Mask]]
     apart: Mapping[str, str]
     shares: Mapping[str, float]
+    kept: Mapping[str, float]
 
     __repr__ = brief
 
@@ -108,9 +109,9 @@ def common_of(task: Task, masks: Mapping[str, Mapping[str, Mapping[str, Mask]]])
     apart = dict[str, str]()
     for role, named in task.motions.items():
         for log in named:
-            kept = {name: int(one[role][log].sum()) for name, one in masks.items()}
-            usual = float(np.median(list(kept.values())))
-            for name, count in kept.items():
+            sizes = {name: int(one[role][log].sum()) for name, one in masks.items()}
+            usual = float(np.median(list(sizes.values())))
+            for name, count in sizes.items():
                 if count < LEAST * usual:
                     apart.setdefault(name, f"{log}: keeps {count} samples, where most smoothers keep {usual:.0f}")
     used = [one for name, one in masks.items() if name not in apart]
@@ -123,7 +124,13 @@ def common_of(task: Task, masks: Mapping[str, Mapping[str, Mapping[str, Mask]]])
         if not mask.any():
             raise InputError(f"{log}: no sample is kept by all smoothers; compare fewer of them.")
     shares = {log: 100.0 * float(mask.mean()) for log, mask in every.items()}
-    return Common(common, apart, shares)
+    kept = {name: _share(one) for name, one in masks.items() if name not in apart}
+    return Common(common, apart, shares, kept)
+
+
+def _share(masks: Mapping[str, Mapping[str, Mask]]) -> float:
+    """Return the part (%) of the samples of all logs that is in masks."""
+    return 100.0 * float(np.concatenate([mask for named in masks.values() for mask in named.values()]).mean())
 
 
 def _both(masks: Sequence[Mask], own: Mask) -> Mask:

@@ -12,7 +12,8 @@ from dynident.estimators import Estimator
 from dynident.io.results import json_text
 from dynident.jobs import Limits
 from dynident.ranking import NUMBERS, REPORT, Ranking, run_comparison
-from dynident.report.ranking import ranking_dict, ranking_page
+from dynident.report.ranking import ranking_dict
+from dynident.report.ranking_page import ranking_page
 from dynident.smoothers import Smoother
 
 __all__ = ["compare"]

@@ -22,10 +22,11 @@ WIDE = 4.0  # ratio of the ends of an axis from which on it is logarithmic
 
 
 def ranking_figure(found: Ranking) -> Drawing:
-    """Draw the error of each combination, grouped by estimator, one mark a smoother; the line through a mark is the 95 %
-    interval of its difference to the best, whose error is the dashed line. Open marks are worse by more than chance."""
+    """Draw the error of each combination, grouped by estimator, one mark a smoother; the line through a mark is the
+    95 % interval of its difference to the best, whose error is the dashed line. Open marks are worse by more than
+    chance."""
     places, names, centres = _places(found)
-    figure = panels([""], 110 + LINE * (max(places.values(), default=0) + 1), shared=False)
+    figure = panels([""], 110 + LINE * (int(max(places.values(), default=0)) + 1), shared=False)
     least = found.ranked[0].error
     edge = FAR * least
     for k, name in enumerate(_smoothers(found)):
@@ -43,7 +44,7 @@ def ranking_figure(found: Ranking) -> Drawing:
             meta="ink",
             line={"color": INK, "width": 1.2, "dash": "dash"},
             showlegend=False,
-        )  # fmt: skip
+        )
     )
     figure.axes("y", tickvals=centres, ticktext=[plain(name) for name in names], range=reach[::-1], showgrid=False)
     ends = [max(one.error + one.interval[1] - (one.error - least), one.error) for one in found.ranked]
@@ -71,7 +72,7 @@ def cost_figure(found: Ranking) -> Drawing:
                 name="to take",
                 marker=ring,
                 hoverinfo="skip",
-            )  # fmt: skip
+            )
         )
     for k, name in enumerate(_smoothers(found)):
         rows = [one for one in found.ranked if one.combination.smoother == name]

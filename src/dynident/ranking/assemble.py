@@ -57,7 +57,8 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
                 p_value=float(told.p_value[k]),
                 interval=(float(told.interval[k, 0]), float(told.interval[k, 1])),
             )  # fmt: skip
-    every = [*found.values(), *_without(rows)]
+    tried, others = list(found.values()), list(_without(rows))
+    every = [*tried, *others]
     applies = [one for one in every if one.outcome is not Outcome.NOT_APPLICABLE]
     ordered = sorted(applies, key=lambda one: one.error if math.isfinite(one.error) else math.inf)
     return Ranking(
@@ -65,7 +66,7 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         task.joints,
         basis,
         tuple(ordered),
-        tuple(_absent(every)),
+        tuple(_absent(tried, others)),
         rows.common.shares,
         rows.common.kept,
         math.nan if told is None else told.length * task.blocks[basis].seconds,
@@ -170,19 +171,16 @@ def _without(rows: Rows) -> Iterator[Ranked]:
             yield Ranked(_named(rows, i, j), outcome, reason)
 
 
-def _absent(every: list[Ranked]) -> Iterator[Absent]:
-    """Yield what does not apply: an estimator, a smoother, or one combination, where only that does not."""
-    absent = [one for one in every if one.outcome is Outcome.NOT_APPLICABLE]
-    seen: set[str] = set()
-    for one in absent:
-        smoother, estimator = one.combination.smoother, one.combination.estimator
-        for axis, name in (("smoother", smoother), ("estimator", estimator)):
-            alike = [other for other in every if getattr(other.combination, axis) == name]
-            if all(other in absent for other in alike) and len({other.reason for other in alike}) == 1:
-                key = f"{axis} {name}"
-                if key not in seen:
-                    yield Absent(*((name, "") if axis == "smoother" else ("", name)), one.reason)
-                seen.add(key)
-                break
+def _absent(tried: list[Ranked], others: list[Ranked]) -> Iterator[Absent]:
+    """Yield what does not apply: a smoother, an estimator with all that were ``tried``, or one combination alone."""
+    lacking = [one for one in others if one.outcome is Outcome.NOT_APPLICABLE]
+    for name, reason in dict.fromkeys((one.combination.smoother, one.reason) for one in lacking):
+        yield Absent(name, "", reason)
+    absent = [one for one in tried if one.outcome is Outcome.NOT_APPLICABLE]
+    for name in dict.fromkeys(one.combination.estimator for one in absent):
+        some = [one for one in absent if one.combination.estimator == name]
+        alike = len({one.reason for one in some}) == 1
+        if alike and len(some) == sum(one.combination.estimator == name for one in tried):
+            yield Absent("", name, some[0].reason)
         else:
-            yield Absent(smoother, estimator, one.reason)
+            yield from (Absent(one.combination.smoother, name, one.reason) for one in some)

@@ -6,6 +6,9 @@ length follows from the correlation of the differences (Politis and White, 2004,
 2009). Which combination is best is chosen by the data, too: a combination is called worse only where it is worse than
 any other by more than the maximum of all its differences is by chance (Hsu, 1981, "Simultaneous confidence intervals
 for all distances from the best"). Those that are not called worse hold the one that is truly best with 95 %.
+
+N blocks scatter as little as they are few: differences by chance are taken as larger by the ratio of Student's to the
+normal quantile, with N / 2 - 1 degrees of freedom as long blocks are not independent either, and by sqrt(N / (N - 2)).
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from dynident.errors import brief
 
@@ -23,7 +27,7 @@ __all__ = ["Differences", "differences", "joint_errors", "mean_error"]
 Array = NDArray[np.float64]
 DRAWS = 2000
 LEVEL = 0.05
-FEWEST = 10  # drawn blocks that the data must have: fewer do not show how they scatter
+FEWEST = 12  # drawn blocks that the data must have: fewer do not show how they scatter
 LEADING = 10  # combinations whose differences say how long a block must be
 QUIET = 2.0  # times sqrt(log10 K / K): a smaller autocorrelation counts as none
 
@@ -34,7 +38,7 @@ class Differences:
     difference to that of the best (percentage points), and the ``p_value`` (R) that it is as good as any other.
 
     ``length`` is the number of blocks that are drawn together, ``drawn`` how many such there are in the data. With
-    fewer than 10 of them nothing is known of chance: interval and p-value are nan.
+    fewer than 12 of them nothing is known of chance: interval and p-value are nan.
     """
 
     error: Array
@@ -81,8 +85,10 @@ def differences(
     if not none.told:
         return none
     drawn_errors = _drawn(squares, torque, owner, length, rng)
-    interval = np.quantile(drawn_errors - drawn_errors[:, [best]], [LEVEL / 2, 1 - LEVEL / 2], axis=0).T
-    return Differences(error, interval, _p_values(error, drawn_errors), length, drawn)
+    wider, apart = _wider(drawn), error - error[best]
+    ends = np.quantile(drawn_errors - drawn_errors[:, [best]], [LEVEL / 2, 1 - LEVEL / 2], axis=0).T
+    interval = apart[:, None] + wider * (ends - apart[:, None])
+    return Differences(error, interval, _p_values(error, drawn_errors, wider), length, drawn)
 
 
 def _length(squares: Array, torque: Array, error: Array, best: int) -> int:
@@ -132,7 +138,13 @@ def _drawn(squares: Array, torque: Array, owner: NDArray[np.intp], length: int, 
     return mean_error(left, whole[:, None, :])
 
 
-def _p_values(error: Array, drawn: Array) -> Array:
+def _wider(blocks: float) -> float:
+    """Return by how much chance is larger than so many blocks show."""
+    student = float(stdtrit(blocks / 2 - 1, 1 - LEVEL / 2) / ndtri(1 - LEVEL / 2))
+    return student * float(np.sqrt(blocks / (blocks - 2)))
+
+
+def _p_values(error: Array, drawn: Array, wider: float) -> Array:
     """Return for each combination how likely chance makes it as much worse than some other as it is."""
     found = np.ones(len(error))
     for k in range(len(error)):
@@ -141,5 +153,5 @@ def _p_values(error: Array, drawn: Array) -> Array:
         other = (std > 1e-9 * max(float(error[k]), 1e-300)) & (np.arange(len(error)) != k)
         if other.any():
             most = ((moved - apart)[:, other] / std[other]).max(axis=1)
-            found[k] = (1 + np.sum(most >= (apart[other] / std[other]).max())) / (1 + len(most))
+            found[k] = (1 + np.sum(wider * most >= (apart[other] / std[other]).max())) / (1 + len(most))
     return found

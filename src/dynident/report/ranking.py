@@ -69,7 +69,7 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
     if not found.told:
         yield (
             f"The logs are too short to tell differences from chance: they hold {short(found.blocks, 2)} blocks as "
-            "long as the errors are correlated, and 10 are needed."
+            "long as the errors are correlated, and 12 are needed."
         )
     elif len(found.within) == 1:
         yield "All others are worse by more than chance."

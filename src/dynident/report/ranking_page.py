@@ -23,8 +23,9 @@ SAME = (
     "configuration's own recipe; only smoother and estimator differ. All are fitted and judged on the samples that all "
     "smoothers keep, against the unfiltered torque. The torque of a held-out log is predicted from its positions as "
     'the same smoother sees them; "same motion" is the error with the motion of the configured smoother, in which '
-    "only the parameters differ. Errors are means over the joints of their relative errors, so that a joint with little "
-    'torque counts as much as any; "all joints" is the error of all torques together, as `identify` has it. In cross-validation, stretches of the training are predicted from the others.'
+    "only the parameters differ. Errors are means over the joints of their relative errors, so that a joint with "
+    'little torque counts as much as any; "all joints" is the error of all torques together, as `identify` has it. In '
+    "cross-validation, stretches of the training are predicted from the others."
 )
 CHANCE = (
     "Differences are told from chance by drawing blocks of time anew, the same ones for all (paired block bootstrap); "

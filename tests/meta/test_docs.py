@@ -57,6 +57,7 @@ SECTIONS: dict[str, type[Section]] = {
     "Drive": settings.CascadeJoint,
     "Simulation from torque": settings.TorqueInputSettings,
     "Excitation": settings.ExcitationSettings,
+    "Compare": settings.CompareSettings,
     "Joint limits": JointLimitSettings,
     "Box": BoxSettings,
     "Cylinder": CylinderSettings,

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 DRAWS = 2000
 LEVEL = 0.05
 FEWEST = 12  # drawn blocks that the data must have: fewer do not show how they scatter
-LEADING = 10  # combinations whose differences say how long a block must be
+LEADING, NEAR = 10, 2.0  # combinations, of up to so many times the least error, that say how long a block must be
 QUIET = 2.0  # times sqrt(log10 K / K): a smaller autocorrelation counts as none
 
 
@@ -96,7 +96,7 @@ def _length(squares: Array, torque: Array, error: Array, best: int) -> int:
     size = torque.sum(axis=0)
     known = size > 0
     shares = squares[:, :, known] / size[known]
-    leading = np.argsort(error, kind="stable")[: LEADING + 1]
+    leading = [k for k in np.argsort(error, kind="stable")[: LEADING + 1] if error[k] <= NEAR * error[best]]
     return max((_block_length((shares[k] - shares[best]).sum(axis=1)) for k in leading if k != best), default=1)
 
 

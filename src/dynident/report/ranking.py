@@ -68,7 +68,7 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
         return
     if not found.told:
         yield (
-            f"The logs are too short to tell differences from chance: they hold {short(found.blocks, 2)} blocks as "
+            f"The logs are too short to tell differences from chance: they hold {short(found.blocks, 3)} blocks as "
             "long as the errors are correlated, and 12 are needed."
         )
     elif len(found.within) == 1:

@@ -314,6 +314,8 @@ def configurations() -> list[Any]:
 def test_configurations_shown_are_valid(text: str) -> None:
     if "recipe" in (given := yaml.safe_load(text)):
         FleetSettings.model_validate(given)
+    elif "compare" in given and "model" not in given:
+        settings.CompareSettings.model_validate(given["compare"])
     elif "model" not in given:
         settings.ExcitationSettings.model_validate(given)
     else:

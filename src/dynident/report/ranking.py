@@ -92,7 +92,7 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
 
 def _why_best(found: Ranking) -> str:
     yours = ", as the configuration does" if found.best is found.own else ""
-    return (", the fastest of these" if len(found.within) > 1 else "") + yours
+    return (", as none of these is twice as fast" if len(found.within) > 1 else "") + yours
 
 
 def _why(found: Ranking) -> str:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from dynident.errors import shortened
 from dynident.ranking import mean_of
 from dynident.report import figures
 from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number, render
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ranking_page"]
 
+NAME = 16  # letters of a joint above its column
 SAME = (
     "Terms of the model, time offset, tilt of the base and what of the logs is fitted were chosen once, by the "
     "configuration's own recipe; only smoother and estimator differ. All are fitted and judged on the samples that all "
@@ -86,7 +88,7 @@ def _first(found: Ranking) -> Iterator[PageBlock]:
 def _figures(found: Ranking) -> Iterator[PageBlock]:
     told = (
         " The line through a mark is the 95 % interval of its difference to the best, whose error is the dashed line; "
-        "open marks are worse by more than chance."
+        "open marks are worse by more than chance, which counts that the best was chosen among many."
         if found.told
         else ""
     )
@@ -116,7 +118,8 @@ def _whole_table(found: Ranking) -> PageTable:
 
 
 def _joint_table(found: Ranking) -> PageTable:
-    columns = (Column("smoother", numeric=False), Column("estimator", numeric=False), *map(Column, found.joints))
+    joints = (Column(name) for name in shortened(found.joints, NAME))
+    columns = (Column("smoother", numeric=False), Column("estimator", numeric=False), *joints)
     rows = []
     for one in found.ranked:
         errors = one.held_out if found.basis == "validation" else one.cross_validated

@@ -163,7 +163,8 @@ def _marks(name: str, k: int, rows: list[Ranked], places: dict[str, float], leas
 def _marker(k: int, rows: list[Ranked]) -> Trace:
     symbol = SYMBOLS[k % len(SYMBOLS)]
     symbols = [f"{symbol}-open" if one.worse else symbol for one in rows]
-    return {"color": COLOURS[k % len(COLOURS)], "size": 9, "symbol": symbols, "line": {"width": 1.6}}
+    widths = [1.6 if one.worse else 0.0 for one in rows]
+    return {"color": COLOURS[k % len(COLOURS)], "size": 9, "symbol": symbols, "line": {"width": widths}}
 
 
 def _words(one: Ranked) -> str:

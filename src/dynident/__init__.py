@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from dynident.report.compare_run import compare
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, Spline
+    from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
 
@@ -55,6 +55,7 @@ __all__ = [
     "Estimate",
     "Identification",
     "Joint",
+    "KalmanSmoother",
     "Lagrangian",
     "LeastSquares",
     "Log",
@@ -99,6 +100,7 @@ _MODULES = {
     "Estimate": "dynident.estimators",
     "Identification": "dynident.identification",
     "Joint": "dynident.models",
+    "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",
     "LeastSquares": "dynident.estimators",
     "Log": "dynident.log",

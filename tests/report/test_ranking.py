@@ -30,6 +30,18 @@ def test_it_says_which_to_take_and_why() -> None:
     assert "errors of 1.2 times the least standard deviation" in text
 
 
+def test_among_equals_nothing_is_changed() -> None:
+    found = ranking()
+    first, second = found.rows[:2]
+    slow = replace(first, combination=replace(first.combination, own=False), eigenvalue=0.1)
+    own = replace(second, combination=replace(second.combination, own=True), seconds_estimate=first.seconds_estimate)
+    text = said(replace(found, rows=(slow, own, *found.rows[2:])))
+    assert "Take smoother1 with estimator0 (3.4 %): as good within chance, and nothing is to be changed." in text
+    fast = replace(second, seconds_estimate=0.05)
+    text = said(replace(found, rows=(slow, fast, *found.rows[2:])))
+    assert "as good within chance, and takes 0.15 s instead of 2.1 s." in text
+
+
 def test_the_configured_combination_has_its_place() -> None:
     found = ranking()
     own = replace(found.rows[3], combination=replace(found.rows[3].combination, own=True))

@@ -160,14 +160,15 @@ class Ranking:
     @cached_property
     def choice(self) -> Ranked | None:
         """Which to take of those within chance of the best: one whose bodies are possible and which converged, where
-        there is any, and of these the fastest; times within a factor of two count as equal, and the lesser error
-        decides."""
+        there is any, and of these the fastest; times within a factor of two count as equal: of those it is that of the
+        configuration, or else the one with the least error."""
         if not self.within:
             return None
         good = [one for one in self.within if one.physical and one.outcome is Outcome.OK]
         some = good or [one for one in self.within if one.physical] or list(self.within)
         fast = min(one.seconds for one in some)
-        return next(one for one in some if not one.seconds > 2.0 * fast)
+        quick = [one for one in some if not one.seconds > 2.0 * fast]
+        return next((one for one in quick if one.combination.own), quick[0])
 
     @property
     def own(self) -> Ranked | None:

@@ -103,6 +103,8 @@ def _why(found: Ranking) -> str:
     faster = f"as good within chance, and takes {_time(choice.seconds)} instead of {_time(best.seconds)}"
     if not best.physical and choice.physical:
         faster = "as good within chance, and all of its bodies are possible, which those of the best are not"
+    elif choice is found.own:
+        return "as good within chance, and nothing is to be changed"
     return faster
 
 

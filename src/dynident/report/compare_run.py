@@ -75,7 +75,7 @@ def compare(
     ...     found = dy.compare(Path(folder, "robot.yaml"), smoothers=["difference"], estimators=["least_squares"])
     >>> for one in found.ranked:
     ...     print(one.combination.name, one.worse)
-    spline / least_squares False
+    spline (rule constraint) / least_squares False
     difference / least_squares True
     """
     return run_comparison(

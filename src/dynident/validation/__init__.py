@@ -3,17 +3,7 @@
 from dynident.validation.clusters import clustered_std
 from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
 from dynident.validation.followed import HARMFUL, FollowTest, SmoothedAway, follow_tests, smoothed_away
-from dynident.validation.free_run import (
-    Broken,
-    CascadePD,
-    Driver,
-    Failure,
-    FreeRun,
-    RunsAway,
-    RunSignals,
-    Singular,
-    free_run,
-)
+from dynident.validation.free_run import Driver, FreeRun, RunSignals, free_run
 from dynident.validation.hac import bandwidth, long_run, plain_std, robust_covariance
 from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, with_floors
 from dynident.validation.prediction import (
@@ -51,11 +41,8 @@ __all__ = [
     "REPEATED",
     "SEED",
     "SLOW",
-    "Broken",
-    "CascadePD",
     "Cause",
     "Driver",
-    "Failure",
     "FloorOrigin",
     "FollowTest",
     "FreeRun",
@@ -69,9 +56,7 @@ __all__ = [
     "Reversals",
     "Ripple",
     "RunSignals",
-    "RunsAway",
     "Signals",
-    "Singular",
     "SmoothedAway",
     "TorqueErrors",
     "autocorrelation",

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from dynident.models.gallery import two_link_arm
     from dynident.payload import find_payload
     from dynident.regression import ParallelFilter
+    from dynident.report.compare_run import compare
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
     from dynident.smoothers import Butterworth, Difference, FourierSeries, KalmanSmoother, SavitzkyGolay, Spline
@@ -83,6 +84,7 @@ __all__ = [
     "accuracy_bound",
     "bootstrap",
     "check",
+    "compare",
     "cramer_rao_bound",
     "errors",
     "excite",
@@ -131,6 +133,7 @@ _MODULES = {
     "accuracy_bound": "dynident.io.shortcuts",
     "bootstrap": "dynident.identification",
     "check": "dynident.io.shortcuts",
+    "compare": "dynident.report.compare_run",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
     "excite": "dynident.report.excite_run",

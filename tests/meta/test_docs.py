@@ -70,6 +70,7 @@ SECTIONS: dict[str, type[Section]] = {
     "Drive by a function": loops.FunctionJoint,
     "Simulation from torque": loops.TorqueInputSettings,
     "Excitation": settings.ExcitationSettings,
+    "Compare": settings.CompareSettings,
     "Joint limits": JointLimitSettings,
     "Box": BoxSettings,
     "Cylinder": CylinderSettings,
@@ -328,6 +329,8 @@ def configurations() -> list[Any]:
 def test_configurations_shown_are_valid(text: str) -> None:
     if "recipe" in (given := yaml.safe_load(text)):
         FleetSettings.model_validate(given)
+    elif "compare" in given and "model" not in given:
+        settings.CompareSettings.model_validate(given["compare"])
     elif given.keys() == {"simulation"}:
         TypeAdapter(loops.Simulation).validate_python(given["simulation"])
     elif "model" not in given:

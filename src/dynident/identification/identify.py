@@ -49,7 +49,7 @@ from dynident.validation import (
     with_floors,
 )
 
-__all__ = ["FAR", "identify", "judged", "warnings_of"]
+__all__ = ["FAR", "estimated", "identify", "judged", "warnings_of"]
 
 Array = NDArray[np.float64]
 FAR = 0.1  # share of the torque above which a bias by the errors of the motion is too large to be corrected
@@ -113,7 +113,7 @@ def _identify(
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
     problem = Problem(model, fitted, regression, trained, late, progress)
-    estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
+    estimate, regression, more, noted = estimated(problem, estimator, pairing, progress)
     validations = judged(model, estimate, logs.trimmed, motions, used, progress)
     errors, base = identifiability_of(model, regression, estimate, more, progress, unfitted=recipe.unfitted)
     return Identification(
@@ -139,7 +139,7 @@ def _identify(
     )
 
 
-def _estimated(
+def estimated(
     problem: Problem, estimator: Estimator, pairing: Pairing, progress: Callable[[str], None]
 ) -> tuple[Estimate, Regression, Array, tuple[Note, ...]]:
     """Return the estimate, without the bias by the smoothed motion where that matters, and the regression it is of; the

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, Problem
-from dynident.estimators.least_squares import LeastSquaresSolution, solve
+from dynident.estimators.linear import LeastSquaresSolution, solve
 from dynident.estimators.notes import RankDeficient
 from dynident.log import Motion
 from dynident.models import Coulomb, Joint, Model, Offset, Viscous

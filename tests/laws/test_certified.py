@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from dynident.estimators.least_squares import LeastSquaresSolution, solve
+from dynident.estimators.linear import LeastSquaresSolution, solve
 from dynident.regression import RegressorBlock, triangularise
 from tests.laws.strd import PROBLEMS, Certified
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.log import Motion
 from dynident.models import Joint, Model, Parameter, Partials, Viscous
 from dynident.models.gallery import two_link_arm

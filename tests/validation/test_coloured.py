@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.special import stdtrit
 
 from dynident.errors import ModelError
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.log import Motion
 from dynident.models import Joint, Model, Offset, Viscous
 from dynident.regression import Regression

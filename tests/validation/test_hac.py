@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from dynident.errors import ModelError
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.log import Motion
 from dynident.models import Coulomb, Joint, Model, Offset, Viscous
 from dynident.regression import ParallelFilter, Regression

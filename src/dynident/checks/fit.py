@@ -11,7 +11,7 @@ from dynident.checks import log_notes as notes
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.units import joint_errors, least_error
 from dynident.errors import Severity
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.log import Log
 from dynident.models import HasGravity
 from dynident.regression import Regression

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.checks import log_notes as notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.regression import Regression

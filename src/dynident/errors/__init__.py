@@ -1,7 +1,7 @@
 """Errors that a user can cause, and notes on a result, as data."""
 
 from dynident.errors.brief import brief, changed, listed, shortened
-from dynident.errors.errors import ConfigError, DynidentError, InputError, MissingInput, ModelError, choices
+from dynident.errors.errors import ConfigError, DynidentError, InputError, MissingInputError, ModelError, choices
 from dynident.errors.finding import Finding
 from dynident.errors.install import install_command
 from dynident.errors.note import Note, Remark, Severity, Use
@@ -13,7 +13,7 @@ __all__ = [
     "DynidentError",
     "Finding",
     "InputError",
-    "MissingInput",
+    "MissingInputError",
     "ModelError",
     "Note",
     "Remark",

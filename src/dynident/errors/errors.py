@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["ConfigError", "DynidentError", "InputError", "MissingInput", "ModelError", "choices"]
+__all__ = ["ConfigError", "DynidentError", "InputError", "MissingInputError", "ModelError", "choices"]
 
 
 class DynidentError(Exception):
@@ -16,7 +16,7 @@ class InputError(DynidentError):
     """Measured data that cannot be used: a file, a column, a time stamp or a value."""
 
 
-class MissingInput(InputError):
+class MissingInputError(InputError):
     """A part needs something that the log does not have: a controller, a period, a second recording."""
 
 

@@ -14,6 +14,7 @@ from dynident.estimators.estimator import (
     quick,
 )
 from dynident.estimators.least_squares import LeastSquares
+from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
 
@@ -22,7 +23,9 @@ __all__ = [
     "Determined",
     "Estimate",
     "Estimator",
+    "IsLinear",
     "LeastSquares",
+    "LinearFit",
     "MaximumLikelihood",
     "NamesParameters",
     "PhysicallyConsistent",
@@ -31,5 +34,7 @@ __all__ = [
     "Provenance",
     "Residual",
     "among",
+    "estimate_of",
+    "of_information",
     "quick",
 ]

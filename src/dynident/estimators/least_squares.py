@@ -10,67 +10,18 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, brief, changed, choices
-from dynident.estimators.estimator import Determined, Estimate, Problem, Residual
-from dynident.estimators.notes import RankDeficient
+from dynident.errors import ConfigError, changed, choices
+from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.linear import LinearFit, estimate_of, solve
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, rank_of
 
-__all__ = ["LeastSquares", "LeastSquaresSolution", "Weights", "check_weights", "joint_weights", "solve", "weighted"]
+__all__ = ["LeastSquares", "Weights", "check_weights", "joint_weights", "weighted"]
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
 MOST = 1000  # iterations
 COARSEST = 0.01  # tolerance of a rank: with more, columns that the data show are given up
-
-
-@dataclass(frozen=True, eq=False)
-class LeastSquaresSolution:
-    """A least-squares solution: ``value`` (p) (of least norm in scaled columns where the rank is deficient).
-
-    ``rss`` is the sum of squared residuals, ``directions`` the rank with the directions that it determines.
-    """
-
-    value: Array
-    rss: float
-    directions: Rank
-
-    __repr__ = brief
-
-    @property
-    def rank(self) -> int:
-        """Number of directions that the data determine."""
-        return self.directions.rank
-
-    @property
-    def inverse(self) -> Array:
-        """(X' X)^-1 on the determined directions (p, p)."""
-        return self.directions.inverse
-
-    @property
-    def condition(self) -> float:
-        """Ratio of the largest to the smallest singular value of the scaled columns."""
-        return self.directions.condition
-
-    @property
-    def groups(self) -> tuple[tuple[int, ...], ...]:
-        """Groups of parameters of which only combinations are identifiable, by index."""
-        return self.directions.groups
-
-
-def solve(factor: Array, rank: Rank | None = None) -> LeastSquaresSolution:
-    """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y], on the directions that ``rank`` determines.
-
-    ``rank`` is that of the factor, by default the numerical one. ``condition`` is the ratio of the largest to the
-    smallest of all singular values of the scaled columns (inf where one is zero).
-    """
-    rank = rank or rank_of(factor)
-    p, r = len(factor) - 1, rank.rank
-    R, y = factor[:p, :p] / rank.scale, factor[:p, p]
-    known = rank.vectors[:, :r]
-    value = np.linalg.solve(R, y) if r == p else known @ ((rank.left[:, :r].T @ y) / rank.values[:r])
-    rest = float(np.sum((y - R @ value) ** 2)) + float(factor[p, p] ** 2)
-    return LeastSquaresSolution(value / rank.scale, rest, rank)
 
 
 def joint_weights(
@@ -163,27 +114,11 @@ class LeastSquares:
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; for a deficient rank a note names the parameters of which only combinations are identifiable."""
-        triangular, model = problem.regression.triangular_factors, problem.model
-        parameters = model.parameters
+        return estimate_of(problem, self.reduced(problem))
+
+    def reduced(self, problem: Problem) -> LinearFit:
+        """Return the rows with the weights of their joints."""
+        triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
         weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.tolerance)
-        fit = solve(*weighted(triangular, weights, parameters, self.tolerance))
-        return Estimate(
-            parameters=parameters,
-            value=fit.value,
-            covariance=fit.directions.covariance(fit.rss / max(triangular.total - fit.rank, 1)),
-            determined=Determined(fit.rank, fit.condition, fit.directions),
-            residual=Residual(
-                np.sqrt(triangular.residual(fit.value) / np.maximum(triangular.rows - 1, 1)),
-                triangular.samples,
-                None if self.weights == "equal" else weights,
-            ),
-            notes=_notes(fit, model.names),
-        )
-
-
-def _notes(fit: LeastSquaresSolution, names: tuple[str, ...]) -> tuple[Note, ...]:
-    if not fit.groups:
-        return ()
-    lone = tuple(names[group[0]] for group in fit.groups if len(group) == 1)
-    tied = tuple(tuple(names[k] for k in group) for group in fit.groups if len(group) > 1)
-    return (RankDeficient(fit.rank, len(names), lone, tied),)
+        factor, rank = weighted(triangular, weights, parameters, self.tolerance)
+        return LinearFit(factor, rank, triangular.total, None if self.weights == "equal" else weights)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.least_squares import joint_weights, solve, weighted
+from dynident.estimators.least_squares import joint_weights, weighted
+from dynident.estimators.linear import solve
 from dynident.identification import Identification
 from dynident.regression import BaseParameters, Regression, TriangularFactors, base_parameters
 from dynident.validation import robust_covariance

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, Severity
 from dynident.estimators import Estimator, Problem, quick
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.identification.cross_validation import FOLDS, Gain, factors_of, gained, predicted
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned

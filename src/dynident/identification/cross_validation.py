@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.log import Motion
 from dynident.models import Model, Parameter
 from dynident.regression import Regression, TriangularFactors, factorise, fitted_rows, rank_of

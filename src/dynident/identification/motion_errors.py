@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, ModelError, brief
 from dynident.estimators import Estimate
-from dynident.estimators.least_squares import solve, weighted
+from dynident.estimators.least_squares import weighted
+from dynident.estimators.linear import solve
 from dynident.identification.repetition import Piece, credible, likely, pieces_of, repetition, worst_of
 from dynident.identification.sampled_bias import repeat, sampled_bias
 from dynident.log import Log

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Note, brief
-from dynident.estimators.least_squares import solve
+from dynident.estimators.linear import solve
 from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.regression import BLOCK, Regression

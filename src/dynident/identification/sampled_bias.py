@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief, called
-from dynident.estimators.least_squares import solve, weighted
+from dynident.estimators.least_squares import weighted
+from dynident.estimators.linear import solve
 from dynident.identification.repetition import Piece, repetition
 from dynident.log import Motion
 from dynident.models import Model

@@ -89,8 +89,9 @@ def identifiability_of(
 def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
     if estimate.information is None:
         std = base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
-        return np.hypot(std, _moved(estimate, basis))
-    return informed_std(basis, estimate.information)
+    else:
+        std = informed_std(basis, estimate.information)
+    return np.hypot(std, _moved(estimate, basis))
 
 
 def _robust_std(

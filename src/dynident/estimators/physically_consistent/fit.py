@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, changed, choices
+from dynident.errors import ConfigError, Note, called, changed, choices
 from dynident.estimators.constraints import (
     SIGNED,
     BodyConstraint,
@@ -29,8 +29,9 @@ from dynident.estimators.constraints import (
     sized,
     total,
 )
-from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
+from dynident.estimators.estimator import Consistency, Determined, Estimate, Estimator, Problem, Provenance
 from dynident.estimators.least_squares import COARSEST, MOST, Weights, check_weights, joint_weights, weighted
+from dynident.estimators.linear import IsLinear, LinearFit
 from dynident.estimators.notes import (
     ConstraintsCostly,
     DecidedByPrior,
@@ -76,7 +77,9 @@ class PhysicallyConsistent:
 
     ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
     values, else 1 kg and 0.1 m); the second program may use half of it. ``weights`` and ``iterations`` are those of
-    ``joint_weights``. ``costs`` = False skips the extra fits that measure the cost of each constraint. A small penalty,
+    ``joint_weights``. Where ``fit`` is an estimator that is linear in the parameters (``IsLinear``), its weighted rows
+    are fitted instead: each of them can be made consistent with physics. ``costs`` = False skips the extra fits that
+    measure the cost of each constraint. A small penalty,
     far below the noise, keeps bodies finite that would fit slightly better the larger they are.
 
     Constraints that the true parameters violate, or effects missing from the model, bias the estimate: what they move
@@ -113,6 +116,7 @@ class PhysicallyConsistent:
     weights: Weights = "per_joint"
     iterations: Annotated[int, Ge(1), Le(MOST)] = 3
     costs: bool = True
+    fit: Estimator | None = None
 
     __repr__ = changed
 
@@ -126,6 +130,8 @@ class PhysicallyConsistent:
         self._check_settings()
 
     def _check_settings(self) -> None:
+        if not isinstance(self.fit, IsLinear | None):
+            raise ConfigError(f"fit = {self.fit!r}: is not linear in the parameters; give one such as LeastSquares().")
         if self.distance not in get_args(Distance):
             raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
         if isinstance(self.prior, str) and self.prior not in get_args(NamedPrior):
@@ -152,12 +158,12 @@ class PhysicallyConsistent:
         contradict each other, and ModelError where the program cannot be solved.
         """
         model, triangular = problem.model, problem.regression.triangular_factors
-        weights = joint_weights(triangular, self.weights, self.iterations, model.parameters, self.threshold)
-        factor, directions = weighted(triangular, weights, model.parameters, self.threshold)
+        rows = self._rows(problem)
+        factor, directions = rows.factor, rows.directions
         bodies = sized(bodies_of(model.parameters), model.parameters, triangular)
         effect = np.linalg.norm(factor, axis=0)
         scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
-        known = read(factor, scale, directions, triangular.total)
+        known = read(factor, scale, directions, rows.total)
         constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
         aim = np.where(np.isnan(prior), 0.0, prior)
         strength = 0.0 if self.strength == "auto" else self.strength
@@ -177,19 +183,30 @@ class PhysicallyConsistent:
             value=value,
             covariance=directions.covariance(known.variance) + np.outer(moved, moved),
             determined=Determined(known.rank, directions.condition, directions),
-            residual=Residual(
-                np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)),
-                triangular.samples,
-                None if self.weights == "equal" else weights,
+            residual=rows.residual(problem, value),
+            notes=(
+                *rows.notes,
+                *_notes(known, provenance, gap),
+                *_costly(known, costs),
+                *_held(known, value, model.parameters),
             ),
-            notes=(*_notes(known, provenance, gap), *_costly(known, costs), *_held(known, value, model.parameters)),
             provenance=provenance,
             consistency=Consistency(_eigenvalues(bodies, value), costs, known.base),
+            information=rows.information,
         )
+
+    def _rows(self, problem: Problem) -> LinearFit:
+        """Return the weighted rows that are fitted: those of ``fit``, where it is given."""
+        if isinstance(self.fit, IsLinear):
+            return called(self.fit.reduced, problem, LinearFit)
+        triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
+        weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.threshold)
+        factor, directions = weighted(triangular, weights, parameters, self.threshold)
+        return LinearFit(factor, directions, triangular.total, None if self.weights == "equal" else weights)
 
     def quick(self) -> PhysicallyConsistent:
         """Return a fit of the same torque, without the cost of each constraint and with any prior."""
-        return replace(self, costs=False, prior="any", strength=0.0)
+        return replace(self, costs=False, prior="any", strength=0.0, fit=None)
 
     @property
     def named(self) -> tuple[str, ...]:

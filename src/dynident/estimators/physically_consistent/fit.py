@@ -197,8 +197,9 @@ class PhysicallyConsistent:
 
     def _rows(self, problem: Problem) -> LinearFit:
         """Return the weighted rows that are fitted: those of ``fit``, where it is given."""
-        if isinstance(self.fit, IsLinear):
-            return called(self.fit.reduced, problem, LinearFit)
+        linear: Any = self.fit  # checked when it was set
+        if linear is not None:
+            return called(linear.reduced, problem, LinearFit)
         triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
         weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.threshold)
         factor, directions = weighted(triangular, weights, parameters, self.threshold)

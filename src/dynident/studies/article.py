@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,11 +136,12 @@ class SmoothAndFit:
 
     def smoother_for(self, recording: Recording) -> Smoother:
         """Return the smoother, with the noise level of the recording where it can be given one."""
-        given = self.smoother
-        if not (isinstance(given, KnowsNoise) and is_dataclass(given)) or given.sigma is not None:
-            return given
+        if not isinstance(self.smoother, KnowsNoise) or self.smoother.sigma is not None:
+            return self.smoother
+        given: Any = self.smoother
         sigma = dict(zip(recording.log.joints, recording.sigma_q.tolist(), strict=True))
-        return cast(Smoother, replace(given, sigma=sigma))
+        known: Smoother = replace(given, sigma=sigma)
+        return known
 
     def estimate(self, recording: Recording) -> Estimate:
         """Estimate the seven parameters."""
@@ -171,9 +172,8 @@ def method_of(name: str) -> SmoothAndFit:
         return METHODS[name]
     if name in SMOOTHERS.kinds():
         return SmoothAndFit(name, build(SMOOTHERS, {"kind": name}, "method"))
-    if name in ESTIMATORS.kinds():
-        return SmoothAndFit(name, SPLINE, estimator=build(ESTIMATORS, {"kind": name}, "method"))
-    return _chosen(name, dict.fromkeys((*METHODS, *SMOOTHERS.kinds(), *ESTIMATORS.kinds())), "method")
+    _chosen(name, dict.fromkeys((*METHODS, *SMOOTHERS.kinds(), *ESTIMATORS.kinds())), "method")
+    return SmoothAndFit(name, SPLINE, estimator=build(ESTIMATORS, {"kind": name}, "method"))
 
 
 @dataclass(frozen=True, eq=False)

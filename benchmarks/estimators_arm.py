@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 from dynident.demo.arm import JOINTS, true_model, true_values
 from dynident.demo.recording import DAYS, EVERY, NOISE, REMAINS, SEED, STEP, Day, fourier
-from dynident.estimators import Estimate, Estimator, LeastSquares
+from dynident.estimators import Estimate, Estimator, IsLinear, LeastSquares, PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.io.parts import build
@@ -151,23 +151,28 @@ def held_out(estimates: Array) -> Row:
     return {"held_out": listed(np.median(joints, axis=0)), "error": float(f"{np.median(joints.mean(axis=1)):.4g}")}
 
 
-def methods() -> tuple[dict[str, Identify], frozenset[str]]:
-    """Every smoother with every estimator, and which of them are not one of the two defaults with another part."""
+def methods() -> tuple[dict[str, Identify], dict[str, str]]:
+    """Every smoother with every estimator, and on the default spline each linear one within physics, too; and which of
+    them are not one of the two defaults with another part, with the estimator on the default spline."""
     by_torque = build(SMOOTHERS, {"kind": "spline", "rule": "torque"}, "smoother")
     smoothers = dict(parts(SMOOTHERS)) | {"spline, by torque": by_torque}
-    pairs: dict[str, Any] = {
-        f"{name} + {fit}": (one, estimator)
-        for name, one in smoothers.items()
-        for fit, estimator in parts(ESTIMATORS)
-    }  # fmt: skip
-    rare = {name for name, (one, fit) in pairs.items() if one != Spline() and fit != LeastSquares()}
-    return {name: Identify(name, *pair) for name, pair in pairs.items()}, frozenset(rare)
+    estimators: dict[str, Any] = dict(parts(ESTIMATORS))
+    linear = [(name, one) for name, one in estimators.items() if isinstance(one, IsLinear) and one != LeastSquares()]
+    pairs = {f"{name} + {fit}": (one, part) for name, one in smoothers.items() for fit, part in estimators.items()}
+    pairs |= {f"spline + consistent {name}": (Spline(), PhysicallyConsistent(fit=one)) for name, one in linear}
+    seldom = {
+        name: f"spline + {name.partition(' + ')[2]}"
+        for name, (one, fit) in pairs.items()
+        if one != Spline() and fit != LeastSquares()
+    }
+    return {name: Identify(name, *pair) for name, pair in pairs.items()}, seldom
 
 
 def study(names: Sequence[str] = (), levels: Sequence[float] = BITS, scenario: ClosedLoop | None = None) -> Study:
     """The arm with encoders of 17 and 12 bits, by default with all methods."""
-    loop, (every, rare), (_, theta, base) = scenario or ClosedLoop(), methods(), arm()
+    loop, (every, seldom), (_, theta, base) = scenario or ClosedLoop(), methods(), arm()
     _ = loop.driven  # goes to the workers with it
     least = loop.bound()
     some, true = {name: every[name] for name in names or every}, base.to_base(theta)
-    return Study("arm", [loop], levels, some, true, lambda *_: least, {}, rare, more=held_out, each=False)
+    few = {name: other for name, other in seldom.items() if name in some}
+    return Study("arm", [loop], levels, some, true, lambda *_: least, {}, few, held_out, each=False)

@@ -165,7 +165,8 @@ def star(which: int) -> Callable[[Row], str]:
         what = ("held out, %", "rms", "bias / spread", "coverage, %")
         head = ["", *(f"{name}, {level:g} bits" for level in levels for name in what), "runs", "fits", "s"]
         lines = []
-        for name, cells in sorted(rows.items(), key=lambda one: place(list(one[1].values()))):
+        for name in sorted(rows, key=lambda one: sum(cell.get("error", np.inf) for cell in rows[one].values())):
+            cells = rows[name]
             own = [of_arm(cells[level]) if level in cells else [""] * len(what) for level in levels]
             lines.append([name, *(value for one in own for value in one), *fits(list(cells.values()))])
         return f"{markdown(head, lines)}\n\n{measured(part)}{lacking(part) if which else ''}"

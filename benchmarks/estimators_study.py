@@ -9,7 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,12 @@ import polars as pl
 from dynident.errors import ConfigError, MissingInputError
 from dynident.io.families import Family
 from dynident.io.parts import build
+from dynident.jobs import Limits
 from dynident.studies import Method, Outcome, Scenario, run_study, statistics
 
 PILOT = 2  # runs of every method in every cell, by which the others are planned
+SLOW = 15.0  # s of a fit, from which on what is run seldom is not run
+TOGETHER, LONGEST = 8, 900.0  # methods that see a recording in one job, and how long (s) that may take
 LACKS = MissingInputError.__name__
 # kinds that are methods of their own by a setting
 VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
@@ -51,8 +54,8 @@ class Study:
     """Scenarios x levels x methods, with the true values, and the least standard deviations (p) in each cell.
 
     ``paired`` maps a scenario to the same with more in its logs: it is run only with the methods to which that matters.
-    ``seldom`` are methods that are run ``rare`` times only. ``more`` says more of the estimates (runs, p) of a cell.
-    Where not ``each`` parameter is told, figures are root mean squares over them.
+    ``seldom`` maps methods that are run a few times only to those whose time tells whether they are. ``more`` says more
+    of the estimates (runs, p) of a cell. Where not ``each`` parameter is told, figures are root mean squares over them.
     """
 
     name: str
@@ -62,8 +65,7 @@ class Study:
     truth: np.ndarray
     bound: Callable[[str, float], np.ndarray]
     paired: Mapping[str, Scenario]
-    seldom: frozenset[str] = frozenset()
-    rare: int = PILOT
+    seldom: Mapping[str, str] = field(default_factory=dict)
     more: Callable[[np.ndarray], Row] | None = None
     each: bool = True
 
@@ -80,20 +82,23 @@ class Runner:
     say: Say = print
 
     def rows(self, study: Study, scenarios: Sequence[Scenario], names: Sequence[str], runs: int) -> pl.DataFrame:
-        """The rows of some methods; those that are in the folder are not computed again."""
+        """The rows of some methods, a few at a time; those that are in the folder are not computed again."""
         given = [study.methods[name] for name in names]
-        path = self.folder / f"{study.name}.parquet"
-        return run_study(scenarios, given, study.levels, runs, self.seed, path=path, executor=self.executor)
+        how: dict[str, Any] = {"path": self.folder / f"{study.name}.parquet", "executor": self.executor}
+        if self.executor is not None:
+            how["limits"] = Limits(LONGEST)
+        some = [given[k : k + TOGETHER] for k in range(0, len(given), TOGETHER)]
+        return pl.concat(run_study(scenarios, few, study.levels, runs, self.seed, **how) for few in some)
 
 
 def run(study: Study, runner: Runner, runs: int) -> Row:
     """Run a study, each method as often as the time allows, and return what its page shows."""
     runner.folder.mkdir(parents=True, exist_ok=True)
     few = min(PILOT, runs)
-    first = runner.rows(study, [*study.scenarios, *study.paired.values()], list(study.methods), few)
+    first = pilot(study, runner, few)
     todo = dict(applicable(study, first))
     each = {name: seconds(first, name) * len(study.levels) * len(where) for name, where in todo.items()}
-    most = {name: min(runs, study.rare) if name in study.seldom else runs for name in todo}
+    most = {name: few if name in study.seldom else runs for name in todo}
     budget = None if runner.minutes is None else 60 * runner.minutes * runner.workers
     plan = planned(each, most, budget, few)
     took = sum(each[name] * count for name, count in plan.items()) / runner.workers / 60
@@ -110,9 +115,18 @@ def run(study: Study, runner: Runner, runs: int) -> Row:
     return {"runs": runs, "seed": runner.seed, "cells": cells, "lacking": lacking(study, first, todo)}
 
 
+def pilot(study: Study, runner: Runner, few: int) -> pl.DataFrame:
+    """The first rows of every method; of those that are run seldom, where the method that tells of them is fast."""
+    where = [*study.scenarios, *study.paired.values()]
+    first = runner.rows(study, where, [name for name in study.methods if name not in study.seldom], few)
+    known = set(first["method"])
+    fast = [name for name, other in study.seldom.items() if other in known and seconds(first, other) <= SLOW]
+    return pl.concat((first, runner.rows(study, where, fast, few))) if fast else first
+
+
 def applicable(study: Study, first: pl.DataFrame) -> Iterator[tuple[str, list[Scenario]]]:
     """The scenarios of each method: where the log has what it needs, and of two that give the same, the first."""
-    for name in study.methods:
+    for name in first["method"].unique(maintain_order=True):
         rows = {key: group for (key,), group in first.filter(pl.col("method") == name).group_by("scenario")}
         usable = [one for one in study.scenarios if needs(rows[one.name]) is None]
         for one in study.scenarios:
@@ -139,7 +153,8 @@ def kind(reason: str) -> str:
 
 def lacking(study: Study, first: pl.DataFrame, todo: Mapping[str, Sequence[Scenario]]) -> dict[str, str]:
     """What the logs lack, by the method that needs it."""
-    found = {name: needs(first.filter(pl.col("method") == name)) for name in study.methods if name not in todo}
+    left = [name for name in study.methods if name not in todo and name not in study.seldom]
+    found = {name: needs(first.filter(pl.col("method") == name)) for name in left}
     return {name: what for name, what in found.items() if what}
 
 

@@ -157,9 +157,10 @@ def methods() -> tuple[dict[str, Identify], dict[str, str]]:
     by_torque = build(SMOOTHERS, {"kind": "spline", "rule": "torque"}, "smoother")
     smoothers = dict(parts(SMOOTHERS)) | {"spline, by torque": by_torque}
     estimators: dict[str, Any] = dict(parts(ESTIMATORS))
-    linear = [(name, one) for name, one in estimators.items() if isinstance(one, IsLinear) and one != LeastSquares()]
+    linear: list[tuple[str, Any]] = [(name, one) for name, one in estimators.items() if isinstance(one, IsLinear)]
     pairs = {f"{name} + {fit}": (one, part) for name, one in smoothers.items() for fit, part in estimators.items()}
-    pairs |= {f"spline + consistent {name}": (Spline(), PhysicallyConsistent(fit=one)) for name, one in linear}
+    within = {f"consistent {name}": PhysicallyConsistent(fit=one) for name, one in linear if one != LeastSquares()}
+    pairs |= {f"spline + {name}": (Spline(), part) for name, part in within.items()}
     seldom = {
         name: f"spline + {name.partition(' + ')[2]}"
         for name, (one, fit) in pairs.items()

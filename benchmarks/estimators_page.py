@@ -88,7 +88,9 @@ def fits(cells: Sequence[Row]) -> list[str]:
     """Runs of each cell, failures of all, and the median of the seconds."""
     failed, unsettled = (sum(one[key] for one in cells) for key in ("failed", "unsettled"))
     of = sum(one["runs"] for one in cells)
-    bad = [f"{count} {what}" for count, what in ((failed, "failed"), (unsettled, "not converged")) if count]
+    why = ", ".join(dict.fromkeys(reason for one in cells for reason in one["reasons"]))
+    named = (failed, f"failed ({why})" if why else "failed"), (unsettled, "not converged")
+    bad = [f"{count} {what}" for count, what in named if count]
     seconds = np.median([one["seconds"] for one in cells])
     return [f"{cells[0]['runs']}", f"{', '.join(bad)} of {of}" if bad else "", f"{seconds:.2g}"]
 

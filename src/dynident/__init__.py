@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from dynident.regression import ParallelFilter
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, Spline
+    from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
 
@@ -54,6 +54,7 @@ __all__ = [
     "Estimate",
     "Identification",
     "Joint",
+    "KalmanSmoother",
     "Lagrangian",
     "LeastSquares",
     "Log",
@@ -97,6 +98,7 @@ _MODULES = {
     "Estimate": "dynident.estimators",
     "Identification": "dynident.identification",
     "Joint": "dynident.models",
+    "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",
     "LeastSquares": "dynident.estimators",
     "Log": "dynident.log",

@@ -45,8 +45,8 @@ from dynident.io.meshes import read_geometry
 from dynident.log import Log
 from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
 from dynident.regression import Regression, structural_base_parameters
+from dynident.simulation.machine import Machine
 from dynident.smoothers import Spline
-from dynident.validation.stepper import Machine
 
 NOISE, MARGIN = 0.01, 0.1  # of the torque limit; of all limits
 STEP = 1e-3  # s: the cycle of the drives

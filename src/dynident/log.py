@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from reprlib import repr as short
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -19,7 +19,7 @@ from dynident.errors import InputError, listed
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["Controller", "Log", "Motion", "pieces", "subsample", "thinned", "together"]
+__all__ = ["Controller", "HasState", "Log", "Motion", "pieces", "subsample", "thinned", "together"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,6 +35,17 @@ class Controller(Protocol):
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n), N m or N, held from time t (s) on, for position q (n) and velocity dq (n)."""
+
+
+@runtime_checkable
+class HasState(Controller, Protocol):
+    """A controller that remembers something from one sample to the next, such as an integral."""
+
+    def begin(self, t: float, h: float, q: Array, dq: Array, tau: Array) -> Array:
+        """Return the state (m) before the first sample, at which the torque tau (n) was measured."""
+
+    def advance(self, t: float, h: float, q: Array, dq: Array, state: Array) -> tuple[Array, Array]:
+        """Return the torque (n) that is held from time t on, h s after the last sample, and the next state (m)."""
 
 
 def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:

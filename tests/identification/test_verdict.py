@@ -18,8 +18,9 @@ from dynident.identification.verdict.unknown import CommonGain, Zeros, unknowns
 from dynident.log import Log
 from dynident.models import Model, RigidBodies
 from dynident.models.gallery import slider
+from dynident.simulation import RunsAway
 from dynident.smoothers import Difference
-from dynident.validation import Driver, LogValidation, RunsAway, Signals, relative_error, repeat_of
+from dynident.validation import Driver, LogValidation, Signals, relative_error, repeat_of
 from tests.robots import joint, link, urdf
 
 M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5

@@ -34,8 +34,8 @@ from dynident.log import Log
 from dynident.models import Model, Viscous, record, simulate
 from dynident.models.gallery import slider, two_link_arm
 from dynident.regression import ParallelFilter
+from dynident.simulation import RunsAway
 from dynident.smoothers import Spline, TimeShifted
-from dynident.validation import RunsAway
 from tests.cli.commands import configure, write_log
 from tests.identification.test_base_tilt import tilted
 from tests.io.keeps import wrong

@@ -12,7 +12,8 @@ import numpy as np
 import polars as pl
 import yaml
 
-from dynident.io import settings
+from dynident.io import channels, settings
+from dynident.io import simulation_settings as loops
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import Section
 from dynident.io.parts import section
@@ -58,12 +59,17 @@ def wrapped(value: Any) -> Iterator[Any]:
 def write_inputs(folder: Path) -> None:
     """A short recording of a slider, or of a rod on a hinge, and the robot file of the latter."""
     (folder / "arm.urdf").write_text(URDF)
+    (folder / "law.py").write_text(
+        "def spring(t, q, dq, reference, stiffness=9.0):\n    return stiffness * (reference - q) - dq\n"
+    )
     t = np.arange(400) * 0.01
     q, dq, ddq = 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t), -2.7 * np.sin(3 * t)
     tau = 5.0 * ddq + 8.0 * dq + 3.0 * np.sign(dq) + 0.5
     rng = np.random.default_rng(0)
     noise = rng.standard_normal((2, 400))
     columns = {"time": t, "pos": q + 1e-5 * noise[0], "force": tau + 0.01 * noise[1], "more": q, "three": 0 * t + 3}
+    quick = 0.02 * np.sin(20 * t)  # several periods in each window
+    columns |= {"quick": quick + 1e-5 * noise[0], "pull": -2000.0 * quick + 3.2 * np.cos(20 * t) + 0.01 * noise[1]}
     pl.DataFrame(columns).write_csv(folder / "log.csv")
 
 
@@ -87,12 +93,15 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
     plain, robot = base(), base(robot=True)
     channel = {"column": "pos", "unit": "m"}
     cascade = {"kind": "cascade", "joints": {"slider": {"reference": channel, "kp": 10, "kv": 50, "gain": 1}}}
+    pd, pid = ({"kind": kind, "joints": {"slider": {"reference": channel, "kp": 9, "kd": 1}}} for kind in ("pd", "pid"))
+    pid["joints"]["slider"]["ki"] = 2
+    law = {"kind": "law.py:spring", "joints": {"slider": {"reference": channel}}}
     couplings = {"motor": {"joints": {"slider": 2.0}}}
     found: dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]]] = {
         "": (settings.Config, (), plain),
         "time": (settings.Time, ("time",), plain),
-        "position": (settings.PositionChannel, ("position", "slider"), plain),
-        "torque": (settings.Channel, ("torque", "slider"), plain),
+        "position": (channels.PositionChannel, ("position", "slider"), plain),
+        "torque": (channels.Channel, ("torque", "slider"), plain),
         "train": (settings.LogSpec, ("train", 0), plain),
         "model": (settings.RobotSettings, ("model",), robot),
         "coupling": (
@@ -101,13 +110,19 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
         ),
         "filter": (settings.FilterSettings, ("filter",), plain | {"filter": {"decimate": 2}}),
         "restart": (
-            settings.TorqueInputSettings, ("simulation",), plain | {"simulation": {"kind": "measured_torque"}},
+            loops.TorqueInputSettings, ("simulation",), plain | {"simulation": {"kind": "measured_torque"}},
         ),
-        "cascade": (settings.CascadeSettings, ("simulation",), plain | {"simulation": cascade}),
-        "drive": (settings.CascadeJoint, ("simulation", "joints", "slider"), plain | {"simulation": cascade}),
+        "cascade": (loops.CascadeSettings, ("simulation",), plain | {"simulation": cascade}),
+        "drive": (loops.CascadeJoint, ("simulation", "joints", "slider"), plain | {"simulation": cascade}),
+        "pd": (loops.PDSettings, ("simulation",), plain | {"simulation": pd}),
+        "pd drive": (loops.PDJoint, ("simulation", "joints", "slider"), plain | {"simulation": pd}),
+        "pid": (loops.PIDSettings, ("simulation",), plain | {"simulation": pid}),
+        "pid drive": (loops.PIDJoint, ("simulation", "joints", "slider"), plain | {"simulation": pid}),
+        "law": (loops.FunctionSettings, ("simulation",), plain | {"simulation": law}),
+        "law drive": (loops.FunctionJoint, ("simulation", "joints", "slider"), plain | {"simulation": law}),
         "excitation": (settings.ExcitationSettings, ("excitation",), plain | {"excitation": {"duration": 12}}),
         "reference": (
-            settings.Channel, ("simulation", "joints", "slider", "reference"), plain | {"simulation": cascade},
+            channels.Channel, ("simulation", "joints", "slider", "reference"), plain | {"simulation": cascade},
         ),
     }  # fmt: skip
     for family, key in ((SMOOTHERS, "smoother"), (ESTIMATORS, "estimator")):
@@ -117,9 +132,13 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
                 given |= {"smoother": {"kind": "spline"}, "time_offset": 0.01}
             if kind == "butterworth":
                 given |= {"cutoffs": [10, 8, 8], "settle": [0.1, 0.1]}
+            start = plain
+            if kind == "fourier":
+                quick, pull = {"column": "quick", "unit": "m"}, {"column": "pull", "unit": "N"}
+                start = plain | {"position": {"slider": quick}, "torque": {"slider": pull}}
             if kind == "consistent":
                 found["consistent robot"] = (section(family, family.get(kind)), (key,), robot | {key: given})
-            found[kind] = (section(family, family.get(kind)), (key,), plain | {key: given})
+            found[kind] = (section(family, family.get(kind)), (key,), start | {key: given})
     for kind in TERMS.table:
         where = ("model", "terms", 0)
         terms = [{"kind": kind} | NEEDED.get(kind, {})]

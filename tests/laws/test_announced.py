@@ -19,8 +19,9 @@ from dynident.excitation.search import Stage
 from dynident.excitation.trajectories.dry_friction import slowest
 from dynident.log import Log, Motion
 from dynident.regression import Regression
+from dynident.simulation import CascadePD
 from dynident.smoothers import Spline
-from dynident.validation import CascadePD, free_run
+from dynident.validation import free_run
 from tests.excitation.arms import LIMITS, MODEL, THETA
 from tests.excitation.requests import OPEN, REQUEST
 

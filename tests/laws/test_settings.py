@@ -16,7 +16,8 @@ import warnings
 import pytest
 from pydantic import BaseModel
 
-from dynident.io import settings
+from dynident.io import channels, settings
+from dynident.io import simulation_settings as loops
 from dynident.io.fields import Section
 from tests.cli.commands import run
 from tests.laws.extremes import as_yaml, base, changed, sections, trials, write_inputs
@@ -44,9 +45,10 @@ def tried(folder, config, command):
 
 
 def test_every_section_is_tried(folder):
-    """The sections are all those that settings.py defines, and the configurations to start from work."""
-    own = {one for one in vars(settings).values() if isinstance(one, type) and issubclass(one, BaseModel)}
-    assert own - {Section} <= {kind for kind, _, _ in sections().values()}
+    """The sections are all those that settings.py defines or uses, and the configurations to start from work."""
+    every = [one for module in (settings, channels, loops) for one in vars(module).values()]
+    own = {one for one in every if isinstance(one, type) and issubclass(one, BaseModel)}
+    assert own - {Section, loops.LoopSettings, loops.LoopJoint} <= {kind for kind, _, _ in sections().values()}
     for where, (_, _, config) in sections().items():
         code, output, caught, _ = tried(folder, config, "identify")
         assert (code, caught) == (0, []), (where, output)

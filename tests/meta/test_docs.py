@@ -19,11 +19,13 @@ from typing import Any
 import click
 import pytest
 import yaml
+from pydantic import TypeAdapter
 
 from dynident import __version__
 from dynident.cli import main
 from dynident.fleets.settings import FleetSettings, RobotChanges
-from dynident.io import settings
+from dynident.io import channels, settings
+from dynident.io import simulation_settings as loops
 from dynident.io.config import parse_config
 from dynident.io.excitation_settings import BoxSettings, CylinderSettings, JointLimitSettings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
@@ -40,13 +42,15 @@ NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 SECTIONS: dict[str, type[Section]] = {
     "Top level": settings.Config,
     "Time": settings.Time,
-    "Position": settings.PositionChannel,
-    "Torque": settings.Channel,
+    "Position": channels.PositionChannel,
+    "Torque": channels.Channel,
     "Logs": settings.LogSpec,
     "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
     "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
     "Smoother butterworth": section(SMOOTHERS, SMOOTHERS.get("butterworth")),
     "Smoother kalman": section(SMOOTHERS, SMOOTHERS.get("kalman")),
+    "Smoother savitzky golay": section(SMOOTHERS, SMOOTHERS.get("savitzky_golay")),
+    "Smoother fourier": section(SMOOTHERS, SMOOTHERS.get("fourier")),
     "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
     "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
@@ -54,9 +58,15 @@ SECTIONS: dict[str, type[Section]] = {
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,
     "Filter": settings.FilterSettings,
-    "Simulation cascade": settings.CascadeSettings,
-    "Drive": settings.CascadeJoint,
-    "Simulation from torque": settings.TorqueInputSettings,
+    "Simulation cascade": loops.CascadeSettings,
+    "Drive": loops.CascadeJoint,
+    "Simulation pd": loops.PDSettings,
+    "Drive pd": loops.PDJoint,
+    "Simulation pid": loops.PIDSettings,
+    "Drive pid": loops.PIDJoint,
+    "Simulation by a function": loops.FunctionSettings,
+    "Drive by a function": loops.FunctionJoint,
+    "Simulation from torque": loops.TorqueInputSettings,
     "Excitation": settings.ExcitationSettings,
     "Joint limits": JointLimitSettings,
     "Box": BoxSettings,
@@ -290,12 +300,14 @@ def test_configuration_lists_every_term_with_its_settings() -> None:
 def test_configuration_has_every_section_and_unit() -> None:
     sections = {
         value
-        for value in vars(settings).values()
-        if isinstance(value, type) and issubclass(value, Section) and value is not Section
+        for module in (settings, channels, loops)
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Section)
     }
     parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
     own = {FleetSettings, RobotChanges, BoxSettings, CylinderSettings, JointLimitSettings}
-    assert set(SECTIONS.values()) == sections | parts | own
+    bases = {Section, loops.LoopSettings, loops.LoopJoint}
+    assert set(SECTIONS.values()) == (sections - bases) | parts | own
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
     assert len(rows("Units")) == len(UNITS)
@@ -314,6 +326,8 @@ def configurations() -> list[Any]:
 def test_configurations_shown_are_valid(text: str) -> None:
     if "recipe" in (given := yaml.safe_load(text)):
         FleetSettings.model_validate(given)
+    elif given.keys() == {"simulation"}:
+        TypeAdapter(loops.Simulation).validate_python(given["simulation"])
     elif "model" not in given:
         settings.ExcitationSettings.model_validate(given)
     else:

@@ -26,7 +26,7 @@ from dynident.report.excitation_words import noise_words  # noqa: F401  # and th
 from dynident.report.finding_words import finding_words  # noqa: F401  # and those of findings
 from dynident.report.payload import payload_words  # noqa: F401  # and those of payloads
 from dynident.report.wording import words
-from dynident.validation.free_run import Broken, Failure
+from dynident.simulation import Broken, Failure
 from dynident.validation.residuals import Cause
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -12,7 +12,8 @@ from dynident.identification.verdict.steps import Step
 from dynident.report import identification_page
 from dynident.report import verdict as verdict_words
 from dynident.report.verdict import verdict_text
-from dynident.validation import Broken, Driver
+from dynident.simulation import Broken
+from dynident.validation import Driver
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL
 

@@ -12,9 +12,10 @@ from dynident.errors import ConfigError, InputError
 from dynident.log import Motion
 from dynident.models import Coulomb, CoupledMotor, Joint, Model, RotorInertia, simulate
 from dynident.models.gallery import slider, two_link_arm
-from dynident.validation import CascadePD, FreeRun, RunsAway, Singular, free_run
+from dynident.simulation import CascadePD, RunsAway, Singular
+from dynident.validation import FreeRun, free_run
 
-stepper_module = import_module("dynident.validation.stepper")
+trace_module = import_module("dynident.simulation.trace")
 
 ARM = two_link_arm()
 T = np.arange(1001) * 0.002
@@ -36,7 +37,7 @@ def test_follows_the_exact_simulation_of_an_arm(monkeypatch: pytest.MonkeyPatch)
     """Against LSODA at 1e-12: the error (%) falls with the square of the step."""
     errors = []
     for step in (0.008, 0.004):
-        monkeypatch.setattr(stepper_module, "STEP", step)
+        monkeypatch.setattr(trace_module, "STEP", step)
         t = np.arange(0.0, 2.0, step)
         exact = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), t, tolerance=1e-10)
         errors.append(max(free_run(ARM, ARM.values, exact, restart=10.0).motion_error.values()))

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from dynident.demo.arm import JOINTS, TIME_OFFSET, true_model, true_values
 from dynident.log import Motion
-from dynident.validation import CascadePD, free_run
+from dynident.simulation import CascadePD
+from dynident.validation import free_run
 
 __all__ = ["DAYS", "SEED", "Day", "fourier", "recorded"]
 

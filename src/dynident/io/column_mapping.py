@@ -10,10 +10,10 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.io.channels import POSITIONS, TORQUES
 from dynident.io.columns import ColumnFamily, families, read_name
 from dynident.io.fields import UNITS
 from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, rows_of
-from dynident.io.settings import POSITIONS, TORQUES
 from dynident.io.shape_match import match_by_shape
 from dynident.io.tables import DataTable
 from dynident.io.time_column import TimeColumn, has_gaps, time_column

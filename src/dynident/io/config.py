@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from dynident.errors import ConfigError, ModelError, choices
+from dynident.io.channels import Channel
 from dynident.io.fields import Interval, interval_words
 from dynident.io.opener import keep, real
 from dynident.io.opener import text as text_of
 from dynident.io.python_file import CODE, XACRO_CODE, from_file, guarded, located
-from dynident.io.settings import Channel, Config, RobotSettings, robot_settings
+from dynident.io.settings import Config, RobotSettings, robot_settings
 from dynident.io.wording import worded
 from dynident.io.yaml_text import load_yaml
 

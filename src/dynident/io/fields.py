@@ -82,6 +82,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         "lbf ft": 4.4482216152605 * 0.3048,
         "lbf in": 4.4482216152605 * 0.0254,
     },
+    "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "rev/s": 2 * math.pi},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
 }
 
@@ -89,7 +91,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 def unit_factor(unit: str, dimension: str, where: str) -> float:
     """Return the factor from a unit to SI; ``N m``, ``Nm`` and ``N*m`` are one.
 
-    ``dimension`` is time, angle, length, torque or force; raises ConfigError, led by ``where``, for other units.
+    ``dimension`` is one of UNITS; raises ConfigError, led by ``where``, for other units.
     """
     known = UNITS[dimension]
     plain = {name.replace(" ", ""): factor for name, factor in known.items()}
@@ -320,16 +322,24 @@ class Section(BaseModel):
         return data
 
 
-def by_kind(sections: Mapping[str, type[Section]]) -> Callable[[Any, Any, ValidationInfo], Any]:
-    """Return a validator that reads a mapping by its `kind` as one of the sections, whose errors have its place."""
+def by_kind(
+    sections: Mapping[str, type[Section]], of_file: type[Section] | None = None
+) -> Callable[[Any, Any, ValidationInfo], Any]:
+    """Return a validator that reads a mapping by its `kind` as one of the sections, whose errors have its place.
+
+    A kind that names something of a Python file is read as ``of_file``, where that is given.
+    """
+    every = (*sections.values(), *(() if of_file is None else (of_file,)))
 
     def read(value: Any, _: Any, info: ValidationInfo) -> Any:
         """Read a section by its kind; a section that is already made, or none, is returned unchanged."""
-        if value is None or isinstance(value, tuple(sections.values())):
+        if value is None or isinstance(value, every):
             return value
         if not isinstance(value, Mapping):
             raise PydanticCustomError("mapping_type", "a mapping")
         kind: Any = value.get("kind")
+        if of_file is not None and isinstance(kind, str) and kind.rpartition(":")[0].endswith(".py"):
+            return of_file.model_validate(value, context=info.context)
         if not isinstance(kind, str) or kind not in sections:
             words = f"{kind!r} is not a choice; {choices(str(kind), sections)}"
             words = words if "kind" in value else f"needs a `kind`: {', '.join(sections)}"

@@ -22,13 +22,14 @@ from dynident.checks import (
     split_gaps,
 )
 from dynident.errors import ConfigError, InputError, Note, Severity, brief
+from dynident.io.controllers import controller
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
-from dynident.io.signals import RecordedSignals, bad_values, column_names, controller, has_torques, signals
+from dynident.io.signals import RecordedSignals, bad_values, column_names, has_torques, signals
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
 from dynident.models import Joint
-from dynident.validation import CascadePD
+from dynident.simulation import HasTimes
 
 __all__ = [
     "DataTable",
@@ -286,9 +287,9 @@ def _spaced(log: Log, spacing: str) -> tuple[Log, Note | None]:
     if spacing == "stamps":
         return log, None
     spaced, note = respaced(log, always=spacing == "even")
-    if isinstance(drive := log.controller, CascadePD):
+    if isinstance(drive := log.controller, HasTimes):
         beyond = drive.t - np.clip(drive.t, log.t[0], log.t[-1])
-        spaced = replace(spaced, controller=replace(drive, t=np.interp(drive.t, log.t, spaced.t) + beyond))
+        spaced = replace(spaced, controller=drive.timed(np.interp(drive.t, log.t, spaced.t) + beyond))
     return spaced, note
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dynident.identification import Recipe
 from dynident.io.parts import built
-from dynident.io.settings import Config, RobotSettings, TorqueInputSettings
+from dynident.io.settings import Config, RobotSettings
+from dynident.io.simulation_settings import TorqueInputSettings
 from dynident.regression import ParallelFilter
 
 __all__ = ["build_recipe"]

@@ -47,7 +47,8 @@ from dynident.io.robot import changed, is_xacro
 from dynident.io.settings import AUTO, PLAIN, RobotSettings, robot_settings
 from dynident.models import Joint, MassMatrixCheck, Model
 from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
-from dynident.validation import Failure, FreeRun, LogValidation
+from dynident.simulation import Failure
+from dynident.validation import FreeRun, LogValidation
 
 __all__ = ["check_parameters", "identification_of", "model_of", "named_terms", "wrong_values"]
 

@@ -16,7 +16,8 @@ from dynident.identification import Calibration, Choice, Identification, Recipe,
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.result_format import FORMAT, VERSION, ResultFile
 from dynident.regression import BaseParameters
-from dynident.validation import Failure, LogValidation
+from dynident.simulation import Failure
+from dynident.validation import LogValidation
 
 __all__ = ["result_data"]
 

@@ -7,20 +7,19 @@ from glob import has_magic
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidator, model_validator
+from pydantic import Field, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 
 from dynident.errors import ConfigError, choices
+from dynident.io.channels import POSITIONS, TORQUES, Channel, PositionChannel, known_names, same_names
 from dynident.io.excitation_settings import ExcitationSettings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import (
     FEW,
     UNITS,
-    Amount,
     Count,
     CountOrEach,
     Delay,
     Files,
-    Gain,
     Gravity,
     Name,
     NonNegative,
@@ -32,34 +31,27 @@ from dynident.io.fields import (
     Section,
     Tilt,
     Windows,
-    by_kind,
     unit_factor,
 )
 from dynident.io.parts import PartReader, by_joint
+from dynident.io.simulation_settings import LoopSettings, Simulation, check_loop
 from dynident.models import Joint
 
 __all__ = [
     "AUTO",
     "PLAIN",
-    "CascadeJoint",
-    "CascadeSettings",
-    "Channel",
     "Config",
     "CouplingSettings",
     "FilterSettings",
     "LogSpec",
-    "PositionChannel",
     "RobotSettings",
     "Time",
-    "TorqueInputSettings",
     "check_joints",
     "robot_settings",
 ]
 
 AUTO = "auto"  # among the terms: those that the training logs choose
 PLAIN = ("rotor", "viscous", "coulomb", "offset")
-POSITIONS = {"revolute": "angle", "prismatic": "length"}
-TORQUES = {"revolute": "torque", "prismatic": "force"}
 
 
 class Time(Section):
@@ -80,33 +72,6 @@ class Time(Section):
         if self.column is not None and "unit" not in self.model_fields_set:
             raise ValueError("needs the `unit` of its column: " + ", ".join(UNITS["time"]))
         return self
-
-
-class Channel(Section):
-    """A signal in ``unit``: gain * (column, or the sum of columns times their coefficients) + offset."""
-
-    column: Name | None = None
-    sum: dict[Name, Amount] | None = Field(None, min_length=1)
-    gain: Gain = 1.0
-    offset: Amount = 0.0
-    unit: str
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        if (self.column is None) == (self.sum is None):
-            raise ValueError("needs either `column` or `sum` (a mapping of columns to coefficients)")
-        return self
-
-    @property
-    def terms(self) -> Mapping[str, float | str]:
-        """Coefficients by column."""
-        return {self.column: 1.0} if self.column is not None else self.sum or {}
-
-
-class PositionChannel(Channel):
-    """A position; with ``multi_turn`` a revolute joint may make any number of turns."""
-
-    multi_turn: StrictBool = False
 
 
 class LogSpec(Section):
@@ -191,40 +156,6 @@ class FilterSettings(Section):
     order: Order = 4
 
 
-class CascadeJoint(Section):
-    """The drive of one joint: input = kv (kp (reference - q) - dq) + feedforward, within +-saturation, times gain.
-
-    ``feedforward`` is a column, in units of the input, or by the name of a recording the column of those that have one.
-    """
-
-    reference: Channel
-    kp: Amount
-    kv: Amount
-    gain: Gain = 1.0
-    saturation: Amount | None = None
-    feedforward: Name | Mapping[Name, Name] | None = None
-
-
-class CascadeSettings(Section):
-    """Free simulation in closed loop with the controllers of the drives, by joint."""
-
-    kind: Literal["cascade"]
-    joints: Mapping[Name, CascadeJoint] = Field(min_length=1)
-
-
-class TorqueInputSettings(Section):
-    """Free simulation driven by the measured torque, restarted every ``restart`` s from the measured state."""
-
-    kind: Literal["measured_torque"]
-    restart: Positive = 0.5
-
-
-Simulation = Annotated[
-    CascadeSettings | TorqueInputSettings,
-    WrapValidator(by_kind({"cascade": CascadeSettings, "measured_torque": TorqueInputSettings})),
-]
-
-
 def _spline() -> Any:
     from dynident.smoothers import Spline
 
@@ -295,7 +226,7 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     if config.time.column is not None:
         unit_factor(config.time.unit, "time", "time.unit")
     for name, given in by_joint(config.smoother):
-        _same_names(f"smoother.{name}", given, joints)
+        same_names(f"smoother.{name}", given, joints)
     speeds = config.min_speed if isinstance(config.min_speed, Mapping) else {}
     rows = {f"transmission.{name}": row for name, row in config.transmission.items()}
     unfitted = dict.fromkeys(config.unfitted)
@@ -304,51 +235,17 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     named = {"zero": config.zero, "min_speed": speeds, "unfitted": unfitted}
     named |= {"transmission": config.transmission, **rows}
     for section, values in named.items():
-        _known_names(section, values, joints)
-    if isinstance(config.simulation, CascadeSettings):
-        _check_cascade(config, config.simulation, joints)
+        known_names(section, values, joints)
+    if isinstance(config.simulation, LoopSettings):
+        labels = [spec.label for spec in (*config.train, *config.validation)]
+        check_loop(config.simulation, joints, labels, geared=bool(config.transmission))
 
 
 def _check_channels(config: Config, joints: Sequence[Joint]) -> None:
     for section, channels, units in (("position", config.position, POSITIONS), ("torque", config.torque, TORQUES)):
-        _same_names(section, channels, joints)
+        same_names(section, channels, joints)
         for joint in joints:
             unit_factor(channels[joint.name].unit, units[joint.kind], f"{section}.{joint.name}.unit")
     for joint in joints:
         if joint.kind == "prismatic" and config.position[joint.name].multi_turn:
             raise ConfigError(f"position.{joint.name}.multi_turn: joint {joint.name!r} slides; leave the key out.")
-
-
-def _check_cascade(config: Config, cascade: CascadeSettings, joints: Sequence[Joint]) -> None:
-    _same_names("simulation.joints", cascade.joints, joints)
-    if config.transmission:
-        raise ConfigError(
-            "simulation: a controller of motors behind a transmission cannot be simulated; use `kind: measured_torque`."
-        )
-    labels = [spec.label for spec in (*config.train, *config.validation)]
-    for joint in joints:
-        one, where = cascade.joints[joint.name], f"simulation.joints.{joint.name}"
-        unit_factor(one.reference.unit, POSITIONS[joint.kind], f"{where}.reference.unit")
-        for name in one.feedforward if isinstance(one.feedforward, Mapping) else ():
-            if name not in labels:
-                raise ConfigError(f"{where}.feedforward: there is no recording {name!r}; {choices(name, labels)}")
-
-
-def _known_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:
-    names = [joint.name for joint in joints]
-    for name in given:
-        if name not in names:
-            raise ConfigError(f"{section}.{name}: there is no joint {name!r}; {choices(name, names)}")
-
-
-def _same_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:
-    _known_names(section, given, joints)
-    for name in (joint.name for joint in joints):
-        if name not in given:
-            still = (
-                " A joint of a robot file that the logs lack can stand still: give its position in `lock` of `model`."
-            )
-            raise ConfigError(
-                f"{section}: joint {name!r} of the model is missing; add a line `{name}: ...` like that of the others."
-                + (still if section in ("position", "torque") else "")
-            )

@@ -1,4 +1,4 @@
-"""The declared channels of a table in SI units: times, positions, torques, and the controller."""
+"""The declared channels of a table in SI units: times, positions and torques."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError
+from dynident.io.channels import POSITIONS, TORQUES, Channel
 from dynident.io.fields import unit_factor
-from dynident.io.settings import POSITIONS, TORQUES, CascadeJoint, CascadeSettings, Channel, Config, LogSpec
+from dynident.io.settings import Config, LogSpec
+from dynident.io.simulation_settings import LoopSettings, PDJoint
 from dynident.io.tables import DataTable
 from dynident.models import Joint
-from dynident.validation import CascadePD
 
-__all__ = ["RecordedSignals", "bad_values", "column_names", "controller", "has_torques", "joint_values", "signals"]
+__all__ = ["RecordedSignals", "bad_values", "channel_values", "column_names", "has_torques", "joint_values", "signals"]
 
 Array = NDArray[np.float64]
 
@@ -40,10 +41,11 @@ def column_names(config: Config, spec: LogSpec) -> set[str]:
     """Return the columns that a configuration reads of a recording; also scalars, where gains name them."""
     channels: list[Channel] = [*config.position.values(), *config.torque.values()]
     names = {config.time.column} if config.time.column else set()
-    if isinstance(config.simulation, CascadeSettings):
+    if isinstance(config.simulation, LoopSettings):
         for loop in config.simulation.joints.values():
-            channels.append(loop.reference)
-            names.add(_feedforward_column(loop, spec) or "")
+            rate = loop.velocity_reference if isinstance(loop, PDJoint) else None
+            channels += [loop.reference, *([] if rate is None else [rate])]
+            names.add(loop.column(spec.label) or "")
     return names.union(*(channel.terms for channel in channels))
 
 
@@ -72,51 +74,13 @@ def joint_values(
     table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool = True
 ) -> tuple[Array, Array]:
     """Return positions and torques (N, n) of the joints, in SI; raises as ``signals``."""
-    q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
-    tau = _matrix(table, config.torque, joints, "torque", TORQUES) if measured else np.zeros(q.shape)
+    q: Array = channel_values(table, config.position, joints, "position", POSITIONS)
+    tau = channel_values(table, config.torque, joints, "torque", TORQUES) if measured else np.zeros(q.shape)
     if config.transmission:
         gears = _transmission(config, joints)
         with np.errstate(over="ignore", invalid="ignore"):
             q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
     return q + np.array([config.zero.get(joint.name, 0.0) for joint in joints]), tau
-
-
-def controller(signals: RecordedSignals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:
-    """Return the controller of a recording, with its references and gains; InputError where they are missing."""
-    if not isinstance(settings, CascadeSettings):
-        return None
-    table, rows = signals.table, len(signals.t)
-    each = [(settings.joints[joint.name], f"simulation.joints.{joint.name}") for joint in joints]
-    references = {joint.name: settings.joints[joint.name].reference for joint in joints}
-    reference = _matrix(table, references, joints, "simulation.joints", POSITIONS)
-    extra = [_feedforward(table, one, where, spec, rows) for one, where in each]
-    _require_valid(table, "reference", [reference.ravel()], rows * len(joints))
-    _require_valid(table, "feedforward", extra, rows)
-
-    def gains(name: str) -> Array:
-        values = [(getattr(one, name), f"{where}.{name}") for one, where in each]
-        return np.array([np.inf if value is None else table.constant(value, where) for value, where in values])
-
-    names = tuple(joint.name for joint in joints)
-    kp, kv, gain, saturation = (gains(name) for name in ("kp", "kv", "gain", "saturation"))
-    if not (saturation > 0).all():
-        raise ConfigError(f"simulation.joints: saturation is {saturation.min():g}; give a positive number.")
-    return CascadePD(names, signals.t, reference, kp, kv, gain, saturation, np.column_stack(extra))
-
-
-def _feedforward(table: DataTable, loop: CascadeJoint, where: str, spec: LogSpec, rows: int) -> Array:
-    """Return the feedforward of a joint's controller in a recording: a column, or zeros."""
-    column = _feedforward_column(loop, spec)
-    return np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward")
-
-
-def _feedforward_column(loop: CascadeJoint, spec: LogSpec) -> str | None:
-    return loop.feedforward.get(spec.label) if isinstance(loop.feedforward, Mapping) else loop.feedforward
-
-
-def _require_valid(table: DataTable, name: str, arrays: Sequence[Array], size: int) -> None:
-    if any(len(array) != size or len(bad_values(array)) for array in arrays):
-        raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
 
 
 def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
@@ -207,14 +171,14 @@ def _spaced(table: DataTable, config: Config) -> DataTable:
     )
 
 
-def _matrix(
+def channel_values(
     table: DataTable,
     channels: Mapping[str, Channel],
     joints: Sequence[Joint],
     section: str,
     units: Mapping[str, str],
 ) -> Array:
-    """Return the channels of all joints in SI, (N, n)."""
+    """Return the channels of the joints in SI, (N, n); ``units`` are the dimensions by the kinds of joints."""
     columns = []
     for joint in joints:
         channel, where = channels[joint.name], f"{section}.{joint.name}"

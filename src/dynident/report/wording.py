@@ -13,8 +13,8 @@ from dynident.identification import OldResult
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
 from dynident.report.words import listed, percent, short
+from dynident.simulation import Broken, RunsAway, Singular
 from dynident.validation import FloorOrigin, NoiseFloor, SmoothedAway, residuals
-from dynident.validation.free_run import Broken, RunsAway, Singular
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

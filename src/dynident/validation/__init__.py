@@ -3,17 +3,7 @@
 from dynident.validation.clusters import clustered_std
 from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
 from dynident.validation.followed import HARMFUL, FollowTest, SmoothedAway, follow_tests, smoothed_away
-from dynident.validation.free_run import (
-    Broken,
-    CascadePD,
-    Driver,
-    Failure,
-    FreeRun,
-    RunsAway,
-    RunSignals,
-    Singular,
-    free_run,
-)
+from dynident.validation.free_run import Driver, FreeRun, RunSignals, free_run
 from dynident.validation.hac import bandwidth, long_run, plain_std, robust_covariance
 from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, with_floors
 from dynident.validation.prediction import (
@@ -37,9 +27,7 @@ from dynident.validation.residuals import (
     ResidualTest,
     Reversals,
     Ripple,
-    autocorrelation,
     decorrelation,
-    ljung_box,
     residual_test,
 )
 from dynident.validation.sensor_noise import sensor_noise
@@ -51,11 +39,8 @@ __all__ = [
     "REPEATED",
     "SEED",
     "SLOW",
-    "Broken",
-    "CascadePD",
     "Cause",
     "Driver",
-    "Failure",
     "FloorOrigin",
     "FollowTest",
     "FreeRun",
@@ -69,12 +54,9 @@ __all__ = [
     "Reversals",
     "Ripple",
     "RunSignals",
-    "RunsAway",
     "Signals",
-    "Singular",
     "SmoothedAway",
     "TorqueErrors",
-    "autocorrelation",
     "bandwidth",
     "check_mass",
     "clustered_std",
@@ -84,7 +66,6 @@ __all__ = [
     "decorrelation",
     "follow_tests",
     "free_run",
-    "ljung_box",
     "long_run",
     "plain_std",
     "relative_error",

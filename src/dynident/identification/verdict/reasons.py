@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from dynident.errors import Finding
 from dynident.identification.verdict.steps import HoldOutFaster, Remedy, Step
-from dynident.validation import Driver, Failure
+from dynident.simulation import Failure
+from dynident.validation import Driver
 
 __all__ = [
     "FreeRunAstray",

@@ -14,19 +14,19 @@ from dynident.models import (
     Dahl,
     Joint,
     LoadCoulomb,
-    LoadViscous,
     Model,
     Offset,
     Parameter,
     Partials,
-    Power,
-    Stribeck,
     Viscous,
     simulate,
 )
 from dynident.models.gallery import pendulum, slider
-from dynident.validation import CascadePD
-from dynident.validation.stepper import AHEAD, FAR, Machine, _arrays, integrate
+from dynident.simulation import CascadePD
+from dynident.simulation.machine import Machine
+from dynident.simulation.one_joint import AHEAD
+from dynident.simulation.stepper import in_arrays, integrate
+from dynident.simulation.trace import FAR, Trace
 
 JOINTS = pendulum().joints
 RUSTY = Model((*pendulum().terms, Viscous(JOINTS), Coulomb(JOINTS), Coulomb(JOINTS, names=("more",)), Offset(JOINTS)))
@@ -64,7 +64,12 @@ def motion(model: Model, t: np.ndarray, tau: np.ndarray, dq: float = 0.0) -> Mot
 def both(model: Model, theta: tuple[float, ...], run: Motion, controller: Controller | None) -> list[np.ndarray]:
     """Return q and tau in plain numbers, then in arrays."""
     rows, machine = np.arange(len(run.t))[None], Machine(model, theta)
-    return [*integrate(machine, run, rows, controller), *_arrays(machine, run, rows, controller)]
+    return [*sampled(integrate(machine, run, rows, controller)), *sampled(in_arrays(machine, run, rows, controller))]
+
+
+def sampled(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+    """Return q and tau (B, K, n) at the samples."""
+    return trace.q[trace.samples].swapaxes(0, 1), trace.tau.swapaxes(0, 1)
 
 
 @pytest.mark.parametrize(("model", "theta"), [(RUSTY, RUST), (slider(), (5.0, 8.0, 3.0, 0.5))])
@@ -151,16 +156,6 @@ def test_the_model_is_not_asked_after_the_end() -> None:
     assert q[0, -1, 0] == pytest.approx(2.1)
 
 
-def test_only_friction_of_a_constant_size_or_slope_is_separated() -> None:
-    """A power of the speed, viscous by its role, and the Stribeck effect stay in the model."""
-    terms = Viscous(JOINTS), Coulomb(JOINTS), Power(JOINTS, exponent=0.5), Stribeck(JOINTS, velocity=0.1)
-    machine = Machine(pendulum().with_terms(*terms), (0.1, 0.2, 1.0, 2.0, 4.0, 8.0))
-    assert machine.V.tolist() == [[1.0]]
-    assert machine.F.tolist() == [2.0]
-    slow, fast = (machine.mass_and_bias(np.zeros((1, 1)), np.full((1, 1), v))[1].item() for v in (0.1, 4.0))
-    assert (slow, fast) == pytest.approx((4.0 * 0.1**0.5 + 8.0 * np.exp(-1), 8.0))
-
-
 @pytest.mark.parametrize(("share", "holds"), [(0.8, False), (1.2, True)])
 def test_friction_by_the_load_holds_a_joint_up_to_its_level(share, holds):
     """A pendulum at rest, held by a share of its own weight."""
@@ -171,14 +166,8 @@ def test_friction_by_the_load_holds_a_joint_up_to_its_level(share, holds):
     t = np.arange(101) * 0.005
     still = np.zeros((101, 1))
     motion = Motion(t, still + 0.7, still, still, still, ("pivot",), np.ones(101, bool))
-    path, _ = integrate(machine, model.remembering(motion), np.arange(101)[None], None)
+    path, _ = sampled(integrate(machine, model.remembering(motion), np.arange(101)[None], None))
     assert (np.ptp(path) < 1e-9) == holds
-
-
-def test_hysteresis_and_what_grows_with_the_load_stay_in_the_model():
-    theta = np.array([0.0825, 0.25, 0.4, 0.1])
-    machine = Machine(pendulum().with_terms(Dahl(JOINTS), LoadViscous(JOINTS)), theta)
-    assert (len(machine.F), machine.V.any()) == (0, False)
 
 
 def test_steps_remember_the_way():
@@ -187,7 +176,7 @@ def test_steps_remember_the_way():
     model, t = pendulum().with_terms(Dahl(JOINTS, length=0.05)), np.arange(301) * 0.002
     motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3])
     rows = np.arange(60, 301)[None]
-    path, _ = integrate(Machine(model, theta), motion, rows, None)
+    path, _ = sampled(integrate(Machine(model, theta), motion, rows, None))
     np.testing.assert_allclose(path[0], motion.q[rows[0]], atol=2e-4)
-    fresh, _ = integrate(Machine(model, theta), replace(motion, memory=0 * motion.memory), rows, None)
+    fresh, _ = sampled(integrate(Machine(model, theta), replace(motion, memory=0 * motion.memory), rows, None))
     assert np.abs(fresh[0] - motion.q[rows[0]]).max() > 2e-3, "without the memory of its start it is another"

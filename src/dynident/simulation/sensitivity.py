@@ -1,0 +1,255 @@
+"""Exact derivatives of a simulation: of its discrete steps, with what sticks and what is limited as it was found.
+
+Each step is M(m) a + b(m, r) + V (dq + dq')/2 + J' f = tau at m = q + h dq/2, r = dq + h a'/2, where a = (dq' - dq)/h
+and a' is a of the step before: what ``Machine.step`` solves. Its derivatives are those of the inverse dynamics, which
+``Model.partials`` has, with J dq' = 0 kept where friction holds, and f = F sign(J dq') elsewhere. They are found for
+many steps at once; only a product of small matrices goes from step to step. The rules of forward sensitivities, here
+of the discrete equations instead of the continuous ones, are in Maly and Petzold (1996).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import InputError, ModelError, brief
+from dynident.log import Controller, HasState
+from dynident.models import Model
+from dynident.models.memory import kinds_that_remember
+from dynident.simulation.machine import Machine
+from dynident.simulation.run import Simulated
+from dynident.simulation.slopes import NEAR, Seen, slopes_of
+from dynident.simulation.trace import Trace, gaps_of
+
+__all__ = ["Sensitivity", "sensitivities"]
+
+Array = NDArray[np.float64]
+AT_ONCE = 1 << 22  # numbers in the matrices that are made together
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Derivatives of a simulation's q, dq and tau (N, n, k) by k combinations of the parameters.
+
+    ``start`` are those (N, n, 2 n) by q and dq at the start of each piece.
+    """
+
+    q: Array
+    dq: Array
+    tau: Array
+    start: Sensitivity | None = None
+
+    __repr__ = brief
+
+
+def sensitivities(
+    model: Model,
+    theta: ArrayLike,
+    run: Simulated,
+    controller: Controller | None = None,
+    directions: ArrayLike | None = None,
+) -> Sensitivity:
+    """Return the derivatives of a simulation with the same model, theta (p) and controller.
+
+    ``directions`` (p, k) are the combinations of parameters, by default each alone. The derivatives of a controller
+    that does not know them are by differences. Raises InputError where the simulation failed, ModelError for a model
+    that remembers (hysteresis, friction by the load), of which only ``simulated`` knows, or without ``partials``.
+    """
+    if run.failure is not None or run.trace is None:
+        raise InputError("a simulation that failed has no derivatives; start from other parameters.")
+    if model.memory:
+        kinds = ", ".join(dict.fromkeys(kinds_that_remember(model.terms)))
+        raise ModelError(
+            f"{model.name}: derivatives of a simulation are not known for terms that remember ({kinds}); leave them "
+            "out, or use an estimator that needs no simulation, such as maximum likelihood."
+        )
+    p = len(model.parameters)
+    chosen = np.eye(p) if directions is None else np.asarray(directions, dtype=float)
+    if chosen.ndim != 2 or len(chosen) != p:
+        raise InputError(f"directions has shape {chosen.shape}, expected ({p}, k): a row for each parameter.")
+    steps = _Steps(model, np.asarray(theta, dtype=float), run.trace, chosen)
+    found = steps.followed(_Loop(run, controller, len(run.joints)))
+    q, dq, tau = (one.swapaxes(0, 1).reshape(len(run.t), len(run.joints), -1) for one in found)
+    k = chosen.shape[1]
+    return Sensitivity(q[..., :k], dq[..., :k], tau[..., :k], Sensitivity(q[..., k:], dq[..., k:], tau[..., k:]))
+
+
+class _Loop:
+    """How the state (q, dq, a; in a loop q at the last sample, the controller's state, and tau) changes at a sample."""
+
+    def __init__(self, run: Simulated, controller: Controller | None, n: int) -> None:
+        self.run, self.controller, self.n = run, controller, n
+        states = np.zeros((len(run.t), 0)) if run.trace is None else run.trace.states
+        self.m = states.shape[1]
+        self.size = 3 * n if controller is None else 5 * n + self.m
+        if controller is not None:
+            gaps = gaps_of(run.t)
+            before = np.vstack((run.q[:1] - gaps[0] * run.dq[:1], run.q[:-1]))
+            rate = (run.q - before) / gaps[:, None]
+            self.slopes, self.gaps = slopes_of(controller, Seen(run.t, gaps, run.q, rate, states)), gaps[:, None, None]
+
+    @property
+    def parts(self) -> tuple[slice, slice, slice]:
+        """Where q at the last sample, the controller's state, and tau are in the state."""
+        n, m = self.n, self.m
+        return slice(3 * n, 4 * n), slice(4 * n, 4 * n + m), slice(4 * n + m, None)
+
+    def torque(self, k: slice) -> Array:
+        """Return the derivatives (., n, size) of tau at samples by the state before."""
+        return self.taken(k)[:, self.parts[2]]
+
+    def taken(self, k: slice) -> Array:
+        """Return the derivatives (., size, size) of the state after samples by that before."""
+        n, (last, inner, held), q = self.n, self.parts, slice(0, self.n)
+        gaps = self.gaps[k]
+        out = np.tile(np.eye(self.size), (len(gaps), 1, 1))
+        out[:, held, held] = out[:, last, last] = 0.0
+        out[:, last, q] = np.eye(n)
+        for rows, (by_q, by_dq, by_state) in ((held, self.slopes.tau), (inner, self.slopes.state)):
+            rate = by_dq[k] / gaps
+            out[:, rows, q], out[:, rows, last], out[:, rows, inner] = by_q[k] + rate, -rate, by_state[k]
+        return out
+
+    def start(self, width: int) -> Array:
+        """Return the state (size, width + 2 n) before the first sample, the last columns by q and dq there."""
+        n, (last, inner, _) = self.n, self.parts
+        out = np.zeros((self.size, width + 2 * n))
+        out[: 2 * n, width:] = np.eye(2 * n)
+        if self.controller is not None:
+            gap = float(self.gaps[0, 0, 0])
+            out[last, width : width + n], out[last, width + n :] = np.eye(n), -gap * np.eye(n)
+            if isinstance(self.controller, HasState):
+                out[inner, width:] = self._begun(self.controller, gap)
+        return out
+
+    def _begun(self, controller: HasState, gap: float) -> Array:
+        """Return the derivatives (m, 2 n) of the first state of the controller, by differences."""
+        run, n = self.run, self.n
+        start = np.concatenate((run.q[0], run.dq[0]))
+
+        def begun(row: Array) -> Array:
+            return controller.begin(float(run.t[0]), gap, row[:n], row[n:], run.measured)
+
+        steps = NEAR * np.maximum(np.abs(start), 1.0)
+        pairs = zip(np.diag(steps), steps, strict=True)
+        return np.stack([(begun(start + by) - begun(start - by)) / (2 * h) for by, h in pairs], axis=1)
+
+
+class _Steps:
+    """The derivatives of all steps of a trace, made for some of them at once."""
+
+    def __init__(self, model: Model, theta: Array, trace: Trace, directions: Array) -> None:
+        self.model, self.trace, self.directions = model, trace, directions
+        self.machine = Machine(model, theta)
+        after = np.diff(trace.dq, axis=0) / trace.h[:, None, None]
+        self.before = np.concatenate((np.zeros_like(after[:1]), after))[:-1]  # acceleration of the step before
+        self.after = after
+
+    @cached_property
+    def sample(self) -> NDArray[np.intp]:
+        """The last sample (S) before each step."""
+        return np.maximum.accumulate(self.trace.begins)[:-1]
+
+    def followed(self, loop: _Loop) -> tuple[Array, Array, Array]:
+        """Return the derivatives of q, dq and tau (K, B, n, k + 2 n) at the samples."""
+        trace, n = self.trace, loop.n
+        (rows, pieces, _), width = trace.q.shape, self.directions.shape[1]
+        shape = (len(trace.tau), pieces, n, width + 2 * n)
+        q, dq, tau = np.empty(shape), np.empty(shape), np.zeros(shape)
+        X = np.broadcast_to(loop.start(width), (pieces, loop.size, shape[3])).copy()
+        some = max(AT_ONCE // (pieces * loop.size * (loop.size + shape[3])), 1)
+        for first in range(0, rows - 1, some):
+            part = slice(first, min(first + some, rows - 1))
+            by_state, by_theta = self.linearised(part, loop)
+            path = np.empty((len(by_state) + 1, *X.shape))
+            path[0] = X
+            for here, there, change, more in zip(path, path[1:], by_state, by_theta, strict=False):
+                np.matmul(change, here, out=there)
+                there[:, : 3 * n, :width] += more
+            X = path[-1]
+            self._keep(loop, slice(first, first + len(path)), path, (q, dq, tau))
+        return q, dq, tau
+
+    def _keep(self, loop: _Loop, steps: slice, path: Array, out: tuple[Array, Array, Array]) -> None:
+        """Write what belongs to samples among the states before these steps."""
+        n, begins = loop.n, self.trace.begins[steps]
+        at = np.flatnonzero(begins >= 0)
+        samples = slice(int(begins[at[0]]), int(begins[at[-1]]) + 1) if len(at) else slice(0, 0)
+        out[0][samples], out[1][samples] = path[at, :, :n], path[at, :, n : 2 * n]
+        if loop.controller is not None:
+            out[2][samples] = loop.torque(samples)[:, None] @ path[at]
+
+    def linearised(self, part: slice, loop: _Loop) -> tuple[Array, Array]:
+        """Return the derivatives of the states after steps by those before (s, B, size, size), with what happens at a
+        sample with which a step begins, and those of q, dq, a by the directions (s, B, 3 n, k).
+        """
+        n, trace = loop.n, self.trace
+        h = trace.h[part, None, None, None]
+        G, slopes, by_theta = self._of_velocity(part)
+        by_q, by_dq, inertia = slopes
+        one = np.eye(n)
+        step = np.zeros((*G.shape[:2], loop.size, loop.size))
+        q, dq, a = (slice(k * n, k * n + n) for k in range(3))
+        step[..., dq, q], step[..., dq, a] = -G @ by_q, -0.5 * h * (G @ by_dq)
+        step[..., dq, dq] = G @ (inertia / h - 0.5 * self.machine.V - 0.5 * h * by_q - by_dq)
+        if loop.controller is not None:
+            keep = np.eye(loop.size - 3 * n)
+            step[..., 3 * n :, 3 * n :], step[..., dq, loop.parts[2]] = keep, G
+        for rows, share in ((q, 0.5 * h), (a, 1 / h)):
+            step[..., rows, :] = share * step[..., dq, :]
+        step[..., q, q] += one
+        step[..., q, dq] += 0.5 * h * one
+        step[..., a, dq] -= one / h
+        more = np.concatenate((0.5 * h * by_theta, by_theta, by_theta / h), axis=2)
+        if loop.controller is not None:
+            at = np.flatnonzero(trace.begins[part] >= 0)
+            if len(at):
+                k = trace.begins[part][at]
+                step[at] = step[at] @ loop.taken(slice(int(k[0]), int(k[-1]) + 1))[:, None]
+        return step, more
+
+    def _of_velocity(self, part: slice) -> tuple[Array, tuple[Array, Array, Array], Array]:
+        """Return the derivatives of dq after steps by a torque (s, B, n, n), those of the inverse dynamics by q, dq and
+        ddq, and those of dq by the directions (s, B, n, k), at constant states.
+        """
+        trace, machine = self.trace, self.machine
+        count, pieces, n = self.after[part].shape
+        q, dq, after = (one[part].reshape(-1, n) for one in (trace.q[:-1], trace.dq[:-1], self.after))
+        h = np.repeat(trace.h[part], pieces)[:, None]
+        middle, rate = q + 0.5 * h * dq, dq + 0.5 * h * self.before[part].reshape(-1, n)
+        tau = trace.tau[self.sample[part]].reshape(-1, n)
+        slopes = machine.model.partials(middle, rate, after, machine.theta)
+        A = slopes.ddq / h[:, None] + 0.5 * machine.V
+        sides = np.broadcast_to(np.hstack((np.eye(n), machine.J.T)), (len(q), n, n + len(machine.J)))
+        solved = np.linalg.solve(A, sides)
+        G, response = np.asarray(solved[..., :n], dtype=float), np.asarray(solved[..., n:], dtype=float)
+        Y = self.model.regressor(middle, rate, after)
+        for k, slope in machine.slopes.items():
+            Y[:, :, k] = (dq + 0.5 * h * after) @ slope.T
+        if len(machine.F):
+            push = tau - machine.model.bias(middle, rate, machine.theta) - dq @ machine.V.T
+            free = dq + (G @ push[..., None])[..., 0]
+            W = machine.J @ response / h[..., None]
+            impulse = machine.impulse(free @ machine.J.T, W, h * machine.F)
+            holds = np.abs(impulse) < h * machine.F
+            Y[:, :, machine.separated] = np.where(holds, 0.0, np.sign(impulse))[:, None] * machine.J.T
+            G = _held(G, response, machine.J, holds)
+        by_theta = -G @ (Y @ self.directions)
+        shape = (count, pieces, n, -1)
+        by_q, by_dq, inertia = (one.reshape(shape) for one in (slopes.q, slopes.dq, slopes.ddq))
+        return G.reshape(shape), (by_q, by_dq, inertia), by_theta.reshape(shape)
+
+
+def _held(G: Array, response: Array, J: Array, holds: NDArray[np.bool_]) -> Array:
+    """Return the response (R, n, n) of the velocities to torques where friction holds some J dq (R, m) at zero."""
+    some = holds.any(axis=1)
+    if not some.any():
+        return G
+    mine = holds[some][:, :, None] * J
+    by = response[some] * holds[some][:, None, :]
+    G = G.copy()
+    G[some] -= by @ np.linalg.pinv(mine @ by, rcond=1e-10) @ (mine @ G[some])
+    return G

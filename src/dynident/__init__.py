@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from dynident.regression import ParallelFilter
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, Spline
+    from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
 
@@ -61,6 +61,7 @@ __all__ = [
     "Identification",
     "InstrumentalVariables",
     "Joint",
+    "KalmanSmoother",
     "Lagrangian",
     "LeastSquares",
     "Log",
@@ -105,6 +106,7 @@ _MODULES = {
     "Identification": "dynident.identification",
     "InstrumentalVariables": "dynident.estimators",
     "Joint": "dynident.models",
+    "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",
     "LeastSquares": "dynident.estimators",
     "Log": "dynident.log",

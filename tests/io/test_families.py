@@ -39,7 +39,7 @@ from dynident.models import (
     Viscous,
     WideCoulomb,
 )
-from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 from tests.io.parts import SAVITZKY
 
@@ -59,6 +59,9 @@ SMOOTHING = [
     Spline(Fixed(lam=1e-7)),
     Spline(Fixed(p=math.inf)),
     Spline(Fixed(p=(1.0, 2.0))),
+    KalmanSmoother(),
+    KalmanSmoother(2, 1e-4),
+    KalmanSmoother(sigma={"a": 1e-4, "b": 2e-5}, intensity={"a": 3.0, "b": 0.0}, ends=3.0),
     TimeShifted(Spline(GCV()), -0.0021),
     TimeShifted(TimeShifted(Difference(), 0.1), 0.2),
 ]

@@ -10,7 +10,7 @@ import pytest
 
 from dynident.io.families import SMOOTHERS as FAMILY
 from dynident.log import Log, Motion
-from dynident.smoothers import Butterworth, Difference, Smoother, Spline, TimeShifted
+from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Smoother, Spline, TimeShifted
 from dynident.splines import GCV, REML, Fixed, Interpolation, smooth
 from dynident.testing import SMOOTHER_CHECKS, check_smoother
 from dynident.testing.smoother import recorded, two_sines
@@ -27,9 +27,13 @@ SMOOTHERS = [
     Spline(REML()),
     Spline(Fixed(lam=1e-7)),
     Spline(Interpolation()),
+    KalmanSmoother(),
+    KalmanSmoother(2),
+    KalmanSmoother(sigma={"b": 1e-4}),
+    KalmanSmoother(2, 1e-4, 3.0),
     TimeShifted(Spline(), 0.0),
 ]
-NOISY = [s for s in SMOOTHERS if isinstance(s, Spline)]
+NOISY = [s for s in SMOOTHERS if isinstance(s, Spline | KalmanSmoother)]
 
 
 @pytest.mark.parametrize("check", SMOOTHER_CHECKS, ids=lambda check: check.__name__)
@@ -43,7 +47,7 @@ def test_every_kind_is_checked() -> None:
 
 
 @pytest.mark.parametrize("smoother", NOISY, ids=repr)
-def test_splines_take_irregular_times_as_they_are(smoother: Spline) -> None:
+def test_splines_take_irregular_times_as_they_are(smoother: Smoother) -> None:
     made = smoother(recorded(0.0, jitter=0.9))
     true = two_sines(made.t)[2]
     assert np.abs(made.ddq - true)[made.mask].max() < 3e-2 * np.abs(true).max()

@@ -48,6 +48,7 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
     "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
     "Smoother butterworth": section(SMOOTHERS, SMOOTHERS.get("butterworth")),
+    "Smoother kalman": section(SMOOTHERS, SMOOTHERS.get("kalman")),
     "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
     "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),

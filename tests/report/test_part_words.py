@@ -8,7 +8,7 @@ from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsi
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.regression import ParallelFilter
 from dynident.report.part_words import part_words, value_words
-from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 
@@ -33,6 +33,12 @@ class Own:
         (Spline(Fixed(lam=(1, 2e-7)), {"a": 0.1}), "smoothing spline, lam (1, 2.000e-7), noise (a 0.1) rad or m"),
         (Difference("central"), "central differences"),
         (Butterworth(), "forward differences, Butterworth filters of orders 3, 3, 4 at 10, 3, 2 Hz"),
+        (KalmanSmoother(), "Kalman smoother of order 3, by maximum likelihood"),
+        (KalmanSmoother(2, 1e-4), "Kalman smoother of order 2, noise 0.0001 rad or m, the rest by maximum likelihood"),
+        (
+            KalmanSmoother(3, {"a": 0.1}, {"a": 2.0}, 3.0),
+            "Kalman smoother of order 3, noise (a 0.1) rad or m, intensity (a 2), ends 3",
+        ),
         (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),
         (LeastSquares(), "least squares"),
         (LeastSquares(weights="per_joint", iterations=4), "least squares, weighted by joint, iterations 4"),

@@ -60,6 +60,7 @@ def explicit_settings(found: Identification, folder: Path) -> dict[str, Any]:
     for role in ("train", "validation"):
         data[role] = [{**log, "file": _files(log["file"], was, folder)} for log in data.get(role) or ()]
     chosen = {
+        "simulation": _placed(data.get("simulation"), was, folder),
         "delay": recipe.time_offset,
         "min_speed": recipe.min_speed,
         "smoother": part_settings(SMOOTHERS, smoother, folder),
@@ -72,18 +73,7 @@ def explicit_settings(found: Identification, folder: Path) -> dict[str, Any]:
 
 def relocated(settings: Mapping[str, Any], was: Path, folder: Path) -> dict[str, Any]:
     """Return explicit settings with the names of files in them, relative to ``was``, relative to another folder."""
-
-    def placed(value: Any) -> Any:
-        """Return a part with its Python file, and those inside it, there."""
-        if isinstance(value, list):
-            return [placed(one) for one in value]
-        if not isinstance(value, dict):
-            return value
-        moved = {key: placed(one) for key, one in value.items()}
-        place, colon, name = str(value.get("kind", "")).rpartition(":")
-        return moved | {"kind": f"{_files(place, was, folder)}{colon}{name}"} if place.endswith(".py") else moved
-
-    data = {key: placed(value) for key, value in settings.items()}
+    data = {key: _placed(value, was, folder) for key, value in settings.items()}
     model = data["model"]
     if isinstance(model, dict):
         data["model"] = model | {"file": _files(model["file"], was, folder)}
@@ -93,6 +83,17 @@ def relocated(settings: Mapping[str, Any], was: Path, folder: Path) -> dict[str,
         if role in data:
             data[role] = [{**log, "file": _files(log["file"], was, folder)} for log in data[role]]
     return data
+
+
+def _placed(value: Any, was: Path, folder: Path) -> Any:
+    """Return a part with its Python file, and those inside it, in another folder."""
+    if isinstance(value, list):
+        return [_placed(one, was, folder) for one in value]
+    if not isinstance(value, dict):
+        return value
+    moved = {key: _placed(one, was, folder) for key, one in value.items()}
+    place, colon, name = str(value.get("kind", "")).rpartition(":")
+    return moved | {"kind": f"{_files(place, was, folder)}{colon}{name}"} if place.endswith(".py") else moved
 
 
 def _function(model: str, was: Path, folder: Path) -> str:

@@ -204,6 +204,7 @@ SMOOTHERS = Family(
         "spline": "dynident.smoothers.spline:Spline",
         "difference": "dynident.smoothers.difference:Difference",
         "butterworth": "dynident.smoothers.butterworth:Butterworth",
+        "kalman": "dynident.smoothers.kalman:KalmanSmoother",
         "time_shifted": "dynident.smoothers.time_offset:TimeShifted",
     },
     protocol="dynident.smoothers.smoother:Smoother",

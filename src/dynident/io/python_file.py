@@ -6,15 +6,17 @@ import hashlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from dynident.errors import DynidentError, choices
+from dynident.errors import ConfigError, DynidentError, choices
 from dynident.io.opener import content, real
 
-__all__ = ["CODE", "XACRO_CODE", "from_file", "guarded", "located"]
+__all__ = ["CODE", "XACRO_CODE", "FileFunction", "from_file", "guarded", "located"]
 
 XACRO_CODE = "is a xacro file, which a result does not run; if you trust it, give allow_code=True or --allow-code."
 CODE = "is of a Python file, which a result does not run; if you trust the file, give allow_code=True or --allow-code."
@@ -37,6 +39,29 @@ def from_file(path: Path, name: str, what: str, where: str, error: type[Dynident
         own = (key for key, value in found.items() if getattr(value, "__module__", None) == module.__name__)
         raise error(f"{where}: {path} has no {what} {name!r}; {choices(name, own)}")
     return found[name]
+
+
+@dataclass(frozen=True)
+class FileFunction:
+    """The function ``name`` of a Python file with further arguments by name; other processes import the file, too."""
+
+    path: Path
+    name: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def __name__(self) -> str:
+        return self.name
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Return what the function does."""
+        return _function(self.path, self.name)(*arguments, **self.settings)
+
+
+@cache
+def _function(path: Path, name: str) -> Callable[..., Any]:
+    found: Callable[..., Any] = from_file(path, name, "function", str(path), ConfigError)
+    return found
 
 
 def guarded(call: Callable[[], object], what: str, file: Path, where: str, error: type[DynidentError]) -> object:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationInfo, WrapValidator, model_validator
 
 from dynident.errors import ConfigError, choices
 from dynident.io.channels import POSITIONS, VELOCITIES, Channel, same_names
 from dynident.io.fields import Amount, Gain, Name, Number, Positive, Section, by_kind, unit_factor
-from dynident.io.python_file import CODE, from_file, located
+from dynident.io.python_file import CODE, FileFunction, from_file, located
 from dynident.models import Joint
 
 __all__ = [
@@ -105,7 +104,7 @@ class FunctionSettings(LoopSettings):
     kind: Annotated[str, Field(pattern=r"\.py:\w+$")]
     joints: Mapping[Name, FunctionJoint] = Field(min_length=1)
     settings: Mapping[Name, Number] = {}
-    _law: Callable[..., Any] = PrivateAttr()
+    _law: FileFunction = PrivateAttr()
 
     @model_validator(mode="after")
     def _loaded(self, info: ValidationInfo) -> Self:
@@ -113,14 +112,15 @@ class FunctionSettings(LoopSettings):
         if (folder := (info.context or {}).get("code")) is None:
             raise ValueError(f"{self.kind!r} {CODE}")
         try:
-            found = from_file(located(folder, place, "kind", ConfigError), name, "function", "kind", ConfigError)
+            path = located(folder, place, "kind", ConfigError)
+            from_file(path, name, "function", "kind", ConfigError)
         except ConfigError as error:
             raise ValueError(str(error)) from error
-        self._law = partial(found, **self.settings) if self.settings else found
+        self._law = FileFunction(path, name, self.settings)
         return self
 
     @property
-    def law(self) -> Callable[..., Any]:
+    def law(self) -> FileFunction:
         """The function, with its settings."""
         return self._law
 

@@ -43,6 +43,7 @@ _FOLLOWED = (
 _HEADS = {
     "sigma": "sigma, rad or m",
     "noise": "noise left, rad or m",
+    "intensity": "intensity, SI",
     "bandwidth": "bandwidth, s",
     "cutoff": "cut-off, Hz",
 }

@@ -10,7 +10,7 @@ from typing import Any
 from dynident.estimators import InstrumentalVariables, LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.regression import ParallelFilter
 from dynident.report.words import short
-from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 __all__ = ["part_words", "settings_words", "value_words"]
@@ -94,6 +94,17 @@ def _(part: Butterworth) -> str:
 @part_words.register
 def _(part: Difference) -> str:
     return part.method
+
+
+@part_words.register
+def _(part: KalmanSmoother) -> str:
+    how = ["by maximum likelihood"]
+    if part.sigma is not None:
+        how = [f"noise {value_words(part.sigma)} rad or m"]
+        given = part.intensity is not None
+        how += [f"intensity {value_words(part.intensity)}" if given else "the rest by maximum likelihood"]
+    name = ", ".join([f"Kalman smoother of order {part.order}", *how])
+    return settings_words(name, part, ("order", "sigma", "intensity"))
 
 
 @part_words.register

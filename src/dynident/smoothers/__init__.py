@@ -2,6 +2,7 @@
 
 from dynident.smoothers.butterworth import Butterworth, cutoff_complaint
 from dynident.smoothers.difference import Difference
+from dynident.smoothers.kalman import KalmanSmoother
 from dynident.smoothers.outliers import motion_of, repaired
 from dynident.smoothers.overlap import decay, overlap
 from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask, position_noise
@@ -13,6 +14,7 @@ __all__ = [
     "LONGEST_OFFSET",
     "Butterworth",
     "Difference",
+    "KalmanSmoother",
     "Smoother",
     "Spline",
     "TimeShifted",

@@ -15,7 +15,7 @@ from dynident.log import Log, Motion
 from dynident.smoothers.smoother import BY_JOINT, ends_mask, position_noise
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, smooth
 
-__all__ = ["Spline", "SplineSettings"]
+__all__ = ["Spline", "SplineSettings", "at_rest"]
 
 Array = NDArray[np.float64]
 
@@ -156,7 +156,7 @@ class Spline:
         how["method"] = self.method
         mask = ends_mask(log, reach, reach)
         q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
-        if (still := _still(log.q, fit.values, fit.noise)).any():
+        if (still := at_rest(log.q, fit.values, fit.noise)).any():
             q, dq, ddq = (
                 np.where(still, rest, part)
                 for rest, part in zip((log.q.mean(axis=0), np.zeros(1), np.zeros(1)), (q, dq, ddq), strict=True)
@@ -203,7 +203,7 @@ def _named(rule: Rule) -> str:
     return NAMED.get(type(rule), type(rule).__name__)
 
 
-def _still(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
+def at_rest(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
     """Return which joints (n) are at rest: within the noise, or within two counts of a quantised encoder."""
     span = np.ptp(q, axis=0)
     flicker = span <= 2.001 * _count(q[:FEW])  # which is no less than that of all

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 LEAST = 3  # samples: central differences so far apart share none
 FORGOTTEN = 0.01  # correlation of the errors of accelerations that counts as none
 POINTS = 2**14  # of a spectrum
-SEGMENTS, LONGEST, TAPER = 16, 2**10, 4  # of a spectrum; differences by which positions become nearly white: no leak
+SEGMENTS, LONGEST, TAPER = 16, 2**10, 2  # of a spectrum; differences by which positions become nearly white: no leak
 SMALL = 1e-6  # of the largest power: too little to say what passes there
 
 

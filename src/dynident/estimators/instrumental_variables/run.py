@@ -40,7 +40,7 @@ __all__ = ["Run", "Source"]
 
 Array = NDArray[np.float64]
 Source = Literal["auto", "simulated", "repeated", "lagged"]
-COVERED = 0.5  # share of the samples that another pass must have, unless it is asked for
+COVERED, ALIKE = 0.5, 0.3  # share of the samples that another pass must have, unless it is asked for; of the speed
 SETTLED = 0.01  # standard errors
 ROUNDING = 1e-10  # relative change of the torque
 WEAK = 10.0  # F of the first stage below which instruments are weak (Staiger and Stock, 1997)
@@ -97,7 +97,7 @@ class Run:
         """Return the instruments of the k-th recording that are made of measurements."""
         problem, motion = self.problem, self.problem.motions[k]
         found = None if self.source == "lagged" else repeated_instruments(problem, k)
-        if found is not None and (self.source == "repeated" or _shared(found, motion) > COVERED):
+        if found is not None and (self.source == "repeated" or _repeats(found, motion)):
             return found
         if self.source == "repeated":
             raise not_repeated(motion)
@@ -157,6 +157,8 @@ class Run:
         return replace(fit, weights=self.weights, notes=tuple(self.notes))
 
 
-def _shared(one: Instruments, motion: Motion) -> float:
-    """Return the share of the usable samples of a motion that have instruments."""
-    return int((one.motion.mask & motion.mask).sum()) / max(int(motion.mask.sum()), 1)
+def _repeats(one: Instruments, motion: Motion) -> bool:
+    """Whether another pass has most samples of a motion, and each joint about the same speeds there."""
+    both = one.motion.mask & motion.mask
+    size, apart = (np.linalg.norm(x[both], axis=0) for x in (motion.dq, motion.dq - one.motion.dq))
+    return bool(both.sum() > COVERED * motion.mask.sum() and (apart <= ALIKE * size).all())

@@ -17,7 +17,7 @@ SETTLED = "instruments have not settled after 2 simulations (the last one moved 
     [
         (
             notes.InstrumentsUsed((InstrumentKind.SIMULATED,), 0.9876, None, "M", 2.345),
-            "loop of the controller (least correlation with the regressor 0.988); least squares differs most in M, by 2.3",
+            "(least correlation with the regressor 0.988); least squares differs most in M, by 2.3 standard errors",
         ),
         (
             notes.InstrumentsUsed((InstrumentKind.REPEATED, InstrumentKind.LAGGED), 0.5, 0.0123),
@@ -25,7 +25,7 @@ SETTLED = "instruments have not settled after 2 simulations (the last one moved 
         ),
         (
             notes.InstrumentsUsed((InstrumentKind.LAGGED,), 0.5, 0.0123),
-            "(least correlation with the regressor 0.5). That holds where noise of the positions is not correlated over",
+            "regressor 0.5). That holds where noise of the positions is not correlated over 0.012 s",
         ),
         (
             notes.WeakInstruments("M", 0.0123, 1.5),

@@ -78,6 +78,8 @@ class InstrumentalVariables:
         triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
         weights = joint_weights(triangular, self.weights, 3, parameters)
         factor, rank = weighted(triangular, weights, parameters)
+        if not rank.rank:
+            return LinearFit(factor, rank, triangular.total, weights)
         start = solve(factor, rank).value
         fitted = Run(problem, self.instruments, self.iterations, self.lag, weights, rank, start).fit()
         return replace(fitted, weights=None) if self.weights == "equal" else fitted

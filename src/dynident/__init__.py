@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dynident.estimators import (
         Estimate,
         GeneralisedLeastSquares,
+        InstrumentalVariables,
         LeastSquares,
         MaximumLikelihood,
         PhysicallyConsistent,
@@ -63,6 +64,7 @@ __all__ = [
     "FourierSeries",
     "GeneralisedLeastSquares",
     "Identification",
+    "InstrumentalVariables",
     "Joint",
     "KalmanSmoother",
     "Lagrangian",
@@ -112,6 +114,7 @@ _MODULES = {
     "FourierSeries": "dynident.smoothers",
     "GeneralisedLeastSquares": "dynident.estimators",
     "Identification": "dynident.identification",
+    "InstrumentalVariables": "dynident.estimators",
     "Joint": "dynident.models",
     "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",

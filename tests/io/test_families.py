@@ -15,6 +15,7 @@ from dynident.cli import main
 from dynident.errors import ConfigError
 from dynident.estimators import (
     GeneralisedLeastSquares,
+    InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
     PhysicallyConsistent,
@@ -96,6 +97,8 @@ ESTIMATING = [
         total_mass=(None, 20.0), centre_of_mass={"arm": ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))}, prior="none"
     ),
     PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
+    InstrumentalVariables(),
+    InstrumentalVariables("lagged", 3, 0.05, "equal"),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
 ]

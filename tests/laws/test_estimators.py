@@ -9,6 +9,7 @@ from dynident.estimators import (
     Estimate,
     Estimator,
     GeneralisedLeastSquares,
+    InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
     PhysicallyConsistent,
@@ -27,6 +28,7 @@ ESTIMATORS: list[Estimator] = [
     WeightedLeastSquares(),
     GeneralisedLeastSquares(),
     PhysicallyConsistent(),
+    InstrumentalVariables(),
     MaximumLikelihood(),
 ]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)

@@ -56,6 +56,7 @@ SECTIONS: dict[str, type[Section]] = {
     "Estimator weighted least squares": section(ESTIMATORS, ESTIMATORS.get("weighted_least_squares")),
     "Estimator generalised least squares": section(ESTIMATORS, ESTIMATORS.get("generalised_least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
+    "Estimator instrumental variables": section(ESTIMATORS, ESTIMATORS.get("instrumental_variables")),
     "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,

@@ -58,7 +58,7 @@ def variance_before(a: Array, k: int) -> tuple[Array, float]:
 def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
     """X' V^-1 X of [X | y], row by row, and the number of rows."""
     p, stretches, end = len(plain.model.parameters), [], None
-    for k, kept, block in plain._placed(plain.model.structure):
+    for k, kept, block in plain.placed(plain.model.structure):
         rows = np.concatenate([block.regressor(), block.tau.T[:, :, None]], axis=2)
         stretches += [] if end == (k, kept.start) else [[]]
         stretches[-1].append((rows, np.ones(rows.shape[:2], dtype=bool) if block.keep is None else block.keep.T))

@@ -14,6 +14,7 @@ from dynident.estimators.estimator import (
     quick,
 )
 from dynident.estimators.generalised_least_squares import GeneralisedLeastSquares
+from dynident.estimators.instrumental_variables import InstrumentalVariables
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
@@ -26,6 +27,7 @@ __all__ = [
     "Estimate",
     "Estimator",
     "GeneralisedLeastSquares",
+    "InstrumentalVariables",
     "IsLinear",
     "LeastSquares",
     "LinearFit",

@@ -244,6 +244,7 @@ ESTIMATORS = Family(
         "weighted_least_squares": "dynident.estimators.weighted_least_squares:WeightedLeastSquares",
         "generalised_least_squares": "dynident.estimators.generalised_least_squares:GeneralisedLeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
+        "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
     protocol="dynident.estimators.estimator:Estimator",

@@ -111,7 +111,7 @@ class Regression:
         The torque is less Y theta, where ``theta`` (p) is given. ``within`` are the place of a motion and its samples
         to take: those around them still count in the filter.
         """
-        for _, _, block in self._placed(structure or self.model.structure, theta, within):
+        for _, _, block in self.placed(structure or self.model.structure, theta, within):
             yield block
 
     @cached_property
@@ -123,7 +123,7 @@ class Regression:
     def residuals(self, theta: Array) -> Iterator[tuple[int, slice, Array, NDArray[np.bool_] | None]]:
         """Yield what theta (p) leaves of the torque, (B, n), filtered and weighted, block by block: the place of the
         motion, its samples, the residual, and which of it is used, (B, n) or all."""
-        for k, rows, one in self._placed(self.model.structure_with(()), theta):
+        for k, rows, one in self.placed(self.model.structure_with(()), theta):
             yield k, rows, one.tau.T, None if one.keep is None else one.keep.T
 
     @cached_property
@@ -148,7 +148,7 @@ class Regression:
         p = len(self.model.parameters)
         total = np.zeros((p, torques[0].shape[2]))
         series = [self._passed(k, c) for k, c in enumerate(torques)]
-        for _, _, block in self._placed(self.model.structure, beside=series):
+        for _, _, block in self.placed(self.model.structure, beside=series):
             for j, (columns, maps) in enumerate(zip(block.structure.columns, block.structure.maps, strict=True)):
                 rows, own = block.used(j)[:-1], columns < p
                 total += w2[j] * maps[own][:, :p].T @ (rows[own] @ rows[~own].T)
@@ -161,7 +161,7 @@ class Regression:
         # as far as it matters: the ends of a stretch are not treated apart
         return self.filter.apply(self.filter.sections(self.motions[k]), c)
 
-    def _placed(
+    def placed(
         self,
         structure: Structure,
         theta: Array | None = None,

@@ -9,6 +9,7 @@ from typing import Any
 
 from dynident.estimators import (
     GeneralisedLeastSquares,
+    InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
     PhysicallyConsistent,
@@ -159,6 +160,11 @@ def _(part: GeneralisedLeastSquares) -> str:
 @part_words.register
 def _(part: PhysicallyConsistent) -> str:
     return settings_words("physically consistent least squares", part)
+
+
+@part_words.register
+def _(part: InstrumentalVariables) -> str:
+    return settings_words("instrumental variables", part)
 
 
 @part_words.register

@@ -34,20 +34,9 @@ from dynident.report import payload as payload_report
 from dynident.report.finding_words import finding_words
 from dynident.report.wording import Line, note_lines, words
 from dynident.report.words import percent
+from dynident.simulation import Broken, Failure, RunsAway, Singular
 from dynident.smoothers import Difference, Spline
-from dynident.validation import (
-    Broken,
-    Cause,
-    Driver,
-    Failure,
-    FrictionLevel,
-    HighFrequency,
-    LowFrequency,
-    Reversals,
-    Ripple,
-    RunsAway,
-    Singular,
-)
+from dynident.validation import Cause, Driver, FrictionLevel, HighFrequency, LowFrequency, Reversals, Ripple
 
 
 def kinds(base: type) -> list[type]:

@@ -314,6 +314,3 @@ def _(origin: Origin) -> str:
 
 def _parameters(number: int) -> str:
     return f"{number} parameter is" if number == 1 else f"{number} parameters are"
-
-
-from dynident.report import instrument_words  # noqa: E402, F401  # registers its words, which need those above

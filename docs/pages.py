@@ -34,10 +34,11 @@ GUIDES = {
         "watching",
         "fleets",
         "comparing",
+        "comparing_methods",
         "online",
         "supported",
     ),
-    "Methods": ("methods", "maximum_likelihood", "article", "notation"),
+    "Methods": ("methods", "estimators", "maximum_likelihood", "article", "notation"),
     "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
 }  # fmt: skip
 

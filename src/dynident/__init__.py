@@ -17,10 +17,12 @@ if TYPE_CHECKING:
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import (
         Estimate,
+        GeneralisedLeastSquares,
         InstrumentalVariables,
         LeastSquares,
         MaximumLikelihood,
         PhysicallyConsistent,
+        WeightedLeastSquares,
     )
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
@@ -44,9 +46,10 @@ if TYPE_CHECKING:
     from dynident.models.gallery import two_link_arm
     from dynident.payload import find_payload
     from dynident.regression import ParallelFilter
+    from dynident.report.compare_run import compare
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, Spline
+    from dynident.smoothers import Butterworth, Difference, FourierSeries, KalmanSmoother, SavitzkyGolay, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
 
@@ -58,9 +61,12 @@ __all__ = [
     "CoupledMotor",
     "Difference",
     "Estimate",
+    "FourierSeries",
+    "GeneralisedLeastSquares",
     "Identification",
     "InstrumentalVariables",
     "Joint",
+    "KalmanSmoother",
     "Lagrangian",
     "LeastSquares",
     "Log",
@@ -73,11 +79,14 @@ __all__ = [
     "Recipe",
     "RigidBodies",
     "RotorInertia",
+    "SavitzkyGolay",
     "Spline",
     "Viscous",
+    "WeightedLeastSquares",
     "accuracy_bound",
     "bootstrap",
     "check",
+    "compare",
     "cramer_rao_bound",
     "errors",
     "excite",
@@ -102,9 +111,12 @@ _MODULES = {
     "CoupledMotor": "dynident.models",
     "Difference": "dynident.smoothers",
     "Estimate": "dynident.estimators",
+    "FourierSeries": "dynident.smoothers",
+    "GeneralisedLeastSquares": "dynident.estimators",
     "Identification": "dynident.identification",
     "InstrumentalVariables": "dynident.estimators",
     "Joint": "dynident.models",
+    "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",
     "LeastSquares": "dynident.estimators",
     "Log": "dynident.log",
@@ -117,11 +129,14 @@ _MODULES = {
     "Recipe": "dynident.identification",
     "RigidBodies": "dynident.models",
     "RotorInertia": "dynident.models",
+    "SavitzkyGolay": "dynident.smoothers",
     "Spline": "dynident.smoothers",
     "Viscous": "dynident.models",
+    "WeightedLeastSquares": "dynident.estimators",
     "accuracy_bound": "dynident.io.shortcuts",
     "bootstrap": "dynident.identification",
     "check": "dynident.io.shortcuts",
+    "compare": "dynident.report.compare_run",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
     "excite": "dynident.report.excite_run",

@@ -8,11 +8,13 @@ import pytest
 from dynident.estimators import (
     Estimate,
     Estimator,
+    GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
     PhysicallyConsistent,
     Problem,
+    WeightedLeastSquares,
 )
 from dynident.io.families import ESTIMATORS as FAMILY
 from dynident.models import Model
@@ -23,6 +25,8 @@ from dynident.testing.settings import builds_itself_from_its_settings
 ESTIMATORS: list[Estimator] = [
     LeastSquares(),
     LeastSquares(weights="per_joint"),
+    WeightedLeastSquares(),
+    GeneralisedLeastSquares(),
     PhysicallyConsistent(),
     InstrumentalVariables(),
     MaximumLikelihood(),

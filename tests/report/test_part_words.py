@@ -4,11 +4,25 @@ from dataclasses import dataclass, fields
 
 import pytest
 
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    GeneralisedLeastSquares,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    WeightedLeastSquares,
+)
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.regression import ParallelFilter
 from dynident.report.part_words import part_words, value_words
-from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.smoothers import (
+    Butterworth,
+    Difference,
+    FourierSeries,
+    KalmanSmoother,
+    SavitzkyGolay,
+    Spline,
+    TimeShifted,
+)
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 
@@ -33,8 +47,25 @@ class Own:
         (Spline(Fixed(lam=(1, 2e-7)), {"a": 0.1}), "smoothing spline, lam (1, 2.000e-7), noise (a 0.1) rad or m"),
         (Difference("central"), "central differences"),
         (Butterworth(), "forward differences, Butterworth filters of orders 3, 3, 4 at 10, 3, 2 Hz"),
+        (KalmanSmoother(), "Kalman smoother of order 3, by maximum likelihood"),
+        (KalmanSmoother(2, 1e-4), "Kalman smoother of order 2, noise 0.0001 rad or m, the rest by maximum likelihood"),
+        (
+            KalmanSmoother(3, {"a": 0.1}, {"a": 2.0}, 3.0),
+            "Kalman smoother of order 3, noise (a 0.1) rad or m, intensity (a 2), ends 3",
+        ),
+        (SavitzkyGolay(), "Savitzky-Golay polynomials of order 4"),
+        (SavitzkyGolay(0.25, 3), "Savitzky-Golay polynomials of order 3, window 0.25 s"),
+        (SavitzkyGolay({"a": 0.25}), "Savitzky-Golay polynomials of order 4, windows (a 0.25) s"),
+        (SavitzkyGolay(factor=2.0), "Savitzky-Golay polynomials of order 4, 2 times the window best for ddq"),
+        (FourierSeries(), "Fourier series"),
+        (FourierSeries(10.0, 5), "Fourier series of period 10 s, harmonics 5"),
         (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),
         (LeastSquares(), "least squares"),
+        (WeightedLeastSquares(), "least squares, weighted by the noise of all joints"),
+        (
+            GeneralisedLeastSquares(max_order=5),
+            "generalised least squares, with autoregressive noise, max order 5",
+        ),
         (LeastSquares(weights="per_joint", iterations=4), "least squares, weighted by joint, iterations 4"),
         (PhysicallyConsistent(viscous=False), "physically consistent least squares, viscous off"),
         (MaximumLikelihood(start="rest"), "maximum likelihood, start rest"),

@@ -8,7 +8,7 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.log import Log, Motion
-from dynident.smoothers import Butterworth, Difference, Smoother, Spline, TimeShifted, motion_of
+from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Smoother, Spline, TimeShifted, motion_of
 from dynident.smoothers.overlap import ACCURACY, decay, overlap
 from dynident.splines import Fixed, Interpolation
 
@@ -37,6 +37,7 @@ SPLINES: Mapping[str, Smoother] = {
 OTHERS: Mapping[str, Smoother] = {
     "butterworth": Butterworth(cutoffs=(20, 15, 10)),
     "difference": Difference("central"),
+    "kalman": KalmanSmoother(3, 1e-4, 10.0),
 }
 
 

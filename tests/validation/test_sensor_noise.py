@@ -12,7 +12,7 @@ from dynident.filters import butterworth, zero_phase
 from dynident.log import Log, Motion
 from dynident.models import Model, record, simulate
 from dynident.models.gallery import pendulum, two_link_arm
-from dynident.smoothers import Difference, Spline
+from dynident.smoothers import Difference, KalmanSmoother, Spline
 from dynident.validation import TorqueErrors, sensor_noise, validate
 
 ARMS = {"pendulum": pendulum(), "arm": two_link_arm()}
@@ -40,6 +40,14 @@ def test_the_true_parameters_leave_what_the_sensors_allow(model: Model, sigma_q:
     errors = validate(model, model.values, recorded(model, sigma_q, sigma_tau)).errors
     assert errors.over_noise == pytest.approx(dict.fromkeys(errors.rmse, 1.0), rel=0.25)
     assert errors.all_over_noise == pytest.approx(1.0, rel=0.2)
+
+
+@pytest.mark.parametrize("sigma_q", [2e-4, 1e-3])
+def test_a_quintic_spline_lets_less_noise_through_and_this_is_counted(sigma_q: float) -> None:
+    model = ARMS["pendulum"]
+    log = record(moved(model), sigma_q=sigma_q, sigma_tau=1e-3, rng=np.random.default_rng(0)).log
+    errors = validate(model, model.values, KalmanSmoother(sigma=sigma_q)(log)).errors
+    assert errors.all_over_noise == pytest.approx(1.0, rel=0.25)
 
 
 def test_a_wrong_model_leaves_more() -> None:

@@ -161,4 +161,5 @@ def _noise(log: Log, smoothed: Motion) -> tuple[Array, Array]:
     if widths is None:
         sigma = position_noise(log)
         return sigma, np.zeros_like(sigma)
-    return coloured_noise(log.t, log.q, log.q - smoothed.q, np.array(widths))
+    order = int(str(smoothed.smoothing.get("order", 2)))
+    return coloured_noise(log.t, log.q, log.q - smoothed.q, np.array(widths), order)

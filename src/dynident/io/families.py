@@ -204,6 +204,9 @@ SMOOTHERS = Family(
         "spline": "dynident.smoothers.spline:Spline",
         "difference": "dynident.smoothers.difference:Difference",
         "butterworth": "dynident.smoothers.butterworth:Butterworth",
+        "kalman": "dynident.smoothers.kalman:KalmanSmoother",
+        "savitzky_golay": "dynident.smoothers.savitzky_golay:SavitzkyGolay",
+        "fourier": "dynident.smoothers.fourier:FourierSeries",
         "time_shifted": "dynident.smoothers.time_offset:TimeShifted",
     },
     protocol="dynident.smoothers.smoother:Smoother",
@@ -238,6 +241,8 @@ ESTIMATORS = Family(
     "estimator",
     {
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
+        "weighted_least_squares": "dynident.estimators.weighted_least_squares:WeightedLeastSquares",
+        "generalised_least_squares": "dynident.estimators.generalised_least_squares:GeneralisedLeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
         "didim": "dynident.estimators.output_error.didim:Didim",

@@ -43,8 +43,11 @@ _FOLLOWED = (
 _HEADS = {
     "sigma": "sigma, rad or m",
     "noise": "noise left, rad or m",
+    "intensity": "intensity, SI",
     "bandwidth": "bandwidth, s",
     "cutoff": "cut-off, Hz",
+    "window": "window, s",
+    "whiteness": "p-value of white noise",
 }
 
 

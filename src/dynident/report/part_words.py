@@ -7,10 +7,25 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import singledispatch
 from typing import Any
 
-from dynident.estimators import InstrumentalVariables, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    GeneralisedLeastSquares,
+    InstrumentalVariables,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    WeightedLeastSquares,
+)
 from dynident.regression import ParallelFilter
 from dynident.report.words import short
-from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
+from dynident.smoothers import (
+    Butterworth,
+    Difference,
+    FourierSeries,
+    KalmanSmoother,
+    SavitzkyGolay,
+    Spline,
+    TimeShifted,
+)
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 __all__ = ["part_words", "settings_words", "value_words"]
@@ -97,6 +112,31 @@ def _(part: Difference) -> str:
 
 
 @part_words.register
+def _(part: KalmanSmoother) -> str:
+    how = ["by maximum likelihood"]
+    if part.sigma is not None:
+        how = [f"noise {value_words(part.sigma)} rad or m"]
+        given = part.intensity is not None
+        how += [f"intensity {value_words(part.intensity)}" if given else "the rest by maximum likelihood"]
+    name = ", ".join([f"Kalman smoother of order {part.order}", *how])
+    return settings_words(name, part, ("order", "sigma", "intensity"))
+
+
+@part_words.register
+def _(part: SavitzkyGolay) -> str:
+    words = f"Savitzky-Golay polynomials of order {part.order}"
+    if part.window is not None:
+        return f"{words}, window{'s' * isinstance(part.window, Mapping)} {value_words(part.window)} s"
+    times = f", {value_words(part.factor)} times the window best for ddq"
+    return words + times * (part.factor != 1.0)
+
+
+@part_words.register
+def _(part: FourierSeries) -> str:
+    return settings_words(part.method, part, ("period",))
+
+
+@part_words.register
 def _(part: TimeShifted) -> str:
     return f"{part_words(part.smoother)}, shifted by {short(1e3 * part.time_offset)} ms"
 
@@ -105,6 +145,16 @@ def _(part: TimeShifted) -> str:
 def _(part: LeastSquares) -> str:
     name = "least squares" + ", weighted by joint" * (part.weights == "per_joint")
     return settings_words(name, part, ("weights",))
+
+
+@part_words.register
+def _(part: WeightedLeastSquares) -> str:
+    return settings_words("least squares, weighted by the noise of all joints", part)
+
+
+@part_words.register
+def _(part: GeneralisedLeastSquares) -> str:
+    return settings_words("generalised least squares, with autoregressive noise", part)
 
 
 @part_words.register

@@ -198,6 +198,23 @@ def _(note: notes.NotWhite) -> str:
 
 
 @words.register
+def _(note: notes.StillColoured) -> str:
+    return (
+        f"after whitening, the torque residual of {note.joint} is still correlated over time "
+        f"({note.correlation:z.2f}): it is more than autoregressive noise, so compare with least squares on held-out "
+        "motion"
+    )
+
+
+@words.register
+def _(note: notes.WhiteningCostly) -> str:
+    return (
+        f"the fit to whitened rows leaves {short(note.ratio, 3)} times as much of the torque of {note.joint} as least "
+        "squares: what counts as noise there is what the model lacks; least squares predicts better"
+    )
+
+
+@words.register
 def _(note: notes.ScatterLarger) -> str:
     return (
         "standard errors assume white residuals; from the scatter of the residuals over time, that of "
@@ -297,6 +314,3 @@ def _(origin: Origin) -> str:
 
 def _parameters(number: int) -> str:
     return f"{number} parameter is" if number == 1 else f"{number} parameters are"
-
-
-from dynident.report import instrument_words  # noqa: E402, F401  # registers its words, which need those above

@@ -52,7 +52,7 @@ def overlap(smoother: Smoother, log: Log, motion: Motion) -> int:
     step = float(np.median(np.diff(log.t)))
     late = math.ceil(abs(smoother.time_offset) / step) + 2 if isinstance(smoother, TimeShifted) else 0
     widths = motion.smoothing.get("bandwidth")
-    if widths is None:
+    if widths is None or motion.smoothing.get("order", 2) != 2:
         return late + _measured(unshifted(smoother), log)
     left = max(decay(float(one), step) for one in widths)
     needed = SHORTEST + math.log(ACCURACY) / math.log(left) if left < 1.0 else math.inf

@@ -19,7 +19,7 @@ __all__ = ["NORMAL_95", "coloured_noise", "median_sigma", "noise_sigma", "steady
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964  # standard deviations to each side that hold 95 % of a normal distribution
-TWICE = 16 * (np.sqrt(2.0) - 1.0)  # (2 pi f bandwidth)^4 at twice the cut-off
+ROOT = np.sqrt(2.0) - 1.0  # (2 pi f bandwidth)^(2 order) at the cut-off
 FREQUENCIES, FEWEST = 4000, 20
 MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of its absolute value
 
@@ -68,14 +68,14 @@ def _roughness(time: Array, data: Array, weight: Array, order: int) -> Array:
 
 
 def coloured_noise(
-    t: ArrayLike, y: ArrayLike, left: ArrayLike, bandwidth: ArrayLike
+    t: ArrayLike, y: ArrayLike, left: ArrayLike, bandwidth: ArrayLike, order: int = 2
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return deviation (k) and correlation of neighbours (k, 0 to 0.98) of the noise in y (N, k), taken as AR(1).
 
-    ``left`` (N, k) is what splines of these bandwidths (k, s) have smoothed away. Its spectrum is compared with that of
-    AR(1) (Whittle's likelihood) above twice the cut-off, where it is noise alone, and nearly all of it. Where too few
-    frequencies are left, nothing was smoothed away, or the spectrum is none of AR(1), the noise is that of
-    ``noise_sigma``, and white.
+    ``left`` (N, k) is what splines of these bandwidths (k, s), of degree 2 ``order`` - 1, have smoothed away. Its
+    spectrum is compared with that of AR(1) (Whittle's likelihood) above twice the cut-off, where it is noise alone, and
+    nearly all of it. Where too few frequencies are left, nothing was smoothed away, or the spectrum is none of AR(1),
+    the noise is that of ``noise_sigma``, and white.
     """
     time, rest, width = (np.asarray(x, dtype=float) for x in (t, left, bandwidth))
     sigma, rho = noise_sigma(time, y), np.zeros(rest.shape[1])
@@ -85,8 +85,8 @@ def coloured_noise(
     power /= np.square(np.hanning(len(rest))).sum()
     angle = 2 * np.pi * np.arange(len(power)) / len(rest)
     for k in np.flatnonzero(np.isfinite(width) & (sigma > 0)):  # a joint that stands still is smoothed without limit
-        lost = (angle * width[k] / step) ** 4
-        used = np.flatnonzero(lost > TWICE)
+        lost = (angle * width[k] / step) ** (2 * order)
+        used = np.flatnonzero(lost > 4.0**order * ROOT)
         used = used[:: max(1, len(used) // FREQUENCIES)]
         if len(used) < FEWEST or not power[used, k].any():
             continue

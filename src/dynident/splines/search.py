@@ -15,7 +15,7 @@ from dynident.splines.banded import TINY, IllConditionedError, Solution
 from dynident.splines.compiled import Answer, Data, Solver, Trial
 from dynident.splines.series import Series
 
-__all__ = ["Search", "by_gcv", "by_reml", "constrained", "minimal", "once", "together"]
+__all__ = ["Search", "by_gcv", "by_likelihood", "by_reml", "constrained", "minimal", "once", "together"]
 
 Search = Generator[Sequence[Trial], Sequence[Answer], Solution]
 Criterion = Callable[[Series, Solution], tuple[float, float]]
@@ -213,6 +213,13 @@ def by_reml(series: Series, at: Solution) -> tuple[float, float]:
     return log(whole) + at.log_det / series.system.size, at.rise / series.system.size - at.p * at.energy / whole
 
 
+def by_likelihood(series: Series, at: Solution) -> tuple[float, float]:
+    """Return (y' Q u / delta^2 + log det) / (n - 2) for a known delta, and its slope by log p."""
+    unit = series.noise**2 * series.system.size
+    whole, bent = (at.rss + at.p * at.energy) / unit, at.p * at.energy / unit
+    return whole + at.log_det / series.system.size, at.rise / series.system.size - bent
+
+
 def minimal(series: Series, criterion: Criterion) -> Search:
     """Minimise a criterion over x = log p: a grid (on the middle of long data), then the zero of its slope."""
     if series.is_straight:
@@ -238,7 +245,7 @@ def _points(
     series: Series, criterion: Criterion, grid: Sequence[float]
 ) -> Generator[Sequence[Trial], Sequence[Answer], list[Point]]:
     """Return log p, the criterion and its slope where they can be computed."""
-    answers = yield [Trial(series, exp(x), trace=True, determinant=criterion is by_reml) for x in grid]
+    answers = yield [Trial(series, exp(x), trace=True, determinant=criterion is not by_gcv) for x in grid]
     solved = [(float(x), at) for x, at in zip(grid, answers, strict=True) if isinstance(at, Solution)]
     return [point for x, at in solved if all(map(isfinite, point := (x, *criterion(series, at))))]
 
@@ -247,7 +254,7 @@ def _lowest(points: list[Point]) -> tuple[float, Bracket | None]:
     """Return about where the least minimum is, and the two points around it, None where that is at an end."""
     ends = [(points[0][1], points[0][0], None)] if points[0][2] >= 0 else []
     ends += [(points[-1][1], points[-1][0], None)] if points[-1][2] <= 0 else []
-    between = [(*_cubic(a, b), (a, b)) for a, b in pairwise(points) if a[2] < 0 < b[2]]
+    between = [(*_cubic(a, b), (a, b)) for a, b in pairwise(points) if a[2] < 0 <= b[2]]
     _, x, bracket = min([*ends, *between], key=lambda one: one[0])
     return x, bracket
 

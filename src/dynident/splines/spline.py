@@ -18,7 +18,7 @@ from dynident.splines.rules import Constraint, Rule, check_columns
 from dynident.splines.search import Search, once, together
 from dynident.splines.series import Series
 
-__all__ = ["SmoothingSpline", "smooth"]
+__all__ = ["SmoothingSpline", "checked", "smooth"]
 
 Array = NDArray[np.float64]
 LARGEST = 1e100  # squares and fourth powers of allowed values must not overflow
@@ -180,7 +180,7 @@ def smooth(
     at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
-    time, step, data, low, high = _checked(t, y)
+    time, step, data, low, high = checked(t, y)
     columns = np.ascontiguousarray(data.reshape(len(time), -1))
     k = columns.shape[1]
     check_columns(rule, k)
@@ -194,7 +194,7 @@ def smooth(
     return _collect(time, data, series, solved, scale, weight)
 
 
-def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[float], list[float]]:
+def checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[float], list[float]]:
     """Return times, their steps and data as arrays, and the least and the largest value of each column."""
     time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
     if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size == 0:

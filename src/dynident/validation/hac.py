@@ -55,10 +55,11 @@ def robust_covariance(
     scale, inverse = bread(curved if slopes else regression, w, kept)
 
     chosen = regression.model.structure_with(kept)
-    place = np.searchsorted(np.sort(kept), chosen.parameter)
+    place = np.zeros(p, dtype=np.intp)
+    place[kept] = np.arange(len(kept))
 
     def scores(part: Regression) -> Iterator[Array]:
-        return (_scores(block, w, np.argsort(kept)[place], scale) for block in part.entries(chosen, value))
+        return (_scores(block, w, place, scale) for block in part.entries(chosen, value))
 
     parts = stretches_of(regression, MOST, PIECE)
     series = [list(scores(part)) for part in parts]
@@ -95,14 +96,14 @@ def bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Arr
 def _scores(block: EntryBlock, w: Array, place: NDArray[np.intp], scale: Array) -> Array:
     """Return u (B, r) in scaled columns, of all joints together, so that their correlation counts too.
 
-    ``place`` (M) is the column of each entry.
+    ``place`` (p) is the column of each parameter.
     """
     error = block.tau * w[:, None] ** 2
     if block.keep is not None:
         error = np.where(block.keep, error, 0.0)
     u = np.zeros((len(scale), block.tau.shape[1]))
     for j, part in enumerate(block.structure.parts):
-        u[place[part]] += error[j] * block.entries[part]
+        u[place[block.structure.columns[j]]] += error[j] * block.entries[part]
     return u.T / scale
 
 

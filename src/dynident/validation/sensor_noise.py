@@ -50,18 +50,20 @@ def _of_positions(model: Model, theta: Array, motion: Motion) -> Array:
     """Return the rms torque (n) that the noise of the positions makes in the smoothed motion.
 
     With the derivatives A, B, C of the torque by q, dq, ddq and noise sigma in steps of h, its variance is
-    sum_k sigma_k^2 h / pi int ((A - C w^2)^2 + B^2 w^2) / (1 + (w b_k)^4)^2 dw, up to pi / h.
+    sum_k sigma_k^2 h / pi int ((A - C w^2)^2 + B^2 w^2) / (1 + (w b_k)^4)^2 dw, up to pi / h; of a process of order m
+    the power is 2 m.
     """
     if not {"noise", "bandwidth"} <= motion.smoothing.keys():
         return np.zeros(len(motion.joints))
     sigma, width = (np.array(motion.smoothing[name], dtype=float) for name in ("noise", "bandwidth"))
+    power = 2 * int(str(motion.smoothing.get("order", 2)))
     slopes = model.partials(**motion.states(subsample([motion], STATES)[0]), theta=theta)
     step = float(np.diff(motion.t).mean())
     moments = np.zeros((3, len(sigma)))
     for k in np.flatnonzero(np.isfinite(width) & np.isfinite(sigma)):  # a joint at rest is smoothed without limit
         top = min(np.pi / step, 4.0 / max(width[k], 1e-300))
         w = (np.arange(LINES) + 0.5) * top / LINES
-        passed = (1.0 + (w * width[k]) ** 4) ** -2
+        passed = (1.0 + (w * width[k]) ** power) ** -2
         moments[:, k] = [sigma[k] ** 2 * step / np.pi * top / LINES * (w**m * passed).sum() for m in (0, 2, 4)]
     A, B, C = slopes.q, slopes.dq, slopes.ddq
     variance = A**2 * moments[0] + (B**2 - 2.0 * A * C) * moments[1] + C**2 * moments[2]

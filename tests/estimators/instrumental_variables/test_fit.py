@@ -100,8 +100,20 @@ def test_what_is_missing_is_named_with_the_way_to_give_it() -> None:
         InstrumentalVariables("simulated")(problem)
     with pytest.raises(MissingInputError, match=r"log 5: .*Record it twice"):
         InstrumentalVariables("repeated")(problem)
-    with pytest.raises(InputError, match=r"beyond the recording. Give a shorter `lag`"):
+    with pytest.raises(ConfigError, match=r"lag = 1e-09 s .* shorter than the time between samples, 0.005 s"):
+        InstrumentalVariables("lagged", lag=1e-9)(problem)
+    with pytest.raises(InputError, match=r"log 5: 0 samples have instruments, .* give a shorter `lag`"):
         InstrumentalVariables("lagged", lag=9.0)(problem)
+
+
+def test_nothing_that_moves_and_nothing_that_is_felt() -> None:
+    """A joint at rest leaves the rank that there is; without torque all is zero, and exactly known."""
+    log, motion = recorded(SHORT, None, 5)
+    still = replace(motion, q=0 * motion.q, dq=0 * motion.q, ddq=0 * motion.q)
+    assert InstrumentalVariables()(posed((log, still))).determined.rank == 1
+    without = InstrumentalVariables()(posed((log, replace(motion, tau=0 * motion.tau))))
+    np.testing.assert_allclose(without.value, 0.0, atol=1e-12)
+    assert (without.std < 1e-6).all()
 
 
 def test_a_loop_that_runs_away_is_an_error_or_the_next_kind() -> None:

@@ -30,7 +30,7 @@ class InstrumentalVariables:
     the motion a time ``lag`` (s) before and after: consistent where noise of the positions is not correlated over the
     lag, which by default is as long as smoother and filter spread white noise. Disturbances that move the joints remain
     a bias of the last two, and coloured noise one of the last. "auto" takes for each recording the first that it has;
-    another pass must then share half of its samples.
+    another pass must then share half of its samples, with the same speeds to 30 %.
 
     Where the model of least squares fails in the loop, the physically consistent one is tried. The covariance allows
     for residuals that are correlated in time and between joints, and counts the errors of the motion. A note says which
@@ -78,6 +78,8 @@ class InstrumentalVariables:
         triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
         weights = joint_weights(triangular, self.weights, 3, parameters)
         factor, rank = weighted(triangular, weights, parameters)
+        if not rank.rank:
+            return LinearFit(factor, rank, triangular.total, weights)
         start = solve(factor, rank).value
         fitted = Run(problem, self.instruments, self.iterations, self.lag, weights, rank, start).fit()
         return replace(fitted, weights=None) if self.weights == "equal" else fitted

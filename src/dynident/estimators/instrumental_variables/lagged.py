@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError
+from dynident.errors import ConfigError
 from dynident.estimators.instrumental_variables.instruments import Instruments
 from dynident.estimators.instrumental_variables.notes import InstrumentKind
 from dynident.filters import response
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 LEAST = 3  # samples: central differences so far apart share none
 FORGOTTEN = 0.01  # correlation of the errors of accelerations that counts as none
 POINTS = 2**14  # of a spectrum
-SEGMENTS, LONGEST, TAPER = 16, 2**10, 4  # of a spectrum; differences by which positions become nearly white: no leak
+SEGMENTS, LONGEST, TAPER = 16, 2**10, 2  # of a spectrum; differences by which positions become nearly white: no leak
 SMALL = 1e-6  # of the largest power: too little to say what passes there
 
 
@@ -35,16 +35,17 @@ def lagged_instruments(
 ) -> Instruments:
     """Return the motion interpolated from a ``lag`` (s) before and after; None takes that of ``lag_of``.
 
-    Raises InputError where the recording is too short for it.
+    Raises ConfigError where it is shorter than the time between samples.
     """
     apart = lag_of(motion, log, low) if lag is None else lag
+    step = float(np.diff(motion.t).mean())
+    if not apart > 0.99 * step:
+        raise ConfigError(
+            f"lag = {apart} s of the instruments is shorter than the time between samples, {step:.3g} s; give a longer "
+            "one, or null."
+        )
     early, late = motion.shifted(-apart), motion.shifted(apart)
     mask = _usable(motion, -apart) & _usable(motion, apart)
-    if not mask.any():
-        raise InputError(
-            f"{motion.source}: instruments {apart:.3g} s before and after each sample reach beyond the recording. Give "
-            "a shorter `lag`, smooth less, or record longer."
-        )
     q, dq, ddq = _midway(early, late, 2 * apart)
     found = replace(motion, q=q, dq=dq, ddq=ddq, mask=mask, memory=None)
     return Instruments(model.remembering(found), InstrumentKind.LAGGED, apart)

@@ -18,7 +18,7 @@ from dynident.regression import Rank, Regression
 __all__ = ["Block", "Moments", "Strength", "blocks_of", "cholesky", "moments_of"]
 
 Array = NDArray[np.float64]
-LEAST = 1e-14  # of the torque: a residual below is rounding
+LEAST, NOTHING = 1e-14, 1e-10  # of the torque: a residual below is rounding; of a weighted row without any torque
 INDEPENDENT = 1e-9  # relative singular value of W' X below which a direction has no instrument
 
 
@@ -87,7 +87,7 @@ class Moments:
     def residual(self, beta: Array) -> Array:
         """Return the mean squared residual (n) of each joint at beta (r), not below rounding of the torque."""
         left = self.square - 2 * self.pulled @ beta + np.einsum("i,jik,k->j", beta, self.regressors, beta)
-        least = np.where(self.square > 0, LEAST**2 * self.square, np.finfo(float).tiny)
+        least = np.where(self.square > 0, LEAST**2 * self.square, (NOTHING / self.weights) ** 2)
         return np.asarray(np.maximum(left, least) / np.maximum(self.rows, 1))
 
     def strength(self, samples: float) -> Strength:
@@ -118,8 +118,8 @@ def moments_of(rows: Regression, instruments: Regression, rank: Rank, weights: A
         count += block.keep.sum(axis=0)
     if count.sum() <= r:
         raise InputError(
-            f"{', '.join(motion.source for motion in rows.motions)}: only {count.max()} samples have instruments, too "
-            f"few for {r} parameters; record longer."
+            f"{', '.join(motion.source for motion in rows.motions)}: {count.max()} samples have instruments, too few "
+            f"for {r} parameters; record longer or, where these are lagged, smooth less or give a shorter `lag`."
         )
     return Moments(turn, weights, crossed, within, regressors, torque, pulled, square, count)
 

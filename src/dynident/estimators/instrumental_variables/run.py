@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, Step
 from dynident.estimators.estimator import Problem
-from dynident.estimators.instrumental_variables.instruments import Instruments, log_of, paired
+from dynident.estimators.instrumental_variables.instruments import Instruments, paired
 from dynident.estimators.instrumental_variables.lagged import lagged_instruments
 from dynident.estimators.instrumental_variables.moments import Moments, moments_of
 from dynident.estimators.instrumental_variables.notes import (
@@ -24,13 +24,12 @@ from dynident.estimators.instrumental_variables.notes import (
 from dynident.estimators.instrumental_variables.repeated import not_repeated, repeated_instruments
 from dynident.estimators.instrumental_variables.scores import information_of
 from dynident.estimators.instrumental_variables.simulated import (
-    controller_of,
     failed,
     missing,
-    reason_of,
     simulated_instruments,
 )
 from dynident.estimators.linear import LinearFit, of_information
+from dynident.estimators.loops import controller_of, log_of, reason_of
 from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.log import Motion
 from dynident.regression import Rank, Regression
@@ -40,7 +39,7 @@ __all__ = ["Run", "Source"]
 
 Array = NDArray[np.float64]
 Source = Literal["auto", "simulated", "repeated", "lagged"]
-COVERED = 0.5  # share of the samples that another pass must have, unless it is asked for
+COVERED, ALIKE = 0.5, 0.3  # share of the samples that another pass must have, unless it is asked for; of the speed
 SETTLED = 0.01  # standard errors
 ROUNDING = 1e-10  # relative change of the torque
 WEAK = 10.0  # F of the first stage below which instruments are weak (Staiger and Stock, 1997)
@@ -97,7 +96,7 @@ class Run:
         """Return the instruments of the k-th recording that are made of measurements."""
         problem, motion = self.problem, self.problem.motions[k]
         found = None if self.source == "lagged" else repeated_instruments(problem, k)
-        if found is not None and (self.source == "repeated" or _shared(found, motion) > COVERED):
+        if found is not None and (self.source == "repeated" or _repeats(found, motion)):
             return found
         if self.source == "repeated":
             raise not_repeated(motion)
@@ -157,6 +156,8 @@ class Run:
         return replace(fit, weights=self.weights, notes=tuple(self.notes), robust=True)
 
 
-def _shared(one: Instruments, motion: Motion) -> float:
-    """Return the share of the usable samples of a motion that have instruments."""
-    return int((one.motion.mask & motion.mask).sum()) / max(int(motion.mask.sum()), 1)
+def _repeats(one: Instruments, motion: Motion) -> bool:
+    """Whether another pass has most samples of a motion, and each joint about the same speeds there."""
+    both = one.motion.mask & motion.mask
+    size, apart = (np.linalg.norm(x[both], axis=0) for x in (motion.dq, motion.dq - one.motion.dq))
+    return bool(both.sum() > COVERED * motion.mask.sum() and (apart <= ALIKE * size).all())

@@ -22,6 +22,7 @@ __all__ = ["information_of"]
 
 Array = NDArray[np.float64]
 SHARE = 0.02  # of a recording: errors of accelerations cancel only over times that are longer than they correlate
+ROUNDING = 1e-6  # of the covariance for white residuals: what is below is no estimate
 Series = tuple[NDArray[np.intp], Array]  # samples, and the scores there
 
 
@@ -38,13 +39,15 @@ def information_of(
     root = cholesky(found.white(beta))
     total, independent, few = np.zeros((r, r)), 0.0, 0.0
     for series in _recordings(found, beta, root, (rows, others), instruments):
-        short = bandwidth(iter([series()]))
         rows_of = sum(map(len, series()))
+        if not rows_of:
+            continue
+        short = bandwidth(iter([series()]))
         long = max(short, int(SHARE * rows_of))
         total = total + bartlett(series(), long, r)[1]
         independent, few = independent + rows_of / short, few + rows_of / long
     rest = np.diag(np.diag(total))
-    spread = root @ ((few * total + r * rest) / (few + r)) @ root.T
+    spread = root @ ((few * total + r * rest) / (few + r) + ROUNDING * np.eye(r)) @ root.T
     half = np.linalg.solve(cholesky(spread), found.total(found.crossed))  # its square is that of beta
     n = max(found.rows.max(), 1)
     back = rank.values[: rank.rank, None] * rank.vectors[:, : rank.rank].T * rank.scale

@@ -9,10 +9,9 @@ from annotated_types import Ge, Le
 
 from dynident.errors import changed
 from dynident.estimators.estimator import Estimate, Problem
-from dynident.estimators.instrumental_variables.simulated import controller_of
 from dynident.estimators.least_squares import MOST, LeastSquares, check_weights
 from dynident.estimators.linear import LinearFit
-from dynident.estimators.output_error.first import no_controller
+from dynident.estimators.loops import controller_of, no_controller
 from dynident.estimators.output_error.fit import OutputFit, fitted
 from dynident.estimators.output_error.recordings import torque_shots
 
@@ -65,6 +64,6 @@ class Didim:
         for k, motion in enumerate(problem.motions):
             controller = controller_of(problem, k)
             if controller is None:
-                raise no_controller(motion)
+                raise no_controller(motion, "the closed loop is", "use an estimator that simulates nothing")
             shots.append(torque_shots(problem, k, controller))
         return fitted(problem, tuple(shots), self.iterations)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, MissingInputError
-from dynident.estimators.estimator import Problem
+from dynident.errors import DynidentError
+from dynident.estimators.estimator import Estimator, Problem
 from dynident.estimators.instrumental_variables import InstrumentalVariables
-from dynident.estimators.instrumental_variables.simulated import reason_of
+from dynident.estimators.loops import not_simulated
 from dynident.estimators.output_error.notes import Start
 from dynident.estimators.physically_consistent import PhysicallyConsistent
-from dynident.log import Motion
 from dynident.simulation import Failure
 
-__all__ = ["first_runs", "no_controller"]
+__all__ = ["first_runs"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -40,29 +40,22 @@ def first_runs(
         runs = simulated(value)
         if not isinstance(runs, Failure):
             return value, runs, kind
-    raise _failed(problem, runs)
+    what = (
+        "no first model can be simulated, neither that of least squares nor a physically consistent one, one by "
+        "instrumental variables or that of the robot file"
+    )
+    raise not_simulated(problem.motions, what, runs, "an estimator that simulates nothing")
 
 
 def _others(problem: Problem) -> Iterator[tuple[Start, Array]]:
-    """Yield other parameters to begin with, those of the model's file last."""
-    yield Start.CONSISTENT, PhysicallyConsistent(costs=False)(problem).value
-    yield Start.INSTRUMENTS, InstrumentalVariables(instruments="lagged")(problem).value
-    if problem.model.values is not None:
-        yield Start.NOMINAL, np.asarray(problem.model.values, dtype=float)
-
-
-def no_controller(motion: Motion) -> MissingInputError:
-    """Return the error where a recording has no controller."""
-    return MissingInputError(
-        f"{motion.source}: the closed loop is to be simulated, but the recording does not know its controller. Give its "
-        "gains and reference in the section `simulation` (kinds cascade, pd, pid, python; in Python Log.controller)."
-    )
-
-
-def _failed(problem: Problem, failure: Failure) -> InputError:
-    return InputError(
-        f"{', '.join(one.source for one in problem.motions)}: no first model can be simulated, neither that of least "
-        "squares nor a physically consistent one, one by instrumental variables or that of the file "
-        f"({reason_of(failure)}). Check gains, units and reference of the controller and the terms of the model, or use "
-        "an estimator that simulates nothing."
-    )
+    """Yield other parameters to begin with, of those that can be had, the values of the robot file last."""
+    others: dict[Start, Estimator] = {
+        Start.CONSISTENT: PhysicallyConsistent(costs=False),
+        Start.INSTRUMENTS: InstrumentalVariables(instruments="lagged"),
+    }
+    for kind, estimator in others.items():
+        with suppress(DynidentError):
+            yield kind, estimator(problem).value
+    values = problem.model.values
+    if values is not None and np.isfinite(values).all():
+        yield Start.NOMINAL, np.asarray(values, dtype=float)

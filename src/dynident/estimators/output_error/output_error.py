@@ -10,11 +10,9 @@ from annotated_types import Ge, Gt, Le
 
 from dynident.errors import ConfigError, MissingInputError, changed, choices
 from dynident.estimators.estimator import Estimate, Problem
-from dynident.estimators.instrumental_variables.instruments import log_of
-from dynident.estimators.instrumental_variables.simulated import controller_of
 from dynident.estimators.least_squares import MOST, LeastSquares
 from dynident.estimators.linear import LinearFit
-from dynident.estimators.output_error.first import no_controller
+from dynident.estimators.loops import controller_of, log_of, no_controller
 from dynident.estimators.output_error.fit import OutputFit, fitted
 from dynident.estimators.output_error.recordings import closed_shots, open_shots
 from dynident.estimators.output_error.shots import Shots
@@ -39,10 +37,10 @@ class OutputError:
     one start. "auto" closes the loop where all recordings know their controller.
 
     Gauss and Newton's iteration with Levenberg's damping, by the exact derivatives of the discrete simulation. It
-    begins with least squares, or, where this cannot be simulated, with another fit; ``iterations`` is the most steps. The
-    covariance allows for residuals that are correlated in time and between joints: what noise of a measured torque does
-    to the model is in them, as is all that the model lacks. Such noise is not modelled: with a measured torque that has
-    much of it, maximum likelihood has smaller errors; with an exact one, output error uses that it is.
+    begins with least squares, or, where this cannot be simulated, with another fit; ``iterations`` is the most steps.
+    The covariance allows for residuals that are correlated in time and between joints: what noise of a measured torque
+    does to the model is in them, as is all that the model lacks. Such noise is not modelled: with a measured torque
+    that has much of it, maximum likelihood has smaller errors; with an exact one, output error uses that it is.
 
     Calling it with a ``Problem`` gives an ``Estimate``. Raises MissingInputError where a recording lacks the controller
     or the command that is asked for, InputError where no first model can be simulated, ModelError for terms that
@@ -82,7 +80,7 @@ class OutputError:
     def _fitted(self, problem: Problem) -> OutputFit:
         controllers = [controller_of(problem, k) for k in range(len(problem.motions))]
         if self.loop == "closed" and None in controllers:
-            raise no_controller(problem.motions[controllers.index(None)])
+            raise no_controller(problem.motions[controllers.index(None)], "the closed loop is", "leave `loop` at auto")
         closed = [] if self.loop == "open" else [one for one in controllers if one is not None]
         if len(closed) == len(problem.motions):
             shots = [closed_shots(problem, k, one) for k, one in enumerate(closed)]

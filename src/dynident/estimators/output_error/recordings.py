@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError
 from dynident.estimators.estimator import Problem
-from dynident.estimators.instrumental_variables.instruments import log_of
+from dynident.estimators.loops import log_of
 from dynident.estimators.output_error.shots import Shots
 from dynident.log import Controller, Motion
 from dynident.regression import fitted_rows, stretches

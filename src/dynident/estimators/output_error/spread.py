@@ -15,21 +15,21 @@ __all__ = ["information_of"]
 Array = NDArray[np.float64]
 ALONE = 1e6  # condition above which a piece alone determines a direction
 LEAST = 1e-6  # variance of J' e over that of white residuals: below are exact data
-PIECES = 10  # from which on what each piece adds is compared
+PIECES = 3  # from which on what each segment adds is compared
 
 
 def information_of(linear: Sequence[Linear], joints: int) -> Array:
     """Return the inverse covariance (r, r) of a fit, H S^-1 H with H = J' J and the covariance S of J' e.
 
-    Of many pieces S is the scatter of what each adds; of few, such as a closed loop, it is the long-run covariance. In
-    units of white residuals, correlations between directions count as far as there are more pieces, or independent
-    samples, than directions.
+    Of segments S is the scatter of what each adds, in a closed loop it is the long-run covariance. In units of white
+    residuals, correlations between directions count as far as there are more segments, or independent samples, than
+    directions.
     """
     left = [one.left for one in linear]
     H = np.asarray(sum(J.reshape(-1, J.shape[2]).T @ J.reshape(-1, J.shape[2]) for J, _ in left))
     half, r = root(H), len(H)
-    many = sum(len(J) for J, _ in left) >= PIECES
-    white, independent = _of_pieces(left, half) if many else _of_samples(left, half, joints)
+    segments = max(len(J) for J, _ in left) > 1 and sum(len(J) for J, _ in left) >= PIECES
+    white, independent = _of_pieces(left, half) if segments else _of_samples(left, half, joints)
     rest = np.diag(np.maximum(np.diag(white), LEAST))
     spread = half @ ((independent * white + r * rest) / (independent + r)) @ half.T
     found = np.linalg.solve(root(spread), H)

@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import (
+        Didim,
         Estimate,
         GeneralisedLeastSquares,
         InstrumentalVariables,
         LeastSquares,
         MaximumLikelihood,
+        OutputError,
         PhysicallyConsistent,
         WeightedLeastSquares,
     )
@@ -59,6 +61,7 @@ __all__ = [
     "Butterworth",
     "Coulomb",
     "CoupledMotor",
+    "Didim",
     "Difference",
     "Estimate",
     "FourierSeries",
@@ -74,6 +77,7 @@ __all__ = [
     "Model",
     "Motion",
     "Offset",
+    "OutputError",
     "ParallelFilter",
     "PhysicallyConsistent",
     "Recipe",
@@ -109,6 +113,7 @@ _MODULES = {
     "Butterworth": "dynident.smoothers",
     "Coulomb": "dynident.models",
     "CoupledMotor": "dynident.models",
+    "Didim": "dynident.estimators",
     "Difference": "dynident.smoothers",
     "Estimate": "dynident.estimators",
     "FourierSeries": "dynident.smoothers",
@@ -124,6 +129,7 @@ _MODULES = {
     "Model": "dynident.models",
     "Motion": "dynident.log",
     "Offset": "dynident.models",
+    "OutputError": "dynident.estimators",
     "ParallelFilter": "dynident.regression",
     "PhysicallyConsistent": "dynident.estimators",
     "Recipe": "dynident.identification",

@@ -18,12 +18,14 @@ from dynident.estimators.instrumental_variables import InstrumentalVariables
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
+from dynident.estimators.output_error import Didim, OutputError
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
 from dynident.estimators.weighted_least_squares import WeightedLeastSquares
 
 __all__ = [
     "Consistency",
     "Determined",
+    "Didim",
     "Estimate",
     "Estimator",
     "GeneralisedLeastSquares",
@@ -34,6 +36,7 @@ __all__ = [
     "MaximumLikelihood",
     "NamesParameters",
     "PhysicallyConsistent",
+    "OutputError",
     "Pieces",
     "Problem",
     "Provenance",

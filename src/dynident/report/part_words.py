@@ -8,10 +8,12 @@ from functools import singledispatch
 from typing import Any
 
 from dynident.estimators import (
+    Didim,
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
+    OutputError,
     PhysicallyConsistent,
     WeightedLeastSquares,
 )
@@ -165,6 +167,17 @@ def _(part: PhysicallyConsistent) -> str:
 @part_words.register
 def _(part: InstrumentalVariables) -> str:
     return settings_words("instrumental variables", part)
+
+
+@part_words.register
+def _(part: Didim) -> str:
+    return settings_words("DIDIM, the torque of the simulated loop", part)
+
+
+@part_words.register
+def _(part: OutputError) -> str:
+    where = {"auto": "", "closed": " in the loop", "open": ", driven by the torque"}[part.loop]
+    return settings_words("output error of simulated positions" + where, part, ("loop",))
 
 
 @part_words.register

@@ -58,6 +58,8 @@ class OutputError:
     >>> for estimator in (dy.LeastSquares(), dy.OutputError()):
     ...     found = dy.identify(arm, log, recipe=dy.Recipe(smoother=dy.Difference(), estimator=estimator)).estimate
     ...     print(f"J = {found.value[0]:.5f} +- {found.std[0]:.1e}")
+    J = 0.02057 +- 8.0e-04
+    J = 0.08250 +- 1.5e-06
     """
 
     loop: Loop = "auto"

@@ -39,7 +39,7 @@ def information_of(linear: Sequence[Linear], joints: int) -> Array:
 
 def _of_pieces(left: Sequence[tuple[Array, Array]], half: Array) -> tuple[Array, float]:
     """Return S in units of H = half half' (r, r) of pieces, each of which is correlated as it will, and their number:
-    what the fit changes by when each is left out (the jackknife; Bell and McCaffrey, 2002)."""
+    what the fit changes by when each is left out (the jackknife; MacKinnon and White, 1985)."""
     total, count = np.zeros_like(half), 0
     for rows, e in left:
         J = np.linalg.solve(half, rows.reshape(-1, len(half)).T).T.reshape(rows.shape)

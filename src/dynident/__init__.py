@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
-    from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+    from dynident.estimators import (
+        Estimate,
+        LeastSquares,
+        MaximumLikelihood,
+        PhysicallyConsistent,
+        RobustLeastSquares,
+    )
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
@@ -65,6 +71,7 @@ __all__ = [
     "PhysicallyConsistent",
     "Recipe",
     "RigidBodies",
+    "RobustLeastSquares",
     "RotorInertia",
     "Spline",
     "Viscous",
@@ -108,6 +115,7 @@ _MODULES = {
     "PhysicallyConsistent": "dynident.estimators",
     "Recipe": "dynident.identification",
     "RigidBodies": "dynident.models",
+    "RobustLeastSquares": "dynident.estimators",
     "RotorInertia": "dynident.models",
     "Spline": "dynident.smoothers",
     "Viscous": "dynident.models",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem, RobustLeastSquares
 from dynident.io.families import ESTIMATORS as FAMILY
 from dynident.models import Model
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
@@ -17,6 +17,8 @@ ESTIMATORS: list[Estimator] = [
     LeastSquares(weights="per_joint"),
     PhysicallyConsistent(),
     MaximumLikelihood(),
+    RobustLeastSquares(),
+    RobustLeastSquares("tukey"),
 ]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 

@@ -11,6 +11,7 @@ __all__ = [
     "Averaged",
     "ConstraintsCostly",
     "DecidedByPrior",
+    "Downweighted",
     "Failed",
     "HeldByConstraints",
     "MotionCorrected",
@@ -26,6 +27,7 @@ __all__ = [
     "RankDeficient",
     "ScatterLarger",
     "SmoothSigns",
+    "StillMoving",
     "Undetermined",
     "Unsettled",
 ]
@@ -141,6 +143,22 @@ class NotConverged(Unsettled):
 
     iterations: int
     gain: float
+
+
+@dataclass(frozen=True)
+class StillMoving(Unsettled):
+    """The iteration stopped after ``iterations`` steps, the last one ``change`` standard errors of all together."""
+
+    iterations: int
+    change: float
+
+
+@dataclass(frozen=True)
+class Downweighted(Note):
+    """By joint, the share of the torques that count less than half, because they look wrong."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    joints: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)

@@ -148,8 +148,7 @@ def _estimated(
     progress("estimating")
     model, regression, logs = problem.model, problem.regression, problem.logs
     estimate = called(estimator, problem, Estimate)
-    if estimate.residual.sample_weights:
-        regression = replace(regression, weights=estimate.residual.sample_weights)
+    regression = _as_fitted(regression, estimate)
     late = covariance_of_time_offset(model, regression, estimate, pairing.time_offset)
     if estimate.information is not None:
         return estimate, regression, late, ()
@@ -160,9 +159,16 @@ def _estimated(
     if not found.significant:
         return estimate, regression, late + found.covariance + np.outer(found.bias, found.bias), ()
     if found.share < FAR:
-        regression = regression.unbiased(found.bias)
-        estimate = called(estimator, replace(problem, regression=regression), Estimate)
+        again = problem.regression.unbiased(found.bias)
+        estimate = called(estimator, replace(problem, regression=again), Estimate)
+        regression = _as_fitted(again, estimate)
     return estimate, regression, late + found.covariance, _noted(found)
+
+
+def _as_fitted(regression: Regression, estimate: Estimate) -> Regression:
+    """Return a regression with the weights of its samples that an estimator has found."""
+    weights = estimate.residual.sample_weights
+    return replace(regression, weights=weights) if weights else regression
 
 
 def _mounted(

@@ -174,6 +174,12 @@ class Regression:
         for _, _, block in self._placed(structure or self.model.structure, theta, within):
             yield block
 
+    def residuals(self, theta: Array) -> Iterator[tuple[int, slice, Array, NDArray[np.bool_] | None]]:
+        """Yield what theta (p) leaves of the torque, (B, n), filtered and weighted, block by block: the place of the
+        motion, its samples, the residual, and which of it is used, (B, n) or all."""
+        for k, rows, one in self._placed(self.model.structure_with(()), theta):
+            yield k, rows, one.tau.T, None if one.keep is None else one.keep.T
+
     @cached_property
     def known(self) -> dict[Any, Any]:
         """What is known of this regression from before, by what was asked."""

@@ -5,7 +5,15 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem, RobustLeastSquares
+from dynident.estimators import (
+    Estimate,
+    Estimator,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    Problem,
+    RobustLeastSquares,
+)
 from dynident.io.families import ESTIMATORS as FAMILY
 from dynident.models import Model
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator

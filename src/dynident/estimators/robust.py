@@ -87,12 +87,11 @@ class RobustLeastSquares:
         regression, parameters = problem.regression, problem.model.parameters
         triangular = regression.triangular_factors
         factor, rank = weighted(triangular, joint_weights(triangular, "per_joint", 3, parameters), parameters)
-        start = _Step(LinearFit(factor, rank, triangular.total).solution.value, None)
+        start = _Step.of(LinearFit(factor, rank, triangular.total))
         if self.loss == "tukey":
             start = self._settled(problem, _Huber(USUAL["huber"]), start, rank, ROUGH)[0]
         psi = _Huber if self.loss == "huber" else _Tukey
         last, moved = self._settled(problem, psi(self.tuning or USUAL[self.loss]), start, rank, CLOSE)
-        assert last.fit is not None
         notes = last.notes(problem.model)
         return replace(last.fit, notes=(*notes, *([StillMoving(self.iterations, moved)] if moved > CLOSE else [])))
 
@@ -106,7 +105,6 @@ class RobustLeastSquares:
             if scale is None or k < HELD:
                 scale = errors.scale(problem.regression)
             step, before = _step(problem, errors, scale, psi, rank), step
-            assert step.fit is not None
             moved = float(np.linalg.norm(step.fit.factor[:-1, :-1] @ (step.value - before.value)))
             if moved <= close:
                 break
@@ -149,15 +147,19 @@ class _Step:
     """The ``value`` (p) after a step, the rows of which it is the solution, and the share (n) that counts little."""
 
     value: Array
-    fit: LinearFit | None
-    little: Array | None = None
+    fit: LinearFit
+    little: Array
 
     __repr__ = brief
 
+    @classmethod
+    def of(cls, fit: LinearFit, little: Array | None = None) -> _Step:
+        """Return the step to the solution of a fit."""
+        return cls(fit.solution.value, fit, np.zeros(0) if little is None else little)
+
     def notes(self, model: Model) -> tuple[Note, ...]:
         """Return the note on joints of which many torques count less than half."""
-        little = np.zeros(0) if self.little is None else self.little
-        found = tuple((model.joints[j].name, float(little[j])) for j in np.flatnonzero(little > MANY))
+        found = tuple((model.joints[j].name, float(self.little[j])) for j in np.flatnonzero(self.little > MANY))
         return (Downweighted(found),) if found else ()
 
 
@@ -212,7 +214,7 @@ def _step(problem: Problem, errors: _Errors, scale: Array, psi: _Huber | _Tukey,
     curved = tuple(np.square(g) * np.maximum(one, 0.0) * least for g, one in zip(given, slopes, strict=True))
     fit = LinearFit(factor, directions, total, 1.0 / sigma, rows.weights, curved, sigma=sigma)
     little = np.array([float(np.mean(one < HALF)) if len(one) else 0.0 for one in own[1]])
-    return _Step(fit.solution.value, fit, little)
+    return _Step.of(fit, little)
 
 
 def _moments(

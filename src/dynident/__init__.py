@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         LeastSquares,
         MaximumLikelihood,
         PhysicallyConsistent,
+        Ridge,
         RobustLeastSquares,
     )
     from dynident.identification import Identification, Recipe, bootstrap
@@ -70,6 +71,7 @@ __all__ = [
     "ParallelFilter",
     "PhysicallyConsistent",
     "Recipe",
+    "Ridge",
     "RigidBodies",
     "RobustLeastSquares",
     "RotorInertia",
@@ -114,6 +116,7 @@ _MODULES = {
     "ParallelFilter": "dynident.regression",
     "PhysicallyConsistent": "dynident.estimators",
     "Recipe": "dynident.identification",
+    "Ridge": "dynident.estimators",
     "RigidBodies": "dynident.models",
     "RobustLeastSquares": "dynident.estimators",
     "RotorInertia": "dynident.models",

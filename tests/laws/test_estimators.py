@@ -12,6 +12,7 @@ from dynident.estimators import (
     MaximumLikelihood,
     PhysicallyConsistent,
     Problem,
+    Ridge,
     RobustLeastSquares,
 )
 from dynident.io.families import ESTIMATORS as FAMILY
@@ -25,6 +26,7 @@ ESTIMATORS: list[Estimator] = [
     LeastSquares(weights="per_joint"),
     PhysicallyConsistent(),
     MaximumLikelihood(),
+    Ridge(),
     RobustLeastSquares(),
     RobustLeastSquares("tukey"),
 ]

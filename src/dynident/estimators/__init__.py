@@ -17,6 +17,7 @@ from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
+from dynident.estimators.ridge import Ridge
 from dynident.estimators.robust import RobustLeastSquares
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Problem",
     "Provenance",
     "Residual",
+    "Ridge",
     "RobustLeastSquares",
     "among",
     "estimate_of",

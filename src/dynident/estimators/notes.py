@@ -12,6 +12,7 @@ __all__ = [
     "ConstraintsCostly",
     "DecidedByPrior",
     "Downweighted",
+    "DrawnToPrior",
     "Failed",
     "HeldByConstraints",
     "MotionCorrected",
@@ -76,6 +77,14 @@ class DecidedByPrior(Undetermined):
     """``count`` parameters are determined by the prior where the data do not determine them."""
 
     count: int
+
+
+@dataclass(frozen=True)
+class DrawnToPrior(Note):
+    """The estimate is drawn to the prior with a ``strength`` that cross-validation chose."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    strength: float
 
 
 @dataclass(frozen=True)

@@ -240,6 +240,7 @@ ESTIMATORS = Family(
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
+        "ridge": "dynident.estimators.ridge:Ridge",
         "robust": "dynident.estimators.robust:RobustLeastSquares",
     },
     protocol="dynident.estimators.estimator:Estimator",

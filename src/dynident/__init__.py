@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         PhysicallyConsistent,
         Ridge,
         RobustLeastSquares,
+        TotalLeastSquares,
     )
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
@@ -76,6 +77,7 @@ __all__ = [
     "RobustLeastSquares",
     "RotorInertia",
     "Spline",
+    "TotalLeastSquares",
     "Viscous",
     "accuracy_bound",
     "bootstrap",
@@ -121,6 +123,7 @@ _MODULES = {
     "RobustLeastSquares": "dynident.estimators",
     "RotorInertia": "dynident.models",
     "Spline": "dynident.smoothers",
+    "TotalLeastSquares": "dynident.estimators",
     "Viscous": "dynident.models",
     "accuracy_bound": "dynident.io.shortcuts",
     "bootstrap": "dynident.identification",

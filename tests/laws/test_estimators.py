@@ -14,6 +14,7 @@ from dynident.estimators import (
     Problem,
     Ridge,
     RobustLeastSquares,
+    TotalLeastSquares,
 )
 from dynident.io.families import ESTIMATORS as FAMILY
 from dynident.models import Model
@@ -29,6 +30,7 @@ ESTIMATORS: list[Estimator] = [
     Ridge(),
     RobustLeastSquares(),
     RobustLeastSquares("tukey"),
+    TotalLeastSquares(),
 ]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 

@@ -19,6 +19,7 @@ from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
 from dynident.estimators.ridge import Ridge
 from dynident.estimators.robust import RobustLeastSquares
+from dynident.estimators.total_least_squares import TotalLeastSquares
 
 __all__ = [
     "Consistency",
@@ -37,6 +38,7 @@ __all__ = [
     "Residual",
     "Ridge",
     "RobustLeastSquares",
+    "TotalLeastSquares",
     "among",
     "estimate_of",
     "of_information",

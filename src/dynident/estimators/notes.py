@@ -13,6 +13,7 @@ __all__ = [
     "DecidedByPrior",
     "Downweighted",
     "DrawnToPrior",
+    "ErrorsInRegressor",
     "Failed",
     "HeldByConstraints",
     "MotionCorrected",
@@ -85,6 +86,15 @@ class DrawnToPrior(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     strength: float
+
+
+@dataclass(frozen=True)
+class ErrorsInRegressor(Note):
+    """Along one direction, above all of a ``parameter``, so many ``percent`` of what the regressor shows (its sum of
+    squares) are its own errors, as they are stated: the estimate there rests on their size."""
+
+    parameter: str
+    percent: float
 
 
 @dataclass(frozen=True)

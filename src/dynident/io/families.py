@@ -242,6 +242,7 @@ ESTIMATORS = Family(
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
         "ridge": "dynident.estimators.ridge:Ridge",
         "robust": "dynident.estimators.robust:RobustLeastSquares",
+        "total_least_squares": "dynident.estimators.total_least_squares:TotalLeastSquares",
     },
     protocol="dynident.estimators.estimator:Estimator",
 )

@@ -159,15 +159,7 @@ def _solved(factor: Array, C: Array, rank: Rank, total: int, torque: float | Non
     C = V.T @ C @ V
     r = len(C)
     R[r, r] = max(abs(R[r, r]), np.finfo(float).eps * np.linalg.norm(R[:, r]))  # of exact data it is rounding
-    v = np.append(np.linalg.solve(R[:r, :r], R[:r, r]), -1.0)
-    least, size = 0.0, np.inf
-    for _ in range(ROUNDS):
-        left = float(np.sum((R @ v) ** 2))
-        own = max(left - float(v[:r] @ C @ v[:r]), LEAST * left) if torque is None else torque
-        v, least = _smallest(R, C, own)
-        if abs(own - size) <= CLOSE * own:
-            break
-        size = own
+    v, least = _without(R, C) if torque is None else _smallest(R, C, torque)
     A = R[:r, :r].T @ R[:r, :r] - least * C
     left = float(np.sum((R @ v) ** 2))
     half = np.linalg.solve(R[:r, :r].T, A)
@@ -178,6 +170,25 @@ def _solved(factor: Array, C: Array, rank: Rank, total: int, torque: float | Non
     return _Solution(
         V @ v[:r], back @ information @ back.T, float(shares[-1]), rank.vectors[:, :r] @ inverse @ turns[:, -1]
     )
+
+
+def _without(R: Array, C: Array) -> tuple[Array, float]:
+    """Return v = (theta, -1) where C is known and the torque has what else the residual shows: then the minimum is one,
+    (X'X - C) theta = X'y. Where C is said to be larger than that, the torque keeps the ``LEAST``."""
+    gram, right = R[:-1, :-1].T @ R[:-1, :-1], R[:-1, :-1].T @ R[:-1, -1]
+    v, left = np.append(np.linalg.solve(gram, right), -1.0), 0.0
+    if np.linalg.eigvalsh(gram - C)[0] > 0:
+        v = np.append(np.linalg.solve(gram - C, right), -1.0)
+        left = float(np.sum((R @ v) ** 2))
+        if left - float(v[:-1] @ C @ v[:-1]) > LEAST * left:
+            return v, 1.0
+    least = 1.0
+    for _ in range(ROUNDS):
+        before, left = left, float(np.sum((R @ v) ** 2))
+        if abs(left - before) <= CLOSE * left:
+            break
+        v, least = _smallest(R, C, LEAST * left)
+    return v, least
 
 
 def _smallest(R: Array, C: Array, own: float) -> tuple[Array, float]:

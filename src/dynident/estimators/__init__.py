@@ -1,5 +1,6 @@
 """Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their protocol."""
 
+from dynident.estimators.augmented_kalman.fit import AugmentedKalman
 from dynident.estimators.estimator import (
     Consistency,
     Determined,
@@ -22,6 +23,7 @@ from dynident.estimators.robust import RobustLeastSquares
 from dynident.estimators.total_least_squares import TotalLeastSquares
 
 __all__ = [
+    "AugmentedKalman",
     "Consistency",
     "Determined",
     "Estimate",

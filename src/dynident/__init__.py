@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import (
+        AugmentedKalman,
         Estimate,
         LeastSquares,
         MaximumLikelihood,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AugmentedKalman",
     "Butterworth",
     "Coulomb",
     "CoupledMotor",
@@ -101,6 +103,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "AugmentedKalman": "dynident.estimators",
     "Butterworth": "dynident.smoothers",
     "Coulomb": "dynident.models",
     "CoupledMotor": "dynident.models",

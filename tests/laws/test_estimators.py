@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from dynident.estimators import (
+    AugmentedKalman,
     Estimate,
     Estimator,
     LeastSquares,
@@ -31,6 +32,7 @@ ESTIMATORS: list[Estimator] = [
     RobustLeastSquares(),
     RobustLeastSquares("tukey"),
     TotalLeastSquares(),
+    AugmentedKalman(passes=2),
 ]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 

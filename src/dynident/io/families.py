@@ -240,6 +240,7 @@ ESTIMATORS = Family(
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
+        "augmented_kalman": "dynident.estimators.augmented_kalman.fit:AugmentedKalman",
         "ridge": "dynident.estimators.ridge:Ridge",
         "robust": "dynident.estimators.robust:RobustLeastSquares",
         "total_least_squares": "dynident.estimators.total_least_squares:TotalLeastSquares",

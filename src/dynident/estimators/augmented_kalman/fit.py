@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, Step, brief, changed, choices
 from dynident.estimators.augmented_kalman.dynamics import Dynamics
-from dynident.estimators.augmented_kalman.series import Series, series_of, smooth_model
+from dynident.estimators.augmented_kalman.series import Series, grouping, series_of, smooth_model
 from dynident.estimators.augmented_kalman.square_root import corrected, lower, points
 from dynident.estimators.estimator import Estimate, Problem
 from dynident.estimators.least_squares import LeastSquares
@@ -25,12 +25,12 @@ __all__ = ["AugmentedKalman"]
 Array = NDArray[np.float64]
 Method = Literal["extended", "sigma_point"]
 MOST = 1_000_000  # samples
-SPREAD = 2.0  # standard errors of least squares: what the filter starts with, and what is taken off at the end
+SPREAD, PIECES = 2.0, 16  # standard errors of least squares, of so many pieces, that the filter starts with
 START = (10.0, 0.1)  # deviation of a first position, in its noise, and of a first velocity, in the usual one
 CLOSE = 0.1  # standard errors: a step of the parameters that ends the passes
 STIFF, PARTS = 2.0, 20  # change of a velocity by friction in a part of a step; parts of a step at most
 LOST = 1e3  # standard deviations of an innovation: the filter has lost the motion
-MANY = 0.05  # share of the samples with an uncertain sign above which it is noted
+MANY = 0.2  # share of the samples with an uncertain sign above which it is noted
 EXACT = 0.1  # of what the noise of the torque moves in a step: no position is taken as more exact
 LEAST = 1e-4  # noise of a torque, relative to the largest
 REPORTED = 25  # steps between two reports
@@ -41,13 +41,13 @@ class AugmentedKalman:
     """A Kalman filter whose state is (q, dq, theta): driven by the measured torque, it measures the positions.
 
     ``method``: "extended" linearises the dynamics along the smoothed motion (along that of the noisy torque, as some
-    do, it is sure of too much); "sigma_point" takes the 2 L points of the cubature rule
-    through them, L = 2 n + rank, and needs no derivatives. Both in square-root form. The noise of the torque, that of
-    the residual of least squares, enters through the inverse mass matrix; that of the positions is found in the logs.
-    Steps are integrated by Runge-Kutta, as many parts to each as friction needs. About ``samples`` steps are taken: of
-    longer recordings groups of samples make one step. Recordings are cut into pieces of 125 steps that run side by
-    side, each with a start of its own; what each tells beyond the start's covariance is added. So nothing depends on
-    the order of the logs, and least squares, where the filter starts, counts nothing. ``passes`` at most repeat it from
+    do, it is sure of too much); "sigma_point" takes the 2 L points of the cubature rule through them, L = 2 n + rank,
+    and needs no derivatives. Both in square-root form. The noise of the torque, that of the residual of least
+    squares, enters through the inverse mass matrix; that of the positions is found in the logs. Steps are integrated
+    by Runge-Kutta, as many parts to each as friction needs. Each recording is taken in ``samples`` steps at most: of
+    longer ones groups of samples make one step. Recordings are cut into pieces of 125 steps that run side by side,
+    each with a start of its own; what each tells beyond the start's covariance is added. So nothing depends on the
+    order of the logs, and least squares, where the filter starts, counts nothing. ``passes`` at most repeat it from
     what it found, until that moves by less than a tenth of a standard error. For parameters, which are constant, the
     smoothed (Rauch-Tung-Striebel) estimate is that of the last step, so that no backward pass is needed.
 
@@ -125,23 +125,22 @@ class _Run:
     @classmethod
     def begin(cls, settings: AugmentedKalman, problem: Problem, start: Estimate) -> _Run:
         """Return the run from the estimate of least squares."""
-        usable = sum(int(one.mask.sum()) for one in problem.motions)
-        group = max(1, -(-usable // settings.samples))
+        groups = [grouping(one, settings.samples) for one in problem.motions]
+        step = max(g * float(np.diff(one.t).mean()) for g, one in zip(groups, problem.motions, strict=True))
         rank = start.determined.directions
         if rank is None:
             raise ModelError("the start of the filter does not say what the data determine.")
         sigma = np.maximum(misfit(problem, start.value), LEAST * _largest(problem))
-        step = group * float(np.mean([np.diff(one.t).mean() for one in problem.motions]))
         model, widths, uncertain = smooth_model(problem, start.value, step)
-        series = series_of(problem, group, sigma, uncertain)
+        series = series_of(problem, settings.samples, sigma, uncertain)
         found = start.residual
         own = (
             1.0 if found.weights is None else float(np.mean(np.square(found.weights * np.maximum(found.sigma, sigma))))
         )
-        unit = rank.determined / rank.values[: rank.rank] * np.sqrt(own)
-        within = float(np.sqrt((1.0 - 1.0 / group**2) / 12.0 + 1.0 / 288.0))  # of the samples, and of the slope
-        dynamics = Dynamics(model, start.value, unit, step, 1, within)
-        inverse, parts = _inertia(problem, dynamics)
+        unit = rank.determined / rank.values[: rank.rank] * np.sqrt(own * len(series.q) / PIECES)
+        within = float(np.sqrt((1.0 - 1.0 / max(groups) ** 2) / 12.0 + 1.0 / 288.0))  # of the samples, and of the slope
+        dynamics = Dynamics(model, start.value, unit, 1, within)
+        inverse, parts = _inertia(problem, dynamics, step)
         dynamics = replace(dynamics, parts=parts)
         least = EXACT * step**2 / 2 * inverse @ series.noise.mean(axis=(0, 1))
         series = replace(series, sigma=np.maximum(series.sigma, least))
@@ -163,12 +162,12 @@ class _Run:
             torque = (one[on, k] for one in (series.mean, series.slope, series.noise))
             try:
                 with np.errstate(all="ignore"):
-                    moved = predicted(dynamics, x[on], S[on], series.motion[:, on, k], *torque)
+                    moved = predicted(dynamics, series.step[on], x[on], S[on], series.motion[:, on, k], *torque)
                     x[on], S[on], e = corrected(*moved, series.q[on, k + 1], series.sigma)
             except (ModelError, np.linalg.LinAlgError):
-                raise _diverged(k, series.step) from None
+                raise _diverged(k) from None
             if not (np.isfinite(x).all() and np.isfinite(S).all() and np.abs(e).max() < LOST):
-                raise _diverged(k, series.step)
+                raise _diverged(k)
             white, count = white + float(np.square(e).sum()), count + e.size
         a, information = _added(x[:, 2 * n :], S[:, 2 * n :], max(white / count, 1.0))
         back = self.directions.scale[:, None] * self.directions.vectors[:, :r]
@@ -180,7 +179,7 @@ class _Run:
         """Return the first states (B, L) and their S (B, L, L)."""
         series = self.series
         usual = np.sqrt(np.mean([np.square(one.dq[one.mask]).mean(axis=0) for one in self.problem.motions], axis=0))
-        slow = np.maximum(usual, 10 * series.sigma / series.step)
+        slow = np.maximum(usual, 10 * series.sigma / series.step.min())
         size = np.concatenate([START[0] * series.sigma, START[1] * slow, np.full(r, SPREAD)])
         x = np.concatenate([series.q[:, 0], series.rate, np.zeros((len(series.q), r))], axis=1)
         x, S, _ = corrected(x, np.tile(np.diag(size), (len(x), 1, 1)), series.q[:, 0], series.sigma)
@@ -196,7 +195,7 @@ def _many(uncertain: tuple[Array, ...], sigma: Array) -> bool:
     return float((np.concatenate(uncertain) > sigma).mean(axis=0).max()) > MANY
 
 
-def _inertia(problem: Problem, dynamics: Dynamics) -> tuple[Array, int]:
+def _inertia(problem: Problem, dynamics: Dynamics, step: float) -> tuple[Array, int]:
     """Return the mean size (n, n) of the inverse mass matrix, and into how many parts a step is cut, so that friction
     changes a velocity by ``STIFF`` times itself in each at most."""
     rates, sizes = [], []
@@ -207,31 +206,32 @@ def _inertia(problem: Problem, dynamics: Dynamics) -> tuple[Array, int]:
             inverse = np.linalg.pinv(dynamics.model.mass_matrix(one.q[rows], dynamics.theta))
         sizes.append(np.abs(inverse).mean(axis=0))
         rates.append(float(np.abs(np.linalg.eigvals(inverse @ by_dq)).max()))
-    most = dynamics.step * max(rates) / STIFF
+    most = step * max(rates) / STIFF
     if not np.isfinite(most):
-        raise _diverged(0, dynamics.step)
+        raise _diverged(None)
     return np.mean(sizes, axis=0), int(np.clip(np.ceil(most), 1, PARTS))
 
 
 def _extended(
-    dynamics: Dynamics, x: Array, S: Array, motion: Array, mean: Array, slope: Array, noise: Array
+    dynamics: Dynamics, step: Array, x: Array, S: Array, motion: Array, mean: Array, slope: Array, noise: Array
 ) -> tuple[Array, Array]:
     """Return state and S after a step, linearised at the smoothed motion (3, B, n)."""
-    F, G = dynamics.slopes(*motion)
-    return dynamics.moved(x, mean, slope), lower(np.concatenate([F @ S, G * np.tile(noise, 2)[:, None]], axis=2))
+    F, G = dynamics.slopes(step, *motion)
+    return dynamics.moved(step, x, mean, slope), lower(np.concatenate([F @ S, G * np.tile(noise, 2)[:, None]], axis=2))
 
 
 def _cubature(
-    dynamics: Dynamics, x: Array, S: Array, _: Array, mean: Array, slope: Array, noise: Array
+    dynamics: Dynamics, step: Array, x: Array, S: Array, _: Array, mean: Array, slope: Array, noise: Array
 ) -> tuple[Array, Array]:
     """Return state and S after a step, by the points of the cubature rule."""
     some = points(x, S)
     count = some.shape[1]
-    flat = dynamics.moved(some.reshape(-1, x.shape[1]), np.repeat(mean, count, axis=0), np.repeat(slope, count, axis=0))
+    each = (np.repeat(one, count, axis=0) for one in (mean, slope))
+    flat = dynamics.moved(np.repeat(step, count), some.reshape(-1, x.shape[1]), *each)
     moved = flat.reshape(some.shape)
     after = moved.mean(axis=1)
     spread = np.swapaxes(moved - after[:, None], 1, 2) / np.sqrt(count)
-    return after, lower(np.concatenate([spread, dynamics.push(x) * np.tile(noise, 2)[:, None]], axis=2))
+    return after, lower(np.concatenate([spread, dynamics.push(step, x) * np.tile(noise, 2)[:, None]], axis=2))
 
 
 def _added(a: Array, S: Array, scatter: float) -> tuple[Array, Array]:
@@ -241,13 +241,13 @@ def _added(a: Array, S: Array, scatter: float) -> tuple[Array, Array]:
     inverse = np.linalg.inv(S @ np.swapaxes(S, 1, 2))
     information = (inverse - np.eye(r) / SPREAD**2).sum(axis=0)
     if not np.linalg.eigvalsh(information)[0] > 0:
-        raise _diverged(None, 0.0)
+        raise _diverged(None)
     found = np.linalg.solve(information, (inverse @ a[..., None]).sum(axis=0)[:, 0])
     return found, information / scatter
 
 
-def _diverged(k: int | None, step: float) -> InputError:
-    where = "" if k is None else f" {k * step:.3g} s after the start of a piece"
+def _diverged(k: int | None) -> InputError:
+    where = "" if k is None else f" at step {k + 1} of a piece"
     return InputError(
         f"the Kalman filter diverged{where}: its motion left the measured one, or its mass matrix is singular. Take "
         "more steps (samples), the other method, or an estimator that needs no simulation, such as consistent or "

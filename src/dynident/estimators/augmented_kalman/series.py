@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,11 @@ from dynident.errors import InputError, brief
 from dynident.estimators.estimator import Problem
 from dynident.estimators.maximum_likelihood.friction import has_sign, with_smooth_signs
 from dynident.estimators.maximum_likelihood.measured import usual_noise
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.regression import fitted_rows, stretches
 
-__all__ = ["Series", "series_of", "smooth_model"]
+__all__ = ["Series", "grouping", "series_of", "smooth_model"]
 
 Array = NDArray[np.float64]
 PIECE = 125  # steps of a piece
@@ -26,13 +27,13 @@ UNUSED = 100.0  # times the noise, of a torque that is not to be fitted
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """B pieces of K steps of ``step`` s: ``q`` (B, K + 1, n) as measured, ``rate`` (B, n) the first velocity, the
+    """B pieces of K steps of ``step`` (B) s: ``q`` (B, K + 1, n) as measured, ``rate`` (B, n) the first velocity, the
     torque as ``mean`` and ``slope`` (B, K, n) over each step, its standard deviation ``noise`` (B, K, n); ``used``
     (B, K) is whether a step is there; ``sigma`` (n) is the noise of the positions. ``motion`` (3, B, K, n) is the mean
     of the smoothed q, dq and ddq over each step.
     """
 
-    step: float
+    step: Array
     q: Array
     rate: Array
     mean: Array
@@ -45,28 +46,30 @@ class Series:
     __repr__ = brief
 
 
-def series_of(problem: Problem, group: int, torque: Array, uncertain: tuple[Array, ...]) -> Series:
-    """Return the pieces in steps of ``group`` samples. ``torque`` (n) is the noise of a sample, ``uncertain`` (N, n),
-    for each motion, what its torque is uncertain by besides. Raises InputError where no piece is long enough."""
-    found = [one for k in range(len(problem.motions)) for one in _pieces(problem, k, group, torque, uncertain[k])]
+def series_of(problem: Problem, samples: int, torque: Array, uncertain: tuple[Array, ...]) -> Series:
+    """Return the pieces, at most ``samples`` steps of each motion. ``torque`` (n) is the noise of a sample,
+    ``uncertain`` (N, n), for each motion, what its torque is uncertain by besides.
+
+    Raises InputError where no piece is long enough.
+    """
+    found = [one for k in range(len(problem.motions)) for one in _pieces(problem, k, samples, torque, uncertain[k])]
     if not found:
-        raise InputError(
-            f"the Kalman filter needs a run of at least {FEWEST} steps of {group} usable samples; record longer."
-        )
-    most = max(len(one[2]) for one in found)
-    q, rate, mean, slope, noise, *motion = zip(*found, strict=True)
+        raise InputError(f"the Kalman filter needs a run of at least {FEWEST} usable samples; record longer.")
+    most = max(len(one[3]) for one in found)
+    step, q, rate, mean, slope, noise, *motion = zip(*found, strict=True)
     used = np.stack([np.arange(most) < len(one) for one in mean])
-    steps = [float(np.diff(one.t).mean()) for one in problem.motions]
-    if max(steps) > 1.01 * min(steps):
-        raise InputError(f"the Kalman filter needs recordings of one rate; these have steps of {steps} s.")
 
     def padded(x: tuple[Array, ...], length: int) -> Array:
         return np.stack([np.pad(one, ((0, length - len(one)), (0, 0)), "edge") for one in x])
 
-    step = group * float(np.mean(steps))
     a, b, c = (padded(one, most) for one in (mean, slope, noise))
     smooth = np.stack([padded(one, most) for one in motion])
-    return Series(step, padded(q, most + 1), np.stack(rate), a, b, c, used, _sigma(problem), smooth)
+    return Series(np.array(step), padded(q, most + 1), np.stack(rate), a, b, c, used, _sigma(problem), smooth)
+
+
+def grouping(motion: Motion, samples: int) -> int:
+    """Return how many samples of a motion make a step, of which there are ``samples`` at most."""
+    return max(1, -(-int(motion.mask.sum()) // samples))
 
 
 def _sigma(problem: Problem) -> Array:
@@ -88,26 +91,27 @@ def _measured(problem: Problem, k: int) -> Array:
     return np.asarray(motion.q + left[at])
 
 
-def _pieces(problem: Problem, k: int, group: int, torque: Array, uncertain: Array) -> list[tuple[Array, ...]]:
-    """Return q, the first dq, mean, slope and noise of the torque, and the smoothed motion, of each piece."""
+def _pieces(problem: Problem, k: int, samples: int, torque: Array, uncertain: Array) -> list[tuple[Any, ...]]:
+    """Return the step, q, the first dq, mean, slope and noise of the torque, and the smoothed motion, of each piece."""
     motion, measured = problem.motions[k], _measured(problem, k)
     kept = fitted_rows(motion, problem.regression.min_speed)
     unused = np.zeros(motion.q.shape) if kept is None else UNUSED * torque * ~kept
     noise2 = np.square(torque) + np.square(uncertain) + np.square(unused)
-    first = np.gradient(motion.tau, axis=0)
-    out: list[tuple[Array, ...]] = []
+    group, h = grouping(motion, samples), float(np.diff(motion.t).mean())
+    out: list[tuple[Any, ...]] = []
     for part in stretches(motion.mask):
         steps = (part.stop - 1 - part.start) // group
         count = max(1, round(steps / PIECE))
         edges = part.start + group * (steps * np.arange(count + 1) // count)
         for a, b in pairwise(edges):
             if (b - a) // group >= FEWEST:
-                at = np.arange(a, b + 1, group)
-                mean = _mean(motion.tau, at, group) - (first[at[1:]] - first[at[:-1]]) / (12 * group)
-                slope = np.gradient(mean, group * float(np.diff(motion.t).mean()), axis=0)
-                smooth = (_mean(one, at, group) for one in (motion.q, motion.dq, motion.ddq))
-                noise = np.sqrt(_mean(noise2, at, group) / group)
-                out.append((measured[at], motion.dq[a], mean, slope, noise, *smooth))
+                rows, at = slice(a, b + 1), np.arange(0, b - a + 1, group)
+                bent = np.gradient(motion.tau[rows], axis=0)[at]
+                mean = _mean(motion.tau[rows], at, group) - np.diff(bent, axis=0) / (12 * group)
+                slope = np.gradient(mean, group * h, axis=0)
+                noise = np.sqrt(_mean(noise2[rows], at, group) / group)
+                smooth = (_mean(one[rows], at, group) for one in (motion.q, motion.dq, motion.ddq))
+                out.append((group * h, measured[rows][at], motion.dq[a], mean, slope, noise, *smooth))
     return out
 
 

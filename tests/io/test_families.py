@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 
 from dynident.cli import main
 from dynident.errors import ConfigError
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    AugmentedKalman,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
+)
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.io.parts import build, schemas, unusable
 from dynident.io.settings import Config
@@ -73,6 +81,10 @@ ESTIMATING = [
     PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
+    RobustLeastSquares("tukey", tuning=6.0),
+    Ridge({"J": 0.1}, 0.3),
+    TotalLeastSquares({"J": 0.1}, torque=0.2),
+    AugmentedKalman("sigma_point", samples=500),
 ]
 ON_JOINTS = [
     RotorInertia(JOINTS),

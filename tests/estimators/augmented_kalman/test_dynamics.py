@@ -31,7 +31,7 @@ def test_slopes_are_those_of_the_step():
 def test_parts_and_steps_of_their_own():
     x = np.concatenate([RNG.uniform(-1, 1, (2, 4)), np.zeros((2, 7))], axis=1)
     tau, slope, step = RNG.standard_normal((2, 2)), RNG.standard_normal((2, 2)), np.array([0.01, 0.02])
-    coarse, fine = (Dynamics(ARM, THETA, np.eye(7), parts, 0.0).moved(step, x, tau, slope) for parts in (4, 20))
-    np.testing.assert_allclose(coarse, fine, atol=1e-6)
-    alone = Dynamics(ARM, THETA, np.eye(7), 4, 0.0).moved(step[1:], x[1:], tau[1:], slope[1:])
+    coarse, fine = (Dynamics(ARM, THETA, np.eye(7), parts, 0.0).moved(step, x, tau, slope) for parts in (20, 80))
+    np.testing.assert_allclose(coarse, fine, atol=1e-5)
+    alone = Dynamics(ARM, THETA, np.eye(7), 20, 0.0).moved(step[1:], x[1:], tau[1:], slope[1:])
     np.testing.assert_allclose(coarse[1:], alone, rtol=1e-12)

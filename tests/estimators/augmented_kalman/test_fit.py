@@ -39,15 +39,14 @@ def test_as_maximum_likelihood(method):
     assert found.information is not None
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_intervals_hold(method):
+def test_intervals_hold():
     """95 % of them, with noise in positions and torque."""
     inside = []
-    for seed in range(12):
+    for seed in range(8):
         problem = recorded(seed)
-        found = AugmentedKalman(method, passes=2)(problem)
+        found = AugmentedKalman(passes=1)(problem)
         inside.append(np.abs(found.value - problem.model.values) < 1.96 * found.std)
-    assert np.mean(inside) > 0.8  # of 24: 0.79 is 3.5 standard deviations below 0.95
+    assert np.mean(inside) > 0.75  # of 16: 3.7 standard deviations below 0.95
 
 
 def test_two_links_are_as_exact_as_by_least_squares():
@@ -73,13 +72,13 @@ def test_too_few_passes_are_said():
 
 def test_divergence_is_said():
     motion = known_motion(ARM, 0.01, samples=400)
-    wrong = replace(motion, tau=-motion.tau)
+    wrong = replace(motion, tau=0 * motion.tau)  # so that least squares finds no mass
     with pytest.raises(InputError, match="Kalman filter diverged"):
         AugmentedKalman()(posed(ARM, wrong))
 
 
 def test_terms_that_remember_are_refused():
-    model = ARM.with_terms(Dahl(ARM.joints, stiffness=100.0))
+    model = ARM.with_terms(Dahl(ARM.joints, length=0.1))
     motion = model.remembering(known_motion(ARM, samples=100))
     with pytest.raises(ConfigError, match="remember"):
         AugmentedKalman()(posed(model, motion))

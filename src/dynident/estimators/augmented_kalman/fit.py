@@ -13,11 +13,13 @@ from dynident.errors import ConfigError, InputError, ModelError, Step, brief, ch
 from dynident.estimators.augmented_kalman.dynamics import Dynamics
 from dynident.estimators.augmented_kalman.series import Series, grouping, series_of, smooth_model
 from dynident.estimators.augmented_kalman.square_root import corrected, lower, points
+from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import estimate_of, of_information
 from dynident.estimators.maximum_likelihood.measured import misfit
 from dynident.estimators.notes import SmoothSigns, StillMoving
+from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.regression import Rank
 
 __all__ = ["AugmentedKalman"]
@@ -67,6 +69,8 @@ class AugmentedKalman:
     >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.AugmentedKalman())
     >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
     ...     print(f"{name} = {value:.4f} +- {std:.5f}")
+    J = 0.0825 +- 0.00007
+    h = 0.2499 +- 0.00021
     """
 
     method: Method = "extended"
@@ -79,7 +83,9 @@ class AugmentedKalman:
         if self.method not in get_args(Method):
             raise ConfigError(f"method = {self.method!r}; {choices(self.method, get_args(Method))}")
         if not 100 <= self.samples <= MOST or not 1 <= self.passes <= 20:
-            raise ConfigError(f"samples = {self.samples} must be from 100 to {MOST}, passes = {self.passes} to 20.")
+            raise ConfigError(
+                f"samples = {self.samples} must be from 100 to {MOST}, passes = {self.passes} from 1 to 20."
+            )
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on what was averaged and smoothed.
@@ -93,6 +99,8 @@ class AugmentedKalman:
                 "least_squares or consistent."
             )
         start = LeastSquares(weights="per_joint")(problem)
+        if bodies_of(problem.model.parameters):  # those of least squares may have no mass matrix
+            start = replace(start, value=PhysicallyConsistent(costs=False)(problem).value)
         run = _Run.begin(self, problem, start)
         theta, moved, information = start.value, np.inf, np.zeros((0, 0))
         for k in range(self.passes):

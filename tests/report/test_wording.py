@@ -126,11 +126,13 @@ def test_a_noun_without_words_is_an_error() -> None:
             "not settled after 9 steps: the last one moved the parameters by 0.25 standard errors",
         ),
         (notes.Downweighted((("elbow", 0.1),)), "torques that look wrong count less than half: elbow 10 % of them"),
-        (notes.DrawnToPrior(0.01), "drawn to the prior with a strength of 0.01"),
+        (notes.DrawnToPrior(0.01), "drawn to the prior with a strength of 0.01, by cross-validation"),
         (
             notes.ErrorsInRegressor("m1", 36.0),
-            "along one direction, above all of m1, 36 % of what the motion shows are its own errors: the estimate there "
-            "rests on their stated size",
+            (
+                "along one direction, above all of m1, 36 % of what the motion shows are its own errors: the estimate "
+                "there rests on their stated size"
+            ),
         ),
         (notes.Averaged(3), "each 3 neighbouring samples were averaged"),
         (

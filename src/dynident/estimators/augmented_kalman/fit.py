@@ -119,7 +119,7 @@ class AugmentedKalman:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One estimation: the pieces and the smooth model; `x."""
+    """One estimation: the pieces, the smooth model with the directions that are estimated, and what to note."""
 
     settings: AugmentedKalman
     problem: Problem

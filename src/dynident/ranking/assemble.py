@@ -57,6 +57,7 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
                 p_value=float(told.p_value[k]),
                 interval=(float(told.interval[k, 0]), float(told.interval[k, 1])),
             )  # fmt: skip
+    _crossed(task, rows, found, rng)
     tried, others = list(found.values()), list(_without(rows))
     every = [*tried, *others]
     applies = [one for one in every if one.outcome is not Outcome.NOT_APPLICABLE]
@@ -78,7 +79,20 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         tuple(_used(rows)),
         rows.estimators,
         rows.computed,
+        task.findings,
     )
+
+
+def _crossed(task: Task, rows: Rows, found: dict[tuple[int, int], Ranked], rng: np.random.Generator) -> None:
+    """Give those which held-out logs rank the chance that they are as good as any other in cross-validation."""
+    torque = task.torque_squares(rows.common.masks, "train", fitted=True)
+    ranked = (key for key, one in found.items() if math.isfinite(one.error) and len(rows.fits[key]["cross"]))
+    crossed = {key: _blocks(rows.fits[key]["cross"], torque) for key in ranked} if task.held_out else {}
+    crossed = {key: squares for key, squares in crossed.items() if np.isfinite(squares).all()}
+    if crossed:
+        told = differences(np.stack(list(crossed.values())), torque, task.blocks["train"].log, rng)
+        for key, p_value in zip(crossed, told.p_value, strict=True):
+            found[key] = replace(found[key], cross_p_value=float(p_value))
 
 
 def _used(rows: Rows) -> Iterator[Candidate]:

@@ -10,12 +10,14 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, brief
+from dynident.checks import with_findings
+from dynident.errors import Finding, InputError, Use, brief
 from dynident.estimators import Estimator, LeastSquares, quick
 from dynident.estimators.estimator import HasQuick
 from dynident.identification import Identification, Recipe, TimeOffset, identify
 from dynident.identification.role_logs import RoleLogs
 from dynident.io.digests import settings_digest
+from dynident.io.logs import turning_joints
 from dynident.io.project import Project
 from dynident.io.yaml_text import load_yaml
 from dynident.jobs.software import code_version
@@ -42,7 +44,7 @@ class Task:
     ``model`` and ``recipe`` are as the configuration's own recipe has made them: terms, tilt of the base, time
     ``offset``. ``logs`` are by role and name; ``motions`` those of the configured smoother, of which the torque and
     what is ``kept`` for the fit hold for all. ``folds`` are those of the cross-validation. ``digest`` tells a task from
-    others. ``truth``, where it is known.
+    others. ``truth``, where it is known. ``findings`` of the checks forbid the use of any model of these logs.
     """
 
     model: Model
@@ -53,6 +55,7 @@ class Task:
     folds: int
     digest: str
     truth: Truth | None = None
+    findings: tuple[Finding, ...] = ()
 
     __repr__ = brief
 
@@ -123,6 +126,9 @@ def task_of(project: Project, folds: int, truth: Truth | None, progress: Progres
     plain = {role: {name: replace(log, controller=None) for name, log in some.items()} for role, some in read.items()}
     first = replace(project.recipe, estimator=_fast(project.recipe.estimator), restart=None)
     found = identify(project.model, plain["train"], plain["validation"], first, progress=progress)
+    turning = turning_joints(project.config)
+    checked = with_findings(found, project.model, plain, project.recipe, multi_turn=turning, progress=progress)
+    findings = tuple(one for one in checked.findings if one.forbids is Use.CONTROL)
     joints = tuple(joint.name for joint in found.model.joints)
     logs = RoleLogs.of(read["train"], read["validation"], found.recipe, joints)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in ROLES}
@@ -130,7 +136,7 @@ def task_of(project: Project, folds: int, truth: Truth | None, progress: Progres
         motions[one.role][one.name] = one.motion
     digest = _digest(project, read, folds)
     offset = found.calibration.time_offset
-    return Task(found.model, found.recipe, logs, motions, offset, folds, digest, truth), found
+    return Task(found.model, found.recipe, logs, motions, offset, folds, digest, truth, findings), found
 
 
 def _fast(estimator: Estimator) -> Estimator:

@@ -25,8 +25,9 @@ SAME = (
     "configuration's own recipe; only smoother and estimator differ. All are fitted and judged on the samples that all "
     "smoothers keep, against the unfiltered torque. The torque of a held-out log is predicted from its positions as "
     'the same smoother sees them; "same motion" is the error with the motion of the configured smoother, in which '
-    "only the parameters differ. Errors are means over the joints of their relative errors, so that a joint with "
-    'little torque counts as much as any; "all joints" is the error of all torques together, as `identify` has it. In '
+    "only the parameters differ. Errors are geometric means over the joints of their relative errors: one percent less "
+    "in any joint counts the same, however much torque it has, as in the likelihood of residuals of each joint's own "
+    'size; "all joints" is the error of all torques together, as `identify` has it. In '
     "cross-validation, stretches of the training are predicted from the others."
 )
 CHANCE = (
@@ -95,7 +96,7 @@ def _figures(found: Ranking) -> Iterator[PageBlock]:
     what = "on held-out motion" if found.basis == "validation" else "in cross-validation"
     yield Figure(
         figures.ranking_figure(found),
-        f"Torque error {what}, mean over joints, by estimator; the best of each comes first.{told}",
+        f"Torque error {what}, geometric mean over joints, by estimator; the best of each comes first.{told}",
     )
     yield Figure(figures.cost_figure(found), "The same errors over what they cost; the ring is the one to take.")
 
@@ -114,7 +115,7 @@ def _whole_table(found: Ranking) -> PageTable:
         names = (*names_of(one.combination), mark_of(found, one))
         errors = (number(one.error), low, high, *(number(value, 3) for value in means))
         rows.append((*names, *errors, huge(one.condition), number(one.eigenvalue, 2), number(one.seconds, 2)))
-    return PageTable(tuple(columns), tuple(rows), "Relative torque errors, mean over joints")
+    return PageTable(tuple(columns), tuple(rows), "Relative torque errors, geometric mean over joints")
 
 
 def _joint_table(found: Ranking) -> PageTable:

@@ -80,6 +80,7 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         rows.estimators,
         rows.computed,
         task.findings,
+        _offsets(task, rows),
     )
 
 
@@ -99,6 +100,16 @@ def _used(rows: Rows) -> Iterator[Candidate]:
     """Yield the smoothers, each with the part that was taken of several."""
     for one, row in zip(rows.smoothers, rows.smooth, strict=True):
         yield one if row["chosen"] is None else replace(one, parts=(one.parts[row["chosen"]],))
+
+
+def _offsets(task: Task, rows: Rows) -> dict[str, float]:
+    """Return the time offset (s) of each smoother that works."""
+    pairs = zip(rows.smoothers, rows.smooth, strict=True)
+    return {
+        one.name: row["shift"][0] if len(row["shift"]) else task.late
+        for one, row in pairs
+        if row["status"] == Outcome.OK
+    }
 
 
 def _blocks(values: list[float], torque: Array) -> Array:

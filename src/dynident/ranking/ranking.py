@@ -53,10 +53,10 @@ class Ranked:
     of the configured smoother (``same_motion``), which differ by the parameters alone, of the ``training``, and
     ``cross_validated``, nan where not known. ``error`` is the geometric mean over joints of the first, or of the last
     where no log is held out, ``overall`` that of the torques of all joints together. ``interval`` are the ends of the
-    95 % interval of its difference to that of the best, ``p_value`` is that of being as good as any other, ``cross_p_value`` the same in
-    cross-validation, where held-out logs rank. ``condition`` is that of the scaled regressor, ``eigenvalue`` the
-    smallest one of the pseudo-inertias (below 0: no physical body; None: no bodies). Seconds are those of smoothing all
-    logs, of the estimate, of the cross-validation. ``chosen`` says in words which smoother was taken of several.
+    95 % interval of its difference to that of the best, ``p_value`` is that of being as good as any other,
+    ``cross_p_value`` the same in cross-validation, where held-out logs rank. ``condition`` is that of the scaled
+    regressor, ``eigenvalue`` the smallest one of the pseudo-inertias (below 0: no physical body; None: no bodies).
+    Seconds are those of smoothing all logs, of the estimate, of the cross-validation.
     """
 
     combination: Combination
@@ -116,7 +116,8 @@ class Ranking:
     of the blocks that are drawn to tell differences from chance, ``blocks`` how many such there are, ``told`` whether
     these are enough. ``parameters`` are base parameters whose truth is known, with their ``units``. ``smoothers`` are
     as used, ``estimators`` as given. ``computed`` is the number of new rows; others were known. ``findings`` of the
-    checks forbid the use of any model of these logs, whichever is ahead.
+    checks forbid the use of any model of these logs, whichever is ahead. ``offsets`` are the time offsets (s) by
+    smoother.
     """
 
     name: str
@@ -136,6 +137,7 @@ class Ranking:
     estimators: tuple[Candidate, ...] = ()
     computed: int = 0
     findings: tuple[Finding, ...] = ()
+    offsets: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         few = listed((f"{one.combination.name} {one.error:.3g} %" for one in self.ranked), 3)
@@ -199,8 +201,8 @@ class Ranking:
     def frame(self) -> pl.DataFrame:
         """Return a table, one row per combination: smoother, estimator, own, status, reason, error (%), that of all
         joints together, the difference to the best with the ends of its interval, p_value, worse, errors (%, geometric
-        mean over joints) of the same motion, cross-validated and of the training, condition, eigenvalue, seconds, notes, and
-        ``held_out.JOINT`` (%) by joint; null where not known.
+        mean over joints) of the same motion, cross-validated and of the training, condition, eigenvalue, seconds,
+        notes, and ``held_out.JOINT`` (%) by joint; null where not known.
         """
         import polars as pl
 

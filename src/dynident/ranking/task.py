@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from dynident.checks import with_findings
 from dynident.errors import Finding, InputError, Use, brief
 from dynident.estimators import Estimator, LeastSquares, quick
 from dynident.estimators.estimator import HasQuick
-from dynident.identification import Identification, Recipe, TimeOffset, identify
+from dynident.identification import Identification, Pairing, Recipe, TimeOffset, identify, pair
 from dynident.identification.role_logs import RoleLogs
 from dynident.io.digests import settings_digest
 from dynident.io.logs import turning_joints
@@ -26,7 +27,7 @@ from dynident.models import Model
 from dynident.ranking.blocks import Blocks, blocks_of
 from dynident.ranking.truth import Truth
 from dynident.regression import fitted_rows
-from dynident.smoothers import Smoother, TimeShifted, unshifted
+from dynident.smoothers import Smoother
 
 __all__ = ["ROLES", "Task", "task_of"]
 
@@ -71,13 +72,21 @@ class Task:
 
     @property
     def late(self) -> float:
-        """The time offset (s) between positions and torque."""
+        """The time offset (s) between positions and torque, by the configured smoother."""
         late = self.recipe.time_offset
         return float(late) if late != "estimate" else 0.0
 
-    def smoother(self, part: Smoother) -> Smoother:
-        """Return a smoother with the time offset."""
-        return TimeShifted(unshifted(part), self.late) if self.late else part
+    def paired(self, parts: Sequence[Smoother], *, own: bool) -> Pairing:
+        """Return the smoother that is taken of ``parts``, with its time offset.
+
+        Where the recipe estimates that, each smoother has one of its own, as if it were the configured one: smoothers
+        differ in what looks like an offset, and that of one would be unfair to all others.
+        """
+        if own:
+            return Pairing(self.recipe.smoothers[0], None, self.offset)
+        late: float | Literal["estimate"] = self.late if self.offset is None else "estimate"
+        logs, speeds = list(self.logs.repaired["train"].values()), self.recipe.min_speeds(self.joints)
+        return pair(self.model, logs, parts, late, self.recipe.estimator, speeds)
 
     @cached_property
     def kept(self) -> Mapping[str, Mapping[str, Mask]]:

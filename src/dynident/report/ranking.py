@@ -50,7 +50,8 @@ def _basis(found: Ranking) -> str:
 
 def ranking_findings(found: Ranking) -> tuple[str, ...]:
     """Return the comparison in sentences: which to take, what is as good, the configured one, what is missing."""
-    return (*_checked(found), *_basis_lines(found), *_chance_lines(found), *_rival_lines(found), *_own_lines(found), *_truth_lines(found), *_gaps(found))
+    parts = (_checked, _basis_lines, _chance_lines, _rival_lines, _own_lines, _truth_lines, _gaps)
+    return tuple(line for part in parts for line in part(found))
 
 
 def _checked(found: Ranking) -> Iterator[str]:
@@ -111,8 +112,8 @@ def _rival_lines(found: Ranking) -> Iterator[str]:
     names = [with_words(one.combination) for one in (best, rival)]
     errors = [[percent(one.error), percent(mean_of(one.cross_validated))] for one in (best, rival)]
     yield (
-        f"Held-out motion and cross-validation contradict each other: {names[0]} has {errors[0][0]} and {errors[0][1]}, "
-        f"{names[1]} has {errors[1][0]} and {errors[1][1]}."
+        f"Held-out motion and cross-validation contradict each other: {names[0]} has {errors[0][0]} and "
+        f"{errors[0][1]}, {names[1]} has {errors[1][0]} and {errors[1][1]}."
         + ("" if found.choice else " Take none of them before that is settled.")
     )
     same = mean_of(best.same_motion), mean_of(rival.same_motion)
@@ -247,6 +248,7 @@ def ranking_dict(found: Ranking) -> dict[str, Any]:
         "joints": list(found.joints),
         "common_samples": dict(found.shares),
         "kept_samples": dict(found.kept),
+        "time_offsets": dict(found.offsets),
         "block_seconds": found.block,
         "blocks": found.blocks,
         "told_from_chance": found.told,

@@ -185,8 +185,8 @@ class Ranking:
     def choice(self) -> Ranked | None:
         """Which to take of those within chance of the best: one whose bodies are possible and which converged, where
         there is any, and of these the fastest; times within a factor of two, or half a second, count as equal: of
-        those it is that of the configuration, or else the one with the least error. Where there is a ``rival``, only those count that
-        cross-validation does not contradict: there may be none."""
+        those it is that of the configuration, or else the one with the least error. Where there is a ``rival``,
+        only those count that cross-validation does not contradict: there may be none."""
         within = list(self.within)
         if self.rival is not None:
             most = CONTRARY * mean_of(self.rival.cross_validated)

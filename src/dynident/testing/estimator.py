@@ -32,7 +32,7 @@ Check = Callable[[Estimator, Callable[[], Model]], None]
 def check_estimator(estimator: Estimator) -> None:
     """Raise AssertionError unless the estimator keeps all promises of its family, on three models of the gallery.
 
-    One that raises MissingInputError is asked again for the same motion in the loop of a controller, which its logs know.
+    One that raises MissingInputError is asked again for the same motion in the loop of a controller, known to its logs.
     """
     is_frozen_configuration(estimator)
     builds_itself_from_its_settings(ESTIMATORS, estimator)

@@ -79,8 +79,8 @@ def test_needs_a_controller_that_sees_the_positions() -> None:
     log, motion = recorded(MOTION, None, 0)
     with pytest.raises(MissingInputError, match=r"log 0: the closed loop is to be simulated, but .* `simulation`"):
         Didim()(posed((log, motion)))
-    blind = Function(("slider",), log.t, log.q, lambda t, q, dq, r: [np.sin(2 * t)], *np.ones((1, 1)), np.array([np.inf]),
-                     np.zeros_like(log.q))  # fmt: skip
+    law, still = (lambda t, q, dq, r: [np.sin(2 * t)]), np.zeros_like(log.q)
+    blind = Function(("slider",), log.t, log.q, law, np.ones(1), np.array([np.inf]), still)
     with pytest.raises(InputError, match=r"log 0: no parameter of the model changes .* Use output_error"):
         Didim()(posed((replace(log, controller=blind), motion)))
 

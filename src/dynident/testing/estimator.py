@@ -32,7 +32,7 @@ Check = Callable[[Estimator, Callable[[], Model]], None]
 def check_estimator(estimator: Estimator) -> None:
     """Raise AssertionError unless the estimator keeps all promises of its family, on three models of the gallery.
 
-    One that raises MissingInputError is asked again for the same motion in the loop of a controller, known to its logs.
+    One that raises MissingInputError is asked again for the same motion in the loop of a controller that its logs know.
     """
     is_frozen_configuration(estimator)
     builds_itself_from_its_settings(ESTIMATORS, estimator)
@@ -111,7 +111,7 @@ def recovers_the_truth_from_noisy_data(estimator: Estimator, make: Callable[[], 
     assert (found.std < 0.2 * np.abs(truth(model))).all(), found.std
     left = problem.regression.triangular_factors  # with a controller, not only noise: it moves on between samples
     expected = np.sqrt(left.residual(truth(model)) / left.rows)
-    np.testing.assert_allclose(found.residual.sigma, expected, rtol=0.03)
+    np.testing.assert_allclose(found.residual.sigma, expected, rtol=0.1)
 
 
 def describes_what_it_estimates(estimator: Estimator, make: Callable[[], Model]) -> None:

@@ -13,11 +13,11 @@ from dynident.log import Log, Motion
 from dynident.models.gallery import slider
 from tests.estimators.instrumental_variables.looped import MODEL, STEP, TRUTH, driven, posed, recorded
 
-RUNS = 20
+RUNS = 10
 MOTION, CONTROLLER = driven(600)
 
 
-def smooth(samples: int = 1500) -> Motion:
+def smooth(samples: int = 600) -> Motion:
     """A mass with a smooth motion, and the exact torque of it."""
     t = STEP * np.arange(samples)
     w, size = np.array([2.0, 5.3, 11.0]), np.array([0.1, 0.05, 0.02])
@@ -41,7 +41,7 @@ def test_errors_hold_in_a_loop() -> None:
 
 def test_errors_hold_in_segments_that_the_torque_drives() -> None:
     """Noise of the torque moves the model: residuals are correlated along a segment, and intervals hold."""
-    found = [OutputError()(posed(recorded(OPEN, None, seed, 2e-5, 0.2))) for seed in range(RUNS)]
+    found = [OutputError(segment=0.3)(posed(recorded(OPEN, None, seed, 2e-5, 0.2))) for seed in range(RUNS)]
     inside = np.mean([np.abs(one.value - TRUTH) < 1.96 * one.std for one in found])
     assert inside >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / RUNS), inside
     spread = np.std([one.value for one in found], axis=0) / np.mean([one.std for one in found], axis=0)
@@ -51,7 +51,7 @@ def test_errors_hold_in_segments_that_the_torque_drives() -> None:
 def test_agrees_with_maximum_likelihood() -> None:
     """Of a torque with next to no noise both have the noise of the positions only."""
     log, motion = recorded(OPEN, None, 1, 1e-5, 1e-4)
-    found, best = OutputError()(posed((log, motion))), MaximumLikelihood()(posed((log, motion)))
+    found, best = OutputError(segment=0.3)(posed((log, motion))), MaximumLikelihood()(posed((log, motion)))
     both = np.hypot(found.std, best.std)
     assert (np.abs(found.value - best.value) < 4 * both).all(), (found.value - best.value) / both
     assert (np.abs(found.value - TRUTH) < 4 * found.std).all()
@@ -61,7 +61,7 @@ def test_a_command_that_is_known_drives_the_model() -> None:
     """The measured torque is wrong by a factor, the commanded one is right."""
     log, motion = recorded(OPEN, None, 0, 1e-6, 0.0)
     log, motion = replace(log, tau=1.1 * log.tau, command=OPEN.tau), replace(motion, tau=1.1 * motion.tau)
-    found, wrong = (OutputError(torque=one)(posed((log, motion))) for one in ("commanded", "measured"))
+    found, wrong = (OutputError(torque=one, segment=0.5)(posed((log, motion))) for one in ("commanded", "measured"))
     np.testing.assert_allclose(found.value, TRUTH, rtol=0.01)
     np.testing.assert_allclose(wrong.value, 1.1 * TRUTH, rtol=0.01)
     with pytest.raises(MissingInputError, match=r"log 0: the commanded torque .*\(Log.command\)"):
@@ -88,18 +88,19 @@ def test_a_torque_stamped_late_drives_the_model_then() -> None:
     at = OPEN.shifted(-0.003)
     late = replace(log, q=at.q)
     shifted = replace(motion, q=at.q, dq=at.dq, ddq=at.ddq).shifted(0.003)
-    found = OutputError()(posed((late, shifted)))
-    np.testing.assert_allclose(found.value, TRUTH, rtol=0.002)
+    found = OutputError(segment=0.5)(posed((late, shifted)))
+    np.testing.assert_allclose(found.value, TRUTH, rtol=2e-3)
 
 
-def test_what_rests_determines_nothing_and_stops_nothing() -> None:
-    """A joint at rest, held by friction."""
-    model, n = slider(values=(5.0, 8.0, 3.0, 0.5)), 300
+def test_a_joint_that_rests_stops_nothing() -> None:
+    """Held by friction, it shows no mass."""
+    model, n = slider(values=(5.0, 8.0, 3.0, 0.5)), 60
     t, zero = STEP * np.arange(n), np.zeros((n, 1))
     motion = Motion(t, zero, zero, zero, zero + 0.5, ("slider",), np.ones(n, dtype=bool), "still")
     log = Log(t, zero, zero + 0.5, ("slider",), "still")
-    with pytest.raises(InputError, match="still: no parameter of the model changes what is simulated"):
-        OutputError(segment=0.5)(posed((log, motion), model=model))
+    found = OutputError(segment=0.1)(posed((log, motion), model=model))
+    assert np.isfinite(found.value).all()
+    assert np.isinf(found.std[0])
 
 
 def test_needs_what_it_is_told_to_use() -> None:

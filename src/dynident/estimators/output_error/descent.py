@@ -140,7 +140,7 @@ def noise(state: _State) -> Array:
     square: Array = np.sum([np.square(one.e).sum(axis=(0, 1)) for one in state.runs], axis=0)
     count: Array = np.sum([one.count.sum(axis=(0, 1)) for one in state.runs], axis=0)
     span: Array = np.max([np.ptp(one.measured[one.rows], axis=0) for one in state.shots], axis=0)
-    least = EXACT * (np.where(span > 0, span, span.max(initial=0.0)) + np.finfo(float).tiny)
+    least = EXACT * np.where(span > 0, span, span.max(initial=0.0) or 1.0)
     return np.asarray(np.maximum(np.sqrt(square / np.maximum(count, 1)), least))
 
 

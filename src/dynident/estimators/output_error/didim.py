@@ -38,6 +38,26 @@ class Didim:
     controller, InputError where no first model can be simulated in the loop or the controller does not see the
     positions, ModelError for terms that remember, ConfigError for bad settings. Reference: Gautier, Janot and Vandanjon
     (2013).
+
+    A mass in the loop of a PD controller, of whose positions 1 mm of noise hides the acceleration:
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import slider
+    >>> from dynident.simulation import PD, simulated
+    >>> rail, t, one = slider(values=(5.0, 8.0, 3.0, 0.5)), np.arange(1000) * 0.005, np.ones(1)
+    >>> path, zero = 0.2 * np.sin(3 * t[:, None]) + 0.1 * np.sin(7 * t[:, None]), np.zeros((1000, 1))
+    >>> drive = PD(("slider",), t, path, 400 * one, 80 * one, one, np.inf * one, zero)
+    >>> still = dy.Motion(t, zero, zero, zero, zero, ("slider",), np.ones(1000, dtype=bool))
+    >>> run, rng = simulated(rail, rail.values, still, drive), np.random.default_rng(0)
+    >>> q, tau = run.q + 1e-3 * rng.standard_normal(zero.shape), run.tau + 0.1 * rng.standard_normal(zero.shape)
+    >>> log = dy.Log(t, q, tau, ("slider",), controller=drive)
+    >>> for estimator in (dy.LeastSquares(), dy.Didim()):
+    ...     recipe = dy.Recipe(smoother=dy.Difference(), estimator=estimator, time_offset=0.0025)
+    ...     found = dy.identify(rail, log, recipe=recipe).estimate
+    ...     print(f"M = {found.value[0]:.3f} +- {found.std[0]:.3f}")
+    M = 0.053 +- 0.010
+    M = 4.999 +- 0.001
     """
 
     iterations: Annotated[int, Ge(1), Le(MOST)] = 30

@@ -44,7 +44,7 @@ def open_shots(problem: Problem, k: int, segment: float, torque: Array | None = 
     Positions are simulated when they are stamped; ``torque`` (N, n) is that of then, by default the measured one.
     """
     motion = problem.motions[k]
-    driven = replace(_stamped(motion), tau=_late(motion) if torque is None else torque)
+    driven = replace(_stamped(motion), tau=_averaged(_late(motion) if torque is None else torque))
     found = stretches(driven.mask)
     least = max(FEWEST, SHORTEST * max((one.stop - one.start for one in found), default=0))
     long = [one for one in found if one.stop - one.start >= least]
@@ -115,3 +115,10 @@ def _late(motion: Motion) -> Array:
         return motion.tau
     t = motion.t - motion.time_offset
     return np.column_stack([np.interp(t, motion.t, one) for one in motion.tau.T])
+
+
+def _averaged(tau: Array) -> Array:
+    """Return the torque (N, n) whose means of neighbours are those of a smooth torque between the samples."""
+    found = tau.copy()
+    found[1:-1] -= np.diff(tau, 2, axis=0) / 12.0
+    return found

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import (
+        AugmentedKalman,
         Didim,
         Estimate,
         GeneralisedLeastSquares,
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
         MaximumLikelihood,
         OutputError,
         PhysicallyConsistent,
+        Ridge,
+        RobustLeastSquares,
+        TotalLeastSquares,
         WeightedLeastSquares,
     )
     from dynident.identification import Identification, Recipe, bootstrap
@@ -58,6 +62,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AugmentedKalman",
     "Butterworth",
     "Coulomb",
     "CoupledMotor",
@@ -81,10 +86,13 @@ __all__ = [
     "ParallelFilter",
     "PhysicallyConsistent",
     "Recipe",
+    "Ridge",
     "RigidBodies",
+    "RobustLeastSquares",
     "RotorInertia",
     "SavitzkyGolay",
     "Spline",
+    "TotalLeastSquares",
     "Viscous",
     "WeightedLeastSquares",
     "accuracy_bound",
@@ -110,6 +118,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "AugmentedKalman": "dynident.estimators",
     "Butterworth": "dynident.smoothers",
     "Coulomb": "dynident.models",
     "CoupledMotor": "dynident.models",
@@ -133,10 +142,13 @@ _MODULES = {
     "ParallelFilter": "dynident.regression",
     "PhysicallyConsistent": "dynident.estimators",
     "Recipe": "dynident.identification",
+    "Ridge": "dynident.estimators",
     "RigidBodies": "dynident.models",
+    "RobustLeastSquares": "dynident.estimators",
     "RotorInertia": "dynident.models",
     "SavitzkyGolay": "dynident.smoothers",
     "Spline": "dynident.smoothers",
+    "TotalLeastSquares": "dynident.estimators",
     "Viscous": "dynident.models",
     "WeightedLeastSquares": "dynident.estimators",
     "accuracy_bound": "dynident.io.shortcuts",

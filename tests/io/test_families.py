@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from dynident.cli import main
 from dynident.errors import ConfigError
 from dynident.estimators import (
+    AugmentedKalman,
     Didim,
     GeneralisedLeastSquares,
     InstrumentalVariables,
@@ -21,6 +22,9 @@ from dynident.estimators import (
     MaximumLikelihood,
     OutputError,
     PhysicallyConsistent,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
     WeightedLeastSquares,
 )
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
@@ -107,6 +111,10 @@ ESTIMATING = [
     OutputError("open", "commanded", 0.5, 7),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
+    RobustLeastSquares("tukey", tuning=6.0),
+    Ridge({"J": 0.1}, 0.3),
+    TotalLeastSquares({"J": 0.1}, torque=0.2),
+    AugmentedKalman("sigma_point", samples=500),
 ]
 ON_JOINTS = [
     RotorInertia(JOINTS),

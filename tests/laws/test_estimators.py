@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from dynident.estimators import (
+    AugmentedKalman,
     Didim,
     Estimate,
     Estimator,
@@ -16,6 +17,9 @@ from dynident.estimators import (
     OutputError,
     PhysicallyConsistent,
     Problem,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
     WeightedLeastSquares,
 )
 from dynident.io.families import ESTIMATORS as FAMILY
@@ -32,6 +36,11 @@ ESTIMATORS: list[Estimator] = [
     PhysicallyConsistent(),
     InstrumentalVariables(),
     MaximumLikelihood(),
+    Ridge(),
+    RobustLeastSquares(),
+    RobustLeastSquares("tukey"),
+    TotalLeastSquares(),
+    AugmentedKalman(passes=2),
 ]
 SIMULATING: list[Estimator] = [Didim(), OutputError(loop="closed")]  # long runs of an arm are in their own tests
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)

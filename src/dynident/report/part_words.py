@@ -8,6 +8,7 @@ from functools import singledispatch
 from typing import Any
 
 from dynident.estimators import (
+    AugmentedKalman,
     Didim,
     GeneralisedLeastSquares,
     InstrumentalVariables,
@@ -15,6 +16,9 @@ from dynident.estimators import (
     MaximumLikelihood,
     OutputError,
     PhysicallyConsistent,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
     WeightedLeastSquares,
 )
 from dynident.regression import ParallelFilter
@@ -183,6 +187,28 @@ def _(part: OutputError) -> str:
 @part_words.register
 def _(part: MaximumLikelihood) -> str:
     return settings_words("maximum likelihood", part)
+
+
+@part_words.register
+def _(part: RobustLeastSquares) -> str:
+    name = {"huber": "Huber's", "tukey": "Tukey's"}[part.loss]
+    return settings_words(f"robust least squares, {name} weights", part, ("loss",))
+
+
+@part_words.register
+def _(part: Ridge) -> str:
+    return settings_words("ridge regression", part)
+
+
+@part_words.register
+def _(part: TotalLeastSquares) -> str:
+    return settings_words("total least squares", part)
+
+
+@part_words.register
+def _(part: AugmentedKalman) -> str:
+    name = {"extended": "extended Kalman filter", "sigma_point": "sigma-point Kalman filter"}[part.method]
+    return settings_words(f"{name} of motion and parameters", part, ("method",))
 
 
 @part_words.register

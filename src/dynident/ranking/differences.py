@@ -12,8 +12,8 @@ have in common, the negative likelihood of Gaussian residuals whose size is each
 joint counts the same, and neither units, gains nor how much torque a joint has change the order. An arithmetic mean is
 that of the joints with hardly any torque, the error of all torques together that of the strongest joint.
 
-N blocks scatter as little as they are few: differences by chance are taken as those of Student's distribution where they
-would be normal, with N / 2 - 1 degrees of freedom as long blocks are not independent either, times sqrt(N / (N - 2)).
+N blocks scatter as little as they are few: differences by chance are taken as Student's where they would be normal,
+with N / 2 - 1 degrees of freedom as long blocks are not independent either, times sqrt(N / (N - 2)).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ QUIET = 2.0  # times sqrt(log10 K / K): a smaller autocorrelation counts as none
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Of R combinations: the ``error`` (R) in % (geometric mean over joints), the ends (R, 2) of the 95 % ``interval`` of its
-    difference to that of the best (percentage points), and the ``p_value`` (R) that it is as good as any other.
+    """Of R combinations: the ``error`` (R) in % (geometric mean over joints), the ends (R, 2) of the 95 % ``interval``
+    of its difference to that of the best (percentage points), and the ``p_value`` (R) that it is as good as any other.
 
     ``length`` is the number of blocks that are drawn together, ``drawn`` how many such there are in the data. With
     fewer than 12 of them nothing is known of chance: interval and p-value are nan.
@@ -155,7 +155,7 @@ def _wider(blocks: float) -> float:
 def _students(normal: Array | float, blocks: float) -> Array:
     """Return what normal values become whose scatter is known from so many blocks only."""
     tail = np.asarray(stdtrit(blocks / 2 - 1, np.minimum(ndtr(normal), 1 - 1e-12)))
-    return tail * np.sqrt(blocks / (blocks - 2))
+    return np.asarray(tail * np.sqrt(blocks / (blocks - 2)))
 
 
 def _p_values(error: Array, drawn: Array, blocks: float) -> Array:

@@ -11,7 +11,7 @@ from dynident.ranking import mean_of
 from dynident.report import figures
 from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number, render
 from dynident.report.part_words import part_words
-from dynident.report.ranking import mark_of, names_of, ranking_findings, ranking_heading, with_words
+from dynident.report.ranking import ends_of, mark_of, names_of, ranking_findings, ranking_heading, with_words
 from dynident.report.words import count, huge, percent, short
 
 if TYPE_CHECKING:
@@ -110,10 +110,9 @@ def _whole_table(found: Ranking) -> PageTable:
     ]  # fmt: skip
     rows = []
     for one in found.ranked:
-        low, high = ("-", "-") if one is found.best else (number(x, 2) for x in one.interval)
         means = (one.overall, mean_of(one.same_motion), mean_of(one.cross_validated), mean_of(one.training))
         names = (*names_of(one.combination), mark_of(found, one))
-        errors = (number(one.error), low, high, *(number(value, 3) for value in means))
+        errors = (number(one.error), *ends_of(found, one), *(number(value, 3) for value in means))
         rows.append((*names, *errors, huge(one.condition), number(one.eigenvalue, 2), number(one.seconds, 2)))
     return PageTable(tuple(columns), tuple(rows), "Relative torque errors, geometric mean over joints")
 

@@ -28,7 +28,8 @@ SAME = (
     "the configured smoother, in which only the parameters differ. Errors are geometric means over the joints of their "
     "relative errors: one percent less in any joint counts the same, however much torque it has, as in the likelihood "
     'of residuals of each joint\'s own size; "all joints" is the error of all torques together, as `identify` has it. '
-    "In cross-validation, stretches of the training are predicted from the others."
+    "In cross-validation, stretches of the training are predicted from the others. A wrong robot file is fitted by all "
+    "alike, and a wrong factor of all torques shows in no error: the verdict of `dynident identify` counts more."
 )
 CHANCE = (
     "Differences are told from chance by drawing blocks of time anew, the same ones for all (paired block bootstrap); "
@@ -65,6 +66,10 @@ def _badge(found: Ranking) -> Badge | None:
     own = found.own
     if own is None or not found.ranked:
         return Badge("no error", "bad") if not found.ranked else None
+    if found.findings:
+        return Badge("correct first what was found", "bad")
+    if found.rival is not None:
+        return Badge("contradicted by cross-validation", "fair")
     if own in found.within:
         return Badge("yours is among the best", "good")
     return Badge("others are better", "fair") if found.told else None

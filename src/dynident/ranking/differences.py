@@ -12,8 +12,9 @@ have in common, the negative likelihood of Gaussian residuals whose size is each
 joint counts the same, and neither units, gains nor how much torque a joint has change the order. An arithmetic mean is
 that of the joints with hardly any torque, the error of all torques together that of the strongest joint.
 
-N blocks scatter as little as they are few: differences by chance are taken as Student's where they would be normal,
-with N / 2 - 1 degrees of freedom as long blocks are not independent either, times sqrt(N / (N - 2)).
+N blocks scatter as little as they are few: differences by chance are taken as those of Student's distribution where
+they would be normal, with N / 2 - 1 degrees of freedom as long blocks are not independent either, times
+sqrt(N / (N - 2)).
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from dynident.ranking import Combination, Ranked, Ranking
 
 __all__ = [
+    "ends_of",
     "mark_of",
     "names_of",
     "ranking_dict",
@@ -28,6 +29,7 @@ __all__ = [
 
 FEW = 10  # rows of a ranking in a terminal
 NAMED = 4  # combinations that a sentence names
+TINY = 1e-4  # share of an error that is shown as zero
 LOW = 90.0  # % of the samples of a log in common, below which the smoother that leaves out most is looked for
 
 
@@ -232,11 +234,18 @@ def ranking_tables(found: Ranking) -> Iterator[PageTable]:
 
 
 def _short_row(found: Ranking, one: Ranked) -> tuple[str, ...]:
-    low, high = ("-", "-") if one is found.best else (number(x, 2) for x in one.interval)
     return (
-        *names_of(one.combination), number(one.error, 3), low, high, number(one.seconds, 2),
+        *names_of(one.combination), number(one.error, 3), *ends_of(found, one), number(one.seconds, 2),
         mark_of(found, one),
     )  # fmt: skip
+
+
+def ends_of(found: Ranking, one: Ranked) -> tuple[str, str]:
+    """Return the ends of the interval of the difference to the best; what is below 1e-4 of the error is zero."""
+    if one is found.best:
+        return "-", "-"
+    low, high = (number(0.0 if abs(x) < TINY * one.error else x, 2) for x in one.interval)
+    return low, high
 
 
 def mark_of(found: Ranking, one: Ranked) -> str:

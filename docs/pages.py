@@ -37,7 +37,7 @@ GUIDES = {
         "online",
         "supported",
     ),
-    "Methods": ("methods", "maximum_likelihood", "article", "notation"),
+    "Methods": ("methods", "estimators", "maximum_likelihood", "article", "notation"),
     "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
 }  # fmt: skip
 

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError
+from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.kernel import kernel
-from dynident.studies import LEVELS, METHODS, PUBLISHED, SCENARIOS, Case, Reproduction, article, reproduce
+from dynident.smoothers import Butterworth
+from dynident.studies import LEVELS, METHODS, PUBLISHED, SCENARIOS, Case, Reproduction, article, method_of, reproduce
 
 
 @cache
@@ -120,6 +122,24 @@ def test_splines_follow_the_acceleration_better_than_filters_do() -> None:
 
     assert error("spline", clipped) < 0.5 * error("filtered", clipped)
     assert error("raw", both) > 100 * error("spline", both)
+
+
+def test_any_smoother_and_estimator_is_a_method_by_its_kind(tmp_path: Path) -> None:
+    """Each on the article's spline, or with least squares; the estimator gets the log, for what it needs of it."""
+    assert isinstance(method_of("butterworth").smoother, Butterworth)
+    assert isinstance(method_of("butterworth").estimator, LeastSquares)
+    fit = method_of("consistent")
+    assert (fit.smoother, type(fit.estimator)) == (METHODS["spline"].smoother, PhysicallyConsistent)
+    assert method_of("spline") is METHODS["spline"]
+    names = ("butterworth", "maximum_likelihood")
+    found = reproduce("tabulated", 1, methods=names, path=tmp_path / "study.parquet")
+    assert {(one.method, one.failed) for one in found.cases} == {(name, 0) for name in names}
+    assert set(found.traces) == {"simulated", "butterworth"}  # the estimator's motion is that of the spline
+    assert "maximum likelihood" in found.settings["method maximum_likelihood"]
+    with pytest.raises(ConfigError, match="did you mean 'butterworth'"):
+        method_of("buterworth")
+    with pytest.raises(ConfigError, match="time_offset"):
+        method_of("time_shifted")
 
 
 def test_numbers_for_machines() -> None:

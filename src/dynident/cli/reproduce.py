@@ -26,8 +26,8 @@ PRELOADED = ("dynident.studies.warm", "dynident.studies.article")  # by all work
 @click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
 @click.option(
     "--methods", default="raw,filtered,spline", show_default=True,
-    help="Methods, separated by commas; also spline-early (the transient dropped before smoothing) and ml (maximum "
-    "likelihood).",
+    help="Methods, separated by commas; also spline-early (the transient dropped before smoothing), ml (maximum "
+    "likelihood), any kind of smoother, and any kind of estimator, on the article's spline.",
 )  # fmt: skip
 @spread
 @click.option("--out", type=DIRECTORY, help="Folder for report.html and study.parquet; a study in it is resumed.")

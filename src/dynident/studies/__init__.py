@@ -6,9 +6,9 @@ from dynident.studies.article import (
     SCENARIOS,
     ArmScenario,
     Case,
-    LikelihoodMethod,
     Reproduction,
     SmoothAndFit,
+    method_of,
     reproduce,
 )
 from dynident.studies.published_tables import PUBLISHED, Row
@@ -22,7 +22,6 @@ __all__ = [
     "SCENARIOS",
     "ArmScenario",
     "Case",
-    "LikelihoodMethod",
     "Method",
     "Outcome",
     "Reproduction",
@@ -30,6 +29,7 @@ __all__ = [
     "Scenario",
     "SmoothAndFit",
     "Statistics",
+    "method_of",
     "reproduce",
     "run_study",
     "statistics",

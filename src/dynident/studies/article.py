@@ -1,4 +1,4 @@
-"""The article's study, sec. 3: its scenarios, its three methods and two better ones, its published tables 2-7."""
+"""The article's study, sec. 3: its scenarios, its three methods and any other, its published tables 2-7."""
 
 from __future__ import annotations
 
@@ -7,33 +7,36 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.bounds import cramer_rao_bound
 from dynident.errors import ConfigError, brief, choices
-from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, Problem
+from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, Problem
+from dynident.io.families import ESTIMATORS, SMOOTHERS
+from dynident.io.parts import build
 from dynident.jobs import Limits, run_jobs
 from dynident.kernel import kernel
-from dynident.log import Motion
+from dynident.log import Log, Motion
 from dynident.models import Recording, record, simulate
 from dynident.models.gallery import two_link_arm
 from dynident.regression import Regression
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
+from dynident.smoothers.smoother import KnowsNoise
 from dynident.studies.published_tables import PUBLISHED, Row
 from dynident.studies.study import generator, run_study, statistics
 
 __all__ = [
-    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "LikelihoodMethod", "Reproduction", "SmoothAndFit",
-    "reproduce",
+    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "Reproduction", "SmoothAndFit", "method_of", "reproduce",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
 LEVELS = (1e-8, 1e-6, 1e-4)  # sigma_q^2, rad^2
 PERIOD, SAMPLES = 0.0025, 4001  # Ts and the samples in <0, T>, T = 10 s
+START = 0.25  # s: what is before is the transient
 
 
 @dataclass(frozen=True)
@@ -102,76 +105,75 @@ SCENARIOS: Mapping[str, ArmScenario] = {
 
 @dataclass(frozen=True)
 class SmoothAndFit:
-    """A method of the article: smooth, leave out the samples before ``start`` (s), then least squares, eq. (11).
+    """A method: smooth, leave out the samples before ``start`` (s), then estimate; in the article by eq. (11).
 
-    A spline gets the true standard deviation of the position noise, as in the article. ``early``: the samples are left
-    out before smoothing, so that the transient does not affect the motion that is used.
+    A smoother that can be given the noise gets the true standard deviation of the positions, as in the article.
+    ``early``: the samples are left out before smoothing, so that the transient does not affect the motion that is used.
     """
 
     name: str
     smoother: Smoother
-    start: float
+    start: float = START
     early: bool = False
+    estimator: Estimator = field(default_factory=LeastSquares)
+
+    def log(self, recording: Recording) -> Log:
+        """Return the log that is smoothed."""
+        return recording.log.window(start=self.start - 1e-9) if self.early else recording.log
 
     def motion(self, recording: Recording) -> Motion:
         """Return the smoothed motion without the transient, or with it masked out."""
-        log, smoother = recording.log, self.smoother_for(recording)
-        if self.early:
-            return smoother(log.window(start=self.start - 1e-9))
-        return smoother(log).between(start=self.start - 1e-9)
+        motion = self.smoother_for(recording)(self.log(recording))
+        return motion if self.early else motion.between(start=self.start - 1e-9)
 
     @property
     def description(self) -> str:
         """Description of the method for the settings of a report."""
         when = " before smoothing" if self.early else ""
         method = getattr(self.smoother, "method", type(self.smoother).__name__)
-        return f"{method}, samples before {self.start:g} s dropped{when}"
+        fit = ESTIMATORS.kind_of(self.estimator).replace("_", " ")
+        return f"{method}, samples before {self.start:g} s dropped{when}, {fit}"
 
     def smoother_for(self, recording: Recording) -> Smoother:
-        """Return the smoother; a spline gets the noise level of the recording."""
-        if not isinstance(self.smoother, Spline) or self.smoother.sigma is not None:
+        """Return the smoother, with the noise level of the recording where it can be given one."""
+        if not isinstance(self.smoother, KnowsNoise) or self.smoother.sigma is not None:
             return self.smoother
+        given: Any = self.smoother
         sigma = dict(zip(recording.log.joints, recording.sigma_q.tolist(), strict=True))
-        return Spline(self.smoother.rule, sigma, self.smoother.ends)
+        known: Smoother = replace(given, sigma=sigma)
+        return known
 
     def estimate(self, recording: Recording) -> Estimate:
         """Estimate the seven parameters."""
         model = two_link_arm()
         motions = (self.motion(recording),)
-        return LeastSquares()(Problem(model, motions, Regression(model, motions)))
+        return self.estimator(Problem(model, motions, Regression(model, motions), (self.log(recording),)))
 
 
-@dataclass(frozen=True)
-class LikelihoodMethod:
-    """Maximum likelihood, eq. (7), on all samples, with a start from rest."""
-
-    name: str = "ml"
-    estimator: MaximumLikelihood = field(default_factory=lambda: MaximumLikelihood(start="rest"))
-
-    def estimate(self, recording: Recording) -> Estimate:
-        """Estimate the seven parameters; the article's spline gives the start."""
-        model, spline = two_link_arm(), METHODS["spline"]
-        assert isinstance(spline, SmoothAndFit)  # noqa: S101 -- it is defined below
-        motions = (spline.motion(recording),)
-        return self.estimator(Problem(model, motions, Regression(model, motions), (recording.log,)))
-
-    @property
-    def description(self) -> str:
-        """Description of the method for the settings of a report."""
-        return "maximum likelihood of positions and torques, no sample dropped"
-
-
-ArmMethod = SmoothAndFit | LikelihoodMethod
-METHODS: Mapping[str, ArmMethod] = {
+SPLINE = Spline(ends=0.0)
+METHODS: Mapping[str, SmoothAndFit] = {
     one.name: one
     for one in (
-        SmoothAndFit("raw", Difference(), 0.25),
+        SmoothAndFit("raw", Difference()),
         SmoothAndFit("filtered", Butterworth(settle=(0.0, 0.0)), 1.7475),
-        SmoothAndFit("spline", Spline(ends=0.0), 0.25),
-        SmoothAndFit("spline-early", Spline(ends=0.0), 0.25, early=True),
-        LikelihoodMethod(),
+        SmoothAndFit("spline", SPLINE),
+        SmoothAndFit("spline-early", SPLINE, early=True),
+        SmoothAndFit("ml", SPLINE, estimator=MaximumLikelihood(start="rest")),
     )
 }
+
+
+def method_of(name: str) -> SmoothAndFit:
+    """Return a method by its name: one of ``METHODS``, any kind of smoother, or of estimator on the article's spline.
+
+    Raises ConfigError where there is none, or where the kind has settings without a default.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    if name in SMOOTHERS.kinds():
+        return SmoothAndFit(name, build(SMOOTHERS, {"kind": name}, "method"))
+    _chosen(name, dict.fromkeys((*METHODS, *SMOOTHERS.kinds(), *ESTIMATORS.kinds())), "method")
+    return SmoothAndFit(name, SPLINE, estimator=build(ESTIMATORS, {"kind": name}, "method"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +263,7 @@ def reproduce(
     unknown scenario or method, InputError for a bad number of runs.
     """
     chosen = _chosen(scenario, SCENARIOS, "scenario")
-    parts = [_chosen(name, METHODS, "method") for name in dict.fromkeys(methods)]
+    parts = [method_of(name) for name in dict.fromkeys(methods)]
     if not parts:
         raise ConfigError(f"no method is given. {choices('', METHODS)}")
     if not 0 <= seed < 2**63:
@@ -311,14 +313,14 @@ def _chosen(name: str, known: Mapping[str, T], what: str) -> T:
     return known[name]
 
 
-def _traces(scenario: ArmScenario, methods: Sequence[ArmMethod], seed: int) -> dict[str, Motion]:
+def _traces(scenario: ArmScenario, methods: Sequence[SmoothAndFit], seed: int) -> dict[str, Motion]:
     """Return the motions of figures 2 and 3: the first recording at sigma_q^2 = 1e-6, by method that smooths."""
     recording = scenario.record(LEVELS[1], generator(seed, LEVELS[1], 0))
-    smoothed = {one.name: one.motion(recording) for one in methods if isinstance(one, SmoothAndFit)}
+    smoothed = {one.name: one.motion(recording) for one in methods if isinstance(one.estimator, LeastSquares)}
     return {"simulated": recording.truth, **smoothed}
 
 
-def _settings(scenario: ArmScenario, methods: Sequence[ArmMethod]) -> dict[str, str]:
+def _settings(scenario: ArmScenario, methods: Sequence[SmoothAndFit]) -> dict[str, str]:
     return {
         "arm": "planar, two links; l1 = l2 = 0.2675 m, lc1 = 0.0398 m, lc2 = 0.0392 m, m1 = 0.4347 kg, m2 = 0.4322 kg, "
         "I1 = I2 = 0.0024 kg m^2, mu1 = mu2 = 0.6189 N m s/rad, g = 9.81 m/s^2",

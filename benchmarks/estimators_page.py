@@ -1,0 +1,209 @@
+"""The tables of docs/estimators.md, from the figures that benchmarks/estimators.py has measured."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+__all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables", "written"]
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE, FIGURES = DOCS / "estimators.md", DOCS / "estimators.json"
+Row = Mapping[str, Any]
+KNOWN = ", torque known"
+SMOOTHER = "smoother "  # before the name of a method of the article's that is a smoother with least squares
+ARTICLE = {  # its own methods, as a smoother and as an estimator
+    "raw": ("difference", ""),
+    "filtered": ("butterworth as in the article", ""),
+    "spline": ("spline as in the article", "least_squares"),
+    "spline-early": ("the same, the transient dropped before", "least_squares, the transient dropped before"),
+    "identify": ("", "the same by `identify`"),
+    "ml": ("", "maximum_likelihood, start at rest"),
+}
+
+
+def draw(kept: Row) -> None:
+    """Write the tables anew."""
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), kept), encoding="utf-8")
+
+
+def page(text: str, kept: Row) -> str:
+    """Return the page with its tables anew, as far as there are figures."""
+    for name, body in tables(kept).items():
+        before, _, rest = text.partition(f"<!-- {name} -->")
+        text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
+    return text
+
+
+def tables(kept: Row) -> dict[str, str]:
+    """Return the tables by name, of the studies that are kept."""
+    return {name: table(kept[study]) for name, (study, table) in TABLES.items() if study in kept}
+
+
+def written(kept: Row) -> str:
+    """Return the figures as JSON, a line for each cell."""
+    return json.dumps(kept).replace('{"scenario"', '\n{"scenario"') + "\n"
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def measured(part: Row) -> str:
+    """How the figures were had."""
+    return (
+        f"{part['runs']} runs where none are said, seed {part['seed']}; {part['minutes']:g} min on "
+        f"{part['workers']} workers, at a load of {part['load']:g} by others."
+    )
+
+
+def mean_square(values: Sequence[float]) -> float:
+    """The root of the mean square over the parameters."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
+
+
+def rms(cell: Row) -> str:
+    return figure(mean_square(cell["rms"]))
+
+
+def parts(cell: Row) -> str:
+    return f"{figure(mean_square(cell['bias']))} / {figure(mean_square(cell['spread']))}"
+
+
+def coverage(cell: Row) -> str:
+    return f"{100 * np.mean(cell['coverage']):.0f}" if cell["coverage"] else "–"
+
+
+def figure(value: float) -> str:
+    """Return a number in three digits."""
+    return "–" if np.isnan(value) else f"{value:.3g}"
+
+
+def fits(cells: Sequence[Row]) -> list[str]:
+    """Runs of each cell, failures of all, and the median of the seconds."""
+    failed, unsettled = (sum(one[key] for one in cells) for key in ("failed", "unsettled"))
+    of = sum(one["runs"] for one in cells)
+    why = ", ".join(dict.fromkeys(reason for one in cells for reason in one["reasons"]))
+    named = (failed, f"failed ({why})" if why else "failed"), (unsettled, "not converged")
+    bad = [f"{count} {what}" for count, what in named if count]
+    seconds = np.median([one["seconds"] for one in cells])
+    return [f"{cells[0]['runs']}", f"{', '.join(bad)} of {of}" if bad else "", f"{seconds:.2g}"]
+
+
+def article(shown: Callable[[Row], str], smoothers: bool, *, more: bool = False) -> Callable[[Row], str]:
+    """Return a table of the article's scenarios and levels: every smoother, or every estimator."""
+
+    def table(part: Row) -> str:
+        columns = [*dict.fromkeys((base(one)[0], one["level"]) for one in part["cells"])]
+        lines = []
+        for label, cells in labelled(part, smoothers):
+            found = {(base(one)[0], one["level"]): one for one in cells}
+            figures = [shown(found[key]) if key in found else "" for key in columns]
+            lines.append([label, *figures, *(fits(cells) if more else ())])
+        if more and not smoothers:
+            known = [figure(part["known"][name][f"{level:g}"]) for name, level in columns]
+            lines.insert(0, ["bound of a torque that is known", *known, "", "", ""])
+        head = ["", *(f"{name} {level:.0e}".replace("e-0", "e-") for name, level in columns)]
+        body = markdown([*head, *(("runs", "fits", "s") if more else ())], lines)
+        return f"{body}\n\n{measured(part)}{lacking(part)}" if more else body
+
+    return table
+
+
+def base(cell: Row) -> tuple[str, bool]:
+    """The scenario of the article, and whether the log knew the torque."""
+    name, mark, _ = cell["scenario"].partition(KNOWN)
+    return name, bool(mark)
+
+
+def labelled(part: Row, smoothers: bool) -> Iterator[tuple[str, list[Row]]]:
+    """The rows of a table: their names and cells."""
+    rows: dict[str, list[Row]] = {}
+    for cell in part["cells"]:
+        if label := name_of(cell["method"], smoothers):
+            rows.setdefault(label + (KNOWN if base(cell)[1] else ""), []).append(cell)
+    first = [label for one in ARTICLE.values() if (label := one[0 if smoothers else 1]) in rows]
+    yield from ((name, rows[name]) for name in dict.fromkeys([*first, *sorted(rows, key=lambda one: place(rows[one]))]))
+
+
+def place(cells: Sequence[Row]) -> float:
+    """By what rows are sorted: the mean of the logarithm of the error over all cells."""
+    return float(np.mean([np.log(size) if (size := mean_square(one["rms"])) > 0 else np.inf for one in cells]))
+
+
+def name_of(method: str, smoothers: bool) -> str:
+    """The name in a table of smoothers or of estimators; none where it does not belong there."""
+    if method in ARTICLE:
+        return ARTICLE[method][0 if smoothers else 1]
+    own = method.startswith(SMOOTHER)
+    return method.removeprefix(SMOOTHER) if own == smoothers else ""
+
+
+def lacking(part: Row) -> str:
+    """What the logs lack for the rest."""
+    return "".join(f"\n\nNot applicable: {name}: {what}" for name, what in part["lacking"].items())
+
+
+def pairs(part: Row) -> dict[tuple[str, str, float], Row]:
+    """The cells of the arm by smoother, estimator and bits."""
+    return {(*cell["method"].split(" + ", 1), cell["level"]): cell for cell in part["cells"]}
+
+
+def star(which: int) -> Callable[[Row], str]:
+    """Return a table of the arm: each estimator on the spline (1), each smoother with least squares (0)."""
+    fixed = ("spline", "least_squares")[1 - which]
+
+    def table(part: Row) -> str:
+        rows: dict[str, dict[float, Row]] = {}
+        for (*names, level), cell in pairs(part).items():
+            if names[1 - which] == fixed:
+                rows.setdefault(names[which], {})[level] = cell
+        levels = sorted({one["level"] for one in part["cells"]}, reverse=True)
+        what = ("held out, %", "rms", "bias / spread", "coverage, %")
+        head = ["", *(f"{name}, {level:g} bits" for level in levels for name in what), "runs", "fits", "s"]
+        lines = []
+        for name in sorted(rows, key=lambda one: sum(cell.get("error", np.inf) for cell in rows[one].values())):
+            cells = rows[name]
+            own = [of_arm(cells[level]) if level in cells else [""] * len(what) for level in levels]
+            lines.append([name, *(value for one in own for value in one), *fits(list(cells.values()))])
+        return f"{markdown(head, lines)}\n\n{measured(part)}{lacking(part) if which else ''}"
+
+    return table
+
+
+def of_arm(cell: Row) -> list[str]:
+    return [figure(cell.get("error", float("nan"))), rms(cell), parts(cell), coverage(cell)]
+
+
+def grid(level: float) -> Callable[[Row], str]:
+    """Return the error (%) held out of every smoother with every estimator."""
+
+    def table(part: Row) -> str:
+        cells = {key[:2]: one for key, one in pairs(part).items() if key[2] == level}
+        smoothers, estimators = (list(dict.fromkeys(key[k] for key in cells)) for k in (0, 1))
+        lines = [
+            [name, *(figure(cells.get((name, fit), {}).get("error", float("nan"))) for fit in estimators)]
+            for name in smoothers
+        ]
+        return markdown([f"{level:g} bits", *estimators], lines)
+
+    return table
+
+
+TABLES: Mapping[str, tuple[str, Callable[[Row], str]]] = {
+    "estimators": ("article", article(rms, smoothers=False, more=True)),
+    "estimators_parts": ("article", article(parts, smoothers=False)),
+    "estimators_coverage": ("article", article(coverage, smoothers=False)),
+    "smoothers": ("article", article(rms, smoothers=True, more=True)),
+    "smoothers_parts": ("article", article(parts, smoothers=True)),
+    "smoothers_coverage": ("article", article(coverage, smoothers=True)),
+    "arm_estimators": ("arm", star(1)),
+    "arm_smoothers": ("arm", star(0)),
+    "arm_17": ("arm", grid(17.0)),
+    "arm_12": ("arm", grid(12.0)),
+}

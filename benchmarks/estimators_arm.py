@@ -25,8 +25,9 @@ from dynident.io.parts import build
 from dynident.log import Log, Motion
 from dynident.models import Model, Parameter, Recording
 from dynident.regression import BaseParameters, structural_base_parameters
+from dynident.simulation import CascadePD
 from dynident.smoothers import Smoother, Spline
-from dynident.validation import CascadePD, free_run
+from dynident.validation import free_run
 
 BITS = (17.0, 12.0)  # of an encoder, per turn of its joint
 SECONDS, LEAD = 10.0, 1.0  # of a log; before it, which is simulated, too

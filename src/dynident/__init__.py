@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from dynident.regression import ParallelFilter
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline
+    from dynident.smoothers import Butterworth, Difference, FourierSeries, KalmanSmoother, SavitzkyGolay, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
 
@@ -52,6 +52,7 @@ __all__ = [
     "CoupledMotor",
     "Difference",
     "Estimate",
+    "FourierSeries",
     "Identification",
     "Joint",
     "KalmanSmoother",
@@ -67,6 +68,7 @@ __all__ = [
     "Recipe",
     "RigidBodies",
     "RotorInertia",
+    "SavitzkyGolay",
     "Spline",
     "Viscous",
     "accuracy_bound",
@@ -96,6 +98,7 @@ _MODULES = {
     "CoupledMotor": "dynident.models",
     "Difference": "dynident.smoothers",
     "Estimate": "dynident.estimators",
+    "FourierSeries": "dynident.smoothers",
     "Identification": "dynident.identification",
     "Joint": "dynident.models",
     "KalmanSmoother": "dynident.smoothers",
@@ -111,6 +114,7 @@ _MODULES = {
     "Recipe": "dynident.identification",
     "RigidBodies": "dynident.models",
     "RotorInertia": "dynident.models",
+    "SavitzkyGolay": "dynident.smoothers",
     "Spline": "dynident.smoothers",
     "Viscous": "dynident.models",
     "accuracy_bound": "dynident.io.shortcuts",

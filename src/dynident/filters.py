@@ -1,4 +1,4 @@
-"""Recursive filters: Butterworth's low-pass, and their zero-phase use forward and backward.
+"""Recursive filters: Butterworth's low-pass, and their zero-phase use forward and backward; spectra and correlations.
 
 By the kernel where there is one, many series side by side, else by SciPy, whose ``scipy.signal`` takes half a second to
 import. Conventions are SciPy's: a filter is an array (k, 6) of second-order sections b0, b1, b2, 1, a1, a2.
@@ -14,10 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.kernel import function
 
-__all__ = ["butterworth", "correlated", "one_pole", "response", "slowest_pole", "welch", "zero_phase"]
+__all__ = [
+    "autocorrelation",
+    "butterworth",
+    "correlated",
+    "ljung_box",
+    "one_pole",
+    "response",
+    "slowest_pole",
+    "welch",
+    "zero_phase",
+]
 
 Array = NDArray[np.float64]
 MOST = 8  # sections that the kernel takes
+LAGS = 20  # of the whiteness test
 
 
 def butterworth(order: int, cutoff: float, rate: float) -> Array:
@@ -110,6 +121,36 @@ def correlated(x: Array, y: Array) -> Array:
     count = len(x) + len(y) - 1
     size = next_fast_len(count, real=True)
     return np.asarray(irfft(rfft(x[::-1], size) * rfft(y, size), size)[:count])
+
+
+def autocorrelation(x: Array) -> Array:
+    """Return the autocorrelation (N) of x (N) about its mean, by FFT; entry 0 is one.
+
+    >>> autocorrelation(np.array([1.0, -1.0, 1.0, -1.0])).round(12).tolist()
+    [1.0, -0.75, 0.5, -0.25]
+    """
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    centred = x - x.mean()
+    size = next_fast_len(2 * len(x), real=True)
+    found = np.asarray(irfft(np.abs(rfft(centred, size)) ** 2, size))[: len(x)]
+    return np.asarray(found / found[0], dtype=np.float64)
+
+
+def ljung_box(correlation: Array, samples: int, lags: int = LAGS) -> float:
+    """Return the p-value of Q = N (N + 2) sum rho_k^2 / (N - k), chi-squared if white (Ljung and Box, 1978).
+
+    >>> noise = np.random.default_rng(0).standard_normal(1000)
+    >>> ljung_box(autocorrelation(noise), 1000)
+    0.79
+    >>> ljung_box(autocorrelation(np.cumsum(noise)), 1000)
+    0.0
+    """
+    from scipy.special import chdtrc
+
+    k = np.arange(1, min(lags, samples // 5) + 1)
+    q = samples * (samples + 2) * float(np.sum(correlation[k] ** 2 / (samples - k)))
+    return float(chdtrc(len(k), q))
 
 
 def _steady(sections: Array) -> Array:

@@ -39,7 +39,15 @@ from dynident.models import (
     Viscous,
     WideCoulomb,
 )
-from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline, TimeShifted
+from dynident.smoothers import (
+    Butterworth,
+    Difference,
+    FourierSeries,
+    KalmanSmoother,
+    SavitzkyGolay,
+    Spline,
+    TimeShifted,
+)
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 from tests.io.parts import SAVITZKY
 
@@ -62,6 +70,11 @@ SMOOTHING = [
     KalmanSmoother(),
     KalmanSmoother(2, 1e-4),
     KalmanSmoother(sigma={"a": 1e-4, "b": 2e-5}, intensity={"a": 3.0, "b": 0.0}, ends=3.0),
+    SavitzkyGolay(),
+    SavitzkyGolay({"a": 0.1, "b": math.inf}, 3, 1.5),
+    FourierSeries(),
+    FourierSeries(12.5, {"a": 5, "b": 0}, (0.5, 1.0)),
+    FourierSeries(12.5, 7),
     TimeShifted(Spline(GCV()), -0.0021),
     TimeShifted(TimeShifted(Difference(), 0.1), 0.2),
 ]
@@ -190,7 +203,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "dynident_ends.py").write_text("raise SystemExit('it ends')")
     monkeypatch.syspath_prepend(tmp_path)
     found = [
-        entry("savitzky_golay", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
+        entry("polynomials", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("spline", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("lost", "dynident_lost:Smoother", "dynident.smoothers"),
         entry("ends", "dynident_ends:Smoother", "dynident.smoothers"),
@@ -209,14 +222,14 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("lab")
 def test_a_package_adds_a_part_by_an_entry_point():
     assert SMOOTHERS.kinds()[: len(SMOOTHERS.table)] == tuple(SMOOTHERS.table)
-    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "savitzky_golay", "lost", "ends", "silent"}
-    part = build(SMOOTHERS, {"kind": "savitzky_golay", "width": 0.2}, "smoother")
+    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "polynomials", "lost", "ends", "silent"}
+    part = build(SMOOTHERS, {"kind": "polynomials", "width": 0.2}, "smoother")
     assert type(part).__name__ == "SavitzkyGolay"
-    assert SMOOTHERS.describe(part) == {"kind": "savitzky_golay", "width": 0.2, "order": 4}
+    assert SMOOTHERS.describe(part) == {"kind": "polynomials", "width": 0.2, "order": 4}
     assert again(SMOOTHERS, part) == part
     assert SMOOTHERS.get("spline") is Spline  # no package takes the place of a part of ours
-    with pytest.raises(ConfigError, match=r"smoother: 'savitzky_golai' is not a choice; did you mean 'savitzky_golay'"):
-        build(SMOOTHERS, {"kind": "savitzky_golai"}, "smoother")
+    with pytest.raises(ConfigError, match=r"smoother: 'polynomial' is not a choice; did you mean 'polynomials'"):
+        build(SMOOTHERS, {"kind": "polynomial"}, "smoother")
     with pytest.raises(ConfigError, match=r"'lost' of the entry point 'dynident_lost:Smoother' cannot be loaded"):
         build(SMOOTHERS, {"kind": "lost"}, "smoother")
     with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: it ends"):
@@ -228,7 +241,7 @@ def test_a_package_adds_a_part_by_an_entry_point():
 @pytest.mark.usefixtures("lab")
 def test_a_schema_is_made_where_an_installed_part_cannot_be_loaded():
     found = schemas(SMOOTHERS)
-    assert {"spline", "savitzky_golay", "lost", "ends", "silent"} <= found.keys()
+    assert {"spline", "polynomials", "lost", "ends", "silent"} <= found.keys()
     assert "cannot be loaded" in found["lost"]["description"]
     assert found["lost"]["properties"] == {"kind": {"const": "lost"}}
     assert len(list(unusable(SMOOTHERS))) == 3

@@ -68,6 +68,8 @@ def write_inputs(folder: Path) -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal((2, 400))
     columns = {"time": t, "pos": q + 1e-5 * noise[0], "force": tau + 0.01 * noise[1], "more": q, "three": 0 * t + 3}
+    quick = 0.02 * np.sin(20 * t)  # several periods in each window
+    columns |= {"quick": quick + 1e-5 * noise[0], "pull": -2000.0 * quick + 3.2 * np.cos(20 * t) + 0.01 * noise[1]}
     pl.DataFrame(columns).write_csv(folder / "log.csv")
 
 
@@ -130,9 +132,13 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
                 given |= {"smoother": {"kind": "spline"}, "time_offset": 0.01}
             if kind == "butterworth":
                 given |= {"cutoffs": [10, 8, 8], "settle": [0.1, 0.1]}
+            start = plain
+            if kind == "fourier":
+                quick, pull = {"column": "quick", "unit": "m"}, {"column": "pull", "unit": "N"}
+                start = plain | {"position": {"slider": quick}, "torque": {"slider": pull}}
             if kind == "consistent":
                 found["consistent robot"] = (section(family, family.get(kind)), (key,), robot | {key: given})
-            found[kind] = (section(family, family.get(kind)), (key,), plain | {key: given})
+            found[kind] = (section(family, family.get(kind)), (key,), start | {key: given})
     for kind in TERMS.table:
         where = ("model", "terms", 0)
         terms = [{"kind": kind} | NEEDED.get(kind, {})]

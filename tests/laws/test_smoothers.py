@@ -8,12 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from dynident.errors import MissingInputError
 from dynident.io.families import SMOOTHERS as FAMILY
 from dynident.log import Log, Motion
-from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Smoother, Spline, TimeShifted
+from dynident.smoothers import (
+    Butterworth,
+    Difference,
+    FourierSeries,
+    KalmanSmoother,
+    SavitzkyGolay,
+    Smoother,
+    Spline,
+    TimeShifted,
+)
 from dynident.splines import GCV, REML, Fixed, Interpolation, smooth
 from dynident.testing import SMOOTHER_CHECKS, check_smoother
-from dynident.testing.smoother import recorded, two_sines
+from dynident.testing.smoother import made_for, recorded, two_sines
 
 SMOOTHERS = [
     Difference(),
@@ -31,6 +41,11 @@ SMOOTHERS = [
     KalmanSmoother(2),
     KalmanSmoother(sigma={"b": 1e-4}),
     KalmanSmoother(2, 1e-4, 3.0),
+    SavitzkyGolay(),
+    SavitzkyGolay({"b": 0.3}, order=3),
+    FourierSeries(),
+    FourierSeries(3.7),
+    FourierSeries(3.7, {"b": 2}, (0.5, 0.0)),
     TimeShifted(Spline(), 0.0),
 ]
 NOISY = [s for s in SMOOTHERS if isinstance(s, Spline | KalmanSmoother)]
@@ -67,6 +82,31 @@ def test_a_shifted_spline_is_the_spline_at_later_times(time_offset: float) -> No
     np.testing.assert_array_equal(made.tau, log.tau)
 
 
+@pytest.mark.parametrize("smoother", [SavitzkyGolay(), FourierSeries()], ids=repr)
+def test_what_is_least_squares_takes_irregular_times_as_they_are(smoother: Smoother) -> None:
+    motion = made_for(smoother)
+    made = smoother(recorded(0.0, jitter=0.9, motion=motion))
+    true = motion(made.t)[2]
+    assert np.abs(made.ddq - true)[made.mask].max() < 1e-5 * np.abs(true).max()
+
+
+@dataclass(frozen=True)
+class Picky:
+    """A smoother that misses what no motion has."""
+
+    def __call__(self, log: Log) -> Motion:
+        raise MissingInputError(f"{log.source}: the moon is missing")
+
+
+@dataclass(frozen=True)
+class Lopsided:
+    """A smoother that is not linear in the positions."""
+
+    def __call__(self, log: Log) -> Motion:
+        made = Spline()(log)
+        return replace(made, ddq=made.ddq + 1e-3 * np.abs(log.q - made.q) / 1e-4)
+
+
 @dataclass(frozen=True)
 class Careless:
     """A smoother that says too much of the ends."""
@@ -75,7 +115,12 @@ class Careless:
         return replace(Spline()(log), mask=np.ones(len(log), dtype=bool))
 
 
-@pytest.mark.parametrize("smoother", [TimeShifted(Spline(), 0.2), Careless()], ids=repr)
+@pytest.mark.parametrize("smoother", [TimeShifted(Spline(), 0.2), Careless(), Lopsided()], ids=repr)
 def test_a_smoother_that_breaks_a_promise_is_found(smoother: Smoother) -> None:
     with pytest.raises(AssertionError):
         check_smoother(smoother)
+
+
+def test_a_smoother_that_misses_something_in_every_motion_is_found() -> None:
+    with pytest.raises(MissingInputError, match="the moon"):
+        check_smoother(Picky())

@@ -49,6 +49,8 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
     "Smoother butterworth": section(SMOOTHERS, SMOOTHERS.get("butterworth")),
     "Smoother kalman": section(SMOOTHERS, SMOOTHERS.get("kalman")),
+    "Smoother savitzky golay": section(SMOOTHERS, SMOOTHERS.get("savitzky_golay")),
+    "Smoother fourier": section(SMOOTHERS, SMOOTHERS.get("fourier")),
     "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
     "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),

@@ -8,7 +8,15 @@ from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsi
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.regression import ParallelFilter
 from dynident.report.part_words import part_words, value_words
-from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline, TimeShifted
+from dynident.smoothers import (
+    Butterworth,
+    Difference,
+    FourierSeries,
+    KalmanSmoother,
+    SavitzkyGolay,
+    Spline,
+    TimeShifted,
+)
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 
@@ -39,6 +47,12 @@ class Own:
             KalmanSmoother(3, {"a": 0.1}, {"a": 2.0}, 3.0),
             "Kalman smoother of order 3, noise (a 0.1) rad or m, intensity (a 2), ends 3",
         ),
+        (SavitzkyGolay(), "Savitzky-Golay polynomials of order 4"),
+        (SavitzkyGolay(0.25, 3), "Savitzky-Golay polynomials of order 3, window 0.25 s"),
+        (SavitzkyGolay({"a": 0.25}), "Savitzky-Golay polynomials of order 4, windows (a 0.25) s"),
+        (SavitzkyGolay(factor=2.0), "Savitzky-Golay polynomials of order 4, 2 times the window best for ddq"),
+        (FourierSeries(), "Fourier series"),
+        (FourierSeries(10.0, 5), "Fourier series of period 10 s, harmonics 5"),
         (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),
         (LeastSquares(), "least squares"),
         (LeastSquares(weights="per_joint", iterations=4), "least squares, weighted by joint, iterations 4"),

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from dynident.filters import autocorrelation, ljung_box
 from dynident.validation import (
     FrictionLevel,
     HighFrequency,
     LowFrequency,
     Reversals,
     Ripple,
-    autocorrelation,
     decorrelation,
-    ljung_box,
     residual_test,
 )
 

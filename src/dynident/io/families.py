@@ -205,6 +205,8 @@ SMOOTHERS = Family(
         "difference": "dynident.smoothers.difference:Difference",
         "butterworth": "dynident.smoothers.butterworth:Butterworth",
         "kalman": "dynident.smoothers.kalman:KalmanSmoother",
+        "savitzky_golay": "dynident.smoothers.savitzky_golay:SavitzkyGolay",
+        "fourier": "dynident.smoothers.fourier:FourierSeries",
         "time_shifted": "dynident.smoothers.time_offset:TimeShifted",
     },
     protocol="dynident.smoothers.smoother:Smoother",

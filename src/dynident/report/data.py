@@ -46,6 +46,8 @@ _HEADS = {
     "intensity": "intensity, SI",
     "bandwidth": "bandwidth, s",
     "cutoff": "cut-off, Hz",
+    "window": "window, s",
+    "whiteness": "p-value of white noise",
 }
 
 

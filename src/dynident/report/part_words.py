@@ -10,7 +10,15 @@ from typing import Any
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.regression import ParallelFilter
 from dynident.report.words import short
-from dynident.smoothers import Butterworth, Difference, KalmanSmoother, Spline, TimeShifted
+from dynident.smoothers import (
+    Butterworth,
+    Difference,
+    FourierSeries,
+    KalmanSmoother,
+    SavitzkyGolay,
+    Spline,
+    TimeShifted,
+)
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
 __all__ = ["part_words", "settings_words", "value_words"]
@@ -105,6 +113,20 @@ def _(part: KalmanSmoother) -> str:
         how += [f"intensity {value_words(part.intensity)}" if given else "the rest by maximum likelihood"]
     name = ", ".join([f"Kalman smoother of order {part.order}", *how])
     return settings_words(name, part, ("order", "sigma", "intensity"))
+
+
+@part_words.register
+def _(part: SavitzkyGolay) -> str:
+    words = f"Savitzky-Golay polynomials of order {part.order}"
+    if part.window is not None:
+        return f"{words}, window{'s' * isinstance(part.window, Mapping)} {value_words(part.window)} s"
+    times = f", {value_words(part.factor)} times the window best for ddq"
+    return words + times * (part.factor != 1.0)
+
+
+@part_words.register
+def _(part: FourierSeries) -> str:
+    return settings_words(part.method, part, ("period",))
 
 
 @part_words.register

@@ -2,9 +2,11 @@
 
 from dynident.smoothers.butterworth import Butterworth, cutoff_complaint
 from dynident.smoothers.difference import Difference
+from dynident.smoothers.fourier import FourierSeries
 from dynident.smoothers.kalman import KalmanSmoother
 from dynident.smoothers.outliers import motion_of, repaired
 from dynident.smoothers.overlap import decay, overlap
+from dynident.smoothers.savitzky_golay import SavitzkyGolay
 from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask, position_noise
 from dynident.smoothers.spline import Spline
 from dynident.smoothers.time_offset import LONGEST_OFFSET, TimeShifted, unshifted
@@ -14,7 +16,9 @@ __all__ = [
     "LONGEST_OFFSET",
     "Butterworth",
     "Difference",
+    "FourierSeries",
     "KalmanSmoother",
+    "SavitzkyGolay",
     "Smoother",
     "Spline",
     "TimeShifted",

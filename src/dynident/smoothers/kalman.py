@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
+from dynident.smoothers.rest import at_rest
 from dynident.smoothers.smoother import BY_JOINT, ends_mask
-from dynident.smoothers.spline import at_rest
 from dynident.splines import Order, WienerFit, posterior_errors, wiener
 
 __all__ = ["KalmanSmoother"]

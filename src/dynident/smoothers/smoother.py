@@ -13,7 +13,16 @@ from dynident.errors import InputError
 from dynident.log import Log, Motion
 from dynident.splines import noise_sigma
 
-__all__ = ["BY_JOINT", "Adapts", "KnowsNoise", "Smoother", "as_used", "ends_mask", "position_noise"]
+__all__ = [
+    "BY_JOINT",
+    "Adapts",
+    "FindsPeriod",
+    "KnowsNoise",
+    "Smoother",
+    "as_used",
+    "ends_mask",
+    "position_noise",
+]
 
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
@@ -24,7 +33,7 @@ class Smoother(Protocol):
 
     A smoother is a frozen dataclass of settings. It keeps t, tau, joints and source, does not use tau, and masks out
     the samples near the ends at which its derivatives are not reliable. It raises InputError where the log is too
-    short.
+    short, and MissingInputError where the log has not the motion that it is made for.
     """
 
     def __call__(self, log: Log) -> Motion:
@@ -46,6 +55,14 @@ class Adapts(Protocol):
 
     def as_used(self, motion: Motion) -> Smoother:
         """Return the smoother that smooths any log as much as it has smoothed that of ``motion``: a linear one."""
+
+
+@runtime_checkable
+class FindsPeriod(Protocol):
+    """A smoother of motion that repeats, which may look for one period of all joints."""
+
+    def of_period(self, motion: Motion) -> Smoother:
+        """Return the same smoother with the period that it has used for a motion."""
 
 
 def as_used(smoother: Smoother, motion: Motion) -> Smoother:

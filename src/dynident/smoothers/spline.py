@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
+from dynident.smoothers.rest import at_rest, with_rest
 from dynident.smoothers.smoother import BY_JOINT, ends_mask, position_noise
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, smooth
 
@@ -93,8 +94,6 @@ NAMED: Mapping[type[Rule], str] = {
     Interpolation: "interpolated",
     Fixed: "lam as given",
 }
-STILL = 3.0  # times the noise: a joint that moves less in the whole log is at rest
-FEW = 1000  # samples in which a step is looked for that is less than what an encoder at rest may show
 
 
 @dataclass(frozen=True)
@@ -155,12 +154,8 @@ class Spline:
         how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in keys}
         how["method"] = self.method
         mask = ends_mask(log, reach, reach)
-        q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
-        if (still := at_rest(log.q, fit.values, fit.noise)).any():
-            q, dq, ddq = (
-                np.where(still, rest, part)
-                for rest, part in zip((log.q.mean(axis=0), np.zeros(1), np.zeros(1)), (q, dq, ddq), strict=True)
-            )
+        still = at_rest(log.q, fit.values, fit.noise)
+        q, dq, ddq = with_rest(still, log.q, (fit.values, fit.derivative(1), fit.derivative(2)))
         for x in (q, dq, ddq):
             x.flags.writeable = False  # no copy is made then
         return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
@@ -201,22 +196,6 @@ def _named(rule: Rule) -> str:
     if isinstance(rule, Constraint):
         return "S = n" if rule.S is None else "S as given"
     return NAMED.get(type(rule), type(rule).__name__)
-
-
-def at_rest(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
-    """Return which joints (n) are at rest: within the noise, or within two counts of a quantised encoder."""
-    span = np.ptp(q, axis=0)
-    flicker = span <= 2.001 * _count(q[:FEW])  # which is no less than that of all
-    if flicker.any():
-        count = _count(q)
-        flicker = span <= np.where(np.isfinite(count), 2.001 * count, 0.0)
-    return np.asarray((np.ptp(smoothed, axis=0) <= STILL * noise) | flicker)
-
-
-def _count(q: Array) -> Array:
-    """Return the least step (n) other than zero, inf where there is none."""
-    steps = np.abs(np.diff(q, axis=0))
-    return np.asarray(np.where(steps > 0, steps, np.inf).min(axis=0))
 
 
 Spline.Settings = SplineSettings

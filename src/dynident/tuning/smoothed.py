@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.filters import welch
+from dynident.filters import autocorrelation, welch
 from dynident.log import Log, Motion
 from dynident.splines import NORMAL_95, stretches
-from dynident.validation import autocorrelation
 
 __all__ = ["Smoothed", "degree_of", "smoothed"]
 

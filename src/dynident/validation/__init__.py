@@ -27,9 +27,7 @@ from dynident.validation.residuals import (
     ResidualTest,
     Reversals,
     Ripple,
-    autocorrelation,
     decorrelation,
-    ljung_box,
     residual_test,
 )
 from dynident.validation.sensor_noise import sensor_noise
@@ -59,7 +57,6 @@ __all__ = [
     "Signals",
     "SmoothedAway",
     "TorqueErrors",
-    "autocorrelation",
     "bandwidth",
     "check_mass",
     "clustered_std",
@@ -69,7 +66,6 @@ __all__ = [
     "decorrelation",
     "follow_tests",
     "free_run",
-    "ljung_box",
     "long_run",
     "plain_std",
     "relative_error",

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.filters import autocorrelation
 from dynident.validation.repeat import repeated_rows
-from dynident.validation.residuals import autocorrelation, decorrelation
+from dynident.validation.residuals import decorrelation
 
 if TYPE_CHECKING:
     from dynident.validation.prediction import LogValidation

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.filters import welch
+from dynident.filters import autocorrelation, ljung_box, welch
 
 __all__ = [
     "LOW",
@@ -19,16 +19,13 @@ __all__ = [
     "ResidualTest",
     "Reversals",
     "Ripple",
-    "autocorrelation",
     "decorrelation",
-    "ljung_box",
     "residual_test",
 ]
 
 Array = NDArray[np.float64]
 LOW = 5.0  # Hz: rigid-body motion lies below; ripple, elasticity and sensor noise above
 SLOW = 0.05  # of the rms velocity: below it friction reverses
-LAGS = 20  # of the whiteness test
 
 
 @dataclass(frozen=True)
@@ -131,20 +128,6 @@ def residual_test(residual: Array, dq: Array, step: float) -> ResidualTest:
     )
 
 
-def autocorrelation(x: Array) -> Array:
-    """Return the autocorrelation (N) of x (N) about its mean, by FFT; entry 0 is one.
-
-    >>> autocorrelation(np.array([1.0, -1.0, 1.0, -1.0])).round(12).tolist()
-    [1.0, -0.75, 0.5, -0.25]
-    """
-    from scipy.fft import irfft, next_fast_len, rfft
-
-    centred = x - x.mean()
-    size = next_fast_len(2 * len(x), real=True)
-    found = np.asarray(irfft(np.abs(rfft(centred, size)) ** 2, size))[: len(x)]
-    return np.asarray(found / found[0], dtype=np.float64)
-
-
 def decorrelation(correlation: Array) -> float:
     """Return 1 + 2 sum rho_k in samples, the sum cut at the first k >= 5 times itself (Sokal, 1989); at least 1.
 
@@ -156,22 +139,6 @@ def decorrelation(correlation: Array) -> float:
     times = 2 * np.cumsum(correlation) - 1
     enough = np.flatnonzero(np.arange(len(times)) >= 5 * times)
     return float(max(times[enough[0]] if len(enough) else times[-1], 1.0))
-
-
-def ljung_box(correlation: Array, samples: int, lags: int = LAGS) -> float:
-    """Return the p-value of Q = N (N + 2) sum rho_k^2 / (N - k), chi-squared if white (Ljung and Box, 1978).
-
-    >>> noise = np.random.default_rng(0).standard_normal(1000)
-    >>> ljung_box(autocorrelation(noise), 1000)
-    0.79
-    >>> ljung_box(autocorrelation(np.cumsum(noise)), 1000)
-    0.0
-    """
-    from scipy.special import chdtrc
-
-    k = np.arange(1, min(lags, samples // 5) + 1)
-    q = samples * (samples + 2) * float(np.sum(correlation[k] ** 2 / (samples - k)))
-    return float(chdtrc(len(k), q))
 
 
 def _spectrum(x: Array, step: float) -> tuple[Array, Array]:

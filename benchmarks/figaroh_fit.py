@@ -18,7 +18,7 @@ import numpy as np
 from figaroh.identification.base_identification import BaseIdentification
 from pinocchio import RobotWrapper, buildModelFromUrdf
 
-CUTOFF, DECIMATE = 20.0, 5  # Hz; of 2, 5, 10, 20, 40 and 80 Hz the one with the least error held out
+CUTOFF, DECIMATE = 10.0, 30  # Hz; those with the least error held out, of 2 to 80 Hz and of 2 to 40
 BLOCKS = ("fv", "fs", "ia", "off")  # as its columns are; the order of the answer is ia, fv, fs, off
 ORDER = (2, 0, 1, 3)
 

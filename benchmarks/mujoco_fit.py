@@ -1,8 +1,8 @@
 """What MuJoCo's own identification finds for an arm in closed loop: PYTHON mujoco_fit.py IN.npz OUT.json.
 
 Run by a Python that has mujoco[sysid] 4.0.0, not by that of dynident. IN holds what figaroh_fit.py takes, and
-``reference_t`` (M) s, ``reference`` (M, n), ``kp``, ``kv`` and ``limit`` (n) of the drives, and the state ``q0``, ``dq0`` at the
-start, which the tool must be told. OUT is as that of figaroh_fit.py.
+``reference_t`` (M) s, ``reference`` (M, n), ``kp``, ``kv`` and ``limit`` (n) of the drives, and of the row ``first`` the state
+``q0``, ``dq0``, which the tool must be told. OUT is as that of figaroh_fit.py.
 
 The drives are its actuators, so it simulates the loop; what it fits are positions and torques of the joints, each
 scaled by its size, as its residual has them. Parameters are the pseudo-inertia of each link, armature, damping,
@@ -22,7 +22,7 @@ import numpy as np
 from mujoco import sysid
 from mujoco.sysid import InertiaType, ModelSequences, Parameter, ParameterDict, TimeSeries
 
-STEPS = 30  # at most
+STEPS, DIFFERENCE = 25, 1e-5  # at most; of its derivatives: with its own 1.5e-8 no step makes the error less
 START = {"armature": (0.3, 0.0, 5.0), "damping": (3.0, 0.0, 50.0), "frictionloss": (1.0, 0.0, 20.0)}  # and its limits
 OFFSET = (0.0, -5.0, 5.0)
 
@@ -34,8 +34,11 @@ def built(recording: dict[str, Any]) -> mujoco.MjSpec:
         for geom in [one for one in spec.geoms if one.meshname == mesh.name]:
             spec.delete(geom)
         spec.delete(mesh)
+    for joint in spec.joints:  # given, not those of a geometry
+        joint.parent.explicitinertial = True
     spec.option.timestep = float(np.median(np.diff(recording["reference_t"])))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.tolerance = 1e-12
     spec.option.gravity = recording["gravity"]
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     for k, joint in enumerate(spec.joints):
@@ -62,13 +65,24 @@ def parameters(spec: mujoco.MjSpec) -> ParameterDict:
     """What is sought, with what writes it into a model."""
     model, found = spec.compile(), ParameterDict()
     for joint in spec.joints:
-        found.add(sysid.body_inertia_param(spec, model, joint.parent.name, inertia_type=InertiaType.Pseudo))
+        body = joint.parent.name
+        found.add(
+            sysid.body_inertia_param(spec, model, body, inertia_type=InertiaType.Pseudo, modifier=of_body(body))
+        )
     for name, (start, low, high) in START.items():
         for joint in spec.joints:
             found.add(Parameter(f"{name}_{joint.name}", start, low, high, modifier=of_joint(joint.name, name)))
     for joint in spec.joints:
         found.add(Parameter(f"offset_{joint.name}", *OFFSET, modifier=of_offset(joint.name)))
     return found
+
+
+def of_body(body: str) -> Any:
+    def write(spec: mujoco.MjSpec, one: Parameter) -> None:
+        sysid.apply_body_inertia(spec, body, one)
+        spec.body(body).iquat = [1.0, 0.0, 0.0, 0.0]  # its own nan is refused by the compiler of 4.0.0
+
+    return write
 
 
 def of_joint(joint: str, name: str) -> Any:
@@ -88,14 +102,17 @@ def of_offset(joint: str) -> Any:
 
 def sequences(spec: mujoco.MjSpec, recording: dict[str, Any]) -> ModelSequences:
     """The recording as the tool takes it."""
-    model, reference = spec.compile(), recording["reference"]
-    control = np.zeros((len(reference), model.nu))
-    control[:, ::2] = reference  # drives and offsets take turns
-    measured = np.concatenate([recording["q"], recording["tau"]], axis=1)
+    model, first = spec.compile(), int(recording["first"])
+    t, begin = recording["t"][first:], recording["t"][first]
+    used = recording["reference_t"] >= begin - model.opt.timestep / 2
+    control = np.zeros((int(used.sum()), model.nu))
+    control[:, ::2] = recording["reference"][used]  # drives and offsets take turns
+    measured = np.concatenate([recording["q"], recording["tau"]], axis=1)[first:]
     state = sysid.create_initial_state(model, recording["q0"], recording["dq0"])
     return ModelSequences(
-        "arm", spec, "recording", state, TimeSeries.from_control_names(recording["reference_t"], control, model),
-        TimeSeries.from_names(recording["t"], measured, model),
+        "arm", spec, "recording", state,
+        TimeSeries.from_control_names(recording["reference_t"][used] - begin, control, model),
+        TimeSeries.from_names(t - begin, measured, model),
     )  # fmt: skip
 
 
@@ -118,7 +135,7 @@ def main() -> None:
     began = time.process_time()
     residual = sysid.build_residual_fn(models_sequences=[sequences(spec, recording)], n_threads=1)
     steps = int(sys.argv[3]) if len(sys.argv) > 3 else STEPS
-    found, _ = sysid.optimize(parameters(spec), residual, "mujoco", max_iters=steps, verbose=False, x_scale="jac")
+    found, _ = sysid.optimize(parameters(spec), residual, "mujoco", max_iters=steps, verbose=False, eps=DIFFERENCE)
     seconds = time.process_time() - began
     fit = {"name": "output error in closed loop", "value": values(spec, found), "seconds": seconds}
     Path(sys.argv[2]).write_text(json.dumps([fit]))

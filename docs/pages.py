@@ -34,6 +34,7 @@ GUIDES = {
         "watching",
         "fleets",
         "comparing",
+        "comparing_methods",
         "online",
         "supported",
     ),

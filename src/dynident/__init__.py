@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
-    from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+    from dynident.estimators import (
+        Estimate,
+        GeneralisedLeastSquares,
+        InstrumentalVariables,
+        LeastSquares,
+        MaximumLikelihood,
+        PhysicallyConsistent,
+        WeightedLeastSquares,
+    )
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
@@ -38,6 +46,7 @@ if TYPE_CHECKING:
     from dynident.models.gallery import two_link_arm
     from dynident.payload import find_payload
     from dynident.regression import ParallelFilter
+    from dynident.report.compare_run import compare
     from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
     from dynident.smoothers import Butterworth, Difference, FourierSeries, KalmanSmoother, SavitzkyGolay, Spline
@@ -53,7 +62,9 @@ __all__ = [
     "Difference",
     "Estimate",
     "FourierSeries",
+    "GeneralisedLeastSquares",
     "Identification",
+    "InstrumentalVariables",
     "Joint",
     "KalmanSmoother",
     "Lagrangian",
@@ -71,9 +82,11 @@ __all__ = [
     "SavitzkyGolay",
     "Spline",
     "Viscous",
+    "WeightedLeastSquares",
     "accuracy_bound",
     "bootstrap",
     "check",
+    "compare",
     "cramer_rao_bound",
     "errors",
     "excite",
@@ -99,7 +112,9 @@ _MODULES = {
     "Difference": "dynident.smoothers",
     "Estimate": "dynident.estimators",
     "FourierSeries": "dynident.smoothers",
+    "GeneralisedLeastSquares": "dynident.estimators",
     "Identification": "dynident.identification",
+    "InstrumentalVariables": "dynident.estimators",
     "Joint": "dynident.models",
     "KalmanSmoother": "dynident.smoothers",
     "Lagrangian": "dynident.models",
@@ -117,9 +132,11 @@ _MODULES = {
     "SavitzkyGolay": "dynident.smoothers",
     "Spline": "dynident.smoothers",
     "Viscous": "dynident.models",
+    "WeightedLeastSquares": "dynident.estimators",
     "accuracy_bound": "dynident.io.shortcuts",
     "bootstrap": "dynident.identification",
     "check": "dynident.io.shortcuts",
+    "compare": "dynident.report.compare_run",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
     "excite": "dynident.report.excite_run",

@@ -11,11 +11,13 @@ import pytest
 from dynident.report.excitation import excitation_page
 from dynident.report.fleet import fleet_page
 from dynident.report.identification import identification_page
+from dynident.report.ranking_page import ranking_page
 from dynident.report.study import study_page
 from tests.browser.browsing import Browsing
 from tests.report.conftest import Reproduction, cases, identification_of, motion
 from tests.report.designs import designed
 from tests.report.fleets import fleet
+from tests.report.rankings import ranking
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -43,6 +45,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "report": report,
     "study": study,
     "fleet": lambda: fleet_page(fleet(3, 6, LONG[0])),
+    "ranking": lambda: ranking_page(ranking(6, 10, LONG[0])),
     "excitation": lambda: excitation_page(*designed()),
 }
 

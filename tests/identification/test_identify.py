@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError
-from dynident.estimators import LeastSquares, MaximumLikelihood
+from dynident.estimators import GeneralisedLeastSquares, LeastSquares, MaximumLikelihood
 from dynident.estimators.maximum_likelihood import newton
-from dynident.estimators.notes import Failed, NotWhite, RankDeficient, Undetermined
+from dynident.estimators.notes import (
+    Failed,
+    NotWhite,
+    RankDeficient,
+    StillColoured,
+    Undetermined,
+    WhiteningCostly,
+)
+from dynident.filters import one_pole
 from dynident.identification import Identification, NotFitted, NotJudged, Recipe, identify, versions
 from dynident.log import Log
 from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
@@ -181,6 +189,34 @@ def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch
     assert any(isinstance(note, Failed if fails else NotWhite) for note in found.warnings)
     assert not any(isinstance(note, Undetermined) for note in found.warnings)
     assert any(isinstance(note, RankDeficient) for note in found.estimate.notes)
+
+
+@pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("a", "b")),)], ids=["all", "tied"])
+def test_standard_errors_are_those_of_whitened_rows(more: tuple[Viscous, ...], log: Log) -> None:
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((len(log) + 500, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]]) * 0.02
+    noise = np.stack([one_pole(0.9, u[:, j])[500:] for j in range(2)], axis=1)
+    coloured = replace(log, tau=log.tau + noise)
+    model = replace(ARM, terms=(*ARM.terms, *more))
+    plain, found = (
+        identify(model, [coloured], recipe=Recipe(Spline(), one))
+        for one in (LeastSquares(weights="per_joint"), GeneralisedLeastSquares())
+    )
+    white = found.estimate.residual.whitening
+    assert white is not None
+    assert white.orders == (1, 1)
+    assert not any(isinstance(note, StillColoured | WhiteningCostly) for note in found.warnings)
+    best = [
+        (one.errors.std, one.errors.std_hac) if not more else (one.errors.base_std, one.errors.base_std_hac)
+        for one in (plain, found)
+    ]
+    ratio = [wide / own for own, wide in best]  # type: ignore[operator]
+    assert np.median(ratio[0]) > 2 > 1.3 > np.median(ratio[1])  # independent errors are assumed in `std`
+    values = found.estimate.value if not more else found.base.on_data.to_base(found.estimate.value)  # type: ignore[union-attr]
+    assert found.errors.base_by_joint is not None
+    assert found.errors.base_shares is not None
+    np.testing.assert_allclose(found.errors.base_by_joint.sum(axis=1), values, rtol=1e-6)
+    np.testing.assert_allclose(found.errors.base_shares.sum(), 1.0, rtol=1e-9)
 
 
 def test_versions_name_what_computes() -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
-from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, WeightedLeastSquares
 from dynident.identification import (
     Division,
     Identification,
@@ -166,5 +166,7 @@ def test_what_needs_all_samples_at_once_is_refused() -> None:
     recipe = Recipe(Spline(sigma=1e-5), MaximumLikelihood())
     with pytest.raises(ConfigError, match="MaximumLikelihood needs all samples at once"):
         prepared(ARM, [short], recipe, replace(SMALL, excerpt=300))
+    with pytest.raises(ConfigError, match="WeightedLeastSquares needs all samples at once"):
+        prepared(ARM, [short], replace(recipe, estimator=WeightedLeastSquares()), replace(SMALL, excerpt=300))
     with pytest.raises(ConfigError, match=r"smooths over .* no piece of 60 samples"):
         prepared(ARM, [Held(LOG, tuple(range(60, 12_000, 60)))], Recipe(Spline(sigma=1e-5)), SMALL)

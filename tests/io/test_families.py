@@ -13,7 +13,14 @@ from hypothesis import strategies as st
 
 from dynident.cli import main
 from dynident.errors import ConfigError
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    GeneralisedLeastSquares,
+    InstrumentalVariables,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    WeightedLeastSquares,
+)
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.io.parts import build, schemas, unusable
 from dynident.io.settings import Config
@@ -81,12 +88,17 @@ SMOOTHING = [
 ESTIMATING = [
     LeastSquares(),
     LeastSquares(1e-9, "per_joint", 5),
+    WeightedLeastSquares(1e-9, 5),
+    GeneralisedLeastSquares(5, 1e-9, 4),
+    PhysicallyConsistent(fit=GeneralisedLeastSquares(5)),
     PhysicallyConsistent(),
     PhysicallyConsistent(total_mass=12.0, bounds={"Fv_a": (None, 3.0), "Fc_a": (0.1, math.inf)}, prior={"a.mass": 2.0}),
     PhysicallyConsistent(
         total_mass=(None, 20.0), centre_of_mass={"arm": ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))}, prior="none"
     ),
     PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
+    InstrumentalVariables(),
+    InstrumentalVariables("lagged", 3, 0.05, "equal"),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
 ]

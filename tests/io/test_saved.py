@@ -33,7 +33,7 @@ from dynident.io.schema import result_schema
 from dynident.log import Log
 from dynident.models import Model, Viscous, record, simulate
 from dynident.models.gallery import slider, two_link_arm
-from dynident.regression import ParallelFilter
+from dynident.regression import ParallelFilter, Whitening
 from dynident.simulation import RunsAway
 from dynident.smoothers import Spline, TimeShifted
 from tests.cli.commands import configure, write_log
@@ -120,6 +120,20 @@ def test_what_is_saved_is_read_again_to_the_last_bit(made: Made, tmp_path: Path)
     assert_same(found, again)
     assert list(wrong(schema := result_schema(), json.loads(path.read_text()), schema)) == []
     assert again.save(tmp_path / "again.json").read_text() == path.read_text()
+
+
+def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    noise = Whitening((np.array([0.9, -0.3]), np.zeros(0)), np.array([[2.0, 0.5], [0.5, 1.0]]))
+    estimate = replace(found.estimate, residual=replace(found.estimate.residual, whitening=noise))
+    path = replace(found, estimate=estimate).save(tmp_path / "result.json")
+    again = load(path, model).estimate
+    assert again.needs_samples
+    assert_same(again.residual.whitening, noise)
+    spoilt = path.read_text().replace("-0.3", "-1.3")
+    path.write_text(spoilt)
+    with pytest.raises(InputError, match=r"result.json: estimate.residual.whitening: .* joint 1: .* is not stable"):
+        load(path, model)
 
 
 def test_a_loaded_result_predicts_as_the_one_that_was_saved(made: Made, tmp_path: Path) -> None:

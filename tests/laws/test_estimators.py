@@ -5,7 +5,17 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.estimators import (
+    Estimate,
+    Estimator,
+    GeneralisedLeastSquares,
+    InstrumentalVariables,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    Problem,
+    WeightedLeastSquares,
+)
 from dynident.io.families import ESTIMATORS as FAMILY
 from dynident.models import Model
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
@@ -15,7 +25,10 @@ from dynident.testing.settings import builds_itself_from_its_settings
 ESTIMATORS: list[Estimator] = [
     LeastSquares(),
     LeastSquares(weights="per_joint"),
+    WeightedLeastSquares(),
+    GeneralisedLeastSquares(),
     PhysicallyConsistent(),
+    InstrumentalVariables(),
     MaximumLikelihood(),
 ]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)

@@ -53,7 +53,10 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother fourier": section(SMOOTHERS, SMOOTHERS.get("fourier")),
     "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
     "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
+    "Estimator weighted least squares": section(ESTIMATORS, ESTIMATORS.get("weighted_least_squares")),
+    "Estimator generalised least squares": section(ESTIMATORS, ESTIMATORS.get("generalised_least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
+    "Estimator instrumental variables": section(ESTIMATORS, ESTIMATORS.get("instrumental_variables")),
     "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,
@@ -68,6 +71,7 @@ SECTIONS: dict[str, type[Section]] = {
     "Drive by a function": loops.FunctionJoint,
     "Simulation from torque": loops.TorqueInputSettings,
     "Excitation": settings.ExcitationSettings,
+    "Compare": settings.CompareSettings,
     "Joint limits": JointLimitSettings,
     "Box": BoxSettings,
     "Cylinder": CylinderSettings,
@@ -326,6 +330,8 @@ def configurations() -> list[Any]:
 def test_configurations_shown_are_valid(text: str) -> None:
     if "recipe" in (given := yaml.safe_load(text)):
         FleetSettings.model_validate(given)
+    elif "compare" in given and "model" not in given:
+        settings.CompareSettings.model_validate(given["compare"])
     elif given.keys() == {"simulation"}:
         TypeAdapter(loops.Simulation).validate_python(given["simulation"])
     elif "model" not in given:

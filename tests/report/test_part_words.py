@@ -4,7 +4,13 @@ from dataclasses import dataclass, fields
 
 import pytest
 
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    GeneralisedLeastSquares,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    WeightedLeastSquares,
+)
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.regression import ParallelFilter
 from dynident.report.part_words import part_words, value_words
@@ -55,6 +61,11 @@ class Own:
         (FourierSeries(10.0, 5), "Fourier series of period 10 s, harmonics 5"),
         (TimeShifted(Spline(), 0.0021677462751214516), "smoothing spline, S = n, shifted by 2.17 ms"),
         (LeastSquares(), "least squares"),
+        (WeightedLeastSquares(), "least squares, weighted by the noise of all joints"),
+        (
+            GeneralisedLeastSquares(max_order=5),
+            "generalised least squares, with autoregressive noise, max order 5",
+        ),
         (LeastSquares(weights="per_joint", iterations=4), "least squares, weighted by joint, iterations 4"),
         (PhysicallyConsistent(viscous=False), "physically consistent least squares, viscous off"),
         (MaximumLikelihood(start="rest"), "maximum likelihood, start rest"),

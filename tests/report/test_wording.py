@@ -34,20 +34,9 @@ from dynident.report import payload as payload_report
 from dynident.report.finding_words import finding_words
 from dynident.report.wording import Line, note_lines, words
 from dynident.report.words import percent
+from dynident.simulation import Broken, Failure, RunsAway, Singular
 from dynident.smoothers import Difference, Spline
-from dynident.validation import (
-    Broken,
-    Cause,
-    Driver,
-    Failure,
-    FrictionLevel,
-    HighFrequency,
-    LowFrequency,
-    Reversals,
-    Ripple,
-    RunsAway,
-    Singular,
-)
+from dynident.validation import Cause, Driver, FrictionLevel, HighFrequency, LowFrequency, Reversals, Ripple
 
 
 def kinds(base: type) -> list[type]:
@@ -131,6 +120,20 @@ def test_a_noun_without_words_is_an_error() -> None:
             (
                 "the torque residuals are not white (correlation between neighbouring samples 0.46): they are more "
                 "than noise, so compare with least squares on held-out motion"
+            ),
+        ),
+        (
+            notes.StillColoured("elbow", 0.456),
+            (
+                "after whitening, the torque residual of elbow is still correlated over time (0.46): it is more than "
+                "autoregressive noise, so compare with least squares on held-out motion"
+            ),
+        ),
+        (
+            notes.WhiteningCostly("elbow", 1.239),
+            (
+                "the fit to whitened rows leaves 1.24 times as much of the torque of elbow as least squares: what "
+                "counts as noise there is what the model lacks; least squares predicts better"
             ),
         ),
         (

@@ -16,9 +16,9 @@ import numpy as np
 
 from dynident.estimators import Estimate
 from dynident.io import row_store
+from dynident.jobs.software import code_version
 from dynident.models import Recording
 from dynident.studies import run_study
-from dynident.studies.study import code_version
 from dynident.studies.table import study_table
 from tests.studies.work import LEVELS, Mean, Still
 

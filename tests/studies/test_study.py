@@ -20,11 +20,12 @@ from polars.testing import assert_frame_equal
 from dynident.errors import InputError, ModelError
 from dynident.estimators import Determined, Estimate, Residual
 from dynident.estimators.notes import NotConverged, RankDeficient
-from dynident.jobs import Limits, local_workers
+from dynident.jobs import Limits, local_workers, software
+from dynident.jobs.software import code_version
 from dynident.kernel import Kernel
 from dynident.models import Recording
-from dynident.studies import Outcome, run_study, statistics, study
-from dynident.studies.study import code_version, generator
+from dynident.studies import Outcome, run_study, statistics
+from dynident.studies.study import generator
 from dynident.studies.table import KEY
 from tests.studies.work import HANGS, LEVELS, SEEN, TROUBLES, Mean, Still, without_seconds
 
@@ -228,7 +229,7 @@ def test_rows_say_what_computed_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel and NumPy differ by rounding: a study does not go on with rows of the other."""
     assert set(run_study([Still()], [Mean()], LEVELS, 2)["version"]) == {code_version()}
     for level, expected in ((None, "numpy"), ("sse2", "kernel"), ("avx2", "kernel")):
-        monkeypatch.setattr(study, "kernel", lambda level=level: Kernel(level, ""))
+        monkeypatch.setattr(software, "kernel", lambda level=level: Kernel(level, ""))
         code_version.cache_clear()
         assert code_version().rpartition(".")[2] == expected
     code_version.cache_clear()

@@ -22,7 +22,7 @@ from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity
 from dynident.log import Motion, subsample
 from dynident.models import Model
-from dynident.validation import long_run
+from dynident.regression.long_run import long_run
 
 __all__ = ["delay_findings"]
 

@@ -19,7 +19,7 @@ from dynident.checks.case import Case
 from dynident.errors import brief
 from dynident.models import Model, Parameter
 from dynident.regression import EntryBlock, Rank, TriangularFactors, factorise, rank_of
-from dynident.validation import long_run
+from dynident.regression.long_run import long_run
 
 __all__ = ["Evidence", "Misfit", "misfit"]
 

@@ -6,6 +6,7 @@ import click
 
 from dynident.cli.bound import bound
 from dynident.cli.check import check
+from dynident.cli.compare import compare
 from dynident.cli.compare_results import compare_results
 from dynident.cli.demo import demo
 from dynident.cli.excite import excite
@@ -57,8 +58,8 @@ def main(debug: bool) -> None:
 
 
 for _command in (
-    demo, reproduce, init, excite, check, bound, identify, tune, fleet, predict, compare_results, payload, watch,
-    export, smooth, schema,
+    demo, reproduce, init, excite, check, bound, identify, tune, compare, fleet, predict, compare_results, payload,
+    watch, export, smooth, schema,
 ):  # fmt: skip
     common(_command)
     main.add_command(_command)

@@ -13,16 +13,21 @@ from dynident.estimators.estimator import (
     among,
     quick,
 )
+from dynident.estimators.generalised_least_squares import GeneralisedLeastSquares
+from dynident.estimators.instrumental_variables import InstrumentalVariables
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
+from dynident.estimators.weighted_least_squares import WeightedLeastSquares
 
 __all__ = [
     "Consistency",
     "Determined",
     "Estimate",
     "Estimator",
+    "GeneralisedLeastSquares",
+    "InstrumentalVariables",
     "IsLinear",
     "LeastSquares",
     "LinearFit",
@@ -33,6 +38,7 @@ __all__ = [
     "Problem",
     "Provenance",
     "Residual",
+    "WeightedLeastSquares",
     "among",
     "estimate_of",
     "of_information",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
@@ -15,7 +15,7 @@ from dynident.errors import Note, brief, listed
 from dynident.estimators.notes import Unsettled
 from dynident.log import Log, Motion
 from dynident.models import Model, Parameter
-from dynident.regression import Rank, Regression
+from dynident.regression import Rank, Regression, TriangularFactors, Whitening
 
 __all__ = [
     "Consistency",
@@ -105,7 +105,8 @@ class Residual:
     How rows were weighted: ``weights`` (n) are what each joint's rows were multiplied with, None where all count the
     same; ``sample_weights`` holds for each motion of the regression what its rows (N, n) were multiplied with besides,
     empty where all count the same, and ``slopes`` (N, n) the derivative of w^2 e by the residual e where the weights w
-    depend on it (empty: w^2). ``pieces`` is what is left in each piece of recordings that were fitted in pieces.
+    depend on it (empty: w^2); ``whitening`` is what the rows of all joints went through before that, None where it is
+    nothing. ``pieces`` is what is left in each piece of recordings that were fitted in pieces.
     """
 
     sigma: Array
@@ -114,8 +115,29 @@ class Residual:
     sample_weights: tuple[Array, ...] = ()
     slopes: tuple[Array, ...] = ()
     pieces: Pieces | None = None
+    whitening: Whitening | None = None
 
     __repr__ = brief
+
+    def weighted(self, plain: Regression) -> Regression:
+        """Return a regression of these motions whose rows are whitened and weighted by sample as those of the fit."""
+        if not self.sample_weights and self.whitening is None:
+            return plain
+        return replace(plain, weights=self.sample_weights, whitening=self.whitening)
+
+    def row_deviation(self, triangular: TriangularFactors, value: Array) -> Array:
+        """Return the deviation (n) of what ``value`` leaves of the rows of the fit: ``sigma``, or where they were
+        whitened, about one."""
+        if self.whitening is None:
+            return self.sigma
+        return np.asarray(np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)))
+
+    @property
+    def joint_weights(self) -> Array | None:
+        """The weights (n) of the joints for a fit without whitening: where there was some, one over ``sigma``."""
+        if self.whitening is None:
+            return self.weights
+        return 1.0 / np.maximum(self.sigma, 1e-7 * (self.sigma.max(initial=0.0) or 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +206,16 @@ class Estimate:
 
     @property
     def needs_samples(self) -> bool:
-        """Whether triangular factors alone do not give it: samples had weights, or errors of the motion count."""
-        return self.information is not None or bool(self.residual.sample_weights)
+        """Whether triangular factors alone do not give it: samples had weights, or errors of the motion count, or rows
+        were whitened."""
+        residual = self.residual
+        return self.information is not None or bool(residual.sample_weights) or residual.whitening is not None
+
+    @property
+    def shown(self) -> Rank | None:
+        """What the motion shows by rows that are not whitened, where those of the fit are."""
+        directions = self.determined.directions
+        return None if self.residual.whitening is None or directions is None else directions.unweighted or directions
 
 
 class Estimator(Protocol):

@@ -53,12 +53,20 @@ def joint_weights(
 
 
 def weighted(
-    triangular: TriangularFactors, weights: Array, parameters: Sequence[Parameter] = (), tolerance: float | None = None
+    triangular: TriangularFactors,
+    weights: Array,
+    parameters: Sequence[Parameter] = (),
+    tolerance: float | None = None,
+    shown: Rank | None = None,
 ) -> tuple[Array, Rank]:
     """Return the factor of the rows times the ``weights`` (n) of their joints, and its rank.
 
-    What the motion shows does not depend on the weights: the directions are those without them.
+    What the motion shows does not depend on the weights: the directions are those without them, or ``shown`` by rows
+    that are not whitened.
     """
+    if shown is not None:
+        factor = triangular.stacked(weights)
+        return factor, rank_of(factor, parameters, tolerance, shown)
     key = tuple(parameters), tolerance  # asked at each step of the weights
     if key not in triangular.known:
         plain = triangular.stacked()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynident.errors import Note, brief
 from dynident.estimators.estimator import Determined, Estimate, Problem, Residual
 from dynident.estimators.notes import RankDeficient
-from dynident.regression import Rank, rank_of
+from dynident.regression import Rank, Whitening, rank_of
 
 __all__ = ["IsLinear", "LeastSquaresSolution", "LinearFit", "estimate_of", "of_information", "solve"]
 
@@ -77,8 +77,8 @@ class LinearFit:
     """Weighted rows [X | y] of a problem, reduced: the triangular ``factor`` (p + 1, p + 1) of ``total`` rows.
 
     ``directions`` are those of the parameters that they determine. How they were weighted, as in a ``Residual``:
-    ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``. Where errors of the motion count in
-    the fit, ``information`` (p, p) is that of all. ``notes`` say what was not as it should be.
+    ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``, and ``whitening``. Where errors of
+    the motion count in the fit, ``information`` (p, p) is that of all. ``notes`` say what was not as it should be.
     """
 
     factor: Array
@@ -89,6 +89,7 @@ class LinearFit:
     slopes: tuple[Array, ...] = ()
     information: Array | None = None
     notes: tuple[Note, ...] = ()
+    whitening: Whitening | None = None
 
     __repr__ = brief
 
@@ -106,7 +107,8 @@ class LinearFit:
         """Return what ``value`` (p) leaves of the torque of a problem."""
         triangular = problem.regression.triangular_factors
         sigma = np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1))
-        return Residual(sigma, triangular.samples, self.weights, self.sample_weights, self.slopes)
+        how = self.weights, self.sample_weights, self.slopes
+        return Residual(sigma, triangular.samples, *how, whitening=self.whitening)
 
 
 @runtime_checkable

@@ -26,8 +26,10 @@ __all__ = [
     "RankDeficient",
     "ScatterLarger",
     "SmoothSigns",
+    "StillColoured",
     "Undetermined",
     "Unsettled",
+    "WhiteningCostly",
 ]
 
 
@@ -187,3 +189,20 @@ class SmoothSigns(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     widths: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class StillColoured(Note):
+    """The whitened residual of a ``joint`` has a ``correlation`` over time: no such noise describes it."""
+
+    joint: str
+    correlation: float
+
+
+@dataclass(frozen=True)
+class WhiteningCostly(Note):
+    """The fit to whitened rows leaves ``ratio`` times as much of the torque of a ``joint`` as least squares: what
+    counts as noise there follows the motion, and is what the model lacks."""
+
+    joint: str
+    ratio: float

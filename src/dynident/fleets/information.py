@@ -33,7 +33,8 @@ def information_of(found: Identification, basis: BaseParameters) -> tuple[Array,
     motions = tuple(one.motion for one in found.validations if one.role == "train")
     speeds = recipe.min_speeds([joint.name for joint in model.joints])
     residual = found.estimate.residual
-    regression = Regression(model, motions, recipe.filter, speeds, residual.sample_weights)
+    plain = Regression(model, motions, recipe.filter, speeds)
+    regression = residual.weighted(plain)
     triangular, parameters = regression.triangular_factors, model.parameters
     weights = joint_weights(triangular, "per_joint", ITERATIONS, parameters)
     value = solve(*weighted(triangular, weights, parameters)).value
@@ -46,7 +47,8 @@ def information_of(found: Identification, basis: BaseParameters) -> tuple[Array,
     to_axes = size[:, None] * axes * scale
     variance = np.maximum(np.einsum("ij,jk,ik->i", to_axes, covariance, to_axes), 1.0)
     half = (to_axes / np.sqrt(variance)[:, None]) @ shown.combination[:, list(basis.independent)]
-    return basis.to_base(value), half.T @ half, _left(triangular, value, len(kept))
+    left = triangular if residual.whitening is None else plain.triangular_factors
+    return basis.to_base(value), half.T @ half, _left(left, value, len(kept))
 
 
 def _left(triangular: TriangularFactors, value: Array, rank: int) -> Array:

@@ -20,12 +20,13 @@ from dynident.fleets.settings import FleetSettings
 from dynident.identification import SourceFile, identify
 from dynident.io.config import config_text, parse_config
 from dynident.io.config_draft import relative
+from dynident.io.digests import settings_digest
 from dynident.io.explicit_config import explicit_settings, relocated, settings_text
 from dynident.io.folder import ResultFolder
 from dynident.io.opener import content, real, refuse_inputs
 from dynident.io.places import is_address, local_file
 from dynident.io.project import parse_project
-from dynident.io.robot import SUFFIXES, fingerprint, robot_text
+from dynident.io.robot import SUFFIXES
 from dynident.io.yaml_text import load_yaml
 from dynident.log import Log
 
@@ -64,7 +65,7 @@ class FleetRecipe:
         Raises ModelError where a file cannot be read.
         """
         settings = {key: value for key, value in self.of(robot).items() if key not in ("train", "validation")}
-        return _digest(self.folder, settings, self.reading)
+        return settings_digest(self.folder, settings, self.reading)
 
     def digests(self, robots: Iterable[str]) -> dict[str, str]:
         """Return the digests of robots by name."""
@@ -96,7 +97,7 @@ def fleet_recipe(
     _checked(asked, settings.robots, path)
     if out is not None:
         refuse_inputs(*(out / name for name in FILES))  # before anything there is read
-    start, digest = out or path.parent, _digest(path.parent, given, reading)
+    start, digest = out or path.parent, settings_digest(path.parent, given, reading)
     changes = _changes(settings, folder, start)
     note = {} if out is None else _note(out)
     if out is not None and note.get("recipe") == digest and (out / RECIPE).is_file():
@@ -184,25 +185,6 @@ def _fingerprint(file: Path) -> str | None:
         return sha256(content(file, remember=False)).hexdigest()
     except InputError:
         return None
-
-
-def _digest(folder: Path, *settings: Any) -> str:
-    text = json.dumps([_content(one, folder) for one in settings], sort_keys=True, default=str)
-    return sha256(text.encode()).hexdigest()[:12]
-
-
-def _content(value: Any, folder: Path) -> Any:
-    """Return settings in which the content of a robot file, or of a Python file, stands for its name."""
-    if isinstance(value, Mapping):
-        return {str(key): _content(one, folder) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_content(one, folder) for one in value]
-    if not isinstance(value, str):
-        return value
-    if value.lower().endswith(SUFFIXES):
-        return sha256(robot_text(real(folder / value)).encode()).hexdigest()
-    place, colon, name = value.rpartition(":")
-    return f"{fingerprint(real(folder / place))}{colon}{name}" if place.endswith(".py") else value
 
 
 def _chosen(

@@ -13,7 +13,7 @@ from dynident.identification.comparison import (
 )
 from dynident.identification.cross_validation import Gain
 from dynident.identification.division import Division, LongRecording, Span, Stretch
-from dynident.identification.identify import identify
+from dynident.identification.identify import estimated, identify
 from dynident.identification.long import InPieces, Prepared, finished, prepared
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength
 from dynident.identification.recipe import Recipe
@@ -90,6 +90,7 @@ __all__ = [
     "choose_terms",
     "compare_results",
     "cross_validated_error",
+    "estimated",
     "excerpts",
     "find_base_tilt",
     "find_prior_strength",

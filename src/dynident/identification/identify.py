@@ -49,7 +49,7 @@ from dynident.validation import (
     with_floors,
 )
 
-__all__ = ["FAR", "identify", "judged", "warnings_of"]
+__all__ = ["FAR", "estimated", "identify", "judged", "warnings_of"]
 
 Array = NDArray[np.float64]
 FAR = 0.1  # share of the torque above which a bias by the errors of the motion is too large to be corrected
@@ -113,7 +113,7 @@ def _identify(
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
     problem = Problem(model, fitted, regression, trained, late, progress)
-    estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
+    estimate, regression, more, noted = estimated(problem, estimator, pairing, progress)
     validations = judged(model, estimate, logs.trimmed, motions, used, progress)
     errors, base = identifiability_of(model, regression, estimate, more, progress, unfitted=recipe.unfitted)
     return Identification(
@@ -139,17 +139,16 @@ def _identify(
     )
 
 
-def _estimated(
+def estimated(
     problem: Problem, estimator: Estimator, pairing: Pairing, progress: Callable[[str], None]
 ) -> tuple[Estimate, Regression, Array, tuple[Note, ...]]:
     """Return the estimate, without the bias by the smoothed motion where that matters, and the regression it is of; the
     covariance (p, p) by errors of motion and time offset, and what to note of them.
     """
     progress("estimating")
-    model, regression, logs = problem.model, problem.regression, problem.logs
+    model, plain, logs = problem.model, problem.regression, problem.logs
     estimate = called(estimator, problem, Estimate)
-    if estimate.residual.sample_weights:
-        regression = replace(regression, weights=estimate.residual.sample_weights)
+    regression = estimate.residual.weighted(plain)
     late = covariance_of_time_offset(model, regression, estimate, pairing.time_offset)
     if estimate.information is not None:
         return estimate, regression, late, ()
@@ -160,8 +159,9 @@ def _estimated(
     if not found.significant:
         return estimate, regression, late + found.covariance + np.outer(found.bias, found.bias), ()
     if found.share < FAR:
-        regression = regression.unbiased(found.bias)
-        estimate = called(estimator, replace(problem, regression=regression), Estimate)
+        plain = plain.unbiased(found.bias)
+        estimate = called(estimator, replace(problem, regression=plain), Estimate)
+        regression = estimate.residual.weighted(plain)
     return estimate, regression, late + found.covariance, _noted(found)
 
 

@@ -37,7 +37,8 @@ def joint_knowledge(
     V S^-1 diag(v) S^-1 V' + ``more`` (r, r): the estimated covariance itself, of few independent samples, would show
     directions that seem to be known without error. Where there is no such figure, all variances are larger by the
     median of those of ``std`` (r) over those for white residuals. A joint contributes
-    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r. The load
+    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r, and where
+    rows are whitened, that of row j, what joint j tells beyond the joints after it. The load
     is the torque of the bodies; what it adds is None where there are none, or where the rows are not all at hand.
     """
     triangular, n = regression.triangular_factors, len(regression.model.joints)
@@ -48,11 +49,22 @@ def joint_knowledge(
     if not (scale > 0).all() or not size[-1] > np.finfo(float).eps * len(kept) * size[0]:
         return None, None, None, None
     to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
-    pulls = np.einsum("j,jik,ji->kj", w**2, triangular.factors[:, :, kept], triangular.factors[:, :, -1])
+    if regression.whitening is None:
+        pulls = np.einsum("j,jik,ji->kj", w**2, triangular.factors[:, :, kept], triangular.factors[:, :, -1])
+    else:  # a row is not of one joint
+        pulls = regression.pulls(_torques(regression), w)[kept]
     shares = np.square(w[:, None, None] * (triangular.factors[:, :, kept] @ back)).sum(axis=(1, 2)) / len(kept)
     covariance = _covariance(regression, estimate, kept, (to_axes, back), std, robust) + more
     by_load = _load_pulls(regression, estimate.value, w) if robust is correlated_std else None
     return covariance, back @ (back.T @ pulls), shares, None if by_load is None else back @ (back.T @ by_load[kept])
+
+
+def _torques(regression: Regression) -> list[Array]:
+    """Return the torque (N, n, n) that is fitted of each motion, that of joint j in column j."""
+    model, bias = regression.model, regression.bias
+    less = [0.0 if bias is None else model.torque(**one.states(), theta=bias) for one in regression.motions]
+    eye = np.eye(len(model.joints))
+    return [(one.tau - x)[:, :, None] * eye for one, x in zip(regression.motions, less, strict=True)]
 
 
 def _load_pulls(regression: Regression, theta: Array, weights: Array) -> Array | None:

@@ -85,14 +85,15 @@ def motion_errors(
         ]
     except InputError:
         return None
-    factor, rank = weighted(triangular, _ones(weights, triangular.rows), model.parameters)
+    factor, rank = weighted(triangular, _ones(weights, triangular.rows), model.parameters, shown=estimate.shown)
     here = replace(regression, motions=tuple(one.motion for one in parts), weights=(), bias=None)
     moved = rank.inverse @ here.pulls(torques, weights)
     scale = sum(float(one.mask.sum()) for one in regression.motions) / max(_usable(here), 1.0)
     covariance = scale * moved @ moved.T / DRAWS
     basis = base_parameters(rank, model.parameters)
     wide = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination))
-    size = _sizes(basis.to_base(bias), base_std(basis, triangular, estimate.residual.sigma, weights), wide)
+    own = base_std(basis, triangular, estimate.residual.row_deviation(triangular, estimate.value), weights)
+    size = _sizes(basis.to_base(bias), own, wide)
     if (size > NORMAL_95).any():
         with suppress(ModelError):  # nearly dependent columns
             robust = correlated_std(regression, estimate.value, weights, basis.independent, estimate.residual.slopes)
@@ -158,7 +159,8 @@ def _refitted(
     """Return by how much (p) the fit of the repetition with these errors of the positions differs from its truth."""
     motions = repetition(model, parts, errors, estimate.value, worst_of(parts))
     left = replace(regression, motions=motions, weights=(), bias=None).triangular_factors.less(estimate.value)
-    return solve(*weighted(left, _ones(estimate.residual.weights, left.rows), model.parameters)).value
+    ones = _ones(estimate.residual.weights, left.rows)
+    return solve(*weighted(left, ones, model.parameters, shown=estimate.shown)).value
 
 
 def _ones(weights: Array | None, like: Sized) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity
-from dynident.estimators import Estimator, PhysicallyConsistent, Problem
+from dynident.estimators import Estimator, PhysicallyConsistent, Problem, quick
 from dynident.identification.cross_validation import Gain, factors_of, gained
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
@@ -60,9 +60,11 @@ def find_prior_strength(
     if sum(one.total for one in parts) < ROWS * len(model.parameters):
         return None
 
+    rows = None if estimator.fit is None else quick(estimator.fit)
+
     def errors(strength: float) -> Array:
         """Return the squared errors (folds, n) of each fold, predicted from the others."""
-        fit, found = replace(estimator, strength=strength, costs=False), []
+        fit, found = replace(estimator, strength=strength, costs=False, fit=rows), []
         for k, part in enumerate(parts):
             others = merged([*parts[:k], *parts[k + 1 :]])
             regression = Regression(model, thin, None, min_speed).with_factors(others)

@@ -72,7 +72,7 @@ def _both(model: Model, piece: Piece, e: Array, theta: Array) -> tuple[Motion, .
 
 def _factors(motions: tuple[Motion, ...], theta: Array, like: Regression) -> TriangularFactors:
     regression = replace(like, motions=motions, weights=(), bias=None)
-    return factorise(regression.entries(), like.model.structure).less(theta)
+    return factorise(regression.entries(), regression.structure).less(theta)
 
 
 def sampled_bias(parts: Iterable[Repeated], model: Model, weights: Array) -> SampledBias | None:

@@ -46,7 +46,7 @@ def covariance_of_time_offset(
         torques.append((late - early)[:, :, None] / (2 * SHORT))
     weights = estimate.residual.weights
     ones = np.ones(len(model.joints)) if weights is None else weights
-    _, rank = weighted(regression.triangular_factors, ones, model.parameters)
+    _, rank = weighted(regression.triangular_factors, ones, model.parameters, shown=estimate.shown)
     moved = found.std * rank.inverse @ regression.pulls(torques, weights)
     return np.asarray(moved @ moved.T)
 
@@ -88,7 +88,8 @@ def identifiability_of(
 
 def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
     if estimate.information is None:
-        std = base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
+        triangular, residual = regression.triangular_factors, estimate.residual
+        std = base_std(basis, triangular, residual.row_deviation(triangular, estimate.value), residual.weights)
     else:
         std = informed_std(basis, estimate.information)
     return np.hypot(std, _moved(estimate, basis))

@@ -24,8 +24,8 @@ from dynident.identification.smoother_choice import Choice, choose_smoother, exc
 from dynident.log import Log, Motion, subsample
 from dynident.models import Model
 from dynident.regression import Regression, fitted_rows
+from dynident.regression.long_run import long_run
 from dynident.smoothers import Smoother, TimeShifted, motion_of, unshifted
-from dynident.validation import long_run
 
 __all__ = ["Pairing", "TimeOffset", "find_time_offset", "pair", "trial_samples"]
 

@@ -241,7 +241,10 @@ ESTIMATORS = Family(
     "estimator",
     {
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
+        "weighted_least_squares": "dynident.estimators.weighted_least_squares:WeightedLeastSquares",
+        "generalised_least_squares": "dynident.estimators.generalised_least_squares:GeneralisedLeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
+        "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
     protocol="dynident.estimators.estimator:Estimator",

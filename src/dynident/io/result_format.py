@@ -90,6 +90,14 @@ class PiecesPart(Part):
     residual: list[list[float]]
 
 
+class WhiteningPart(Part):
+    """The noise by which rows were whitened: coefficients of the autoregression of each joint, and the covariance of
+    the innovations."""
+
+    coefficients: list[list[float]]
+    covariance: list[list[float]]
+
+
 class ResidualPart(Part):
     """The torque that the fit leaves: standard deviation and weight of each joint, number of samples."""
 
@@ -97,6 +105,7 @@ class ResidualPart(Part):
     samples: int
     weights: list[float] | None
     pieces: PiecesPart | None = None
+    whitening: WhiteningPart | None = None
 
 
 class ConsistencyPart(Part):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from dynident.checks import Topic
-from dynident.errors import Finding, InputError, ModelError, Note
+from dynident.errors import ConfigError, Finding, InputError, ModelError, Note
 from dynident.estimators import Consistency, Determined, Estimate, Pieces, Residual
 from dynident.identification import (
     Calibration,
@@ -42,11 +42,12 @@ from dynident.io.result_format import (
     ResultFile,
     TermsPart,
     ValidationPart,
+    WhiteningPart,
 )
 from dynident.io.robot import changed, is_xacro
 from dynident.io.settings import AUTO, PLAIN, RobotSettings, robot_settings
 from dynident.models import Joint, MassMatrixCheck, Model
-from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
+from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters, Whitening
 from dynident.simulation import Failure
 from dynident.validation import FreeRun, LogValidation
 
@@ -165,13 +166,30 @@ def _estimate(file: ResultFile, model: Model, source: str) -> Estimate:
         value,
         _matrix(given.covariance, (p, p), "estimate.covariance", source),
         Determined(given.rank, given.condition),
-        Residual(np.array(residual.sigma), residual.samples, weights, pieces=_pieces(residual.pieces)),
+        Residual(
+            np.array(residual.sigma),
+            residual.samples,
+            weights,
+            pieces=_pieces(residual.pieces),
+            whitening=_whitening(residual.whitening, len(residual.sigma), source),
+        ),
         tuple(_noun(Note, one, source) for one in given.notes),
         known if len(known) == p else (),
         _consistency(given.consistency, p, source),
         None if given.interval is None else _matrix(given.interval, (p, 2), "estimate.interval", source),
         None if given.information is None else _matrix(given.information, (p, p), "estimate.information", source),
     )
+
+
+def _whitening(given: WhiteningPart | None, joints: int, source: str) -> Whitening | None:
+    if given is None:
+        return None
+    where = "estimate.residual.whitening"
+    covariance = _matrix(given.covariance, (joints, joints), f"{where}.covariance", source)
+    try:
+        return Whitening(tuple(np.array(one) for one in given.coefficients), covariance)
+    except ConfigError as error:
+        raise InputError(f"{source}: {where}: {error}") from error
 
 
 def _consistency(given: ConsistencyPart | None, p: int, source: str) -> Consistency | None:

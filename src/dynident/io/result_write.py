@@ -69,11 +69,13 @@ def _parameters(found: Identification) -> Iterator[dict[str, Any]]:
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
     residual = estimate.residual
-    pieces = {} if residual.pieces is None else {"pieces": vars(residual.pieces)}
+    noise, more = residual.whitening, {} if residual.pieces is None else {"pieces": vars(residual.pieces)}
+    if noise is not None:
+        more["whitening"] = {"coefficients": noise.coefficients, "covariance": noise.covariance}
     return {
         "rank": estimate.determined.rank,
         "condition": estimate.determined.condition,
-        "residual": {"sigma": residual.sigma, "samples": residual.samples, "weights": residual.weights, **pieces},
+        "residual": {"sigma": residual.sigma, "samples": residual.samples, "weights": residual.weights, **more},
         "consistency": None if estimate.consistency is None else asdict(estimate.consistency),
         "notes": [_kind(note) for note in estimate.notes],
         "covariance": estimate.covariance,

@@ -11,6 +11,7 @@ from pydantic import Field, TypeAdapter, ValidationInfo, WrapValidator, model_va
 
 from dynident.errors import ConfigError, choices
 from dynident.io.channels import POSITIONS, TORQUES, Channel, PositionChannel, known_names, same_names
+from dynident.io.compare_settings import CompareSettings
 from dynident.io.excitation_settings import ExcitationSettings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import (
@@ -215,6 +216,7 @@ class Config(Section):
     rests: Literal["trim", "keep"] = "trim"
     simulation: Simulation | None = None
     excitation: ExcitationSettings | None = None
+    compare: CompareSettings | None = None
 
 
 def check_joints(config: Config, joints: Sequence[Joint]) -> None:

@@ -13,7 +13,7 @@ from dynident import __version__
 from dynident.errors import listed
 from dynident.kernel import kernel
 
-__all__ = ["code_digest", "differences", "software"]
+__all__ = ["code_digest", "code_version", "differences", "software"]
 
 SOURCE = Path(__file__).parents[1]
 PACKAGES = ("numpy", "scipy", "sympy", "clarabel", "distributed")
@@ -45,6 +45,15 @@ def differences(here: Mapping[str, str], there: Mapping[str, Mapping[str, str]])
             said = (f"{other} on {listed(places, FEW)}" for other, places in others.items())
             found.append(f"{name} is {own} here, {', '.join(said)}")
     return found
+
+
+@cache
+def code_version() -> str:
+    """Return the version of the code: that of the package, a digest of its sources, and "kernel" or "numpy".
+
+    All levels of the kernel give the same numbers, NumPy others by rounding.
+    """
+    return f"{metadata.version('dynident')}+{code_digest()}.{'kernel' if kernel().level else 'numpy'}"
 
 
 def code_digest() -> str:

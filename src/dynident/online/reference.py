@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.online.scores import Scores
-from dynident.validation.hac import long_run
+from dynident.regression.long_run import long_run
 
 __all__ = ["Reference", "reference_of"]
 

@@ -87,7 +87,8 @@ class Tracker:
         joints = tuple(joint.name for joint in self.model.joints)
         self._speeds = result.recipe.min_speeds(joints)
         self.smoother = FixedLag(joints, step, bandwidth, lag, every, ends=spline.ends)
-        self.fit = RecursiveLeastSquares(self.model, result.estimate.residual.weights, memory, result.estimate.value)
+        found = result.estimate
+        self.fit = RecursiveLeastSquares(self.model, found.residual.joint_weights, memory, found.value)
         away = math.ceil(abs(self._late) / self.smoother.step) + SPARE if self._late else 0
         self._shifted = Context(away, away)
         pad = 0 if self._filter is None else self._filter.pad(self._filter.sections(self._rest(1000)))

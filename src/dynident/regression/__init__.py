@@ -12,8 +12,6 @@ from dynident.regression.base_parameters import (
 from dynident.regression.groups import Group, GroupKind, groups_of, independent_columns, kinds_of
 from dynident.regression.linear_problem import (
     BLOCK,
-    HIGHEST_ORDER,
-    ParallelFilter,
     Regression,
     RegressorBlock,
     fast_enough,
@@ -21,9 +19,11 @@ from dynident.regression.linear_problem import (
     stretches,
     triangularise,
 )
+from dynident.regression.parallel_filter import HIGHEST_ORDER, ParallelFilter
 from dynident.regression.parts import Part, divided, factors_of_parts, merged, packed, unpacked
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
+from dynident.regression.whitening import Whitening, ages, is_stable, joined
 
 __all__ = [
     "BLOCK",
@@ -39,6 +39,8 @@ __all__ = [
     "RegressorBlock",
     "TriangularFactors",
     "UnexcitedParameters",
+    "Whitening",
+    "ages",
     "base_parameters",
     "base_std",
     "compare",
@@ -50,6 +52,8 @@ __all__ = [
     "groups_of",
     "independent_columns",
     "informed_std",
+    "is_stable",
+    "joined",
     "kinds_of",
     "merged",
     "one_thread",

@@ -12,17 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, brief
-from dynident.filters import butterworth, slowest_pole, zero_phase
 from dynident.log import Motion
 from dynident.models import Model, Structure
 from dynident.models.memory import memory_of
+from dynident.regression.parallel_filter import ParallelFilter
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
-from dynident.smoothers import cutoff_complaint
+from dynident.regression.whitening import Placed, Whitening, whitened
 from dynident.splines import stretches
 
 __all__ = [
     "BLOCK",
-    "HIGHEST_ORDER",
     "ParallelFilter",
     "Regression",
     "RegressorBlock",
@@ -36,70 +35,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 BLOCK = 2048  # samples whose entries stay in the cache while they are factorised
-HIGHEST_ORDER = 12  # order of a digital filter: poles of higher ones are lost in rounding
-
-
-@dataclass(frozen=True)
-class ParallelFilter:
-    """Parallel filtering: the same zero-phase low-pass and decimation for the torque and every regressor column.
-
-    The relation tau = Y theta holds exactly after a linear filter. ``decimate`` keeps every k-th sample; ``cutoff``
-    (Hz) is that of the Butterworth filter of ``order``, applied forward and backward; None takes 0.8 of the Nyquist
-    frequency after decimation. Reference: Gautier and Poignet (2000), cited by the article.
-
-    >>> import dynident as dy
-    >>> dy.ParallelFilter(decimate=10, cutoff=20.0)
-    ParallelFilter(decimate=10, cutoff=20.0, order=4)
-    """
-
-    decimate: int = 1
-    cutoff: float | None = None
-    order: int = 4
-
-    def __post_init__(self) -> None:
-        whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
-        if not whole or self.order > HIGHEST_ORDER or not (self.cutoff is None or self.cutoff > 0):
-            raise ConfigError(
-                f"parallel filter: decimate = {self.decimate} must be a whole number from 1, order = {self.order} one "
-                f"from 1 to {HIGHEST_ORDER}, and cutoff = {self.cutoff} positive (Hz)."
-            )
-        if self.decimate == 1 and self.cutoff is None:
-            raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")
-
-    def sections(self, motion: Motion) -> Array:
-        """Return the filter's second-order sections for the mean rate of a motion."""
-        cutoff, of = self.cutoff_at(motion), "" if self.cutoff else f" for decimate = {self.decimate},"
-        if wrong := cutoff_complaint(f"the parallel filter's cut-off{of}", cutoff, motion.t):
-            raise ConfigError(f"{motion.source}: {wrong}")
-        return butterworth(self.order, cutoff, _rate(motion))
-
-    def cutoff_at(self, motion: Motion) -> float:
-        """Return the cut-off (Hz) for a motion."""
-        return self.cutoff or 0.4 * _rate(motion) / self.decimate
-
-    def filtered(self, motion: Motion, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:
-        """Return a motion with its ``channels`` filtered in each stretch of usable samples, and not decimated."""
-        sections = self.sections(motion)
-        series = {name: getattr(motion, name).copy() for name in channels}
-        for part in stretches(motion.mask):
-            for x in series.values() if part.stop - part.start > 1 else ():
-                x[part] = self.apply(sections, x[part])
-        for x in series.values():
-            x.flags.writeable = False  # no copy is made then
-        return replace(motion, **series)
-
-    def pad(self, sections: Array) -> int:
-        """Return the number of samples in which the filter's response decays to about 1e-12."""
-        slowest = max(slowest_pole(sections), 0.1)  # a pole at zero has no logarithm
-        return int(np.ceil(np.log(1e-12) / np.log(slowest)))
-
-    def apply(self, sections: Array, x: Array, axis: int = 0) -> Array:
-        """Return x filtered at all N samples of an axis, the first, not yet decimated; fastest along the last one."""
-        return zero_phase(sections, x, min(3 * self.order, x.shape[axis] - 1), axis)
-
-
-def _rate(motion: Motion) -> float:
-    return 1.0 / float(np.diff(motion.t).mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +61,9 @@ class Regression:
     The matrix is never formed whole: ``blocks`` computes it a few thousand samples at a time, on every call;
     ``triangular_factors`` caches its triangular factors. ``min_speed`` (n), in rad/s or m/s, leaves out of each joint's
     equation the samples at which that joint is slower, where the friction model is poor; None leaves none out.
-    ``weights`` multiply the rows of each motion, one (N, n) for each, after any filter; empty: all rows count the same.
+    ``whitening`` makes the rows independent where their noise is not, after any filter; row j is then no longer of
+    joint j alone. ``weights`` multiply the rows of each motion, one (N, n) for each, after that; empty: all rows count
+    the same.
     ``bias`` (p) is taken off the solution: the torque is that of the motions less Y bias.
     """
 
@@ -136,6 +73,7 @@ class Regression:
     min_speed: tuple[float, ...] | None = None
     weights: tuple[Array, ...] = ()
     bias: Array | None = None
+    whitening: Whitening | None = None
 
     __repr__ = brief
 
@@ -149,6 +87,8 @@ class Regression:
         shapes = [motion.q.shape for motion in self.motions]
         if self.weights and [weight.shape for weight in self.weights] != shapes:
             raise ConfigError(f"weights have shapes {[w.shape for w in self.weights]}, the motions {shapes}.")
+        if self.whitening is not None and len(self.whitening.coefficients) != len(names):
+            raise ConfigError(f"whitening is of {len(self.whitening.coefficients)} joints, the model has {len(names)}.")
 
     def _check_min_speed(self, names: tuple[str, ...]) -> None:
         if self.min_speed is not None and (
@@ -171,8 +111,20 @@ class Regression:
         The torque is less Y theta, where ``theta`` (p) is given. ``within`` are the place of a motion and its samples
         to take: those around them still count in the filter.
         """
-        for _, _, block in self._placed(structure or self.model.structure, theta, within):
+        for _, _, block in self.placed(structure or self.model.structure, theta, within):
             yield block
+
+    @cached_property
+    def structure(self) -> Structure:
+        """The structure of the rows: that of the model, or what whitening makes of it."""
+        plain = self.model.structure
+        return plain if self.whitening is None else self.whitening.structure(plain)
+
+    def residuals(self, theta: Array) -> Iterator[tuple[int, slice, Array, NDArray[np.bool_] | None]]:
+        """Yield what theta (p) leaves of the torque, (B, n), filtered and weighted, block by block: the place of the
+        motion, its samples, the residual, and which of it is used, (B, n) or all."""
+        for k, rows, one in self.placed(self.model.structure_with(()), theta):
+            yield k, rows, one.tau.T, None if one.keep is None else one.keep.T
 
     @cached_property
     def known(self) -> dict[Any, Any]:
@@ -193,25 +145,45 @@ class Regression:
     def pulls(self, torques: Sequence[Array], weights: Array | None = None) -> Array:
         """Return sum w_j^2 Y_j' c_j (p, k) of other torques c, for each motion (N, n, k), with ``weights`` w (n)."""
         w2 = np.ones(len(self.model.joints)) if weights is None else np.square(weights)
-        structure = self.model.structure
-        total = np.zeros((len(structure.joint), torques[0].shape[2]))
+        p = len(self.model.parameters)
+        total = np.zeros((p, torques[0].shape[2]))
         series = [self._passed(k, c) for k, c in enumerate(torques)]
-        for k, kept, block in self._placed(structure):
-            for j, part in enumerate(structure.parts):
-                total[part] += w2[j] * block.used(j)[:-1] @ series[k][kept, j]
-        parts = zip(structure.parts, structure.maps, strict=True)
-        return np.asarray(sum(one.T @ total[part] for part, one in parts))
+        for _, _, block in self.placed(self.model.structure, beside=series):
+            for j, (columns, maps) in enumerate(zip(block.structure.columns, block.structure.maps, strict=True)):
+                rows, own = block.used(j)[:-1], columns < p
+                total += w2[j] * maps[own][:, :p].T @ (rows[own] @ rows[~own].T)
+        return total
 
     def _passed(self, k: int, c: Array) -> Array:
-        """Return torques (N, n, k) of the k-th motion, filtered and weighted as its rows are."""
-        if self.filter is not None:  # as far as it matters: the ends of a stretch are not treated apart
-            c = self.filter.apply(self.filter.sections(self.motions[k]), c)
-        return c * self.weights[k][:, :, None] if self.weights else c
+        """Return torques (N, n, k) of the k-th motion, filtered as its rows are."""
+        if self.filter is None:
+            return c
+        # as far as it matters: the ends of a stretch are not treated apart
+        return self.filter.apply(self.filter.sections(self.motions[k]), c)
 
-    def _placed(
-        self, structure: Structure, theta: Array | None = None, within: tuple[int, slice] | None = None
-    ) -> Iterator[tuple[int, slice, EntryBlock]]:
-        """Yield each block with the place of its motion, and of its rows in this motion."""
+    def placed(
+        self,
+        structure: Structure,
+        theta: Array | None = None,
+        within: tuple[int, slice] | None = None,
+        beside: Sequence[Array] = (),
+    ) -> Iterator[Placed]:
+        """Yield each block with the place of its motion, and of its rows in this motion; ``beside`` holds other torques
+        (N, n, k) of each motion that become columns after all others."""
+        blocks, made = self._unweighted(structure, theta, within), structure
+        if beside:
+            made = structure.beside(beside[0].shape[2])
+            blocks = ((k, kept, _beside(block, beside[k][kept], made)) for k, kept, block in blocks)
+        if self.whitening is not None:
+            mixed = self.structure if made is self.model.structure else self.whitening.structure(made)
+            blocks = whitened(blocks, self.whitening, mixed, 0 if within is None else within[1].start)
+        for k, kept, block in blocks:
+            yield k, kept, block.times(self.weights[k][kept].T) if self.weights else block
+
+    def _unweighted(
+        self, structure: Structure, theta: Array | None, within: tuple[int, slice] | None
+    ) -> Iterator[Placed]:
+        """Yield the blocks filtered alone, with the rows before those to take that count in whitening."""
         given = [one for one in (self.bias, theta) if one is not None]
         rows = partial(self._rows, structure=structure, theta=np.sum(given, axis=0) if given else None)
         for k, part, some in self._stretches(within):
@@ -220,16 +192,17 @@ class Regression:
                 _plain(motion, some, rows) if self.filter is None else _filtered(motion, part, some, rows, self.filter)
             )
             for kept, block in blocks:
-                yield k, kept, block.times(self.weights[k][kept].T) if self.weights else block
+                yield k, kept, block
 
     def _stretches(self, within: tuple[int, slice] | None) -> Iterator[tuple[int, slice, slice]]:
         """Yield the place of a motion, an uninterrupted stretch of it, and the samples to take of this."""
+        before = 0 if self.whitening is None else self.whitening.span * (self.filter.decimate if self.filter else 1)
         for k, motion in enumerate(self.motions):
             if within is None or within[0] == k:
                 rows = slice(0, len(motion)) if within is None else within[1]
                 for part in stretches(motion.mask):
                     if (start := max(part.start, rows.start)) < (stop := min(part.stop, rows.stop)):
-                        yield k, part, slice(start, stop)
+                        yield k, part, slice(max(part.start, start - before), stop)
 
     @cached_property
     def triangular_factors(self) -> TriangularFactors:
@@ -237,8 +210,8 @@ class Regression:
         unknowns = len(self.model.parameters)
         if not unknowns:
             raise ConfigError(f"{self.model.name}: the model has no parameters to estimate.")
-        found = self._remembered() or factorise(self.entries(), self.model.structure)
-        if self.motions and not self.weights and self.bias is None:
+        found = self._remembered() or factorise(self.entries(), self.structure)
+        if self.motions and self._plain:
             key = tuple(map(ref, self.motions)), self.model, self.filter, self.min_speed
             _KNOWN[self.motions[0]] = key, found
         if found.total <= unknowns:
@@ -248,9 +221,14 @@ class Regression:
             )
         return found
 
+    @property
+    def _plain(self) -> bool:
+        """Whether the rows are those of model and motions, by nothing that an estimate says."""
+        return not self.weights and self.bias is None and self.whitening is None
+
     def _remembered(self) -> TriangularFactors | None:
         """Return the factors of the same rows, where they are known from before."""
-        if not self.motions or self.weights or self.bias is not None or self.motions[0] not in _KNOWN:
+        if not self.motions or not self._plain or self.motions[0] not in _KNOWN:
             return None
         (motions, *how), found = _KNOWN[self.motions[0]]
         same = len(motions) == len(self.motions) and all(a() is b for a, b in zip(motions, self.motions, strict=True))
@@ -262,6 +240,12 @@ class Regression:
         tau = motion.tau[rows] if theta is None else motion.tau[rows] - self.model.torque(**states, theta=theta)
         keep = fitted_rows(motion, self.min_speed, rows)
         return EntryBlock(structure, entries, np.ascontiguousarray(tau.T), None if keep is None else keep.T)
+
+
+def _beside(block: EntryBlock, torques: Array, wider: Structure) -> EntryBlock:
+    """Return a block with torques (B, n, k) as the last columns of its joints, of the structure ``wider``."""
+    own = [x for j, part in enumerate(block.structure.parts) for x in (block.entries[part], torques[:, j].T)]
+    return EntryBlock(wider, np.concatenate(own), block.tau, block.keep)
 
 
 Rows = Callable[[Motion, slice], EntryBlock]

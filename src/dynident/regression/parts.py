@@ -72,7 +72,7 @@ def factors_of_parts(
 
 def _factors(regression: Regression, parts: Sequence[Part], k: int) -> TriangularFactors:
     within = parts[k].motion, parts[k].rows
-    return factorise(regression.entries(within=within), regression.model.structure)
+    return factorise(regression.entries(within=within), regression.structure)
 
 
 def merged(parts: Iterable[TriangularFactors]) -> TriangularFactors:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dynident.report import instrument_words  # noqa: F401  # registers its words
 from dynident.report.identification import (
     identification_notes,
     identification_page,

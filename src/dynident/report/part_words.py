@@ -7,7 +7,14 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import singledispatch
 from typing import Any
 
-from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators import (
+    GeneralisedLeastSquares,
+    InstrumentalVariables,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    WeightedLeastSquares,
+)
 from dynident.regression import ParallelFilter
 from dynident.report.words import short
 from dynident.smoothers import (
@@ -141,8 +148,23 @@ def _(part: LeastSquares) -> str:
 
 
 @part_words.register
+def _(part: WeightedLeastSquares) -> str:
+    return settings_words("least squares, weighted by the noise of all joints", part)
+
+
+@part_words.register
+def _(part: GeneralisedLeastSquares) -> str:
+    return settings_words("generalised least squares, with autoregressive noise", part)
+
+
+@part_words.register
 def _(part: PhysicallyConsistent) -> str:
     return settings_words("physically consistent least squares", part)
+
+
+@part_words.register
+def _(part: InstrumentalVariables) -> str:
+    return settings_words("instrumental variables", part)
 
 
 @part_words.register

@@ -198,6 +198,23 @@ def _(note: notes.NotWhite) -> str:
 
 
 @words.register
+def _(note: notes.StillColoured) -> str:
+    return (
+        f"after whitening, the torque residual of {note.joint} is still correlated over time "
+        f"({note.correlation:z.2f}): it is more than autoregressive noise, so compare with least squares on held-out "
+        "motion"
+    )
+
+
+@words.register
+def _(note: notes.WhiteningCostly) -> str:
+    return (
+        f"the fit to whitened rows leaves {short(note.ratio, 3)} times as much of the torque of {note.joint} as least "
+        "squares: what counts as noise there is what the model lacks; least squares predicts better"
+    )
+
+
+@words.register
 def _(note: notes.ScatterLarger) -> str:
     return (
         "standard errors assume white residuals; from the scatter of the residuals over time, that of "

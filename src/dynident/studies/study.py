@@ -9,8 +9,7 @@ from collections.abc import Callable, Container, Generator, Iterable, Iterator, 
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cache, cached_property
-from importlib.metadata import version
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -21,8 +20,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.estimators import Estimate
 from dynident.jobs import Done, Limits, run_jobs
-from dynident.jobs.software import code_digest
-from dynident.kernel import kernel
+from dynident.jobs.software import code_version
 from dynident.models import Recording
 from dynident.regression import one_thread
 from dynident.splines import NORMAL_95
@@ -116,15 +114,6 @@ def _outcome(estimate: Estimate) -> Outcome:
     if not estimate.converged:
         return Outcome.UNSETTLED
     return Outcome.NOTED if estimate.notes else Outcome.OK
-
-
-@cache
-def code_version() -> str:
-    """Return the version of the code: that of the package, a digest of its sources, and "kernel" or "numpy".
-
-    All levels of the kernel give the same numbers, NumPy others by rounding.
-    """
-    return f"{version('dynident')}+{code_digest()}.{'kernel' if kernel().level else 'numpy'}"
 
 
 def generator(seed: int, level: float, run: int) -> np.random.Generator:

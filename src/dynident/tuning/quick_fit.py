@@ -138,7 +138,8 @@ class QuickFit:
 def estimated(problem: Problem, estimator: Estimator) -> tuple[Estimate, bool]:
     """Return the estimate without what takes long, and whether it is that of the estimator itself."""
     if isinstance(estimator, PhysicallyConsistent):
-        return called(replace(estimator, costs=False), problem, Estimate), True
+        fit = None if estimator.fit is None else quick(estimator.fit)
+        return called(replace(estimator, costs=False, fit=fit), problem, Estimate), fit is estimator.fit
     fast = quick(estimator)
     return called(fast, problem, Estimate), fast is estimator
 

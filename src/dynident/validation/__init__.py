@@ -1,10 +1,11 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
+from dynident.regression.repeat import REPEATED, Repeat, repeat_of
 from dynident.validation.clusters import clustered_std
 from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
 from dynident.validation.followed import HARMFUL, FollowTest, SmoothedAway, follow_tests, smoothed_away
 from dynident.validation.free_run import Driver, FreeRun, RunSignals, free_run
-from dynident.validation.hac import bandwidth, long_run, plain_std, robust_covariance
+from dynident.validation.hac import plain_std, robust_covariance
 from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, with_floors
 from dynident.validation.prediction import (
     SEED,
@@ -16,7 +17,6 @@ from dynident.validation.prediction import (
     relative_errors,
     validate,
 )
-from dynident.validation.repeat import REPEATED, Repeat, repeat_of
 from dynident.validation.residuals import (
     LOW,
     SLOW,
@@ -57,7 +57,6 @@ __all__ = [
     "Signals",
     "SmoothedAway",
     "TorqueErrors",
-    "bandwidth",
     "check_mass",
     "clustered_std",
     "coloured_covariance",
@@ -66,7 +65,6 @@ __all__ = [
     "decorrelation",
     "follow_tests",
     "free_run",
-    "long_run",
     "plain_std",
     "relative_error",
     "relative_errors",

@@ -122,7 +122,7 @@ def _fitted(
     half: Array = np.asarray(np.linalg.cholesky((inverse + inverse.T) / 2), dtype=np.float64)
     # of rank b_j: turned to its b_j directions now, to r at the end
     turns = [np.linalg.svd(one[:, kept] @ (half / scale[:, None]), full_matrices=False)
-             for one in regression.model.structure.maps]  # fmt: skip
+             for one in regression.structure.maps]  # fmt: skip
     parts = stretches_of(regression, MOST, PIECE)
     share = sum(map(samples_of, parts)) / samples_of(regression)
     value = np.asarray(theta, dtype=float)

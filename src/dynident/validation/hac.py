@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import ModelError
 from dynident.log import pieces
 from dynident.regression import EntryBlock, Regression, rank_of, stretches
+from dynident.regression.long_run import bandwidth, bartlett
 
-__all__ = ["bandwidth", "bread", "long_run", "plain_std", "robust_covariance", "samples_of", "stretches_of"]
+__all__ = ["bread", "plain_std", "robust_covariance", "samples_of", "stretches_of"]
 
 Array = NDArray[np.float64]
 MOST, PIECE = 200_000, 20_000  # samples of all logs whose scores are looked at, and of one piece of them
@@ -54,48 +55,22 @@ def robust_covariance(
     scale, inverse = bread(curved if slopes else regression, w, kept)
 
     chosen = regression.model.structure_with(kept)
-    place = np.searchsorted(np.sort(kept), chosen.parameter)
+    place = np.zeros(p, dtype=np.intp)
+    place[kept] = np.arange(len(kept))
 
     def scores(part: Regression) -> Iterator[Array]:
-        return (_scores(block, w, np.argsort(kept)[place], scale) for block in part.entries(chosen, value))
+        return (_scores(block, w, place, scale) for block in part.entries(chosen, value))
 
     parts = stretches_of(regression, MOST, PIECE)
     series = [list(scores(part)) for part in parts]
     length = max(bandwidth(map(iter, series)), int(share * sum(map(samples_of, parts))), 1)
     rows, total = 0, np.zeros((len(kept), len(kept)))
     for blocks in series:
-        count, one = _bartlett(iter(blocks), length, len(kept))
+        count, one = bartlett(iter(blocks), length, len(kept))
         rows, total = rows + count, total + one
     small_sample = rows / max(rows - len(kept) / n, 1.0)
     total = total * (samples_of(regression) / sum(map(samples_of, parts)))
     return small_sample * inverse @ total @ inverse / np.outer(scale, scale)
-
-
-def bandwidth(series: Iterator[Iterator[Array]]) -> int:
-    """Return Andrews' (1991, eqs. 5.3 and 6.4) L in samples for Bartlett's kernel, each column fitted as AR(1).
-
-    ``series`` holds for each uninterrupted stretch its blocks (B, r). All columns count alike; L is at most a tenth of
-    the samples.
-    """
-    now: Array | float = 0.0
-    lagged: Array | float = 0.0
-    rows = 0
-    for blocks in series:
-        last = None
-        for u in blocks:
-            joined = u if last is None else np.concatenate((last, u))
-            now, lagged = now + np.square(u).sum(axis=0), lagged + (joined[1:] * joined[:-1]).sum(axis=0)
-            last, rows = u[-1:], rows + len(u)
-    rho = np.clip(lagged / np.where(np.asarray(now) > 0, now, 1.0), -0.9999, 0.9999)
-    spread = (1 - rho**2) ** 2  # squared innovation variance of a series of unit variance
-    alpha = np.sum(4 * rho**2 * spread / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.sum(spread / (1 - rho) ** 4)
-    return int(np.clip(np.ceil(1.1447 * (alpha * rows) ** (1 / 3)), 1, max(rows // 10, 1)))
-
-
-def long_run(series: Sequence[Array]) -> Array:
-    """Return the sum S (r, r) of ``robust_covariance`` for scores u (N, r), a series for each uninterrupted stretch."""
-    length = bandwidth(iter([u]) for u in series)
-    return np.asarray(sum(_bartlett(iter([u]), length, u.shape[1])[1] for u in series))
 
 
 def plain_std(regression: Regression, theta: Array, weights: Array, columns: Sequence[int]) -> Array:
@@ -121,34 +96,15 @@ def bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Arr
 def _scores(block: EntryBlock, w: Array, place: NDArray[np.intp], scale: Array) -> Array:
     """Return u (B, r) in scaled columns, of all joints together, so that their correlation counts too.
 
-    ``place`` (M) is the column of each entry.
+    ``place`` (p) is the column of each parameter.
     """
     error = block.tau * w[:, None] ** 2
     if block.keep is not None:
         error = np.where(block.keep, error, 0.0)
     u = np.zeros((len(scale), block.tau.shape[1]))
     for j, part in enumerate(block.structure.parts):
-        u[place[part]] += error[j] * block.entries[part]
+        u[place[block.structure.columns[j]]] += error[j] * block.entries[part]
     return u.T / scale
-
-
-def _bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Array]:
-    """Return the number of rows and (1/L) sum b_t b_t', the running sums b reaching past both ends."""
-    held, rows, total = np.zeros((length - 1, width)), 0, np.zeros((width, width))
-
-    def add(u: Array) -> None:
-        """Add the next rows to the sums that are still running, and those that end to the total."""
-        nonlocal held, total
-        sums = np.cumsum(np.concatenate((np.zeros((1, width)), held, u)), axis=0)
-        b = sums[length:] - sums[:-length]
-        total = total + b.T @ b
-        held = np.concatenate((held, u))[len(u) :]
-
-    for u in blocks:
-        add(u)
-        rows += len(u)
-    add(np.zeros((length - 1, width)))
-    return rows, total / length
 
 
 def stretches_of(regression: Regression, most: int, size: int) -> list[Regression]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.filters import autocorrelation
-from dynident.validation.repeat import repeated_rows
+from dynident.regression.repeat import repeated_rows
 from dynident.validation.residuals import decorrelation
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ the logs: ``staged`` fits the data; ``prior`` moves only along the directions th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, get_args
 
@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, called, changed, choices
+from dynident.errors import ConfigError, called, changed, choices
 from dynident.estimators.constraints import (
     SIGNED,
     BodyConstraint,
@@ -29,21 +29,21 @@ from dynident.estimators.constraints import (
     sized,
     total,
 )
-from dynident.estimators.estimator import Consistency, Determined, Estimate, Estimator, Problem, Provenance
+from dynident.estimators.estimator import Consistency, Determined, Estimate, Estimator, Problem
 from dynident.estimators.least_squares import COARSEST, MOST, Weights, check_weights, joint_weights, weighted
 from dynident.estimators.linear import IsLinear, LinearFit
-from dynident.estimators.notes import (
-    ConstraintsCostly,
-    DecidedByPrior,
-    HeldByConstraints,
-    NotIdentifiable,
-    PriorApproached,
-    RankDeficient,
+from dynident.estimators.physically_consistent.findings import (
+    CLOSE,
+    costly,
+    costs_of,
+    eigenvalues,
+    held,
+    notes_of,
+    provenance_of,
 )
 from dynident.estimators.physically_consistent.prior import drawn, move_to_prior, nearest
 from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
-from dynident.models import Model, Parameter
-from dynident.regression import base_parameters
+from dynident.models import Model
 
 __all__ = ["PhysicallyConsistent"]
 
@@ -52,10 +52,6 @@ Distance = Literal["entropic", "euclidean"]
 NamedPrior = Literal["nominal", "none", "any"]
 STRONGEST = 1e3
 HEAVIEST, LARGEST = 1e6, 1e9  # kg; in size, of any limit
-CLOSED = 1e-6  # duality gap above which the prior was not reached
-COSTLY, LEAST_COST = 0.25, 0.5  # share of the error without constraints, and percentage points, that are said
-FAR = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases
-CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
 
 
 @dataclass(frozen=True)
@@ -175,8 +171,8 @@ class PhysicallyConsistent:
         if self.prior != "any":
             value, gap = move_to_prior(known, constraints, theta, aim, entropic)
         value = _clipped_to_limits(value, constraints)
-        provenance = _provenance(value, known, constraints, ~np.isnan(prior))
-        costs = _costs(leaning, constraints, start, excess) if self.costs else {}
+        provenance = provenance_of(value, known, constraints, ~np.isnan(prior))
+        costs = costs_of(leaning, constraints, start, excess) if self.costs else {}
         moved = np.where(directions.undetermined, 0.0, value - known.base)
         return Estimate(
             parameters=model.parameters,
@@ -186,12 +182,12 @@ class PhysicallyConsistent:
             residual=rows.residual(problem, value),
             notes=(
                 *rows.notes,
-                *_notes(known, provenance, gap),
-                *_costly(known, costs),
-                *_held(known, value, model.parameters),
+                *notes_of(known, provenance, gap),
+                *costly(known, costs),
+                *held(known, value, model.parameters),
             ),
             provenance=provenance,
-            consistency=Consistency(_eigenvalues(bodies, value), costs, known.base),
+            consistency=Consistency(eigenvalues(bodies, value), costs, known.base),
             information=rows.information,
         )
 
@@ -300,60 +296,3 @@ def _clipped_to_limits(theta: Array, constraints: Constraints) -> Array:
                 if abs(limit.rows[i, k] * theta[k] - side) < CLOSE:
                     theta[k] = side / limit.rows[i, k]
     return theta
-
-
-def _eigenvalues(bodies: Sequence[BodyConstraint], theta: Array) -> dict[str, float]:
-    return {body.name: float(np.linalg.eigvalsh(body.scaled(theta))[0]) for body in bodies}
-
-
-def _provenance(
-    theta: Array, known: Information, constraints: Constraints, prior: NDArray[np.bool_]
-) -> tuple[Provenance, ...]:
-    free = known.directions.undetermined
-    at = np.zeros(len(theta), dtype=bool)
-    for body in constraints.bodies:
-        if np.linalg.eigvalsh(body.scaled(theta))[0] < 10 * constraints.margin:
-            at[body.columns[~free[body.columns]]] = True
-    for limit in constraints.limits:
-        value = limit.rows @ theta
-        near = np.minimum(np.abs(value - limit.lower), np.abs(limit.upper - value)) < CLOSE
-        single = (limit.rows != 0).sum(axis=1) == 1
-        at |= (limit.rows[near & single] != 0).any(axis=0)
-    chosen = np.select([at, ~free, prior], [0, 1, 2], 3)
-    order = (Provenance.BOUND, Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
-    return tuple(order[k] for k in chosen)
-
-
-def _costs(known: Information, constraints: Constraints, start: Array, excess: float) -> dict[str, float]:
-    """Return the increase of the error, in percentage points, by each family of constraints alone and by "all"."""
-    alone = {family: staged_fit(known, constraints.only(family), start)[1] for family in constraints.families}
-    return {family: known.error(more) - known.error(0.0) for family, more in (alone | {"all": excess}).items()}
-
-
-def _costly(known: Information, costs: Mapping[str, float]) -> tuple[ConstraintsCostly, ...]:
-    """Return a note where the constraints cost much of the error that there is without them."""
-    free, families = known.error(0.0), [name for name in costs if name != "all"]
-    if not families or costs["all"] < max(COSTLY * free, LEAST_COST):
-        return ()
-    return (ConstraintsCostly(max(families, key=lambda name: costs[name]), free + costs["all"], free),)
-
-
-def _held(known: Information, theta: Array, parameters: Sequence[Parameter]) -> tuple[HeldByConstraints, ...]:
-    """Return a note on the base parameters that the constraints moved far from where the data alone have them."""
-    basis = base_parameters(known.directions, parameters)
-    std = np.linalg.norm(basis.combination @ known.informed, axis=1)
-    moved = np.abs(basis.to_base(theta - known.base)) / std
-    far = tuple((basis.groupings[k], float(moved[k])) for k in np.argsort(-moved) if moved[k] > FAR)
-    return (HeldByConstraints(far),) if far else ()
-
-
-def _notes(known: Information, provenance: tuple[Provenance, ...], gap: float) -> tuple[Note, ...]:
-    kinds: dict[Provenance, type[DecidedByPrior | NotIdentifiable]] = {
-        Provenance.PRIOR: DecidedByPrior,
-        Provenance.UNIDENTIFIABLE: NotIdentifiable,
-    }
-    return (
-        *([RankDeficient(known.rank, len(provenance))] if known.rank < len(provenance) else []),
-        *(kind(provenance.count(which)) for which, kind in kinds.items() if which in provenance),
-        *([PriorApproached(gap)] if gap > CLOSED else []),
-    )

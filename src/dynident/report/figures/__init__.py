@@ -20,6 +20,7 @@ from dynident.report.figures.identification import (
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
 from dynident.report.figures.payload import payload_figure
 from dynident.report.figures.pieces import pieces_figure
+from dynident.report.figures.ranking import cost_figure, ranking_figure
 from dynident.report.figures.robot import (
     Ellipsoid,
     centres,
@@ -65,6 +66,7 @@ __all__ = [
     "box",
     "centres",
     "clock",
+    "cost_figure",
     "course_figure",
     "cylinder",
     "designed_figure",
@@ -87,6 +89,7 @@ __all__ = [
     "pieces_figure",
     "plate",
     "pooled_figure",
+    "ranking_figure",
     "relative_std",
     "robots_figure",
     "run_figure",

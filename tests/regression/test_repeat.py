@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.log import Log
-from dynident.validation import repeat_of
+from dynident.regression.repeat import repeat_of
 
 T = np.arange(4000) * 0.0025
 

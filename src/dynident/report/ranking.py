@@ -1,0 +1,252 @@
+"""The words, tables and numbers of ``dynident compare``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from dynident.report.page import (
+    Column,
+    PageTable,
+    number,
+)
+from dynident.report.part_words import part_words
+from dynident.report.words import count, listed, percent, short
+
+if TYPE_CHECKING:
+    from dynident.ranking import Combination, Ranked, Ranking
+
+__all__ = [
+    "mark_of",
+    "names_of",
+    "ranking_dict",
+    "ranking_findings",
+    "ranking_heading",
+    "ranking_tables",
+    "with_words",
+]
+
+FEW = 10  # rows of a ranking in a terminal
+NAMED = 4  # combinations that a sentence names
+LOW = 90.0  # % of the samples of a log in common, below which the smoother that leaves out most is looked for
+
+
+def ranking_heading(found: Ranking) -> str:
+    """Return what there is to say first."""
+    best = found.best
+    if best is None:
+        return "none of the combinations has an estimate"
+    return f"{with_words(best.combination)} predicts the torque best, with an error of {percent(best.error)}"
+
+
+def with_words(one: Combination) -> str:
+    """Return a combination in words."""
+    return " with ".join(names_of(one))
+
+
+def _basis(found: Ranking) -> str:
+    return "held-out motion" if found.basis == "validation" else "stretches of the training, predicted from the others"
+
+
+def ranking_findings(found: Ranking) -> tuple[str, ...]:
+    """Return the comparison in sentences: which to take, what is as good, the configured one, what is missing."""
+    return (*_basis_lines(found), *_chance_lines(found), *_own_lines(found), *_truth_lines(found), *_gaps(found))
+
+
+def _basis_lines(found: Ranking) -> Iterator[str]:
+    if found.basis == "train" and found.best is not None:
+        yield (
+            "No log is held out, so that combinations are ranked by blocked cross-validation of the training: the same "
+            "motion, which says less of others. Record another motion for `validation`."
+        )
+
+
+def _chance_lines(found: Ranking) -> Iterator[str]:
+    best, choice = found.best, found.choice
+    if best is None or choice is None:
+        return
+    if not found.told:
+        yield (
+            f"The logs are too short to tell differences from chance: they hold {short(found.blocks, 3)} blocks as "
+            "long as the errors are correlated, and 12 are needed."
+        )
+    elif len(found.within) == 1:
+        yield "All others are worse by more than chance."
+    else:
+        others = [with_words(one.combination) for one in found.within[1:]]
+        yield (
+            f"{count(len(others), 'other')} of {len(found.ranked) - 1} {'is' if len(others) == 1 else 'are'} as good "
+            f"within chance: {listed(others, NAMED)}."
+        )
+    if choice is best:
+        yield f"Take {with_words(choice.combination)}{_why_best(found)}."
+    else:
+        yield f"Take {with_words(choice.combination)} ({percent(choice.error)}): {_why(found)}."
+    if not choice.physical:
+        yield (
+            "Its bodies are physically impossible (an eigenvalue below zero), as are those of all others within "
+            "chance: take a consistent estimator for simulation and control."
+        )
+
+
+def _why_best(found: Ranking) -> str:
+    yours = ", as the configuration does" if found.best is found.own else ""
+    return (", as none of these is twice as fast" if len(found.within) > 1 else "") + yours
+
+
+def _why(found: Ranking) -> str:
+    """Say why another than the best is to be taken."""
+    best, choice = found.best, found.choice
+    if best is None or choice is None:
+        return ""
+    faster = f"as good within chance, and takes {_time(choice.seconds)} instead of {_time(best.seconds)}"
+    if not best.physical and choice.physical:
+        faster = "as good within chance, and all of its bodies are possible, which those of the best are not"
+    elif choice is found.own:
+        return "as good within chance, and nothing is to be changed"
+    return faster
+
+
+def _time(seconds: float) -> str:
+    return f"{short(seconds, 2)} s"
+
+
+def _own_lines(found: Ranking) -> Iterator[str]:
+    own, best = found.own, found.best
+    if own is None or best is None or own is best:
+        return
+    name = f"The configuration's own, {with_words(own.combination)}"
+    if math.isnan(own.error):
+        yield f"{name}, has no estimate: {own.reason}"
+        return
+    place = found.ranked.index(own) + 1
+    word = "worse by more than chance" if own.worse else "within chance of the best"
+    end = f", {word}" if found.told else ""
+    yield f"{name}, is number {place} of {len(found.ranked)} with {percent(own.error)}{end}."
+
+
+def _truth_lines(found: Ranking) -> Iterator[str]:
+    known = [one for one in found.ranked if one.truth is not None and math.isfinite(one.truth.over_bound)]
+    if not known:
+        return
+    near = min(known, key=lambda one: one.truth.over_bound if one.truth else math.inf)
+    if near.truth is not None:
+        yield (
+            f"Nearest to the true base parameters is {with_words(near.combination)}: errors of "
+            f"{short(near.truth.over_bound, 2)} times the least standard deviation that any unbiased method can reach "
+            f"(rms), {near.truth.covered} of {near.truth.count} intervals of 95 % hold the truth."
+        )
+
+
+def _gaps(found: Ranking) -> Iterator[str]:
+    if found.ranked and min(found.shares.values()) < LOW:
+        log = min(found.shares, key=lambda name: found.shares[name])
+        most = min(found.kept, key=lambda name: found.kept[name])
+        yield (
+            f"Only {percent(found.shares[log])} of the samples of {log} count, those that all smoothers keep; {most} "
+            f"keeps fewest, {percent(found.kept[most])} of all logs."
+        )
+    if found.failed:
+        yield f"{count(len(found.failed), 'combination')} of {len(found.rows)} gave no error:"
+        reasons = dict.fromkeys((one.reason, one.outcome.value) for one in found.failed)
+        for reason, outcome in list(reasons)[:NAMED]:
+            names = [with_words(one.combination) for one in found.failed if one.reason == reason]
+            yield f"{listed(names, 2)} ({outcome}): {reason}"
+    for one in found.absent:
+        name = " with ".join(filter(None, (one.smoother, one.estimator)))
+        yield f"Does not apply: {name}: {one.reason}"
+
+
+def ranking_tables(found: Ranking) -> Iterator[PageTable]:
+    """Yield the first rows for a terminal, with that of the configuration."""
+    first = found.ranked[:FEW]
+    own = found.own
+    more = [own] if own is not None and own not in first and math.isfinite(own.error) else []
+    if first:
+        rows = tuple(_short_row(found, one) for one in (*first, *more))
+        columns = (
+            Column("smoother", numeric=False),
+            Column("estimator", numeric=False),
+            Column("error, %"),
+            Column("from", "more than best"),
+            Column("to", "more than best"),
+            Column("s"),
+            Column("", numeric=False),
+        )
+        left = len(found.ranked) - len(first)
+        caption = f"Ranked by {_basis(found)}" + (f"; {left} more have larger errors" if left > 0 else "")
+        yield PageTable(columns, rows, caption)
+
+
+def _short_row(found: Ranking, one: Ranked) -> tuple[str, ...]:
+    low, high = ("-", "-") if one is found.best else (number(x, 2) for x in one.interval)
+    return (
+        *names_of(one.combination), number(one.error, 3), low, high, number(one.seconds, 2),
+        mark_of(found, one),
+    )  # fmt: skip
+
+
+def mark_of(found: Ranking, one: Ranked) -> str:
+    """Return what there is to say of a combination in a word or two: whether it is the one to take, yours, worse."""
+    words = ["take" if one is found.choice else "", "yours" if one.combination.own else ""]
+    words.append("worse" if one.worse else "")
+    return ", ".join(filter(None, words))
+
+
+def names_of(one: Combination) -> tuple[str, str]:
+    """Return the names as they are shown: a line may be broken at a plus sign."""
+    return one.smoother, one.estimator.replace("+", " + ")
+
+
+def ranking_dict(found: Ranking) -> dict[str, Any]:
+    """Return a comparison as plain values, for JSON."""
+    return {
+        "format": "dynident ranking",
+        "version": 1,
+        "name": found.name,
+        "sentences": [ranking_heading(found), *ranking_findings(found)],
+        "ranked_by": "held-out logs" if found.basis == "validation" else "cross-validation",
+        "joints": list(found.joints),
+        "common_samples": dict(found.shares),
+        "kept_samples": dict(found.kept),
+        "block_seconds": found.block,
+        "blocks": found.blocks,
+        "told_from_chance": found.told,
+        "folds": found.folds,
+        "best": _pair(found.best),
+        "take": _pair(found.choice),
+        "within_chance": [_pair(one) for one in found.within],
+        "parts": {
+            family: [{"name": one.name, "own": one.own, "settings": part_words(one.part)} for one in parts]
+            for family, parts in (("smoothers", found.smoothers), ("estimators", found.estimators))
+        },
+        "rows": [_row(found, one) for one in found.rows],
+        "does_not_apply": [
+            {"smoother": one.smoother, "estimator": one.estimator, "reason": one.reason} for one in found.absent
+        ],
+        "base_parameters": list(found.parameters),
+    }
+
+
+def _pair(one: Ranked | None) -> list[str] | None:
+    return None if one is None else list(names_of(one.combination))
+
+
+def _row(found: Ranking, one: Ranked) -> dict[str, Any]:
+    difference = math.nan if found.best is None else one.error - found.best.error
+    row: dict[str, Any] = {
+        "smoother": one.combination.smoother, "estimator": one.combination.estimator, "own": one.combination.own,
+        "status": one.outcome.value, "reason": one.reason, "notes": list(one.notes), "error": one.error,
+        "overall": one.overall,
+        "difference": difference, "interval": list(one.interval), "p_value": one.p_value, "worse": one.worse,
+        "held_out": dict(one.held_out), "same_motion": dict(one.same_motion), "training": dict(one.training),
+        "cross_validated": dict(one.cross_validated), "condition": one.condition, "eigenvalue": one.eigenvalue,
+        "seconds": [one.seconds_smoothing, one.seconds_estimate, one.seconds_validation],
+    }  # fmt: skip
+    if one.truth is not None:
+        row["truth"] = {
+            "error": one.truth.error, "std": one.truth.std, "median_relative": one.truth.relative,
+            "over_bound": one.truth.over_bound, "covered": one.truth.covered, "count": one.truth.count,
+        }  # fmt: skip
+    return row

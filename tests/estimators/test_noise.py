@@ -1,0 +1,85 @@
+"""The noise in a residual: orders and coefficients are found, and a covariance that can be inverted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators.noise import LAGS, Residuals, Series, autoregression, shrunk
+from dynident.regression import Whitening, ages
+from tests.estimators.coloured import ARM, COLOURED, S, drawn, noisy
+
+
+def series(x: np.ndarray, used: np.ndarray | None = None) -> Series:
+    """A series of one joint."""
+    kept = np.ones(len(x), dtype=bool) if used is None else used
+    return Series(np.where(kept, x, 0.0)[None], kept[None], ages(kept)[None])
+
+
+def test_orders_and_coefficients_are_found() -> None:
+    e = drawn(COLOURED, 20_000, np.random.default_rng(0))
+    for j, expected in enumerate(COLOURED.coefficients):
+        found = autoregression(series(e[:, j]), 0, 20)
+        assert len(found) == len(expected)
+        np.testing.assert_allclose(found, expected, atol=4.5 / np.sqrt(20_000))
+
+
+def test_gaps_do_not_count() -> None:
+    rng = np.random.default_rng(1)
+    e, used = drawn(COLOURED, 20_000, rng)[:, 0], rng.uniform(size=20_000) > 0.05
+    found = autoregression(series(np.where(used, e, 1e6), used), 0, 20)
+    np.testing.assert_allclose(found, COLOURED.coefficients[0], atol=0.05)
+
+
+@pytest.mark.parametrize("x", [np.ones(200), np.sin(np.arange(200)), np.arange(200.0), np.zeros(200), np.ones(3)])
+def test_it_is_stable_whatever_the_residual(x: np.ndarray) -> None:
+    a = autoregression(series(x), 0, 20)
+    assert len(a) <= len(x) // 10
+    assert Whitening((a,), np.eye(1)).orders == (len(a),)  # which refuses others
+
+
+def test_white_noise_has_no_order_and_a_given_one_is_kept() -> None:
+    x = series(np.random.default_rng(2).standard_normal(2000))
+    assert len(autoregression(x, 0, 20)) == 0
+    assert len(autoregression(x, 0, 20, 3)) == 3
+    assert not x.correlations(0).any()
+    assert len(x.correlations(0)) == LAGS
+
+
+def test_a_correlation_that_is_chance_is_none() -> None:
+    few = np.array([[1.0, 0.3], [0.3, 1.0]])
+    np.testing.assert_array_equal(shrunk(few, np.full((2, 2), 10.0)), np.eye(2))
+    np.testing.assert_allclose(shrunk(few, np.full((2, 2), 1e5)), few, atol=1e-3)
+    np.testing.assert_array_equal(shrunk(np.eye(1), np.ones((1, 1))), np.eye(1))
+    np.testing.assert_array_equal(shrunk(np.eye(2), np.zeros((2, 2))), np.eye(2))
+
+
+def test_noise_that_two_joints_share_can_be_inverted() -> None:
+    found = shrunk(np.ones((3, 3)), np.full((3, 3), 1000.0))
+    assert np.linalg.cond(found) < 1e4
+
+
+def test_the_noise_of_a_problem_is_that_of_its_joints() -> None:
+    problem = noisy(COLOURED, 0, 20_000)
+    found = Residuals.of(problem.regression, ARM.values, np.zeros(2)).noise(20, 7)  # type: ignore[arg-type]
+    assert found.orders == (2, 1)
+    np.testing.assert_allclose(found.covariance, S, rtol=0.05)
+
+
+def test_a_residual_of_rounding_is_no_noise() -> None:
+    problem = noisy(COLOURED, 0)
+    found = Residuals.of(problem.regression, ARM.values, np.array([1.0, 0.0])).noise(20, 7)  # type: ignore[arg-type]
+    assert found.orders[0] == 0
+    assert found.covariance[0, 0] == 1.0
+
+
+def test_joints_that_are_never_used_together_are_not_correlated() -> None:
+    problem = noisy(COLOURED, 0)
+    (motion,) = problem.motions
+    keep = np.zeros(motion.q.shape, dtype=bool)
+    keep[:700, 0] = keep[700:, 1] = True
+    regression = replace(problem.regression, motions=(replace(motion, keep=keep),))
+    found = Residuals.of(regression, ARM.values, np.zeros(2)).noise(20, 7)  # type: ignore[arg-type]
+    assert not found.mixes

@@ -1,0 +1,176 @@
+"""A comparison from a configuration to its ranking: what fails, what is kept, what is the same whoever computes it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.errors import ConfigError, InputError, Step
+from dynident.ranking import Outcome, Ranking, run_comparison
+from tests.ranking.made import Greedy, Halved, Lacking, Raising, Stuck, Whole, make_project
+
+TIMES = ("seconds",)
+FEW: dict[str, Any] = {"smoothers": [dy.Difference("central")], "estimators": ["least_squares", Halved()], "folds": 2}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The configuration of a slider."""
+    return make_project(tmp_path_factory.mktemp("slider"))
+
+
+@pytest.fixture(scope="module")
+def found(project: Path) -> Ranking:
+    """A small comparison."""
+    return run_comparison(project, **FEW)
+
+
+def numbers(found: Ranking) -> list[tuple[Any, ...]]:
+    return found.frame().drop(TIMES).rows()
+
+
+def test_the_combination_of_the_configuration_has_the_errors_of_identify(project: Path) -> None:
+    own = run_comparison(project, smoothers=[], estimators=[], folds=0).own
+    assert own is not None
+    errors = {one.role: one.errors for one in dy.run(project).validations}
+    assert own.held_out == pytest.approx(errors["validation"].per_joint, rel=1e-12)
+    assert own.same_motion == pytest.approx(errors["validation"].per_joint, rel=1e-12)
+    assert own.training == pytest.approx(errors["train"].per_joint, rel=1e-12)
+    assert own.overall == pytest.approx(errors["validation"].relative_error, rel=1e-12)
+    assert own.cross_validated == {}
+
+
+def test_combinations_are_ranked_and_worse_ones_told(found: Ranking) -> None:
+    assert found.basis == "validation"
+    assert found.told
+    assert [one.combination.estimator for one in found.ranked] == ["least_squares"] * 2 + ["Halved"] * 2
+    assert found.best is found.ranked[0]
+    assert [one.worse for one in found.ranked[2:]] == [True, True]
+    assert all(40.0 < one.error < 60.0 for one in found.ranked[2:])
+    assert found.choice in found.within
+    for one in found.ranked:
+        assert one.cross_validated["slider"] == pytest.approx(one.training["slider"], rel=0.1)
+        assert 1.0 <= one.condition < 10.0
+    difference = found.ranked[-1].error - found.ranked[0].error
+    low, high = found.ranked[-1].interval
+    assert low < difference < high
+
+
+def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, found: Ranking) -> None:
+    more = {**FEW, "estimators": [*FEW["estimators"], Raising(), Lacking(), Whole(700)]}
+    more["smoothers"] = [*FEW["smoothers"], Stuck()]
+    all_of_them = run_comparison(project, **more)
+    assert [one.error for one in all_of_them.ranked if one.combination.estimator in ("least_squares", "Halved")] == [
+        one.error for one in found.ranked
+    ]
+    raising = next(one for one in all_of_them.failed if one.combination.estimator == "Raising")
+    assert raising.reason.endswith("ZeroDivisionError: no estimate of slider")
+    stuck = [one for one in all_of_them.failed if one.combination.smoother == "Stuck"]
+    assert {one.reason for one in stuck} == {"monday: nothing is smooth enough"}
+    assert [(one.smoother, one.estimator, one.reason) for one in all_of_them.absent] == [
+        ("", "Lacking", "monday: has no controller; give its gains.")
+    ]
+    whole = next(one for one in all_of_them.ranked if one.combination.estimator == "Whole (samples 700)")
+    assert whole.reason == "cross-validation: too few samples"
+
+
+def test_a_smoother_that_leaves_out_nearly_all_takes_nothing_from_the_others(project: Path, found: Ranking) -> None:
+    more = run_comparison(project, **{**FEW, "smoothers": [*FEW["smoothers"], Greedy()]})
+    assert more.shares == found.shares
+    assert [one.error for one in more.ranked] == [one.error for one in found.ranked]
+    left = [one for one in more.failed if one.combination.smoother == "Greedy"]
+    assert {one.outcome for one in left} == {Outcome.TOO_FEW}
+    assert left[0].reason.startswith("monday: keeps 20 samples, where most smoothers keep 7")
+
+
+def test_where_nothing_works_there_is_no_best(project: Path) -> None:
+    config = project.with_name("raising.yaml")
+    made = Path(__file__).with_name("made.py")
+    config.write_text(project.read_text() + f"estimator: {{ kind: '{made}:Raising' }}\n")
+    none = run_comparison(config, smoothers=[], estimators=[], folds=0)
+    assert none.best is none.choice is None
+    assert none.within == ()
+    assert "ZeroDivisionError" in none.failed[0].reason
+    config.write_text(project.read_text().replace("{ kind: spline }", f"{{ kind: '{made}:Stuck' }}"))
+    with pytest.raises(InputError, match="monday: nothing is smooth enough"):
+        run_comparison(config, smoothers=[], estimators=[], folds=0)
+
+
+def test_without_a_held_out_log_the_training_ranks(tmp_path: Path) -> None:
+    config = make_project(tmp_path, held_out=False)
+    found = run_comparison(config, **FEW)
+    assert found.basis == "train"
+    assert [one.combination.estimator for one in found.ranked] == ["least_squares"] * 2 + ["Halved"] * 2
+    assert found.ranked[0].held_out == found.ranked[0].same_motion == {}
+    assert found.ranked[0].error == pytest.approx(found.ranked[0].cross_validated["slider"], rel=1e-12)
+    with pytest.raises(InputError, match="no log is held out, and without cross-validation there is nothing to rank"):
+        run_comparison(config, **{**FEW, "folds": 0})
+    with pytest.raises(InputError, match="folds = 1"):
+        run_comparison(config, **{**FEW, "folds": 1})
+
+
+def test_short_logs_do_not_tell_differences_from_chance(tmp_path: Path) -> None:
+    found = run_comparison(make_project(tmp_path, seconds=0.3), **{**FEW, "smoothers": [], "folds": 0})
+    assert not found.told
+    assert found.within == found.ranked[:1]
+    assert np.isnan(found.ranked[1].p_value)
+
+
+def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def stop(step: str) -> None:
+        one = Step.of(step)
+        if one.words == "estimating" and one.done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        run_comparison(project, out, **FEW, progress=stop)
+    assert "Finished rows are kept in" in stopped.value.__notes__[0]
+    again = run_comparison(project, out, **FEW)
+    assert again.computed == 1
+    assert numbers(again) == numbers(found)
+    assert run_comparison(project, out, **FEW).computed == 0
+    assert run_comparison(project, out, **FEW, rerun=True).computed == 4
+    other = run_comparison(project, out, **{**FEW, "estimators": ["least_squares", Halved(), Raising()]})
+    assert other.computed == 2
+    assert run_comparison(project, out, **{**FEW, "estimators": ["least_squares", Raising()]}).computed == 2
+
+
+def test_any_executor_gives_the_same_rows(project: Path, found: Ranking) -> None:
+    with ThreadPoolExecutor(2) as executor:
+        spread = run_comparison(project, **FEW, executor=executor)
+    assert numbers(spread) == numbers(found)
+
+
+def test_a_folder_with_inputs_or_another_report_is_left_alone(project: Path, tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("mine")
+    with pytest.raises(ConfigError, match="is the report of another command"):
+        run_comparison(project, tmp_path, **FEW)
+    truth = tmp_path / "compare.json"
+    truth.write_text('{"M": 5}')
+    with pytest.raises((ConfigError, InputError)):
+        run_comparison(project, tmp_path, **FEW, truth=truth)
+    assert truth.read_text() == '{"M": 5}'
+
+
+def test_known_truth_gives_errors_and_coverage(project: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.yaml"
+    names = dy.run(project).estimate.names
+    truth.write_text(f"{names[0]}: 5.0\n{names[1]}: 8.0\n")
+    found = run_comparison(project, **FEW, truth=truth)
+    assert found.parameters[:2] == names[:2]
+    good, bad = found.ranked[0].truth, found.ranked[-1].truth
+    assert good is not None
+    assert bad is not None
+    assert good.over_bound < 5.0 < 50.0 < bad.over_bound
+    assert bad.relative == pytest.approx(50.0, abs=2.0)
+    assert good.covered == good.count == 2
+    assert bad.covered < 2
+    with pytest.raises(ConfigError, match="none of its values is of a parameter of the model"):
+        run_comparison(project, **FEW, truth={"nothing": 1.0})

@@ -1,0 +1,167 @@
+"""Whitened rows: those of a dense computation, in stretches, blocks, parts and pulls; white, and of unit variance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from dynident.errors import ConfigError
+from dynident.log import Motion
+from dynident.models import Structure
+from dynident.models.gallery import two_link_arm
+from dynident.regression import (
+    EntryBlock,
+    ParallelFilter,
+    Regression,
+    Whitening,
+    ages,
+    divided,
+    factors_of_parts,
+    merged,
+)
+from dynident.testing.estimator import known_motion
+from tests.estimators.physically_consistent.arms import arm, problem
+
+Array = NDArray[np.float64]
+ARM = two_link_arm()
+S = np.array([[2.0, 0.8], [0.8, 1.0]]) * 1e-4
+NOISE = Whitening((np.array([0.9, -0.3, 0.1]), np.array([0.5])), S)
+WAYS = [(None, None), (None, (0.3, 0.2)), (ParallelFilter(decimate=3), (0.3, 0.2))]
+
+
+def holed(samples: int = 2600) -> Motion:
+    """More samples than a block, with gaps."""
+    motion = known_motion(ARM, 0.01, samples=samples)
+    mask = motion.mask.copy()
+    mask[[700, 701, 704]] = False
+    mask[900:1000] = False
+    return replace(motion, mask=mask)
+
+
+def variance_before(a: Array, k: int) -> tuple[Array, float]:
+    """The best predictor from k rows, and the variance of its error over that of an innovation, by Yule and Walker."""
+    whole = np.zeros(4000)
+    whole[0] = 1.0
+    response = lfilter([1.0], np.append(1.0, -a), whole)
+    covariance = np.array([response[: len(response) - h] @ response[h:] for h in range(k + 1)])
+    if not k:
+        return np.zeros(0), covariance[0]
+    R = covariance[np.abs(np.subtract.outer(np.arange(k), np.arange(k)))]
+    found = np.linalg.solve(R, covariance[1:])
+    return found, covariance[0] - found @ covariance[1:]
+
+
+def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
+    """X' V^-1 X of [X | y], row by row, and the number of rows."""
+    p, stretches, end = len(plain.model.parameters), [], None
+    for k, kept, block in plain.placed(plain.model.structure):
+        rows = np.concatenate([block.regressor(), block.tau.T[:, :, None]], axis=2)
+        stretches += [] if end == (k, kept.start) else [[]]
+        stretches[-1].append((rows, np.ones(rows.shape[:2], dtype=bool) if block.keep is None else block.keep.T))
+        end = k, kept.stop
+    best = [[variance_before(a, k) for k in range(len(a) + 1)] for a in noise.coefficients]
+    G, count = np.zeros((p + 1, p + 1)), 0
+    for one in stretches:
+        rows, used = (np.concatenate(x) for x in zip(*one, strict=True))
+        found = np.zeros_like(rows)
+        for j, predictors in enumerate(best):
+            age = ages(used[:, j])
+            for t in np.flatnonzero(used[:, j]):
+                known, variance = predictors[k := min(age[t], len(predictors) - 1)]
+                found[t, j] = (rows[t, j] - known @ rows[t - 1 - np.arange(k), j]) / np.sqrt(variance)
+        for t in range(len(rows)):
+            some = np.flatnonzero(used[t])
+            G += found[t, some].T @ np.linalg.inv(noise.covariance[np.ix_(some, some)]) @ found[t, some]
+            count += len(some)
+    return G, count
+
+
+@pytest.mark.parametrize(("low", "slow"), WAYS, ids=str)
+def test_rows_are_those_of_a_dense_computation(low: ParallelFilter | None, slow: tuple[float, ...] | None) -> None:
+    plain = Regression(ARM, (holed(),), low, slow)
+    regression = replace(plain, whitening=NOISE)
+    G, rows = dense(plain, NOISE)
+    assert regression.triangular_factors.total == rows
+    R = regression.triangular_factors.stacked()
+    np.testing.assert_allclose(R.T @ R, G, atol=1e-12 * np.abs(G).max())
+    parts = merged(factors_of_parts(regression, divided(regression, 300))).stacked()
+    np.testing.assert_allclose(parts.T @ parts, G, atol=1e-12 * np.abs(G).max())
+    if low is None:  # with a filter, the ends of a stretch are not treated apart
+        torque = regression.motions[0].tau[:, :, None] * np.eye(2)
+        pulls = regression.pulls([torque]).sum(axis=1)
+        np.testing.assert_allclose(pulls, G[:-1, -1], atol=1e-12 * np.abs(G).max())
+    Y = [block.Y.reshape(-1, 7) for block in regression.blocks()]
+    used = [np.ones(b.tau.shape, dtype=bool) if b.keep is None else b.keep for b in regression.blocks()]
+    X = np.concatenate([y[u.ravel()] for y, u in zip(Y, used, strict=True)])
+    np.testing.assert_allclose(X.T @ X, G[:-1, :-1], atol=1e-12 * np.abs(G).max())
+
+
+def test_columns_that_depend_on_others_do_so_in_mixed_rows() -> None:
+    plain = problem(arm(), samples=300).regression
+    n = len(plain.model.joints)
+    rng = np.random.default_rng(0)
+    mixing = np.tril(rng.uniform(-0.5, 0.5, (n, n)), -1) + np.eye(n)
+    noise = Whitening(tuple(np.array([0.1 * j]) for j in range(n)), mixing @ mixing.T)
+    regression = replace(plain, whitening=noise)
+    assert sum(map(len, regression.structure.columns)) < 0.5 * n * len(plain.model.parameters)
+    G, _ = dense(plain, noise)
+    R = regression.triangular_factors.stacked()
+    np.testing.assert_allclose(R.T @ R, G, atol=1e-11 * np.abs(G).max())
+
+
+def test_whitened_noise_is_white_and_of_unit_variance() -> None:
+    rng, samples = np.random.default_rng(0), 20_000
+    u = rng.standard_normal((samples + 500, 2)) @ np.linalg.cholesky(S).T
+    e = np.stack([lfilter([1.0], np.append(1.0, -a), u[:, j])[500:] for j, a in enumerate(NOISE.coefficients)])
+    none = Structure((np.zeros(0, dtype=np.intp),) * 2, (np.zeros((0, 1)),) * 2)
+    white = NOISE.rows(EntryBlock(none, np.zeros((0, samples)), e), NOISE.structure(none)).tau
+    far = 4.5 / np.sqrt(samples)  # less likely than 1e-5 for one number
+    np.testing.assert_allclose(white @ white.T / samples, np.eye(2), atol=1.5 * far)
+    for lag in range(1, 6):
+        assert np.abs(white[:, lag:] @ white[:, :-lag].T / samples).max() < far
+    assert np.abs(np.corrcoef(e)[0, 1]) > 0.3 > far  # which the noise is not
+    assert e[0, 1:] @ e[0, :-1] > 0.5 * e[0] @ e[0]
+
+
+def test_the_first_rows_of_a_stretch_have_unit_variance_too() -> None:
+    rng, runs = np.random.default_rng(1), 4000
+    a = np.array([1.2, -0.5])
+    e = lfilter([1.0], np.append(1.0, -a), rng.standard_normal((runs, 300)), axis=1)[:, -4:]
+    none = Structure((np.zeros(0, dtype=np.intp),), (np.zeros((0, 1)),))
+    stretches, keep = np.pad(e, ((0, 0), (0, 1))).reshape(1, -1), np.tile([True] * 4 + [False], runs)[None]
+    block = EntryBlock(none, np.zeros((0, 5 * runs)), stretches, keep)
+    white = Whitening((a,), np.eye(1)).rows(block, none).tau.reshape(runs, 5)[:, :4]
+    np.testing.assert_allclose(white.T @ white / runs, np.eye(4), atol=4.5 * np.sqrt(2 / runs))
+
+
+def test_ages_count_the_rows_before() -> None:
+    np.testing.assert_array_equal(
+        ages(np.array([True, True, False, True, True, True]))[[0, 1, 3, 4, 5]], [0, 1, 0, 1, 2]
+    )
+    assert len(ages(np.zeros(0, dtype=bool))) == 0
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "covariance", "words"),
+    [
+        ((np.array([1.0]), np.zeros(0)), np.eye(2), "joint 1: the autoregression is not stable"),
+        ((np.zeros(0), np.array([0.5, 0.6])), np.eye(2), "joint 2: the autoregression is not stable"),
+        ((np.zeros(0), np.array([np.nan])), np.eye(2), "joint 2: the autoregression is not stable"),
+        ((np.zeros(0),) * 2, np.ones((2, 2)), "not positive definite"),
+        ((np.zeros(0),) * 2, np.diag([1.0, 0.0]), "not positive definite"),
+        ((np.zeros(0),) * 2, np.array([[1.0, 0.5], [0.2, 1.0]]), "no symmetric matrix of the 2 joints"),
+        ((np.zeros(0),) * 2, np.eye(3), "no symmetric matrix of the 2 joints"),
+    ],
+)
+def test_what_is_no_noise_is_refused(coefficients: tuple[Array, ...], covariance: Array, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        Whitening(coefficients, covariance)
+
+
+def test_noise_of_other_joints_is_refused() -> None:
+    with pytest.raises(ConfigError, match="whitening is of 1 joints, the model has 2"):
+        Regression(ARM, (holed(),), whitening=Whitening((np.zeros(0),), np.eye(1)))

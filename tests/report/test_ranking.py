@@ -1,0 +1,84 @@
+"""A ranking in words and tables."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+from rich.console import Console
+
+from dynident.io.results import json_text
+from dynident.ranking import Outcome
+from dynident.report.ranking import ranking_dict, ranking_findings, ranking_heading, ranking_tables
+from dynident.report.terminal import terminal
+from tests.report.rankings import ranking, untold
+
+
+def said(found: object) -> str:
+    return "\n".join(ranking_findings(found))  # type: ignore[arg-type]
+
+
+def test_it_says_which_to_take_and_why() -> None:
+    found = ranking()
+    assert ranking_heading(found) == "smoother0 with estimator0 predicts the torque best, with an error of 3 %"
+    text = said(found)
+    assert "1 other of 4 is as good within chance: smoother1 with estimator0." in text
+    assert "Take smoother1 with estimator0 (3.4 %): as good within chance, and all of its bodies are possible" in text
+    assert "Only 80 % of the samples of monday count, those that all smoothers keep; smoother1 keeps fewest" in text
+    assert "1 combination of 6 gave no error:\nsmoother2 with estimator1 (failed): InputError" in text
+    assert "Does not apply: instruments: monday: has no controller" in text
+    assert "errors of 1.2 times the least standard deviation" in text
+
+
+def test_among_equals_nothing_is_changed() -> None:
+    found = ranking()
+    first, second = found.rows[:2]
+    slow = replace(first, combination=replace(first.combination, own=False), eigenvalue=0.1)
+    own = replace(second, combination=replace(second.combination, own=True), seconds_estimate=first.seconds_estimate)
+    text = said(replace(found, rows=(slow, own, *found.rows[2:])))
+    assert "Take smoother1 with estimator0 (3.4 %): as good within chance, and nothing is to be changed." in text
+    fast = replace(second, seconds_estimate=0.05)
+    text = said(replace(found, rows=(slow, fast, *found.rows[2:])))
+    assert "as good within chance, and takes 0.15 s instead of 2.1 s." in text
+
+
+def test_the_configured_combination_has_its_place() -> None:
+    found = ranking()
+    own = replace(found.rows[3], combination=replace(found.rows[3].combination, own=True))
+    first = replace(found.rows[0], combination=replace(found.rows[0].combination, own=False), eigenvalue=None)
+    other = replace(found, rows=(first, *found.rows[1:3], own, *found.rows[4:]))
+    text = said(other)
+    assert "is number 4 of 5 with 4.2 %, worse by more than chance." in text
+    assert "Take smoother0 with estimator0" in text
+    lost = replace(own, error=float("nan"), outcome=Outcome.FAILED, reason="too short")
+    assert "has no estimate: too short" in said(replace(other, rows=(first, *found.rows[1:3], lost)))
+
+
+def test_what_is_not_known_is_not_claimed() -> None:
+    text = said(untold(ranking(basis="train")))
+    assert "No log is held out, so that combinations are ranked by blocked cross-validation" in text
+    assert "too short to tell differences from chance: they hold 4 blocks" in text
+    assert "worse by more than chance" not in text
+    none = replace(ranking(), rows=ranking().rows[-1:])
+    assert ranking_heading(none) == "none of the combinations has an estimate"
+    assert list(ranking_tables(none)) == []
+
+
+def test_tables_fit_a_terminal() -> None:
+    console = Console(width=80, record=True)
+    for table in ranking_tables(ranking(6, 10)):
+        assert len(table.rows) == 10
+        console.print(terminal(table))
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "take" in text
+    assert "49 more have larger errors" in text
+
+
+def test_all_numbers_are_in_the_json() -> None:
+    data = json.loads(json_text(ranking_dict(ranking())))
+    assert data["take"] == ["smoother1", "estimator0"]
+    assert len(data["rows"]) == 6
+    assert data["rows"][0]["truth"]["over_bound"] == 1.2
+    assert data["rows"][-1]["status"] == "failed"
+    assert data["rows"][-1]["error"] is None

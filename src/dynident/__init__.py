@@ -16,12 +16,16 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import (
+        AugmentedKalman,
         Estimate,
         GeneralisedLeastSquares,
         InstrumentalVariables,
         LeastSquares,
         MaximumLikelihood,
         PhysicallyConsistent,
+        Ridge,
+        RobustLeastSquares,
+        TotalLeastSquares,
         WeightedLeastSquares,
     )
     from dynident.identification import Identification, Recipe, bootstrap
@@ -56,6 +60,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AugmentedKalman",
     "Butterworth",
     "Coulomb",
     "CoupledMotor",
@@ -77,10 +82,13 @@ __all__ = [
     "ParallelFilter",
     "PhysicallyConsistent",
     "Recipe",
+    "Ridge",
     "RigidBodies",
+    "RobustLeastSquares",
     "RotorInertia",
     "SavitzkyGolay",
     "Spline",
+    "TotalLeastSquares",
     "Viscous",
     "WeightedLeastSquares",
     "accuracy_bound",
@@ -106,6 +114,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "AugmentedKalman": "dynident.estimators",
     "Butterworth": "dynident.smoothers",
     "Coulomb": "dynident.models",
     "CoupledMotor": "dynident.models",
@@ -127,10 +136,13 @@ _MODULES = {
     "ParallelFilter": "dynident.regression",
     "PhysicallyConsistent": "dynident.estimators",
     "Recipe": "dynident.identification",
+    "Ridge": "dynident.estimators",
     "RigidBodies": "dynident.models",
+    "RobustLeastSquares": "dynident.estimators",
     "RotorInertia": "dynident.models",
     "SavitzkyGolay": "dynident.smoothers",
     "Spline": "dynident.smoothers",
+    "TotalLeastSquares": "dynident.estimators",
     "Viscous": "dynident.models",
     "WeightedLeastSquares": "dynident.estimators",
     "accuracy_bound": "dynident.io.shortcuts",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from dynident.estimators import (
+    AugmentedKalman,
     Estimate,
     Estimator,
     GeneralisedLeastSquares,
@@ -14,6 +15,9 @@ from dynident.estimators import (
     MaximumLikelihood,
     PhysicallyConsistent,
     Problem,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
     WeightedLeastSquares,
 )
 from dynident.io.families import ESTIMATORS as FAMILY
@@ -30,6 +34,11 @@ ESTIMATORS: list[Estimator] = [
     PhysicallyConsistent(),
     InstrumentalVariables(),
     MaximumLikelihood(),
+    Ridge(),
+    RobustLeastSquares(),
+    RobustLeastSquares("tukey"),
+    TotalLeastSquares(),
+    AugmentedKalman(passes=2),
 ]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 

@@ -1,5 +1,6 @@
 """Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their protocol."""
 
+from dynident.estimators.augmented_kalman.fit import AugmentedKalman
 from dynident.estimators.estimator import (
     Consistency,
     Determined,
@@ -19,9 +20,13 @@ from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
+from dynident.estimators.ridge import Ridge
+from dynident.estimators.robust import RobustLeastSquares
+from dynident.estimators.total_least_squares import TotalLeastSquares
 from dynident.estimators.weighted_least_squares import WeightedLeastSquares
 
 __all__ = [
+    "AugmentedKalman",
     "Consistency",
     "Determined",
     "Estimate",
@@ -38,6 +43,9 @@ __all__ = [
     "Problem",
     "Provenance",
     "Residual",
+    "Ridge",
+    "RobustLeastSquares",
+    "TotalLeastSquares",
     "WeightedLeastSquares",
     "among",
     "estimate_of",

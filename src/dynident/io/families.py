@@ -246,6 +246,10 @@ ESTIMATORS = Family(
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
+        "augmented_kalman": "dynident.estimators.augmented_kalman.fit:AugmentedKalman",
+        "ridge": "dynident.estimators.ridge:Ridge",
+        "robust": "dynident.estimators.robust:RobustLeastSquares",
+        "total_least_squares": "dynident.estimators.total_least_squares:TotalLeastSquares",
     },
     protocol="dynident.estimators.estimator:Estimator",
 )

@@ -1,8 +1,8 @@
 """What MuJoCo's own identification finds for an arm in closed loop: PYTHON mujoco_fit.py IN.npz OUT.json.
 
 Run by a Python that has mujoco[sysid] 4.0.0, not by that of dynident. IN holds what figaroh_fit.py takes, and
-``reference_t`` (M) s, ``reference`` (M, n), ``kp``, ``kv`` and ``limit`` (n) of the drives, and of the row ``first`` the state
-``q0``, ``dq0``, which the tool must be told. OUT is as that of figaroh_fit.py.
+``reference_t`` (M) s, ``reference`` (M, n), ``kp``, ``kv`` and ``limit`` (n) of the drives, and of the row ``first``
+the state ``q0``, ``dq0``, which the tool must be told. OUT is as that of figaroh_fit.py.
 
 The drives are its actuators, so it simulates the loop; what it fits are positions and torques of the joints, each
 scaled by its size, as its residual has them. Parameters are the pseudo-inertia of each link, armature, damping,
@@ -66,9 +66,7 @@ def parameters(spec: mujoco.MjSpec) -> ParameterDict:
     model, found = spec.compile(), ParameterDict()
     for joint in spec.joints:
         body = joint.parent.name
-        found.add(
-            sysid.body_inertia_param(spec, model, body, inertia_type=InertiaType.Pseudo, modifier=of_body(body))
-        )
+        found.add(sysid.body_inertia_param(spec, model, body, inertia_type=InertiaType.Pseudo, modifier=of_body(body)))
     for name, (start, low, high) in START.items():
         for joint in spec.joints:
             found.add(Parameter(f"{name}_{joint.name}", start, low, high, modifier=of_joint(joint.name, name)))
@@ -122,8 +120,8 @@ def values(spec: mujoco.MjSpec, found: ParameterDict) -> list[float]:
     sysid.apply_param_modifiers_spec(found, done)
     links = []
     for joint in done.joints:
-        m, hx, hy, hz, *I = sysid.model_modifier.pi_from_body(done, joint.parent.name)
-        xx, xy, xz, _, yy, yz, _, _, zz = I
+        m, hx, hy, hz, *inertia = sysid.model_modifier.pi_from_body(done, joint.parent.name)
+        xx, xy, xz, _, yy, yz, _, _, zz = inertia
         links += [m, hx, hy, hz, xx, xy, yy, xz, yz, zz]
     drives = [found[f"{name}_{joint.name}"].value[0] for name in (*START, "offset") for joint in done.joints]
     return [float(one) for one in (*links, *drives)]

@@ -158,7 +158,7 @@ def kept_of(row: Mapping[str, Any]) -> Row:
     """What is kept of a row."""
     lower, upper = row["interval"]
     named = {name: row[name] for name in ("smoother", "estimator", "own", "status", "worse")}
-    numbers = {"error": row["error"], "least": lower, "most": upper, "seconds": seconds(row)}
+    numbers = {"error": row["error"], "overall": row["overall"], "least": lower, "most": upper, "seconds": seconds(row)}
     return named | {name: rounded(value) for name, value in numbers.items()}
 
 

@@ -21,6 +21,7 @@ PUBLISHED = {"filtered": 4.083, "simulated": 0.0138}, {"filtered": 5.982, "simul
 NAMES = {"emps": "EMPS", "double_pendulum": "double pendulum", "lwr4": "LWR4", "panda": "Panda", "tx40": "TX40"}
 BEST = 3  # combinations that are shown of a robot
 PLAIN = ("spline", "least_squares")
+UNSETTLED = "unsettled"
 
 
 def draw(kept: Row) -> None:
@@ -37,7 +38,7 @@ def page(text: str, kept: Row) -> str:
 
 
 def tables(kept: Row) -> dict[str, str]:
-    """Return the tables by name, of the parts that are kept, and that of the survey, which takes figures of both files."""
+    """Return the tables by name: of the parts that are kept, and of the survey, which takes figures of both files."""
     found = {name: table(kept[part]) for name, (part, table) in TABLES.items() if part in kept}
     return found | {"survey": survey(json.loads(STUDY.read_text(encoding="utf-8")), kept)}
 
@@ -85,7 +86,8 @@ def of(row: Row, key: str) -> float:
 
 def robots(part: Row) -> str:
     """The best, the configured and the plain combination of each robot."""
-    head = ["robot", "", "smoother", "estimator", "held out, %", "more than the best by (95 %)", "", "s"]
+    head = ["robot", "", "smoother", "estimator", "held out, %", "all joints, %", "more than the best by (95 %)",
+            "worse than another", "s"]  # fmt: skip
     lines = [line for robot in NAMES if robot in part for line in robot_lines(robot, part[robot])]
     missing = [name for robot, name in NAMES.items() if robot not in part]
     notes = [counted(NAMES[robot], part[robot]) for robot in NAMES if robot in part]
@@ -94,26 +96,28 @@ def robots(part: Row) -> str:
 
 
 def robot_lines(robot: str, found: Row) -> list[list[str]]:
-    ranked = [row for row in found["rows"] if row["status"] == "ok" and row["error"] is not None]
+    ranked = [row for row in found["rows"] if row["error"] is not None]
     shown: dict[int, str] = {place: "best" if not place else "" for place in range(min(BEST, len(ranked)))}
     for what, which in (("configured", lambda row: row["own"]), ("plain", lambda row: pair(row) == PLAIN)):
         for place, row in enumerate(ranked):
             if which(row):
                 shown[place] = ", ".join(one for one in (shown.get(place), what) if one)
     return [
-        [NAMES[robot] if not place else "", f"{place + 1}. {what}".rstrip(), *pair(ranked[place]),
-         figure(ranked[place]["error"]), interval(ranked[place], place), chance(ranked[place], place),
-         f"{ranked[place]['seconds']:.2g}"]
+        [NAMES[robot] if not place else "", f"{place + 1}. {what}".rstrip(), *figures_of(ranked[place], place)]
         for place, what in sorted(shown.items())
-    ]  # fmt: skip
+    ]
+
+
+def figures_of(row: Row, place: int) -> list[str]:
+    """A combination and its figures; those of a difference where it is not the best."""
+    errors = [f"{row[key]:.4g}" for key in ("error", "overall")]
+    known = place and row["least"] is not None
+    apart = [f"{row['least']:.2g} to {row['most']:.2g}" if known else "", chance(row, place)]
+    return [*pair(row), *errors, *apart, f"{row['seconds']:.2g}"]
 
 
 def pair(row: Row) -> tuple[str, str]:
     return row["smoother"], row["estimator"]
-
-
-def interval(row: Row, place: int) -> str:
-    return "" if not place or row["least"] is None else f"{row['least']:.2g} to {row['most']:.2g}"
 
 
 def chance(row: Row, place: int) -> str:
@@ -121,13 +125,14 @@ def chance(row: Row, place: int) -> str:
 
 
 def counted(name: str, found: Row) -> str:
-    """How many combinations there are, how many are as good as the best, what failed and what does not apply."""
-    ok = sum(row["status"] == "ok" for row in found["rows"])
-    within = len(found["within_chance"] or ())
-    failed = len(found["rows"]) - ok
-    bad = f", {failed} failed" if failed else ""
+    """How many combinations have an error, how many are as good as the best, what failed and what does not apply."""
+    rows, within = found["rows"], len(found["within_chance"] or ())
+    failed = sum(row["error"] is None for row in rows)
+    unsettled = sum(row["status"] == UNSETTLED for row in rows)
+    named = (unsettled, "not converged"), (failed, "failed")
+    bad = "".join(f", {count} {what}" for count, what in named if count)
     absent = f"; not applicable: {', '.join(found['absent'])}" if found["absent"] else ""
-    return f"{name}: {ok} combinations, {within} of them as good as the best within chance{bad}{absent}."
+    return f"{name}: {len(rows)} combinations, {within} of them as good as the best within chance{bad}{absent}."
 
 
 def peers(part: Row) -> str:

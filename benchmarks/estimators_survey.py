@@ -21,7 +21,7 @@ KALMAN = ("augmented_kalman, extended", "augmented_kalman, sigma_point")
 NOT = "not measured"
 
 
-class Missing(Exception):
+class MissingError(Exception):
     """A figure that is not there."""
 
 
@@ -30,7 +30,7 @@ class Figures:
 
     def __init__(self, study: Row, robots: Row) -> None:
         cells = study.get("arm", {}).get("cells", ())
-        self.cells = {(one["method"], one["level"]): one for one in cells if one["rms"]}
+        self.cells: dict[tuple[str, float], Row] = {(one["method"], one["level"]): one for one in cells if one["rms"]}
         self.fits = {name: fit for name, fit in robots.get("emps", {}).get("fits", {}).items() if "reason" not in fit}
         self.robots = robots.get("robots", {})
 
@@ -38,7 +38,7 @@ class Figures:
         try:
             return self.cells[f"{smoother} + {estimator}", level]
         except KeyError:
-            raise Missing(estimator) from None
+            raise MissingError(estimator) from None
 
     def rms(self, estimator: str, level: float) -> float:
         return mean_square(self.cell(estimator, level)["rms"])
@@ -50,7 +50,7 @@ class Figures:
         try:
             return float(self.fits[name]["errors"]["validation"]["filtered"])
         except KeyError:
-            raise Missing(name) from None
+            raise MissingError(name) from None
 
 
 Answer = tuple[bool, str]
@@ -106,7 +106,7 @@ def consistent(of: Figures) -> Answer:
 def dear(of: Figures) -> Answer:
     known = [one for one in KALMAN if (f"spline + {one}", LEVELS[0]) in of.cells]
     if not known:
-        raise Missing(KALMAN[0])
+        raise MissingError(KALMAN[0])
     worst = max(of.rms(one, LEVELS[0]) for one in known)
     cost = max(of.seconds(one) for one in known)
     others = max(of.seconds(one) for one in (PLAIN, *SIMULATING))
@@ -122,10 +122,10 @@ def real(of: Figures) -> Answer:
 
 def needs_controller(of: Figures) -> Answer:
     if not of.robots:
-        raise Missing("robots")
+        raise MissingError("robots")
     lacking = [name for name, found in of.robots.items() if DIDIM in found["absent"]]
     if not any(DIDIM in found["absent"] or fitted(found) for found in of.robots.values()):
-        raise Missing(DIDIM)
+        raise MissingError(DIDIM)
     return bool(lacking), f"DIDIM does not apply to {len(lacking)} of {len(of.robots)} real robots"
 
 
@@ -158,8 +158,8 @@ def survey(study: Row, robots: Row) -> str:
     for text, rule in CONCLUSIONS:
         try:
             holds, said = rule(of)
-        except (Missing, ValueError) as lacks:
-            lines.append([text, "", f"{NOT}: {lacks}" if isinstance(lacks, Missing) else NOT])
+        except (MissingError, ValueError) as lacks:
+            lines.append([text, "", f"{NOT}: {lacks}" if isinstance(lacks, MissingError) else NOT])
         else:
             lines.append([text, "yes" if holds else "no", said])
     return markdown(["conclusion", "here", "figures"], lines)

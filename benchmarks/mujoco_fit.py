@@ -20,9 +20,9 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco import sysid
-from mujoco.sysid import InertiaType, ModelSequences, Parameter, ParameterDict, TimeSeries
+from mujoco.sysid import InertiaType, ModelSequences, Parameter, ParameterDict, SignalType, TimeSeries
 
-STEPS, DIFFERENCE = 25, 1e-5  # at most; of its derivatives: with its own 1.5e-8 no step makes the error less
+STEPS, DIFFERENCE = 20, 1e-5  # at most; of its derivatives: with its own 1.5e-8 no step makes the error less
 START = {"armature": (0.3, 0.0, 5.0), "damping": (3.0, 0.0, 50.0), "frictionloss": (1.0, 0.0, 20.0)}  # and its limits
 OFFSET = (0.0, -5.0, 5.0)
 
@@ -37,7 +37,7 @@ def built(recording: dict[str, Any]) -> mujoco.MjSpec:
     for joint in spec.joints:  # given, not those of a geometry
         joint.parent.explicitinertial = True
     spec.option.timestep = float(np.median(np.diff(recording["reference_t"])))
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER  # the drives hold their force for a step
     spec.option.tolerance = 1e-12
     spec.option.gravity = recording["gravity"]
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -51,13 +51,9 @@ def built(recording: dict[str, Any]) -> mujoco.MjSpec:
         constant = spec.add_actuator(name=f"offset_{joint.name}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         constant.gaintype, constant.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         constant.gainprm[0] = 0.0
-    for kind, what, objtype in (
-        ("q", mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtObj.mjOBJ_JOINT),
-        ("tau", mujoco.mjtSensor.mjSENS_ACTUATORFRC, mujoco.mjtObj.mjOBJ_ACTUATOR),
-    ):
-        for joint in spec.joints:
-            name = joint.name if kind == "q" else f"drive_{joint.name}"
-            spec.add_sensor(name=f"{kind}_{joint.name}", type=what, objtype=objtype, objname=name)
+    for joint in spec.joints:
+        force, drive = mujoco.mjtSensor.mjSENS_ACTUATORFRC, mujoco.mjtObj.mjOBJ_ACTUATOR
+        spec.add_sensor(name=f"tau_{joint.name}", type=force, objtype=drive, objname=f"drive_{joint.name}")
     return spec
 
 
@@ -105,12 +101,19 @@ def sequences(spec: mujoco.MjSpec, recording: dict[str, Any]) -> ModelSequences:
     used = recording["reference_t"] >= begin - model.opt.timestep / 2
     control = np.zeros((int(used.sum()), model.nu))
     control[:, ::2] = recording["reference"][used]  # drives and offsets take turns
-    measured = np.concatenate([recording["q"], recording["tau"]], axis=1)[first:]
+    names = [joint.name for joint in spec.joints]
+    # a sensor has the force of the step before its time, a state is that of its time
+    torque = np.stack(
+        [np.interp(t - model.opt.timestep / 2, recording["t"], one) for one in recording["tau"].T], axis=1
+    )
+    measured = np.concatenate([torque, recording["q"][first:]], axis=1)  # the tool wants sensors before states
+    signals = [(f"tau_{name}", SignalType.MjSensor) for name in names]
+    signals += [(f"{name}_qpos", SignalType.MjStateQPos) for name in names]
     state = sysid.create_initial_state(model, recording["q0"], recording["dq0"])
     return ModelSequences(
         "arm", spec, "recording", state,
         TimeSeries.from_control_names(recording["reference_t"][used] - begin, control, model),
-        TimeSeries.from_names(t - begin, measured, model),
+        TimeSeries.from_names(t - begin, measured, model, signals), allow_missing_sensors=True,
     )  # fmt: skip
 
 

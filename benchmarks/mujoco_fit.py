@@ -22,7 +22,7 @@ import numpy as np
 from mujoco import sysid
 from mujoco.sysid import InertiaType, ModelSequences, Parameter, ParameterDict, SignalType, TimeSeries
 
-STEPS, DIFFERENCE = 20, 1e-5  # at most; of its derivatives: with its own 1.5e-8 no step makes the error less
+STEPS, DIFFERENCE = 20, 1e-5  # at most; step of its derivatives: the solver of friction is iterative
 START = {"armature": (0.3, 0.0, 5.0), "damping": (3.0, 0.0, 50.0), "frictionloss": (1.0, 0.0, 20.0)}  # and its limits
 OFFSET = (0.0, -5.0, 5.0)
 

@@ -174,3 +174,9 @@ def test_known_truth_gives_errors_and_coverage(project: Path, tmp_path: Path) ->
     assert bad.covered < 2
     with pytest.raises(ConfigError, match="none of its values is of a parameter of the model"):
         run_comparison(project, **FEW, truth={"nothing": 1.0})
+
+
+def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
+    path = make_project(tmp_path, held_out=False, more="validation: [{ file: monday.csv, name: again }]\n")
+    found = run_comparison(path, **{**FEW, "smoothers": [], "folds": 0})
+    assert found.repeats == (("again", "monday"),)

@@ -25,9 +25,27 @@ def test_it_says_which_to_take_and_why() -> None:
     assert "1 other of 4 is as good within chance: smoother1 with estimator0." in text
     assert "Take smoother1 with estimator0 (3.4 %): as good within chance, and all of its bodies are possible" in text
     assert "Only 80 % of the samples of monday count, those that all smoothers keep; smoother1 keeps fewest" in text
-    assert "1 combination of 6 gave no error:\nsmoother2 with estimator1 (failed): InputError" in text
+    assert "1 combination of 6 gave no estimate:\nsmoother2 with estimator1 (failed): InputError" in text
     assert "Does not apply: instruments: monday: has no controller" in text
     assert "errors of 1.2 times the least standard deviation" in text
+
+
+def test_what_a_few_lines_cannot_hold_is_in_the_report() -> None:
+    found = ranking()
+    lost = tuple(replace(found.rows[-1], reason=f"reason {k}") for k in range(6))
+    assert "2 more reasons in the report" in said(replace(found, rows=(*found.rows[:2], *lost)))
+    text = said(replace(found, rows=found.rows[:1]))
+    assert "There is no other to compare it with." in text
+    assert "Of 2 base parameters, 1 have a true value" in text
+
+
+def test_what_holds_nothing_out_or_has_no_torque_is_said() -> None:
+    found = ranking()
+    joints = {**found.rows[0].held_out, "still": float("nan")}
+    first = replace(found.rows[0], held_out=joints)
+    text = said(replace(found, rows=(first, *found.rows[1:]), repeats=(("tuesday", "monday"),)))
+    assert "tuesday repeats the motion of monday, which holds nothing out" in text
+    assert "still: no torque to compare with" in text
 
 
 def test_among_equals_nothing_is_changed() -> None:
@@ -40,6 +58,8 @@ def test_among_equals_nothing_is_changed() -> None:
     fast = replace(second, seconds_estimate=0.05)
     text = said(replace(found, rows=(slow, fast, *found.rows[2:])))
     assert "as good within chance, and takes 0.15 s instead of 2.1 s." in text
+    soon = replace(slow, seconds_estimate=0.4)
+    assert "Take smoother0 with estimator0" in said(replace(found, rows=(soon, fast, *found.rows[2:])))
 
 
 def test_the_configured_combination_has_its_place() -> None:

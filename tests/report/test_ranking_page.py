@@ -14,7 +14,8 @@ def test_the_page_has_all_parts_and_escapes_names() -> None:
     text = ranking_page(ranking(joint=HOSTILE))
     assert HOSTILE not in text
     assert "<b>too short</b>" not in text
-    for title in ("Which to take", "Errors", "All combinations", "By joint", "Against the truth", "Without an error"):
+    titles = ("Which to take", "Errors", "All combinations", "By joint", "Against the truth", "Without an estimate")
+    for title in titles:
         assert f">{title}" in text
 
 
@@ -24,4 +25,4 @@ def test_a_page_without_chance_truth_or_estimates() -> None:
     assert "Against the truth" not in ranking_page(plain)
     none = ranking_page(replace(found, rows=found.rows[-1:]))
     assert "By joint" not in none
-    assert "no error" in none
+    assert "no estimate" in none

@@ -79,8 +79,8 @@ class LinearFit:
     ``directions`` are those of the parameters that they determine. How they were weighted, as in a ``Residual``:
     ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``, and ``whitening``. Where errors of
     the motion count in the fit, ``information`` (p, p) is that of all; it is ``robust`` where it allows for residuals
-    that are correlated. ``notes`` say what was not as it should be. ``sigma`` (n) is the standard deviation of each
-    joint's residual where that is not its rms.
+    that are correlated. ``sigma`` (n) is the standard deviation of each joint's residual where that is not its rms.
+    ``notes`` say what was not as it should be.
     """
 
     factor: Array

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from dynident.ranking.smoothing import Common
 from dynident.ranking.task import Task
 from dynident.ranking.truth import Truth
 from dynident.splines import NORMAL_95
+from dynident.validation import REPEATED, repeat_of
 
 __all__ = ["Rows", "assembled"]
 
@@ -78,7 +80,16 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         tuple(_used(rows)),
         rows.estimators,
         rows.computed,
+        tuple(_repeats(task)),
     )
+
+
+def _repeats(task: Task) -> Iterator[tuple[str, str]]:
+    """Yield held-out logs with the log of the training whose motion they repeat."""
+    train = task.motions["train"]
+    for held, motion in task.motions["validation"].items():
+        again = (log for log, other in train.items() if repeat_of(motion, other).error < REPEATED)
+        yield from ((held, log) for log in islice(again, 1))
 
 
 def _used(rows: Rows) -> Iterator[Candidate]:

@@ -23,6 +23,7 @@ __all__ = ["Absent", "Ranked", "Ranking", "TruthFigures", "mean_of"]
 
 Array = NDArray[np.float64]
 Basis = Literal["validation", "train"]
+SOON = 0.5  # s that make no difference: the first of a process takes longer by this
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +85,10 @@ class Ranked:
         """Seconds of the smoothing and the estimate."""
         return self.seconds_smoothing + self.seconds_estimate
 
+    def judged(self, basis: Basis) -> Mapping[str, float]:
+        """Return the errors (%) by joint that combinations are ranked by."""
+        return self.held_out if basis == "validation" else self.cross_validated
+
     @property
     def physical(self) -> bool:
         """Whether no body is known to be impossible."""
@@ -113,7 +118,8 @@ class Ranking:
     each log that all have in common, ``kept`` those (%) of all logs that each smoother keeps. ``block`` is the time (s)
     of the blocks that are drawn to tell differences from chance, ``blocks`` how many such there are, ``told`` whether
     these are enough. ``parameters`` are base parameters whose truth is known, with their ``units``. ``smoothers`` are
-    as used, ``estimators`` as given. ``computed`` is the number of new rows; others were known.
+    as used, ``estimators`` as given. ``computed`` is the number of new rows; others were known. ``repeats`` are
+    held-out logs, each with one of the training whose motion it repeats.
     """
 
     name: str
@@ -132,6 +138,7 @@ class Ranking:
     smoothers: tuple[Candidate, ...] = ()
     estimators: tuple[Candidate, ...] = ()
     computed: int = 0
+    repeats: tuple[tuple[str, str], ...] = ()
 
     def __repr__(self) -> str:
         few = listed((f"{one.combination.name} {one.error:.3g} %" for one in self.ranked), 3)
@@ -160,14 +167,14 @@ class Ranking:
     @cached_property
     def choice(self) -> Ranked | None:
         """Which to take of those within chance of the best: one whose bodies are possible and which converged, where
-        there is any, and of these the fastest; times within a factor of two count as equal: of those it is that of the
-        configuration, or else the one with the least error."""
+        there is any, and of these the fastest; times within a factor of two, or half a second, count as equal: of those
+        it is that of the configuration, or else the one with the least error."""
         if not self.within:
             return None
         good = [one for one in self.within if one.physical and one.outcome is Outcome.OK]
         some = good or [one for one in self.within if one.physical] or list(self.within)
         fast = min(one.seconds for one in some)
-        quick = [one for one in some if not one.seconds > 2.0 * fast]
+        quick = [one for one in some if not one.seconds > max(2.0 * fast, fast + SOON)]
         return next((one for one in quick if one.combination.own), quick[0])
 
     @property

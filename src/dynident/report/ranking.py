@@ -60,6 +60,11 @@ def _basis_lines(found: Ranking) -> Iterator[str]:
             "No log is held out, so that combinations are ranked by blocked cross-validation of the training: the same "
             "motion, which says less of others. Record another motion for `validation`."
         )
+    for held, log in found.repeats:
+        yield f"{held} repeats the motion of {log}, which holds nothing out: the order on another motion is not known."
+    errors = {} if found.best is None else found.best.judged(found.basis)
+    if unknown := [joint for joint, error in errors.items() if math.isnan(error)]:
+        yield f"{listed(unknown, NAMED)}: no torque to compare with, and so left out of the mean over the joints."
 
 
 def _chance_lines(found: Ranking) -> Iterator[str]:
@@ -71,6 +76,8 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
             f"The logs are too short to tell differences from chance: they hold {short(found.blocks, 3)} blocks as "
             "long as the errors are correlated, and 12 are needed."
         )
+    elif len(found.ranked) == 1:
+        yield "There is no other to compare it with."
     elif len(found.within) == 1:
         yield "All others are worse by more than chance."
     else:
@@ -92,7 +99,7 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
 
 def _why_best(found: Ranking) -> str:
     yours = ", as the configuration does" if found.best is found.own else ""
-    return (", as none of these is twice as fast" if len(found.within) > 1 else "") + yours
+    return (", as none of these is much faster" if len(found.within) > 1 else "") + yours
 
 
 def _why(found: Ranking) -> str:
@@ -137,6 +144,11 @@ def _truth_lines(found: Ranking) -> Iterator[str]:
             f"{short(near.truth.over_bound, 2)} times the least standard deviation that any unbiased method can reach "
             f"(rms), {near.truth.covered} of {near.truth.count} intervals of 95 % hold the truth."
         )
+        if near.truth.count < len(near.truth.error):
+            yield (
+                f"Of {len(near.truth.error)} base parameters, {near.truth.count} have a true value and a standard "
+                "error; the others lack one, or have parameters in them whose true value is not given."
+            )
 
 
 def _gaps(found: Ranking) -> Iterator[str]:
@@ -148,11 +160,13 @@ def _gaps(found: Ranking) -> Iterator[str]:
             f"keeps fewest, {percent(found.kept[most])} of all logs."
         )
     if found.failed:
-        yield f"{count(len(found.failed), 'combination')} of {len(found.rows)} gave no error:"
+        yield f"{count(len(found.failed), 'combination')} of {len(found.rows)} gave no estimate:"
         reasons = dict.fromkeys((one.reason, one.outcome.value) for one in found.failed)
         for reason, outcome in list(reasons)[:NAMED]:
             names = [with_words(one.combination) for one in found.failed if one.reason == reason]
             yield f"{listed(names, 2)} ({outcome}): {reason}"
+        if len(reasons) > NAMED:
+            yield f"{count(len(reasons) - NAMED, 'more reason')} in the report, and in what --json writes."
     for one in found.absent:
         name = " with ".join(filter(None, (one.smoother, one.estimator)))
         yield f"Does not apply: {name}: {one.reason}"

@@ -54,7 +54,7 @@ def ranking_page(found: Ranking) -> str:
     if any(one.truth is not None for one in found.ranked):
         sections.append(PageSection("Against the truth", tuple(_truth_blocks(found))))
     if found.failed or found.absent:
-        sections.append(PageSection("Without an error", tuple(_without(found))))
+        sections.append(PageSection("Without an estimate", tuple(_without(found))))
     sections.append(PageSection("How it is compared", (SAME, _chance(found), COSTS, _parts_table(found))))
     lead = f"{count(len(found.rows), 'combination')} on {found.name}: {ranking_heading(found)}."
     return render("Smoothers and estimators compared", lead, sections)
@@ -63,7 +63,7 @@ def ranking_page(found: Ranking) -> str:
 def _badge(found: Ranking) -> Badge | None:
     own = found.own
     if own is None or not found.ranked:
-        return Badge("no error", "bad") if not found.ranked else None
+        return Badge("no estimate", "bad") if not found.ranked else None
     if own in found.within:
         return Badge("yours is among the best", "good")
     return Badge("others are better", "fair") if found.told else None
@@ -122,7 +122,7 @@ def _joint_table(found: Ranking) -> PageTable:
     columns = (Column("smoother", numeric=False), Column("estimator", numeric=False), *joints)
     rows = []
     for one in found.ranked:
-        errors = one.held_out if found.basis == "validation" else one.cross_validated
+        errors = one.judged(found.basis)
         cells = (number(errors.get(joint), 3) for joint in found.joints)
         rows.append((*names_of(one.combination), *cells))
     what = "on held-out motion" if found.basis == "validation" else "in cross-validation"

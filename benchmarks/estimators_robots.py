@@ -52,7 +52,7 @@ def main() -> None:
     parser.add_argument("--robot", action="append", choices=ROBOTS, help="of part robots, by default all")
     parser.add_argument("--smoothers", metavar="KIND,...", help="of part robots, by default all")
     parser.add_argument("--estimators", metavar="KIND,...", help="of part robots, by default all")
-    parser.add_argument("--time-limit", default="900", help="s that a fit of part robots may take, by default 900")
+    parser.add_argument("--time-limit", default="120", help="s that a fit of part robots may take, by default 120")
     parser.add_argument("--peers", metavar="PYTHON", help="a Python that has figaroh 1.0.2 and mujoco[sysid] 4.0.0")
     parser.add_argument("--folder", type=Path, default=Path(gettempdir()) / "dynident-robots", help="for what is done")
     parser.add_argument("--workers", default="1")

@@ -22,6 +22,7 @@ NAMES = {"emps": "EMPS", "double_pendulum": "double pendulum", "lwr4": "LWR4", "
 BEST = 3  # combinations that are shown of a robot
 PLAIN = ("spline", "least_squares")
 UNSETTLED = "unsettled"
+TOO_SHORT = "held-out motion too short to tell chance"
 
 
 def draw(kept: Row) -> None:
@@ -103,16 +104,20 @@ def robot_lines(robot: str, found: Row) -> list[list[str]]:
             if which(row):
                 shown[place] = ", ".join(one for one in (shown.get(place), what) if one)
     return [
-        [NAMES[robot] if not place else "", f"{place + 1}. {what}".rstrip(), *figures_of(ranked[place], place)]
+        [
+            NAMES[robot] if not place else "",
+            f"{place + 1}. {what}".rstrip(),
+            *figures_of(ranked[place], place, found["told_from_chance"]),
+        ]
         for place, what in sorted(shown.items())
     ]
 
 
-def figures_of(row: Row, place: int) -> list[str]:
+def figures_of(row: Row, place: int, told: bool) -> list[str]:
     """A combination and its figures; those of a difference where it is not the best."""
     errors = [f"{row[key]:.4g}" for key in ("error", "overall")]
     known = place and row["least"] is not None
-    apart = [f"{row['least']:.2g} to {row['most']:.2g}" if known else "", chance(row, place)]
+    apart = [f"{row['least']:.2g} to {row['most']:.2g}" if known else "", chance(row) if place and told else ""]
     return [*pair(row), *errors, *apart, f"{row['seconds']:.2g}"]
 
 
@@ -120,8 +125,8 @@ def pair(row: Row) -> tuple[str, str]:
     return row["smoother"], row["estimator"]
 
 
-def chance(row: Row, place: int) -> str:
-    return "" if not place else "more than chance" if row["worse"] else "chance"
+def chance(row: Row) -> str:
+    return "more than chance" if row["worse"] else "chance"
 
 
 def counted(name: str, found: Row) -> str:
@@ -132,7 +137,8 @@ def counted(name: str, found: Row) -> str:
     named = (unsettled, "not converged"), (failed, "failed")
     bad = "".join(f", {count} {what}" for count, what in named if count)
     absent = f"; not applicable: {', '.join(found['absent'])}" if found["absent"] else ""
-    return f"{name}: {len(rows)} combinations, {within} of them as good as the best within chance{bad}{absent}."
+    good = f"{within} of them as good as the best within chance" if found["told_from_chance"] else TOO_SHORT
+    return f"{name}: {len(rows)} combinations, {good}{bad}{absent}."
 
 
 def peers(part: Row) -> str:

@@ -48,7 +48,7 @@ def test_of_a_robot_the_best_the_configured_and_the_plain_combination_are_shown(
 
     rows = [row("a one", 1), row("a two", 1.5), row("a three", 2), row("b one", 3), row("b own", 4, True),
             row("spline least_squares", 5), row("b bad", 0, status="failed") | {"error": None}]  # fmt: skip
-    found = {"rows": rows, "absent": ["didim"], "within_chance": [1, 2]}
+    found = {"rows": rows, "absent": ["didim"], "within_chance": [1, 2], "told_from_chance": True}
     lines = load("robots_page").robot_lines("lwr4", found)
     assert [line[1:4] for line in lines] == [
         ["1. best", "a", "one"], ["2.", "a", "two"], ["3.", "a", "three"], ["5. configured", "b", "own"],

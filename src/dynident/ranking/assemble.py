@@ -52,14 +52,9 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
     if judged:
         told = differences(np.stack(list(judged.values())), torque, task.blocks[basis].log, rng)
         for k, key in enumerate(judged):
-            found[key] = replace(
-                found[key], error=float(told.error[k]), overall=_overall(judged[key], torque),
-                p_value=float(told.p_value[k]),
-                interval=(float(told.interval[k, 0]), float(told.interval[k, 1])),
-            )  # fmt: skip
+            found[key] = _placed(found[key], told, k, _overall(judged[key], torque))
     tried, others = list(found.values()), list(_without(rows))
-    every = [*tried, *others]
-    applies = [one for one in every if one.outcome is not Outcome.NOT_APPLICABLE]
+    applies = [one for one in (*tried, *others) if one.outcome is not Outcome.NOT_APPLICABLE]
     ordered = sorted(applies, key=lambda one: one.error if math.isfinite(one.error) else math.inf)
     return Ranking(
         name,
@@ -79,6 +74,13 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         rows.estimators,
         rows.computed,
     )
+
+
+def _placed(one: Ranked, told: Differences, k: int, overall: float) -> Ranked:
+    """Return a combination with its place among the others, of which it is the k-th."""
+    low, high = told.interval[k].tolist()
+    error, p_value = float(told.error[k]), float(told.p_value[k])
+    return replace(one, error=error, overall=overall, p_value=p_value, interval=(low, high))
 
 
 def _used(rows: Rows) -> Iterator[Candidate]:

@@ -20,7 +20,7 @@ from dynident.identification.standard_errors import identifiability_of
 from dynident.log import Motion
 from dynident.ranking.candidates import Candidate
 from dynident.ranking.rows import Outcome, empty_row
-from dynident.ranking.smoothing import Common, failed, motions_of, with_common
+from dynident.ranking.smoothing import Common, Motions, failed, motions_of, with_common
 from dynident.ranking.task import Masks, Task
 from dynident.regression import BLOCK, Regression, one_thread
 
@@ -78,19 +78,21 @@ class Fit:
         row["notes"] = sorted({type(note).__name__ for note in (*estimate.notes, *noted)})
         row["condition"] = _condition(estimate)
         row["eigenvalue"] = _eigenvalue(problem, estimate.value)
-        own = with_common(task, task.motions, self.common)
-        for column, some, role in (
-            ("held", motions, "validation"), ("alike", own, "validation"), ("train", motions, "train"),
-        ):  # fmt: skip
-            left = _left(task, some[role], estimate.value, self.common.masks, role)
-            row[column] = (left if column == "held" else left.sum(axis=0)).ravel().tolist()
         if task.truth is not None:
-            errors, base = identifiability_of(
-                task.model, regression, estimate, more, _silent, unfitted=task.recipe.unfitted
-            )
+            unfitted = task.recipe.unfitted
+            errors, base = identifiability_of(task.model, regression, estimate, more, _silent, unfitted=unfitted)
             row["base"] = task.truth.base(estimate.value).tolist()
             row["std"] = task.truth.std(errors, base).tolist()
-        return row | self._crossed(motions["train"], part)
+        return row | self._judged(motions, estimate.value) | self._crossed(motions["train"], part)
+
+    def _judged(self, motions: Motions, theta: Array) -> dict[str, list[float]]:
+        """Return what theta (p) leaves of the torque: held out, on the same motion for all, and in training."""
+        task, masks = self.task, self.common.masks
+        own = with_common(task, task.motions, self.common)
+        held = _left(task, motions["validation"], theta, masks, "validation")
+        alike = _left(task, own["validation"], theta, masks, "validation").sum(axis=0)
+        train = _left(task, motions["train"], theta, masks, "train").sum(axis=0)
+        return {"held": held.ravel().tolist(), "alike": alike.tolist(), "train": train.tolist()}
 
     def _crossed(self, motions: Mapping[str, Motion], part: Estimator) -> dict[str, Any]:
         """Return the columns of the cross-validation; where it fails, the reason."""

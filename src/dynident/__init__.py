@@ -16,12 +16,18 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import (
+        AugmentedKalman,
+        Didim,
         Estimate,
         GeneralisedLeastSquares,
         InstrumentalVariables,
         LeastSquares,
         MaximumLikelihood,
+        OutputError,
         PhysicallyConsistent,
+        Ridge,
+        RobustLeastSquares,
+        TotalLeastSquares,
         WeightedLeastSquares,
     )
     from dynident.identification import Identification, Recipe, bootstrap
@@ -56,9 +62,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AugmentedKalman",
     "Butterworth",
     "Coulomb",
     "CoupledMotor",
+    "Didim",
     "Difference",
     "Estimate",
     "FourierSeries",
@@ -74,13 +82,17 @@ __all__ = [
     "Model",
     "Motion",
     "Offset",
+    "OutputError",
     "ParallelFilter",
     "PhysicallyConsistent",
     "Recipe",
+    "Ridge",
     "RigidBodies",
+    "RobustLeastSquares",
     "RotorInertia",
     "SavitzkyGolay",
     "Spline",
+    "TotalLeastSquares",
     "Viscous",
     "WeightedLeastSquares",
     "accuracy_bound",
@@ -106,9 +118,11 @@ __all__ = [
 ]
 
 _MODULES = {
+    "AugmentedKalman": "dynident.estimators",
     "Butterworth": "dynident.smoothers",
     "Coulomb": "dynident.models",
     "CoupledMotor": "dynident.models",
+    "Didim": "dynident.estimators",
     "Difference": "dynident.smoothers",
     "Estimate": "dynident.estimators",
     "FourierSeries": "dynident.smoothers",
@@ -124,13 +138,17 @@ _MODULES = {
     "Model": "dynident.models",
     "Motion": "dynident.log",
     "Offset": "dynident.models",
+    "OutputError": "dynident.estimators",
     "ParallelFilter": "dynident.regression",
     "PhysicallyConsistent": "dynident.estimators",
     "Recipe": "dynident.identification",
+    "Ridge": "dynident.estimators",
     "RigidBodies": "dynident.models",
+    "RobustLeastSquares": "dynident.estimators",
     "RotorInertia": "dynident.models",
     "SavitzkyGolay": "dynident.smoothers",
     "Spline": "dynident.smoothers",
+    "TotalLeastSquares": "dynident.estimators",
     "Viscous": "dynident.models",
     "WeightedLeastSquares": "dynident.estimators",
     "accuracy_bound": "dynident.io.shortcuts",

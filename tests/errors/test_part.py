@@ -19,6 +19,10 @@ def ends(given: object) -> object:
     raise SystemExit(given)
 
 
+def starves(given: object) -> object:
+    raise MemoryError(given)
+
+
 def test_a_part_of_somebody_else_is_named_with_its_line() -> None:
     assert called(str, 3, str) == "3"
     with pytest.raises(ConfigError, match=r"fails failed at .*test_part\.py:\d+: ZeroDivisionError: 3"):
@@ -29,3 +33,5 @@ def test_a_part_of_somebody_else_is_named_with_its_line() -> None:
         called(repr, 3, int)
     with pytest.raises(InputError, match="3"):
         called(refuses, 3, str)
+    with pytest.raises(MemoryError):
+        called(starves, 3, str)

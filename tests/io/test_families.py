@@ -14,11 +14,17 @@ from hypothesis import strategies as st
 from dynident.cli import main
 from dynident.errors import ConfigError
 from dynident.estimators import (
+    AugmentedKalman,
+    Didim,
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
+    OutputError,
     PhysicallyConsistent,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
     WeightedLeastSquares,
 )
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
@@ -99,8 +105,16 @@ ESTIMATING = [
     PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
     InstrumentalVariables(),
     InstrumentalVariables("lagged", 3, 0.05, "equal"),
+    Didim(),
+    Didim(5),
+    OutputError(),
+    OutputError("open", "commanded", 0.5, 7),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
+    RobustLeastSquares("tukey", tuning=6.0),
+    Ridge({"J": 0.1}, 0.3),
+    TotalLeastSquares({"J": 0.1}, torque=0.2),
+    AugmentedKalman("sigma_point", samples=500),
 ]
 ON_JOINTS = [
     RotorInertia(JOINTS),

@@ -5,10 +5,14 @@ from dataclasses import dataclass, fields
 import pytest
 
 from dynident.estimators import (
+    AugmentedKalman,
     GeneralisedLeastSquares,
     LeastSquares,
     MaximumLikelihood,
     PhysicallyConsistent,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
     WeightedLeastSquares,
 )
 from dynident.io.families import ESTIMATORS, SMOOTHERS
@@ -69,6 +73,10 @@ class Own:
         (LeastSquares(weights="per_joint", iterations=4), "least squares, weighted by joint, iterations 4"),
         (PhysicallyConsistent(viscous=False), "physically consistent least squares, viscous off"),
         (MaximumLikelihood(start="rest"), "maximum likelihood, start rest"),
+        (RobustLeastSquares("tukey", tuning=6.0), "robust least squares, Tukey's weights, tuning 6"),
+        (Ridge(strength=0.1), "ridge regression, strength 0.1"),
+        (TotalLeastSquares({"J": 0.1}), "total least squares, errors ((J, 0.1))"),
+        (AugmentedKalman("sigma_point"), "sigma-point Kalman filter of motion and parameters"),
         (ParallelFilter(50), "low-pass of order 4 at 0.8 of half the decimated rate, one of 50 samples kept"),
         (ParallelFilter(cutoff=20.0), "low-pass of order 4 at 20 Hz"),
         (Own(), "Own"),

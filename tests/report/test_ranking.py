@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
+from dynident.errors import Finding, Severity
 from dynident.io.results import json_text
 from dynident.ranking import Outcome
 from dynident.report.ranking import ranking_dict, ranking_findings, ranking_heading, ranking_tables
@@ -25,9 +26,27 @@ def test_it_says_which_to_take_and_why() -> None:
     assert "1 other of 4 is as good within chance: smoother1 with estimator0." in text
     assert "Take smoother1 with estimator0 (3.4 %): as good within chance, and all of its bodies are possible" in text
     assert "Only 80 % of the samples of monday count, those that all smoothers keep; smoother1 keeps fewest" in text
-    assert "1 combination of 6 gave no error:\nsmoother2 with estimator1 (failed): InputError" in text
+    assert "1 combination of 6 gave no estimate:\nsmoother2 with estimator1 (failed): InputError" in text
     assert "Does not apply: instruments: monday: has no controller" in text
     assert "errors of 1.2 times the least standard deviation" in text
+
+
+def test_what_a_few_lines_cannot_hold_is_in_the_report() -> None:
+    found = ranking()
+    lost = tuple(replace(found.rows[-1], reason=f"reason {k}") for k in range(6))
+    assert "2 more reasons in the report" in said(replace(found, rows=(*found.rows[:2], *lost)))
+    text = said(replace(found, rows=found.rows[:1]))
+    assert "There is no other to compare it with." in text
+    assert "Of 2 base parameters, 1 have a true value" in text
+
+
+def test_what_holds_nothing_out_or_has_no_torque_is_said() -> None:
+    found = ranking()
+    joints = {**found.rows[0].held_out, "still": float("nan")}
+    first = replace(found.rows[0], held_out=joints)
+    text = said(replace(found, rows=(first, *found.rows[1:]), repeats=(("tuesday", "monday"),)))
+    assert "tuesday repeats the motion of monday, which holds nothing out" in text
+    assert "still: no torque to compare with" in text
 
 
 def test_among_equals_nothing_is_changed() -> None:
@@ -40,6 +59,8 @@ def test_among_equals_nothing_is_changed() -> None:
     fast = replace(second, seconds_estimate=0.05)
     text = said(replace(found, rows=(slow, fast, *found.rows[2:])))
     assert "as good within chance, and takes 0.15 s instead of 2.1 s." in text
+    soon = replace(slow, seconds_estimate=0.4)
+    assert "Take smoother0 with estimator0" in said(replace(found, rows=(soon, fast, *found.rows[2:])))
 
 
 def test_the_configured_combination_has_its_place() -> None:
@@ -52,6 +73,33 @@ def test_the_configured_combination_has_its_place() -> None:
     assert "Take smoother0 with estimator0" in text
     lost = replace(own, error=float("nan"), outcome=Outcome.FAILED, reason="too short")
     assert "has no estimate: too short" in said(replace(other, rows=(first, *found.rows[1:3], lost)))
+
+
+def test_a_best_that_cross_validation_contradicts_is_not_recommended() -> None:
+    """The first one is best on held-out motion, and far worse in cross-validation, by more than chance."""
+    found = ranking()
+    same, crossed = dict.fromkeys(("shoulder", "elbow"), 3.0), dict.fromkeys(("shoulder", "elbow"), 9.0)
+    rows = [replace(one, cross_p_value=1.0, same_motion=same) for one in found.rows]
+    rows[0] = replace(rows[0], cross_validated=crossed, cross_p_value=0.001)
+    other = replace(found, rows=tuple(rows))
+    assert other.rival is rows[1]
+    assert other.choice is rows[1]
+    text = said(other)
+    assert (
+        "contradict each other: smoother0 with estimator0 has 3 % and 9 %, smoother1 with estimator0 has 3.4 %" in text
+    )
+    assert "the lead is in how smoother0 sees the motion, not in its parameters" in text
+    rows[1] = replace(rows[1], p_value=0.001)
+    worse = replace(found, rows=tuple(rows))
+    assert worse.choice is None
+    assert "Take none of them before that is settled." in said(worse)
+    assert replace(found, rows=(replace(rows[0], cross_p_value=0.2), *rows[1:])).rival is None
+
+
+def test_what_forbids_any_model_comes_first() -> None:
+    finding = Finding(Severity.ERROR, "elbow", "turns <b>the other way</b>", source="monday")
+    first = ranking_findings(replace(ranking(), findings=(finding,)))[0]
+    assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>"
 
 
 def test_what_is_not_known_is_not_claimed() -> None:

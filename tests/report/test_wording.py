@@ -110,6 +110,19 @@ def test_a_noun_without_words_is_an_error() -> None:
         ),
         (notes.Failed("no luck"), "maximum likelihood failed, so this is its least-squares start: no luck"),
         (notes.MovingStart(1e-4), "the recordings do not start from rest (likelihood ratio test, p = 1.0e-04)"),
+        (
+            notes.StillMoving(9, 0.25),
+            "not settled after 9 steps: the last one moved the parameters by 0.25 standard errors",
+        ),
+        (notes.Downweighted((("elbow", 0.1),)), "torques that look wrong count less than half: elbow 10 % of them"),
+        (notes.DrawnToPrior(0.01), "drawn to the prior with a strength of 0.01, by cross-validation"),
+        (
+            notes.ErrorsInRegressor("m1", 36.0),
+            (
+                "along one direction, above all of m1, 36 % of what the motion shows are its own errors: the estimate "
+                "there rests on their stated size"
+            ),
+        ),
         (notes.Averaged(3), "each 3 neighbouring samples were averaged"),
         (
             notes.SmoothSigns((0.0123, 0.4)),

@@ -124,6 +124,8 @@ def test_a_function_that_fails_or_returns_nonsense_ends_the_simulation_with_its_
     drive = loop("function", MOTION)
     with pytest.raises(ModelError, match=r"controller: bad failed at t = 0.1 s: ZeroDivisionError"):
         replace(drive, law=bad)(0.1, np.zeros(2), np.zeros(2))
+    with pytest.raises(ModelError, match=r"controller: ends failed at t = 0.1 s: SystemExit"):
+        replace(drive, law=ends)(0.1, np.zeros(2), np.zeros(2))
     run = simulated(ARM, LINKED, MOTION, replace(drive, law=short))
     assert isinstance(run.failure, Broken)
     assert "short returned 1.0 at t = 0 s; return 2 finite numbers" in run.failure.reason
@@ -131,6 +133,10 @@ def test_a_function_that_fails_or_returns_nonsense_ends_the_simulation_with_its_
 
 def bad(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return wanted * (1 / int(0 * t))
+
+
+def ends(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    raise SystemExit(wanted)
 
 
 def short(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> float:

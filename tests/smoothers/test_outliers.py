@@ -9,7 +9,7 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.log import Log, Motion
-from dynident.smoothers import Spline, motion_of, repaired
+from dynident.smoothers import Spline, TimeShifted, motion_of, repaired
 from dynident.smoothers.outliers import suspects
 
 T = np.arange(3000) * 0.002
@@ -84,6 +84,8 @@ def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:
 
     with pytest.raises(ConfigError, match="returns 2995 samples for 3000; return all of them"):
         motion_of(shorter, log())
+    with pytest.raises(ConfigError, match="the smoother function returns"):
+        motion_of(TimeShifted(shorter, 0.0), log())
 
 
 def test_excluded_samples_are_smoothed_through_and_not_in_the_mask() -> None:

@@ -16,12 +16,12 @@ T = TypeVar("T")
 def called(part: Callable[[Any], object], given: object, result: type[T]) -> T:
     """Return what a part makes of ``given``; ConfigError where it fails, or where that is no ``result``.
 
-    Errors of the parts of this library are left as they are.
+    Errors of the parts of this library are left as they are, and so is a lack of memory.
     """
     name = getattr(part, "__name__", type(part).__name__)
     try:
         made = part(given)
-    except DynidentError:
+    except (DynidentError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
         if str(getattr(part, "__module__", "")).startswith("dynident."):

@@ -1,5 +1,6 @@
 """Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their protocol."""
 
+from dynident.estimators.augmented_kalman.fit import AugmentedKalman
 from dynident.estimators.estimator import (
     Consistency,
     Determined,
@@ -18,12 +19,18 @@ from dynident.estimators.instrumental_variables import InstrumentalVariables
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
+from dynident.estimators.output_error import Didim, OutputError
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
+from dynident.estimators.ridge import Ridge
+from dynident.estimators.robust import RobustLeastSquares
+from dynident.estimators.total_least_squares import TotalLeastSquares
 from dynident.estimators.weighted_least_squares import WeightedLeastSquares
 
 __all__ = [
+    "AugmentedKalman",
     "Consistency",
     "Determined",
+    "Didim",
     "Estimate",
     "Estimator",
     "GeneralisedLeastSquares",
@@ -33,11 +40,15 @@ __all__ = [
     "LinearFit",
     "MaximumLikelihood",
     "NamesParameters",
+    "OutputError",
     "PhysicallyConsistent",
     "Pieces",
     "Problem",
     "Provenance",
     "Residual",
+    "Ridge",
+    "RobustLeastSquares",
+    "TotalLeastSquares",
     "WeightedLeastSquares",
     "among",
     "estimate_of",

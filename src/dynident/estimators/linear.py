@@ -78,7 +78,9 @@ class LinearFit:
 
     ``directions`` are those of the parameters that they determine. How they were weighted, as in a ``Residual``:
     ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``, and ``whitening``. Where errors of
-    the motion count in the fit, ``information`` (p, p) is that of all. ``notes`` say what was not as it should be.
+    the motion count in the fit, ``information`` (p, p) is that of all; it is ``robust`` where it allows for residuals
+    that are correlated. ``sigma`` (n) is the standard deviation of each joint's residual where that is not its rms.
+    ``notes`` say what was not as it should be.
     """
 
     factor: Array
@@ -90,6 +92,8 @@ class LinearFit:
     information: Array | None = None
     notes: tuple[Note, ...] = ()
     whitening: Whitening | None = None
+    sigma: Array | None = None
+    robust: bool = False
 
     __repr__ = brief
 
@@ -106,8 +110,9 @@ class LinearFit:
     def residual(self, problem: Problem, value: Array) -> Residual:
         """Return what ``value`` (p) leaves of the torque of a problem."""
         triangular = problem.regression.triangular_factors
-        sigma = np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1))
+        rms = np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1))
         how = self.weights, self.sample_weights, self.slopes
+        sigma = rms if self.sigma is None else self.sigma
         return Residual(sigma, triangular.samples, *how, whitening=self.whitening)
 
 
@@ -130,6 +135,7 @@ def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
         residual=fit.residual(problem, found.value),
         notes=(*_notes(fit.directions, problem.model.names), *fit.notes),
         information=fit.information,
+        robust=fit.robust,
     )
 
 

@@ -11,6 +11,9 @@ __all__ = [
     "Averaged",
     "ConstraintsCostly",
     "DecidedByPrior",
+    "Downweighted",
+    "DrawnToPrior",
+    "ErrorsInRegressor",
     "Failed",
     "HeldByConstraints",
     "MotionCorrected",
@@ -27,6 +30,7 @@ __all__ = [
     "ScatterLarger",
     "SmoothSigns",
     "StillColoured",
+    "StillMoving",
     "Undetermined",
     "Unsettled",
     "WhiteningCostly",
@@ -76,6 +80,23 @@ class DecidedByPrior(Undetermined):
     """``count`` parameters are determined by the prior where the data do not determine them."""
 
     count: int
+
+
+@dataclass(frozen=True)
+class DrawnToPrior(Note):
+    """The estimate is drawn to the prior with a ``strength`` that cross-validation chose."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    strength: float
+
+
+@dataclass(frozen=True)
+class ErrorsInRegressor(Note):
+    """Along one direction, above all of a ``parameter``, so many ``percent`` of what the regressor shows (its sum of
+    squares) are its own errors, as they are stated: the estimate there rests on their size."""
+
+    parameter: str
+    percent: float
 
 
 @dataclass(frozen=True)
@@ -143,6 +164,22 @@ class NotConverged(Unsettled):
 
     iterations: int
     gain: float
+
+
+@dataclass(frozen=True)
+class StillMoving(Unsettled):
+    """The iteration stopped after ``iterations`` steps, the last one ``change`` standard errors of all together."""
+
+    iterations: int
+    change: float
+
+
+@dataclass(frozen=True)
+class Downweighted(Note):
+    """By joint, the share of the torques that count less than half, because they look wrong."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    joints: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ def _covariance(
             std = robust(regression, estimate.value, weights, kept, slopes, to_axes)
             slow = robust_covariance(regression, estimate.value, weights, kept, slopes, SHARE)
             std = np.maximum(std, np.sqrt(np.maximum(np.diag(to_axes @ slow @ to_axes.T), 0.0)))
-            along = to_axes @ coloured_covariance(regression, estimate.value, weights, kept) @ to_axes.T
+            along = to_axes @ coloured_covariance(regression, estimate.value, weights, kept, slopes) @ to_axes.T
             half = back * (std / np.sqrt(np.diag(along)))
             return np.asarray(half @ along @ half.T)
         except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns

@@ -9,12 +9,14 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from dynident.errors import ConfigError, DynidentError, choices
 from dynident.io.opener import content, real
+from dynident.jobs.packed import AGAIN
 
 __all__ = ["CODE", "XACRO_CODE", "FileFunction", "from_file", "guarded", "located"]
 
@@ -39,6 +41,20 @@ def from_file(path: Path, name: str, what: str, where: str, error: type[Dynident
         own = (key for key, value in found.items() if getattr(value, "__module__", None) == module.__name__)
         raise error(f"{where}: {path} has no {what} {name!r}; {choices(name, own)}")
     return found[name]
+
+
+@dataclass(frozen=True)
+class _Again:
+    """Imports a file in another process, where it must have the same text, for the name of what is in it."""
+
+    path: Path
+    private: str
+
+    def __call__(self, name: str) -> Any:
+        module = _import(self.path, str(self.path), ConfigError)
+        if module.__name__ != self.private:
+            raise ConfigError(f"{self.path} has changed while it is in use; run the same command again.")
+        return attrgetter(name)(module)
 
 
 @dataclass(frozen=True)
@@ -85,6 +101,7 @@ def _import(path: Path, where: str, error: type[DynidentError]) -> ModuleType:
     if spec is None or (loader := spec.loader) is None:
         raise error(f"{where}: {path} is not a Python file; its name must end in .py.")
     module = importlib.util.module_from_spec(spec)
+    setattr(module, AGAIN, _Again(path, private))
     sys.modules[private] = module
     try:
         guarded(lambda: loader.exec_module(module), str(path), path, where, error)

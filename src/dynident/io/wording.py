@@ -48,7 +48,7 @@ def _path(loc: Sequence[int | str], data: Any) -> str:
             words, data = f"{words}[{part}]", data[part] if part < len(data) else None
         elif str(part) in keys:
             words, data = f"{words}.{part}", data[keys[str(part)]]
-        elif part != "[key]" and not str(part).startswith(("function-", "literal[")):
+        elif part != "[key]" and not str(part).startswith(("function-", "literal[", "dict[")):
             words, data = f"{words}.{part}", None
     return words.removeprefix(".")
 

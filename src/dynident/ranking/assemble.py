@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from dynident.ranking.smoothing import Common
 from dynident.ranking.task import Task
 from dynident.ranking.truth import Truth
 from dynident.splines import NORMAL_95
+from dynident.validation import REPEATED, repeat_of
 
 __all__ = ["Rows", "assembled"]
 
@@ -52,9 +54,15 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
     if judged:
         told = differences(np.stack(list(judged.values())), torque, task.blocks[basis].log, rng)
         for k, key in enumerate(judged):
-            found[key] = _placed(found[key], told, k, _overall(judged[key], torque))
+            found[key] = replace(
+                found[key], error=float(told.error[k]), overall=_overall(judged[key], torque),
+                p_value=float(told.p_value[k]),
+                interval=(float(told.interval[k, 0]), float(told.interval[k, 1])),
+            )  # fmt: skip
+    _crossed(task, rows, found, rng)
     tried, others = list(found.values()), list(_without(rows))
-    applies = [one for one in (*tried, *others) if one.outcome is not Outcome.NOT_APPLICABLE]
+    every = [*tried, *others]
+    applies = [one for one in every if one.outcome is not Outcome.NOT_APPLICABLE]
     ordered = sorted(applies, key=lambda one: one.error if math.isfinite(one.error) else math.inf)
     return Ranking(
         name,
@@ -73,20 +81,46 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         tuple(_used(rows)),
         rows.estimators,
         rows.computed,
+        tuple(_repeats(task)),
+        task.findings,
+        _offsets(task, rows),
     )
 
 
-def _placed(one: Ranked, told: Differences, k: int, overall: float) -> Ranked:
-    """Return a combination with its place among the others, of which it is the k-th."""
-    low, high = told.interval[k].tolist()
-    error, p_value = float(told.error[k]), float(told.p_value[k])
-    return replace(one, error=error, overall=overall, p_value=p_value, interval=(low, high))
+def _repeats(task: Task) -> Iterator[tuple[str, str]]:
+    """Yield held-out logs with the log of the training whose motion they repeat."""
+    train = task.motions["train"]
+    for held, motion in task.motions["validation"].items():
+        again = (log for log, other in train.items() if repeat_of(motion, other).error < REPEATED)
+        yield from ((held, log) for log in islice(again, 1))
+
+
+def _crossed(task: Task, rows: Rows, found: dict[tuple[int, int], Ranked], rng: np.random.Generator) -> None:
+    """Give those which held-out logs rank the chance that they are as good as any other in cross-validation."""
+    torque = task.torque_squares(rows.common.masks, "train", fitted=True)
+    ranked = (key for key, one in found.items() if math.isfinite(one.error) and len(rows.fits[key]["cross"]))
+    crossed = {key: _blocks(rows.fits[key]["cross"], torque) for key in ranked} if task.held_out else {}
+    crossed = {key: squares for key, squares in crossed.items() if np.isfinite(squares).all()}
+    if crossed:
+        told = differences(np.stack(list(crossed.values())), torque, task.blocks["train"].log, rng)
+        for key, p_value in zip(crossed, told.p_value, strict=True):
+            found[key] = replace(found[key], cross_p_value=float(p_value))
 
 
 def _used(rows: Rows) -> Iterator[Candidate]:
     """Yield the smoothers, each with the part that was taken of several."""
     for one, row in zip(rows.smoothers, rows.smooth, strict=True):
         yield one if row["chosen"] is None else replace(one, parts=(one.parts[row["chosen"]],))
+
+
+def _offsets(task: Task, rows: Rows) -> dict[str, float]:
+    """Return the time offset (s) of each smoother that works."""
+    pairs = zip(rows.smoothers, rows.smooth, strict=True)
+    return {
+        one.name: row["shift"][0] if len(row["shift"]) else task.late
+        for one, row in pairs
+        if row["status"] == Outcome.OK
+    }
 
 
 def _blocks(values: list[float], torque: Array) -> Array:

@@ -8,11 +8,17 @@ from functools import singledispatch
 from typing import Any
 
 from dynident.estimators import (
+    AugmentedKalman,
+    Didim,
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
+    OutputError,
     PhysicallyConsistent,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
     WeightedLeastSquares,
 )
 from dynident.regression import ParallelFilter
@@ -168,8 +174,41 @@ def _(part: InstrumentalVariables) -> str:
 
 
 @part_words.register
+def _(part: Didim) -> str:
+    return settings_words("DIDIM, the torque of the simulated loop", part)
+
+
+@part_words.register
+def _(part: OutputError) -> str:
+    where = {"auto": "", "closed": " in the loop", "open": ", driven by the torque"}[part.loop]
+    return settings_words("output error of simulated positions" + where, part, ("loop",))
+
+
+@part_words.register
 def _(part: MaximumLikelihood) -> str:
     return settings_words("maximum likelihood", part)
+
+
+@part_words.register
+def _(part: RobustLeastSquares) -> str:
+    name = {"huber": "Huber's", "tukey": "Tukey's"}[part.loss]
+    return settings_words(f"robust least squares, {name} weights", part, ("loss",))
+
+
+@part_words.register
+def _(part: Ridge) -> str:
+    return settings_words("ridge regression", part)
+
+
+@part_words.register
+def _(part: TotalLeastSquares) -> str:
+    return settings_words("total least squares", part)
+
+
+@part_words.register
+def _(part: AugmentedKalman) -> str:
+    name = {"extended": "extended Kalman filter", "sigma_point": "sigma-point Kalman filter"}[part.method]
+    return settings_words(f"{name} of motion and parameters", part, ("method",))
 
 
 @part_words.register

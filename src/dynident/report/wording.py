@@ -224,6 +224,33 @@ def _(note: notes.ScatterLarger) -> str:
 
 
 @words.register
+def _(note: notes.StillMoving) -> str:
+    return (
+        f"not settled after {note.iterations} steps: the last one moved the parameters by "
+        f"{short(note.change, 2)} standard errors"
+    )
+
+
+@words.register
+def _(note: notes.Downweighted) -> str:
+    listed = ", ".join(f"{name} {percent(100 * share)}" for name, share in note.joints)
+    return f"torques that look wrong count less than half: {listed} of them"
+
+
+@words.register
+def _(note: notes.DrawnToPrior) -> str:
+    return f"drawn to the prior with a strength of {short(note.strength, 2)}, by cross-validation"
+
+
+@words.register
+def _(note: notes.ErrorsInRegressor) -> str:
+    return (
+        f"along one direction, above all of {note.parameter}, {percent(note.percent)} of what the motion shows "
+        "are its own errors: the estimate there rests on their stated size"
+    )
+
+
+@words.register
 def _(note: notes.MovingStart) -> str:
     return f"the recordings do not start from rest (likelihood ratio test, p = {note.p_value:.1e})"
 

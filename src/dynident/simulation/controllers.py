@@ -289,7 +289,7 @@ class Function(_Loop):
         name = getattr(self.law, "__name__", type(self.law).__name__)
         try:
             found = np.asarray(self.law(t, q.copy(), dq.copy(), self.reference[k].copy()), dtype=float)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ModelError(f"controller: {name} failed at t = {t:.6g} s: {type(error).__name__}: {error}") from error
         if found.shape != q.shape or not np.isfinite(found).all():
             raise ModelError(

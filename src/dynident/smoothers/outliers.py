@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, brief, called
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import Smoother
+from dynident.smoothers.time_offset import unshifted
 from dynident.splines import bridged, frozen, spikes, stretches, torn_ends
 
 __all__ = ["FEW", "MANY", "Suspects", "few", "motion_of", "repaired", "suspects"]
@@ -127,8 +128,9 @@ def motion_of(smoother: Smoother, log: Log) -> Motion:
     """
     motion = called(smoother, log, Motion)
     if len(motion) != len(log):
+        name = type(unshifted(smoother)).__name__
         raise ConfigError(
-            f"{log.source}: the smoother {type(smoother).__name__} returns {len(motion)} samples for {len(log)}; "
+            f"{log.source}: the smoother {name} returns {len(motion)} samples for {len(log)}; "
             "return all of them, and mask out those that must not be used."
         )
     if log.excluded is None:

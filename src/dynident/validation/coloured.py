@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ def correlated_std(
     if asked not in regression.known:  # the bias by errors of the motion is compared with them first
         longrun = np.sqrt(np.maximum(np.diag(_long_run(regression, theta, weights, columns, slopes, along)), 0.0))
         with suppress(np.linalg.LinAlgError):  # nearly dependent columns
-            longrun = np.maximum(longrun, coloured_std(regression, theta, weights, columns, along))
+            longrun = np.maximum(longrun, coloured_std(regression, theta, weights, columns, along, slopes))
         regression.known[asked] = longrun
     return np.asarray(regression.known[asked])
 
@@ -74,15 +74,16 @@ def coloured_std(
     weights: ArrayLike | None = None,
     columns: Sequence[int] | None = None,
     along: Array | None = None,
+    slopes: Sequence[Array] = (),
 ) -> Array:
     """Return standard errors (r) of a least-squares fit whose residual is AR(1) in each joint, in SI units.
 
-    ``theta`` (p), ``weights`` (n) and ``columns`` (r) are those of ``robust_covariance``, whose errors are raised;
-    ``along`` (k, r) asks for those (k) of combinations of the columns. 1.96
+    ``theta`` (p), ``weights`` (n), ``columns`` (r) and ``slopes`` are those of ``robust_covariance``, whose errors are
+    raised; ``along`` (k, r) asks for those (k) of combinations of the columns. 1.96
     of these standard errors hold 95 %: they are multiplied by Student's quantile over the normal one, for the degrees
     of freedom that v and rho of few independent samples leave (Satterthwaite). Joints are taken as independent.
     """
-    joints, v, rho, half, share = _coloured(regression, theta, weights, columns)
+    joints, v, rho, half, share = _coloured(regression, theta, weights, columns, slopes)
     half = half if along is None else along @ half
     variance = _diagonal(half, _spread(joints, v, rho) / share)
     return np.sqrt(variance) * _quantile(variance, _doubt(joints, v, rho, half) / share**2) / NORMAL_95
@@ -93,28 +94,48 @@ def coloured_covariance(
     theta: ArrayLike,
     weights: ArrayLike | None = None,
     columns: Sequence[int] | None = None,
+    slopes: Sequence[Array] = (),
 ) -> Array:
     """Return the covariance (r, r) of which ``coloured_std`` are the standard errors, before Student's quantile."""
-    joints, v, rho, half, share = _coloured(regression, theta, weights, columns)
+    joints, v, rho, half, share = _coloured(regression, theta, weights, columns, slopes)
     return np.asarray(half @ _spread(joints, v, rho) @ half.T / share)
 
 
 def _coloured(
-    regression: Regression, theta: ArrayLike, weights: ArrayLike | None, columns: Sequence[int] | None
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None,
+    columns: Sequence[int] | None,
+    slopes: Sequence[Array],
 ) -> tuple[list[_Joint], Array, Array, Array, float]:
     """Return ``_fitted``, from before where it is known."""
-    asked = ("coloured", *_asked(theta, weights, columns))
+    asked = ("coloured", *_asked(theta, weights, columns, *slopes))
     if asked not in regression.known:
-        regression.known[asked] = _fitted(regression, theta, weights, columns)
+        rows, errors = _pseudo(regression, slopes) if slopes else (regression, regression)
+        regression.known[asked] = _fitted(rows, errors, theta, weights, columns)
     found: tuple[list[_Joint], Array, Array, Array, float] = regression.known[asked]
     return found
 
 
+def _pseudo(regression: Regression, slopes: Sequence[Array]) -> tuple[Regression, Regression]:
+    """Return the regressions with the rows and with the residuals of the least squares that a robust fit amounts to:
+    w^2 e / m of the residual e, m the mean slope of each joint (Huber, 1981, section 7.6)."""
+    used = np.concatenate([one.mask for one in regression.motions])
+    m = np.maximum(np.concatenate(slopes)[used].mean(axis=0), 1e-3)
+    rows = tuple(np.broadcast_to(np.sqrt(m), one.shape) for one in slopes)
+    errors = tuple(np.square(one) / np.sqrt(m) for one in regression.weights)
+    return replace(regression, weights=rows), replace(regression, weights=errors)
+
+
 def _fitted(
-    regression: Regression, theta: ArrayLike, weights: ArrayLike | None, columns: Sequence[int] | None
+    regression: Regression,
+    errors: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None,
+    columns: Sequence[int] | None,
 ) -> tuple[list[_Joint], Array, Array, Array, float]:
     """Return the joints with variance and correlation (n), what turns their rows to the columns, and the share of all
-    samples that is here."""
+    samples that is here; the residuals are those of the regression ``errors``."""
     p, n = len(regression.model.parameters), len(regression.model.joints)
     w = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
     kept = list(range(p)) if columns is None else list(columns)
@@ -126,7 +147,8 @@ def _fitted(
     parts = stretches_of(regression, MOST, PIECE)
     share = sum(map(samples_of, parts)) / samples_of(regression)
     value = np.asarray(theta, dtype=float)
-    series = [_series(part, value, w, [(one[0] * one[1]).T for one in turns]) for part in parts]
+    pairs = zip(parts, stretches_of(errors, MOST, PIECE), strict=True)
+    series = [_series(*pair, value, w, [(one[0] * one[1]).T for one in turns]) for pair in pairs]
     joints = [_Joint.of([one[j] for one in series], turn[2]) for j, turn in enumerate(turns)]
     return joints, *_matched(joints, share), half / scale[:, None], share
 
@@ -186,10 +208,16 @@ class _Joint:
         return 2 * own - float((self.gram * total).sum()), 2 * next_to - float((self.lagged * total).sum())
 
 
-def _series(part: Regression, theta: Array, w: Array, turns: Sequence[Array]) -> list[Array]:
+def _series(part: Regression, errors: Regression, theta: Array, w: Array, turns: Sequence[Array]) -> list[Array]:
     """Return for each joint the weighted rows (b, N) of a stretch, turned, and below them its residual."""
     blocks = list(part.entries(theta=theta))
     whole = [np.concatenate([w[j] * block.used(j) for block in blocks], axis=1) for j in range(len(w))]
+    if errors.weights is not part.weights:
+        left = np.concatenate(
+            [np.where(True if keep is None else keep, e, 0.0) for *_, e, keep in errors.residuals(theta)]
+        )
+        for one, error in zip(whole, (left * w).T, strict=True):
+            one[-1] = error
     return [np.concatenate([turn @ one[:-1], one[-1:]]) for turn, one in zip(turns, whole, strict=True)]
 
 

@@ -36,7 +36,7 @@ def ranking_figure(found: Ranking) -> Drawing:
     figure.add(_best(least, reach))
     figure.axes("y", tickvals=centres, ticktext=[plain(name) for name in names], range=reach[::-1], showgrid=False)
     low, high = _reached(found.ranked, edge)
-    _scale(figure, "x", low, high, "torque error, % (mean over joints)")
+    _scale(figure, "x", low, high, "torque error, % (geometric mean over joints)")
     figure.layout.update(hovermode="closest", showlegend=True, shapes=_bands(centres, places))
     return figure
 

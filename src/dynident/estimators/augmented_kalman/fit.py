@@ -1,0 +1,264 @@
+"""Kalman filtering with the parameters as states: the textbooks' comparison, extended or with sigma points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, get_args
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, InputError, ModelError, Step, brief, changed, choices
+from dynident.estimators.augmented_kalman.dynamics import Dynamics
+from dynident.estimators.augmented_kalman.series import Series, grouping, series_of, smooth_model
+from dynident.estimators.augmented_kalman.square_root import corrected, lower, points
+from dynident.estimators.constraints import bodies_of
+from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.least_squares import LeastSquares
+from dynident.estimators.linear import estimate_of, of_information
+from dynident.estimators.maximum_likelihood.measured import misfit
+from dynident.estimators.notes import SmoothSigns, StillMoving
+from dynident.estimators.physically_consistent import PhysicallyConsistent
+from dynident.regression import Rank
+
+__all__ = ["AugmentedKalman"]
+
+Array = NDArray[np.float64]
+Method = Literal["extended", "sigma_point"]
+MOST = 1_000_000  # samples
+SPREAD, PIECES = 2.0, 16  # standard errors of least squares, of so many pieces, that the filter starts with
+START = (10.0, 0.1)  # deviation of a first position, in its noise, and of a first velocity, in the usual one
+CLOSE = 0.1  # standard errors: a step of the parameters that ends the passes
+STIFF, PARTS = 2.0, 20  # change of a velocity by friction in a part of a step; parts of a step at most
+LOST = 1e3  # standard deviations of an innovation: the filter has lost the motion
+MANY = 0.2  # share of the samples with an uncertain sign above which it is noted
+EXACT = 0.1  # of what the noise of the torque moves in a step: no position is taken as more exact
+LEAST = 1e-4  # noise of a torque, relative to the largest
+REPORTED = 25  # steps between two reports
+
+
+@dataclass(frozen=True)
+class AugmentedKalman:
+    """A Kalman filter whose state is (q, dq, theta): driven by the measured torque, it measures the positions.
+
+    ``method``: "extended" linearises the dynamics along the smoothed motion (along that of the noisy torque, as some
+    do, it is sure of too much); "sigma_point" takes the 2 L points of the cubature rule through them, L = 2 n + rank,
+    and needs no derivatives. Both in square-root form. The noise of the torque, that of the residual of least
+    squares, enters through the inverse mass matrix; that of the positions is found in the logs. Steps are integrated
+    by Runge-Kutta, as many parts to each as friction needs. Each recording is taken in ``samples`` steps at most: of
+    longer ones groups of samples make one step. Recordings are cut into pieces of 125 steps that run side by side,
+    each with a start of its own; what each tells beyond the start's covariance is added. So nothing depends on the
+    order of the logs, and least squares, where the filter starts, counts nothing. ``passes`` at most repeat it from
+    what it found, until that moves by less than a tenth of a standard error. For parameters, which are constant, the
+    smoothed (Rauch-Tung-Striebel) estimate is that of the last step, so that no backward pass is needed.
+
+    A recording of 2000 samples takes about a second for one or two joints, by sigma points two; it grows with
+    ``passes`` and with the size of the arm. It is no better than maximum likelihood, which has the same noise model
+    without linearising step by step, and worse where the model lacks something: all that the torque does not explain
+    is taken as white noise of the torque, and its covariance is too small where that is correlated. Light joints with
+    much friction make it diverge, which is an error. Coulomb friction is a smooth function of the velocity here, and
+    its change over a reversal counts as noise, so that reversals tell little. Only directions that least squares
+    determines are estimated. A filter of the recipe is not applied; torques that are not fitted count hardly.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
+    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
+    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.AugmentedKalman())
+    >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
+    ...     print(f"{name} = {value:.4f} +- {std:.5f}")
+    J = 0.0825 +- 0.00007
+    h = 0.2499 +- 0.00021
+    """
+
+    method: Method = "extended"
+    samples: Annotated[int, Ge(100), Le(MOST)] = 4000
+    passes: Annotated[int, Ge(1), Le(20)] = 4
+
+    __repr__ = changed
+
+    def __post_init__(self) -> None:
+        if self.method not in get_args(Method):
+            raise ConfigError(f"method = {self.method!r}; {choices(self.method, get_args(Method))}")
+        if not 100 <= self.samples <= MOST or not 1 <= self.passes <= 20:
+            raise ConfigError(
+                f"samples = {self.samples} must be from 100 to {MOST}, passes = {self.passes} from 1 to 20."
+            )
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate, with notes on what was averaged and smoothed.
+
+        Raises InputError where the filter loses the motion or recordings are too short, and ConfigError for a model
+        that remembers.
+        """
+        if problem.model.memory:
+            raise ConfigError(
+                "estimator: augmented_kalman cannot use terms that remember, such as dahl; leave them out, or use "
+                "least_squares or consistent."
+            )
+        start = LeastSquares(weights="per_joint")(problem)
+        if bodies_of(problem.model.parameters):  # those of least squares may have no mass matrix
+            start = replace(start, value=PhysicallyConsistent(costs=False)(problem).value)
+        run = _Run.begin(self, problem, start)
+        theta, moved, information = start.value, np.inf, np.zeros((0, 0))
+        for k in range(self.passes):
+            theta, information, moved = run.passed(theta, k)
+            if moved < CLOSE:
+                break
+        notes = (*run.notes, *([StillMoving(self.passes, moved)] if moved >= CLOSE else []))
+        rank, total = run.directions, problem.regression.triangular_factors.total
+        fit = of_information(theta, information, rank, total, notes)
+        return estimate_of(problem, replace(fit, weights=start.residual.weights))
+
+    def quick(self) -> LeastSquares:
+        """Return least squares: a filter takes too long for a search."""
+        return LeastSquares()
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """One estimation: the pieces, the smooth model with the directions that are estimated, and what to note."""
+
+    settings: AugmentedKalman
+    problem: Problem
+    series: Series
+    dynamics: Dynamics
+    directions: Rank
+    notes: tuple[SmoothSigns, ...]
+
+    __repr__ = brief
+
+    @classmethod
+    def begin(cls, settings: AugmentedKalman, problem: Problem, start: Estimate) -> _Run:
+        """Return the run from the estimate of least squares."""
+        groups = [grouping(one, settings.samples) for one in problem.motions]
+        step = max(g * float(np.diff(one.t).mean()) for g, one in zip(groups, problem.motions, strict=True))
+        rank = start.determined.directions
+        if rank is None:
+            raise ModelError("the start of the filter does not say what the data determine.")
+        sigma = np.maximum(misfit(problem, start.value), LEAST * _largest(problem))
+        model, widths, uncertain = smooth_model(problem, start.value, step)
+        series = series_of(problem, settings.samples, sigma, uncertain)
+        found = start.residual
+        own = (
+            1.0 if found.weights is None else float(np.mean(np.square(found.weights * np.maximum(found.sigma, sigma))))
+        )
+        unit = rank.determined / rank.values[: rank.rank] * np.sqrt(own * len(series.q) / PIECES)
+        within = float(np.sqrt((1.0 - 1.0 / max(groups) ** 2) / 12.0 + 1.0 / 288.0))  # of the samples, and of the slope
+        dynamics = Dynamics(model, start.value, unit, 1, within)
+        inverse, parts = _inertia(problem, dynamics, step)
+        dynamics = replace(dynamics, parts=parts)
+        least = EXACT * step**2 / 2 * inverse @ series.noise.mean(axis=(0, 1))
+        series = replace(series, sigma=np.maximum(series.sigma, least))
+        notes = (SmoothSigns(widths),) if widths and _many(uncertain, sigma) else ()
+        return cls(settings, problem, series, dynamics, rank, notes)
+
+    def passed(self, theta: Array, number: int) -> tuple[Array, Array, float]:
+        """Return theta (p) after a pass from there, its information (p, p), and how many standard errors it moved."""
+        dynamics, series = replace(self.dynamics, theta=theta), self.series
+        n, r = dynamics.joints, dynamics.directions.shape[1]
+        x, S = self._start(r)
+        white, count = 0.0, 0
+        predicted = _extended if self.settings.method == "extended" else _cubature
+        for k in range(series.mean.shape[1]):
+            if k % REPORTED == 0:
+                text = f"Kalman filter, pass {number + 1} of {self.settings.passes} at most"
+                self.problem.progress(Step(text, k, series.mean.shape[1]))
+            on = series.used[:, k]
+            torque = (one[on, k] for one in (series.mean, series.slope, series.noise))
+            try:
+                with np.errstate(all="ignore"):
+                    moved = predicted(dynamics, series.step[on], x[on], S[on], series.motion[:, on, k], *torque)
+                    x[on], S[on], e = corrected(*moved, series.q[on, k + 1], series.sigma)
+            except (ModelError, np.linalg.LinAlgError):
+                raise _diverged(k) from None
+            if not (np.isfinite(x).all() and np.isfinite(S).all() and np.abs(e).max() < LOST):
+                raise _diverged(k)
+            white, count = white + float(np.square(e).sum()), count + e.size
+        a, information = _added(x[:, 2 * n :], S[:, 2 * n :], max(white / count, 1.0))
+        back = self.directions.scale[:, None] * self.directions.vectors[:, :r]
+        turned = back @ np.linalg.pinv(back.T @ dynamics.directions).T
+        step = float(np.sqrt(a @ information @ a / max(r, 1)))
+        return theta + dynamics.directions @ a, turned @ information @ turned.T, step
+
+    def _start(self, r: int) -> tuple[Array, Array]:
+        """Return the first states (B, L) and their S (B, L, L)."""
+        series = self.series
+        usual = np.sqrt(np.mean([np.square(one.dq[one.mask]).mean(axis=0) for one in self.problem.motions], axis=0))
+        slow = np.maximum(usual, 10 * series.sigma / series.step.min())
+        size = np.concatenate([START[0] * series.sigma, START[1] * slow, np.full(r, SPREAD)])
+        x = np.concatenate([series.q[:, 0], series.rate, np.zeros((len(series.q), r))], axis=1)
+        x, S, _ = corrected(x, np.tile(np.diag(size), (len(x), 1, 1)), series.q[:, 0], series.sigma)
+        return x, S
+
+
+def _largest(problem: Problem) -> Array:
+    return np.asarray(np.max([np.abs(one.tau[one.mask]).max(axis=0) for one in problem.motions], axis=0))
+
+
+def _many(uncertain: tuple[Array, ...], sigma: Array) -> bool:
+    """Whether the sign of a velocity is not known at many samples."""
+    return float((np.concatenate(uncertain) > sigma).mean(axis=0).max()) > MANY
+
+
+def _inertia(problem: Problem, dynamics: Dynamics, step: float) -> tuple[Array, int]:
+    """Return the mean size (n, n) of the inverse mass matrix, and into how many parts a step is cut, so that friction
+    changes a velocity by ``STIFF`` times itself in each at most."""
+    rates, sizes = [], []
+    for one in problem.motions:
+        rows = np.flatnonzero(one.mask)[:: max(1, int(one.mask.sum()) // 200)]
+        by_dq = dynamics.model.partials(**one.states(rows), theta=dynamics.theta).dq
+        with np.errstate(all="ignore"):
+            inverse = np.linalg.pinv(dynamics.model.mass_matrix(one.q[rows], dynamics.theta))
+        sizes.append(np.abs(inverse).mean(axis=0))
+        rates.append(float(np.abs(np.linalg.eigvals(inverse @ by_dq)).max()))
+    most = step * max(rates) / STIFF
+    if not np.isfinite(most):
+        raise _diverged(None)
+    return np.mean(sizes, axis=0), int(np.clip(np.ceil(most), 1, PARTS))
+
+
+def _extended(
+    dynamics: Dynamics, step: Array, x: Array, S: Array, motion: Array, mean: Array, slope: Array, noise: Array
+) -> tuple[Array, Array]:
+    """Return state and S after a step, linearised at the smoothed motion (3, B, n)."""
+    F, G = dynamics.slopes(step, *motion)
+    return dynamics.moved(step, x, mean, slope), lower(np.concatenate([F @ S, G * np.tile(noise, 2)[:, None]], axis=2))
+
+
+def _cubature(
+    dynamics: Dynamics, step: Array, x: Array, S: Array, _: Array, mean: Array, slope: Array, noise: Array
+) -> tuple[Array, Array]:
+    """Return state and S after a step, by the points of the cubature rule."""
+    some = points(x, S)
+    count = some.shape[1]
+    each = (np.repeat(one, count, axis=0) for one in (mean, slope))
+    flat = dynamics.moved(np.repeat(step, count), some.reshape(-1, x.shape[1]), *each)
+    moved = flat.reshape(some.shape)
+    after = moved.mean(axis=1)
+    spread = np.swapaxes(moved - after[:, None], 1, 2) / np.sqrt(count)
+    return after, lower(np.concatenate([spread, dynamics.push(step, x) * np.tile(noise, 2)[:, None]], axis=2))
+
+
+def _added(a: Array, S: Array, scatter: float) -> tuple[Array, Array]:
+    """Return a (r) with its information (r, r) from the last states (B, r) of all pieces and S (B, r, L): what each
+    tells beyond what it started with. ``scatter`` is the variance of white innovations."""
+    r = a.shape[1]
+    inverse = np.linalg.inv(S @ np.swapaxes(S, 1, 2))
+    information = (inverse - np.eye(r) / SPREAD**2).sum(axis=0)
+    if not np.linalg.eigvalsh(information)[0] > 0:
+        raise _diverged(None)
+    found = np.linalg.solve(information, (inverse @ a[..., None]).sum(axis=0)[:, 0])
+    return found, information / scatter
+
+
+def _diverged(k: int | None) -> InputError:
+    where = "" if k is None else f" at step {k + 1} of a piece"
+    return InputError(
+        f"the Kalman filter diverged{where}: its motion left the measured one, or its mass matrix is singular. Take "
+        "more steps (samples), the other method, or an estimator that needs no simulation, such as consistent or "
+        "maximum_likelihood."
+    )

@@ -1,0 +1,55 @@
+"""Logs in pieces of steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError
+from dynident.estimators.augmented_kalman.series import grouping, series_of, smooth_model
+from dynident.models.gallery import slider, two_link_arm
+from dynident.testing.estimator import known_motion, posed, truth
+
+ARM = two_link_arm()
+
+
+@pytest.mark.parametrize("samples", [4000, 500])
+def test_steps_have_the_torque_of_their_samples(samples):
+    motion = known_motion(ARM)
+    problem = posed(ARM, motion)
+    found = series_of(problem, samples, np.ones(2), (np.zeros((2000, 2)),))
+    group = grouping(motion, samples)
+    assert group == (1 if samples == 4000 else 4)
+    assert found.used.all(axis=1).any()
+    h = motion.t[1]
+    np.testing.assert_allclose(found.step, group * h)
+    np.testing.assert_array_equal(found.q[0, :3], motion.q[: 3 * group : group])
+    whole = (found.mean[0] * found.used[0, :, None]).sum(axis=0) * group * h
+    rows = int(found.used[0].sum()) * group
+    np.testing.assert_allclose(whole, np.trapezoid(motion.tau[: rows + 1], dx=h, axis=0), atol=1e-3)
+    np.testing.assert_allclose(found.noise, 1 / np.sqrt(group))
+
+
+def test_torques_that_are_not_fitted_hardly_count():
+    motion = known_motion(ARM)
+    keep = np.ones((2000, 2), dtype=bool)
+    keep[:200, 1] = False
+    found = series_of(posed(ARM, replace(motion, keep=keep)), 4000, np.ones(2), (np.zeros((2000, 2)),))
+    assert (found.noise[0, :100, 1] > 99).all()
+    assert (found.noise[0, :100, 0] == 1).all()
+
+
+def test_too_short():
+    short = known_motion(ARM, samples=2000).between(stop=0.03)
+    with pytest.raises(InputError, match="at least 12"):
+        series_of(posed(ARM, short), 4000, np.ones(2), (np.zeros((2000, 2)),))
+
+
+def test_a_sign_is_uncertain_where_it_may_change_within_a_step():
+    model = slider(values=(5.0, 8.0, 3.0, 0.5))
+    motion = known_motion(model)
+    smooth, widths, (uncertain,) = smooth_model(posed(model, motion), truth(model), 0.005)
+    far = np.abs(motion.dq) > 6 * widths[0]
+    assert uncertain[far].max() < 0.01
+    assert uncertain[np.abs(motion.dq) < widths[0]].max() > 1.0
+    assert smooth is not model

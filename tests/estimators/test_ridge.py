@@ -1,0 +1,124 @@
+"""Ridge regression: its closed form and its limits, the strength by cross-validation, and what it may not claim."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Provenance, Ridge
+from dynident.estimators.notes import DecidedByPrior, DrawnToPrior
+from dynident.estimators.ridge import _sizes
+from dynident.models import RotorInertia
+from dynident.models.gallery import two_link_arm
+from dynident.testing.estimator import known_motion, posed, truth
+
+
+def weak(seed: int = 0, samples: int = 400, speed: float = 0.05, noise: float = 0.3):
+    """The arm hardly moves, and its torque is noisy: inertias are poorly determined."""
+    model = two_link_arm()
+    made = known_motion(model, 0.0, seed, samples)
+    q, dq, ddq = 0.5 * made.q, speed * made.dq, speed * made.ddq
+    tau = model.torque(q, dq, ddq, truth(model)) + noise * np.random.default_rng(seed).standard_normal(q.shape)
+    return posed(model, replace(made, q=q, dq=dq, ddq=ddq, tau=tau))
+
+
+def test_closed_form():
+    """(X'X + K)^-1 (X'y + K prior), K = strength rss / size^2."""
+    problem = weak()
+    model, plain = problem.model, LeastSquares(weights="per_joint")(problem)
+    w, triangular = plain.residual.weights, problem.regression.triangular_factors
+    size = _sizes(model, triangular, w)
+    factor = triangular.stacked(w)
+    X, y, prior = factor[:-1, :-1], factor[:-1, -1], 1.1 * truth(model)
+    K = np.diag(0.3 * factor[-1, -1] ** 2 / size**2)
+    found = Ridge(dict(zip(model.names, prior, strict=True)), 0.3)(problem)
+    np.testing.assert_allclose(found.value, np.linalg.solve(X.T @ X + K, X.T @ y + K @ prior), rtol=1e-8)
+    bayes = factor[-1, -1] ** 2 / (triangular.total - 7) * np.linalg.inv(X.T @ X + K)
+    moved = found.value - plain.value
+    np.testing.assert_allclose(found.covariance, bayes + np.outer(moved, moved), rtol=1e-6, atol=1e-12)
+
+
+def test_limits():
+    problem = weak()
+    plain = LeastSquares(weights="per_joint")(problem)
+    none = Ridge("none", 0.0)(problem)
+    np.testing.assert_allclose(none.value, plain.value, rtol=1e-9)
+    np.testing.assert_allclose(none.covariance, plain.covariance, rtol=1e-6)
+    np.testing.assert_allclose(Ridge("nominal", 1e9)(problem).value, truth(problem.model), rtol=1e-4)
+    np.testing.assert_allclose(Ridge("none", 1e9)(problem).value, 0.0, atol=1e-4)
+    far = Ridge("none", 1e9)(problem)
+    assert (np.abs(far.value - truth(problem.model)) < 4 * far.std).all()  # what it is wrong by is in its errors
+
+
+def test_strength_by_cross_validation():
+    """A right prior helps where the data are weak, a wrong one is left out, and strong data need none."""
+    problem = weak()
+    right = Ridge("nominal")(problem)
+    (note,) = right.notes
+    assert isinstance(note, DrawnToPrior)
+    assert note.strength > 0
+    plain = LeastSquares(weights="per_joint")(problem)
+    off = [np.abs((one.value - truth(problem.model)) / plain.std).max() for one in (right, plain)]
+    assert off[0] < off[1]
+    strong = posed(problem.model, known_motion(problem.model, 0.05))
+    wrong = {name: 5.0 * value for name, value in zip(problem.model.names, truth(problem.model), strict=True)}
+    for estimator in (Ridge(wrong), Ridge("none"), Ridge("nominal")):
+        found = estimator(strong)
+        assert found.notes == ()
+        np.testing.assert_allclose(found.value, LeastSquares(weights="per_joint")(strong).value, rtol=1e-6)
+
+
+def test_intervals_hold_where_the_prior_is_wrong():
+    """95 % of the intervals hold, and few more than those of least squares do not."""
+    inside = []
+    for seed in range(30):
+        problem = weak(seed)
+        prior = dict(zip(problem.model.names, 1.5 * truth(problem.model), strict=True))
+        found = Ridge(prior, 0.01)(problem)
+        inside.append(np.abs(found.value - truth(problem.model)) < 1.96 * found.std)
+    assert np.mean(inside) > 0.9  # of 210: 2.7 standard deviations below 0.95
+
+
+def test_what_the_data_do_not_determine_is_at_the_prior():
+    arm = two_link_arm()
+    model = arm.with_terms(RotorInertia(arm.joints))  # a rotor's inertia adds to that of its link
+    problem = posed(model, known_motion(arm, 0.05))
+    prior = {name: 0.7 + 0.1 * k for k, name in enumerate(model.names)}
+    for strength in (0.0, 0.01):
+        found = Ridge(prior, strength)(problem)
+        free = LeastSquares(weights="per_joint")(problem).determined.directions.free
+        size = _sizes(model, problem.regression.triangular_factors, found.residual.weights)
+        away = (found.value - np.array(list(prior.values()))) / size
+        np.testing.assert_allclose((free / size[:, None]).T @ away, 0.0, atol=1e-6 * np.abs(free / size[:, None]).max())
+        assert found.determined.rank < len(model.names)
+        assert np.isinf(found.std[[one == Provenance.PRIOR for one in found.provenance]]).all()
+        assert any(isinstance(note, DecidedByPrior) for note in found.notes)
+
+
+def test_its_rows_have_its_solution():
+    problem = weak()
+    ridge = Ridge("none", 0.05)
+    found, rows = ridge(problem), ridge.reduced(problem)
+    np.testing.assert_allclose(rows.solution.value, found.value, rtol=1e-9)
+    held = PhysicallyConsistent(fit=ridge, viscous=False, coulomb=False)(problem)
+    np.testing.assert_allclose(held.value, found.value, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"prior": "nominl"}, "did you mean"),
+        ({"strength": -1.0}, "'auto'"),
+        ({"prior": {"J": np.nan}}, "prior of J"),
+    ],
+)
+def test_wrong_settings(settings, words):
+    with pytest.raises(ConfigError, match=words):
+        Ridge(**settings)
+
+
+def test_unknown_parameter():
+    with pytest.raises(ConfigError, match="has no parameter 'x'"):
+        Ridge({"x": 1.0})(weak())
+    assert Ridge({"x": 1.0, "y": 2.0}).among(["y"]).named == ("y",)

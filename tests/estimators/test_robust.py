@@ -1,0 +1,162 @@
+"""Robust least squares: known minima, wrong torques, standard errors that hold, and rows of every kind."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from dynident.errors import ConfigError
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, RobustLeastSquares
+from dynident.estimators.notes import Downweighted, StillMoving
+from dynident.estimators.robust import _Huber, _Tukey
+from dynident.identification.standard_errors import identifiability_of
+from dynident.log import Motion
+from dynident.models import Joint, Model, Offset
+from dynident.models.gallery import slider, two_link_arm
+from dynident.regression import ParallelFilter, Regression
+from dynident.testing.estimator import known_motion, posed, truth
+
+LOSSES = ("huber", "tukey")
+every_loss = pytest.mark.parametrize("loss", LOSSES)
+
+
+def spoilt(motion: Motion, share: float, seed: int = 0, size: float = 3.0, *, one_sided: bool = False) -> Motion:
+    """A motion with that share of its torques wrong, all of them with the velocity where ``one_sided``."""
+    rng = np.random.default_rng(seed)
+    wrong, by = rng.random(motion.tau.shape) < share, rng.normal(0, size, motion.tau.shape)
+    by = np.abs(by) * np.sign(motion.dq) if one_sided else by
+    return replace(motion, tau=np.where(wrong, motion.tau + by, motion.tau))
+
+
+def location(y: np.ndarray) -> Problem:
+    """The problem whose only parameter is the mean of y."""
+    joints = (Joint("one", "prismatic"),)
+    model, zero = Model((Offset(joints),)), np.zeros((len(y), 1))
+    mask = np.ones(len(y), dtype=bool)
+    return posed(model, Motion(np.arange(len(y)) * 0.01, zero, zero, zero, y[:, None], ("one",), mask))
+
+
+@every_loss
+def test_location(loss):
+    """The mean of a sample is Huber's or Tukey's location: the minimum of the loss at the scale of the residuals."""
+    y = np.concatenate([np.random.default_rng(1).normal(2.0, 0.1, 90), np.full(10, 9.0)])
+    found = RobustLeastSquares(loss)(location(y))
+    c = {"huber": 1.345, "tukey": 4.685}[loss]
+
+    def total(mean: float, scale: float) -> float:
+        u = np.abs(y - mean) / scale
+        if loss == "huber":
+            return float(np.where(u <= c, u**2 / 2, c * u - c**2 / 2).sum())
+        return float((1 - (1 - np.minimum(u / c, 1.0) ** 2) ** 3).sum())
+
+    scale = np.median(np.abs(y - found.value)) / 0.6744897501960817
+    best = minimize_scalar(total, (1.9, 2.1), args=(scale,), options={"xtol": 1e-12})
+    np.testing.assert_allclose(found.value, best.x, atol=2e-4)
+    assert found.notes == (Downweighted((("one", float(np.mean(found.residual.sample_weights[0] ** 2 < 0.5))),)),)
+
+
+@pytest.mark.parametrize("psi", [_Huber(1.345), _Tukey(4.685)], ids=LOSSES)
+def test_slopes_are_those_of_psi(psi):
+    u = np.linspace(-6, 6, 1200) + 1e-4
+    step = 1e-6
+    by_differences = ((u + step) * psi.weights(u + step) - (u - step) * psi.weights(u - step)) / (2 * step)
+    np.testing.assert_allclose(psi.slopes(u), by_differences, atol=1e-8)
+
+
+def test_without_outliers_wide_tuning_is_least_squares():
+    problem = posed(two_link_arm(), known_motion(two_link_arm(), noise=0.01))
+    plain = LeastSquares(weights="per_joint", iterations=50)(problem)
+    wide = RobustLeastSquares(tuning=1e5)(problem)
+    np.testing.assert_allclose(wide.value, plain.value, atol=0.02 * plain.std.min())
+    np.testing.assert_allclose(wide.std, plain.std, rtol=0.01)
+
+
+@pytest.mark.parametrize("one_sided", [False, True], ids=["any", "one-sided"])
+@every_loss
+def test_every_tenth_torque_wrong(loss, one_sided):
+    """Intervals hold the truth in 95 % of the runs, by all standard errors; those of Huber's loss where wrong torques
+    lie on both sides."""
+    model, inside = two_link_arm(), []
+    for seed in range(20):
+        problem = posed(model, spoilt(known_motion(model, 0.05, seed, 500), 0.1, seed, one_sided=one_sided))
+        found = RobustLeastSquares(loss)(problem)
+        rows = replace(problem.regression, weights=found.residual.sample_weights)
+        wide = identifiability_of(model, rows, found, np.zeros((7, 7)), lambda _: None)[0].std_hac
+        inside.append([np.abs(found.value - truth(model)) < 1.96 * std for std in (found.std, wide)])
+        plain = LeastSquares()(problem)
+        assert (found.std < 0.2 * plain.std).all()
+        np.testing.assert_allclose(found.residual.sigma, 0.05, rtol=0.4)
+    covered = np.mean(inside, axis=(0, 2))
+    assert (covered > 0.9).all() == (loss == "tukey" or not one_sided), covered  # 140 intervals: 0.9 is 2.7 deviations
+
+
+def test_huber_halves_a_bias_that_tukey_removes():
+    model = slider(values=(5.0, 8.0, 3.0, 0.5))
+    problem = posed(model, spoilt(known_motion(model, 0.05), 0.1, one_sided=True))
+    off = {one: abs(one(problem).value[2] - 3.0) for one in (LeastSquares(), *map(RobustLeastSquares, LOSSES))}
+    plain, huber, tukey = off.values()
+    assert plain > 0.1
+    assert huber < 0.2 * plain
+    assert tukey < 0.01
+
+
+@every_loss
+def test_rows_of_every_kind(loss):
+    """Filtered and decimated, slow ones left out, in several logs: weights have the shape of the motions, and rows that
+    are not fitted do not count."""
+    model = two_link_arm()
+    motions = tuple(spoilt(known_motion(model, 0.05, seed, 800), 0.02, seed) for seed in range(2))
+    left_out = np.random.default_rng(0).random(motions[0].q.shape) < 0.9
+    odd = replace(motions[0], keep=left_out, tau=np.where(left_out, motions[0].tau, 50.0))
+    for regression in (
+        Regression(model, (odd, motions[1]), min_speed=(0.1, 0.1)),
+        Regression(model, motions, ParallelFilter(decimate=3)),
+    ):
+        found = RobustLeastSquares(loss)(Problem(model, regression.motions, regression))
+        assert [one.shape for one in found.residual.sample_weights] == [(800, 2)] * 2
+        assert [one.shape for one in found.residual.slopes] == [(800, 2)] * 2
+        assert (np.abs(found.value - truth(model)) < 4.5 * found.std).all()
+
+
+def test_weights_of_the_regression_count_besides():
+    model = two_link_arm()
+    made = known_motion(model, 0.05)
+    halves = np.where(np.arange(len(made)) < 1500, 1.0, 1e-9)[:, None] * np.ones((1, 2))
+    weighted = Problem(model, (made,), Regression(model, (made,), weights=(halves,)))
+    found = RobustLeastSquares(tuning=1e5)(weighted)
+    alone = LeastSquares(weights="per_joint", iterations=50)(posed(model, made.between(stop=made.t[1499])))
+    np.testing.assert_allclose(found.value, alone.value, atol=0.02 * alone.std.min())
+
+
+def test_consistent_with_physics():
+    model = slider(values=(5.0, 8.0, 3.0, 0.5))
+    problem = posed(model, spoilt(known_motion(model, 0.05), 0.1, one_sided=True))
+    free, held = RobustLeastSquares("tukey"), PhysicallyConsistent(fit=RobustLeastSquares("tukey"))
+    np.testing.assert_allclose(held(problem).value, free(problem).value, rtol=1e-6)
+    found = replace(held, bounds={model.names[0]: (5.5, None)})(problem)
+    assert found.value[0] == pytest.approx(5.5)
+    assert len(found.residual.sample_weights) == 1
+
+
+def test_too_few_steps_are_said():
+    problem = posed(two_link_arm(), spoilt(known_motion(two_link_arm(), 0.05), 0.3))
+    found = RobustLeastSquares(iterations=1)(problem)
+    assert any(isinstance(one, StillMoving) for one in found.notes)
+    assert not found.converged
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_nothing_moves(size):
+    """A joint at rest whose torque is zero, or constant."""
+    found = RobustLeastSquares()(location(np.full(20, size)))
+    np.testing.assert_allclose(found.value, size, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [({"loss": "hubert"}, "did you mean"), ({"tuning": -1.0}, "1.345"), ({"iterations": 0}, "from 1 to")],
+)
+def test_wrong_settings(settings, words):
+    with pytest.raises(ConfigError, match=words):
+        RobustLeastSquares(**settings)

@@ -1,0 +1,153 @@
+"""Total least squares: the textbook's closed form, exact columns, less bias by a noisy motion, and its limits."""
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError, InputError
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, TotalLeastSquares
+from dynident.estimators.notes import ErrorsInRegressor
+from dynident.estimators.total_least_squares import _solved
+from dynident.log import Motion
+from dynident.models import Joint, Model, Offset, RotorInertia, Viscous, record, simulate
+from dynident.models.gallery import pendulum, two_link_arm
+from dynident.regression import Regression, rank_of
+from dynident.smoothers import Spline
+from dynident.testing.estimator import known_motion, posed
+
+JOINT = (Joint("one", "prismatic"),)
+CART = Model((RotorInertia(JOINT), Viscous(JOINT), Offset(JOINT)))
+NAMES = CART.names
+
+
+def noisy(errors: tuple[float, float], torque: float, seed: int = 0, samples: int = 4000) -> Problem:
+    """A cart whose accelerations and velocities have independent errors: textbook errors in two of three columns."""
+    rng = np.random.default_rng(seed)
+    dq, ddq = rng.standard_normal((2, samples, 1))
+    tau = 2.0 * ddq + 0.7 * dq + 0.4 + torque * rng.standard_normal((samples, 1))
+    ddq, dq = ddq + errors[0] * rng.standard_normal(dq.shape), dq + errors[1] * rng.standard_normal(dq.shape)
+    t, mask = np.arange(samples) * 0.01, np.ones(samples, dtype=bool)
+    return posed(CART, Motion(t, np.zeros_like(dq), dq, ddq, tau, ("one",), mask))
+
+
+def stated(errors: tuple[float, float], torque: float | None = None) -> TotalLeastSquares:
+    return TotalLeastSquares(dict(zip(NAMES[:2], errors, strict=True)), torque)
+
+
+def test_textbook():
+    """With equal errors in all entries it is the last right singular vector of [X y]."""
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((200, 3)) @ np.diag([1.0, 2.0, 0.5])
+    whole = np.column_stack([X, X @ [1.0, -2.0, 3.0]]) + 0.1 * rng.standard_normal((200, 4))
+    factor = np.linalg.qr(whole, mode="r")
+    v = np.linalg.svd(whole)[2][-1]
+    found = _solved(factor, 7.0 * np.eye(3), rank_of(factor), 200, 7.0)
+    np.testing.assert_allclose(found.value, -v[:3] / v[3], rtol=1e-9)
+
+
+def test_exact_columns_stay_exact():
+    """Van Huffel's mixed LS-TLS: the exact columns eliminated first, by their QR, total least squares of the rest."""
+    rng = np.random.default_rng(1)
+    X = rng.standard_normal((300, 3))
+    y = X @ [1.0, -2.0, 3.0] + 0.1 * rng.standard_normal(300)
+    X[:, 1:] += 0.1 * rng.standard_normal((300, 2))
+    factor = np.linalg.qr(np.column_stack([X, y]), mode="r")
+    left = factor[1:, 1:]
+    v = np.linalg.svd(left)[2][-1]
+    rest = -v[:2] / v[2]
+    first = (factor[0, 3] - factor[0, 1:3] @ rest) / factor[0, 0]
+    found = _solved(factor, np.diag([0.0, 1.0, 1.0]), rank_of(factor), 300, 1.0)
+    np.testing.assert_allclose(found.value, [first, *rest], rtol=1e-9)
+
+
+@pytest.mark.parametrize("torque", [None, 0.05], ids=["torque error unknown", "known"])
+def test_consistent_with_honest_errors(torque):
+    """Least squares is biased by many standard errors; this is not, and 95 % of its intervals hold."""
+    errors, inside, off = (0.3, 0.1), [], []
+    for seed in range(40):
+        problem = noisy(errors, 0.05, seed, 1000)
+        found, plain = stated(errors, torque)(problem), LeastSquares()(problem)
+        inside.append(np.abs(found.value - [2.0, 0.7, 0.4]) < 1.96 * found.std)
+        off.append(np.abs(plain.value[0] - 2.0) / plain.std[0])
+    assert np.min(off) > 4
+    assert 0.89 < np.mean(inside) < 0.995  # of 120
+
+
+def test_it_becomes_exact_with_more_data():
+    far, near = (abs(stated((0.3, 0.1))(noisy((0.3, 0.1), 0.05, 3, n)).value[0] - 2.0) for n in (500, 200_000))
+    assert near < 0.004
+    assert near < far
+
+
+def test_without_errors_it_is_least_squares():
+    problem = noisy((0.0, 0.0), 0.05)
+    plain = LeastSquares(weights="per_joint")(problem)
+    for estimator in (TotalLeastSquares(), TotalLeastSquares({NAMES[0]: 0.0}), stated((1e-9, 0.0))):
+        np.testing.assert_allclose(estimator(problem).value, plain.value, rtol=1e-9)
+        np.testing.assert_allclose(estimator(problem).std, plain.std, rtol=1e-3)
+
+
+def test_noise_of_the_positions():
+    """Of what smoothing leaves of it, nine tenths of the bias go, and the intervals allow for the rest."""
+    arm, t = pendulum(), np.arange(2001) * 0.01
+    motion = simulate(arm, arm.values, lambda s: [0.4 * np.sin(5 * s)], t)
+    plain, total, std = [], [], []
+    for seed in range(8):
+        log = record(motion, sigma_q=2e-3, sigma_tau=0.01, rng=np.random.default_rng(seed)).log
+        smooth = Spline(sigma=1.8e-3)(log)
+        problem = Problem(arm, (smooth,), Regression(arm, (smooth,)), (log,))
+        found = TotalLeastSquares()(problem)
+        assert found.information is not None
+        plain.append(LeastSquares()(problem).value / arm.values - 1)
+        total.append(found.value / arm.values - 1)
+        std.append(found.std / arm.values)
+    assert (np.mean(plain, axis=0) < -0.04).all()
+    assert (np.abs(np.mean(total, axis=0)) < 0.2 * np.abs(np.mean(plain, axis=0))).all()
+    assert (np.sqrt(np.square(total).mean(axis=0)) < 2 * np.mean(std, axis=0)).all()
+
+
+def test_only_directions_that_the_data_determine():
+    arm = two_link_arm()
+    model = arm.with_terms(RotorInertia(arm.joints))  # a rotor's inertia adds to that of its link
+    problem = posed(model, known_motion(arm, 0.05))
+    sizes = dict.fromkeys(model.names, 1e-3)
+    found = TotalLeastSquares(sizes)(problem)
+    plain = LeastSquares(weights="per_joint")(problem)
+    assert found.determined.rank == plain.determined.rank < len(model.names)
+    np.testing.assert_array_equal(np.isinf(found.std), np.isinf(plain.std))
+    np.testing.assert_allclose(found.value, plain.value, atol=4 * plain.std[np.isfinite(plain.std)].max())
+    held = PhysicallyConsistent(fit=TotalLeastSquares(sizes), prior="none")(problem)
+    known = ~held.determined.directions.undetermined
+    np.testing.assert_allclose(held.value[known], found.value[known], atol=0.1 * found.std[known].max())
+
+
+def test_large_errors_are_said():
+    (note,) = stated((0.5, 0.0))(noisy((0.5, 0.0), 0.05)).notes
+    assert isinstance(note, ErrorsInRegressor)
+    assert note.parameter == NAMES[0]
+    assert note.percent == pytest.approx(20, abs=1)  # 0.25 of 1.25
+
+
+def test_no_solution():
+    """The nongeneric case: the direction of least singular value has no share of the torque."""
+    factor = np.linalg.qr(np.diag([1.0, 5.0, 1.0]) + np.eye(3, k=1) * [0.0, 0.0, 2.0], mode="r")
+    with pytest.raises(InputError, match="no solution"):
+        _solved(factor, np.diag([1e6, 0.0]), rank_of(factor), 100, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"errors": "motions"}, "did you mean"),
+        ({"errors": {"J": -1.0}}, "J = -1"),
+        ({"torque": 0.0}, "positive"),
+    ],
+)
+def test_wrong_settings(settings, words):
+    with pytest.raises(ConfigError, match=words):
+        TotalLeastSquares(**settings)
+
+
+def test_unknown_parameter():
+    with pytest.raises(ConfigError, match="has no parameter 'x'"):
+        TotalLeastSquares({"x": 1.0})(noisy((0.0, 0.0), 0.1))
+    assert TotalLeastSquares({"x": 1.0, "y": 2.0}).among(["y"]).named == ("y",)

@@ -184,6 +184,8 @@ def dynident(arguments: list[str]) -> None:
 
 def test(arguments: list[str]) -> None:
     """Run the tests that are named; else all of them, in two processes, and what computes again without the kernel."""
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):  # the tests start some hundred processes: compile for them once
+        os.environ["PYTHONPYCACHEPREFIX"] = str(VENV / "bytecode")
     if arguments:
         return run(PYTHON, "-m", "pytest", *arguments)
     # by file, so that what the tests of one share is made once; in their order, the longest of which are not the last

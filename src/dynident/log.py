@@ -9,12 +9,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
-from weakref import WeakValueDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dynident.errors import InputError, listed
+from dynident.read_only import frozen, kept, matrix, owned, times
 
 if TYPE_CHECKING:
     import polars as pl
@@ -23,7 +23,6 @@ __all__ = ["Controller", "HasState", "Log", "Motion", "pieces", "subsample", "th
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_FINITE: WeakValueDictionary[int, Array] = WeakValueDictionary()  # read-only arrays that are known to be, by id
 
 
 class Controller(Protocol):
@@ -46,71 +45,6 @@ class HasState(Controller, Protocol):
 
     def advance(self, t: float, h: float, q: Array, dq: Array, state: Array) -> tuple[Array, Array]:
         """Return the torque (n) that is held from time t on, h s after the last sample, and the next state (m)."""
-
-
-def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
-    """Return a read-only contiguous array; copied only where the caller could still write to it."""
-    try:
-        array = np.ascontiguousarray(value, dtype=dtype)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"numbers are expected: {error}.") from error
-    if array is value or array.base is not None:
-        if array.flags.owndata and not array.flags.writeable:
-            return array
-        array = array.copy()
-    array.flags.writeable = False
-    return array
-
-
-def _matrix(value: ArrayLike, rows: int, columns: int, name: str, source: str) -> Array:
-    array = _frozen(value)
-    if array.shape != (rows, columns):
-        raise InputError(
-            f"{source}: {name} has shape {array.shape}, expected ({rows}, {columns}): "
-            "one row per time stamp and one column per joint."
-        )
-    if _FINITE.get(id(array)) is not array and not np.isfinite(array).all():
-        bad = np.argwhere(~np.isfinite(array))
-        i, j = bad[0]
-        raise InputError(
-            f"{source}: {name}[{i}, {j}] is {array[i, j]} ({len(bad)} non-finite values in all). "
-            "Remove or interpolate these samples in the file, or leave them out with a window."
-        )
-    _FINITE[id(array)] = array
-    return array
-
-
-def _owned(array: Array) -> Array:
-    """Return an array that was made here, read-only, so that it need not be copied."""
-    array.flags.writeable = False
-    return array
-
-
-def _kept(value: Mask | None, shape: tuple[int, ...], source: str, name: str = "keep") -> Mask | None:
-    if value is None:
-        return None
-    keep = _frozen(value, np.bool_)
-    if keep.shape != shape:
-        raise InputError(f"{source}: {name} has shape {keep.shape}, expected {shape}.")
-    return keep
-
-
-def _times(value: ArrayLike, source: str) -> Array:
-    t = _frozen(value)
-    if t.ndim != 1 or len(t) < 2:
-        raise InputError(f"{source}: needs at least 2 time stamps in one column, got shape {t.shape}.")
-    if not np.isfinite(t).all():
-        i = int(np.flatnonzero(~np.isfinite(t))[0])
-        raise InputError(f"{source}: time stamp {i} is {t[i]}; remove the rows without a valid time.")
-    steps = np.diff(t)
-    if (steps <= 0).any():
-        i = int(np.flatnonzero(steps <= 0)[0])
-        what = "repeats" if steps[i] == 0 else "runs backwards after"
-        raise InputError(
-            f"{source}: time stamp {i + 1} ({t[i + 1]!r} s) {what} stamp {i} ({t[i]!r} s); "
-            "sort the rows by time and drop repeated stamps (the first of each is usually right)."
-        )
-    return t
 
 
 def _shown(one: Log | Motion, more: str = "") -> str:
@@ -176,14 +110,14 @@ class Log:
         object.__setattr__(self, "joints", joints)
         if not joints or len(set(joints)) != len(joints):
             raise InputError(f"{self.source}: joint names must be given and distinct, got {joints}.")
-        t = _times(self.t, self.source)
+        t = times(self.t, self.source)
         object.__setattr__(self, "t", t)
         for name in ("q", "tau", "dq", "command"):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, _matrix(value, len(t), len(joints), name, self.source))
-        object.__setattr__(self, "keep", _kept(self.keep, self.q.shape, self.source))
-        object.__setattr__(self, "excluded", _kept(self.excluded, self.t.shape, self.source, "excluded"))
+                object.__setattr__(self, name, matrix(value, len(t), len(joints), name, self.source))
+        object.__setattr__(self, "keep", kept(self.keep, self.q.shape, self.source))
+        object.__setattr__(self, "excluded", kept(self.excluded, self.t.shape, self.source, "excluded"))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -266,19 +200,19 @@ class Motion:
     memory: Array | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", _times(self.t, self.source))
+        object.__setattr__(self, "t", times(self.t, self.source))
         object.__setattr__(self, "joints", tuple(self.joints))
         for name in ("q", "dq", "ddq", "tau"):
-            value = _matrix(getattr(self, name), len(self.t), len(self.joints), name, self.source)
+            value = matrix(getattr(self, name), len(self.t), len(self.joints), name, self.source)
             object.__setattr__(self, name, value)
-        mask = _frozen(self.mask, np.bool_)
+        mask = frozen(self.mask, np.bool_)
         if mask.shape != self.t.shape:
             raise InputError(f"{self.source}: the mask has shape {mask.shape}, expected {self.t.shape}.")
         object.__setattr__(self, "mask", mask)
-        object.__setattr__(self, "keep", _kept(self.keep, self.q.shape, self.source))
+        object.__setattr__(self, "keep", kept(self.keep, self.q.shape, self.source))
         if self.memory is not None:
             width = np.shape(self.memory)[-1] if np.ndim(self.memory) == 2 else 1
-            object.__setattr__(self, "memory", _matrix(self.memory, len(self.t), width, "memory", self.source))
+            object.__setattr__(self, "memory", matrix(self.memory, len(self.t), width, "memory", self.source))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -322,11 +256,11 @@ class Motion:
         ddq = start + slope * s
         dq = self.dq[k] + (start + slope * s / 2) * s
         q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
-        q, dq, ddq, tau = map(_owned, (q, dq, ddq, self.tau[rows]))
+        q, dq, ddq, tau = map(owned, (q, dq, ddq, self.tau[rows]))
         memory = self.memory
         if memory is not None:
             share = np.clip(s / h, 0.0, 1.0)
-            memory = _owned(memory[rows] if time_offset == 0.0 else (1 - share) * memory[k] + share * memory[k + 1])
+            memory = owned(memory[rows] if time_offset == 0.0 else (1 - share) * memory[k] + share * memory[k + 1])
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
         late = self.time_offset + time_offset
         keep = None if self.keep is None else self.keep[rows]

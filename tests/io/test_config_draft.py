@@ -311,6 +311,8 @@ def test_the_page_is_as_it_should_be(arm, tmp_path):
           shoulder: { column: shoulder.effort, unit: N m }
           elbow: { column: elbow.effort, unit: N m }
         # not used: 'shoulder.command'
+        # reference positions, with the gains of the drives, let more estimators apply: see `simulation` in
+        # docs/configuration.md, and `dynident compare`
 
         train:  # the first 70 % of the only log
           - file: a.csv

@@ -15,10 +15,12 @@ from dynident.cli import main
 from dynident.errors import ConfigError
 from dynident.estimators import (
     AugmentedKalman,
+    Didim,
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
+    OutputError,
     PhysicallyConsistent,
     Ridge,
     RobustLeastSquares,
@@ -103,6 +105,10 @@ ESTIMATING = [
     PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
     InstrumentalVariables(),
     InstrumentalVariables("lagged", 3, 0.05, "equal"),
+    Didim(),
+    Didim(5),
+    OutputError(),
+    OutputError("open", "commanded", 0.5, 7),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
     RobustLeastSquares("tukey", tuning=6.0),

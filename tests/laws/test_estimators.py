@@ -7,12 +7,14 @@ import pytest
 
 from dynident.estimators import (
     AugmentedKalman,
+    Didim,
     Estimate,
     Estimator,
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
+    OutputError,
     PhysicallyConsistent,
     Problem,
     Ridge,
@@ -40,6 +42,7 @@ ESTIMATORS: list[Estimator] = [
     TotalLeastSquares(),
     AugmentedKalman(passes=2),
 ]
+SIMULATING: list[Estimator] = [Didim(), OutputError(loop="closed")]  # long runs of an arm are in their own tests
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 
 
@@ -60,8 +63,19 @@ def test_builds_itself_from_its_settings(estimator: Estimator) -> None:
     builds_itself_from_its_settings(FAMILY, estimator)
 
 
+@pytest.mark.parametrize("check", ESTIMATOR_CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("estimator", SIMULATING, ids=repr)
+def test_every_estimator_that_needs_a_controller(estimator: Estimator, check: Check) -> None:
+    check(estimator, MODELS["slider"])
+
+
+@pytest.mark.parametrize("estimator", SIMULATING, ids=repr)
+def test_builds_itself_if_it_needs_a_controller(estimator: Estimator) -> None:
+    builds_itself_from_its_settings(FAMILY, estimator)
+
+
 def test_every_kind_is_checked() -> None:
-    assert {FAMILY.kind_of(estimator) for estimator in ESTIMATORS} == set(FAMILY.table)
+    assert {FAMILY.kind_of(estimator) for estimator in (*ESTIMATORS, *SIMULATING)} == set(FAMILY.table)
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def rows(benchmarks: Path) -> list[dict[str, Any]]:
     """Each law on an arm of three joints, the same noise in every run."""
     assert benchmarks.is_dir()
     choice = import_module("friction_choice")
-    return [choice.study("three", law, seed=8) for law in TRIED]
+    return [choice.study("three", law, seed=8, duration=14.0) for law in TRIED]
 
 
 def test_the_right_groups_are_found(rows: list[dict[str, Any]]) -> None:

@@ -197,11 +197,14 @@ def test_what_computes_is_tested_without_the_kernel_too(
 ) -> None:
     runs: list[tuple[str | None, tuple[str, ...]]] = []
     asked = SimpleNamespace(run=lambda *_, **__: SimpleNamespace(returncode=not kernel))
-    monkeypatch.setenv("DYNIDENT_KERNEL", "")
+    for name, value in (("DYNIDENT_KERNEL", ""), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONPYCACHEPREFIX", "")):
+        monkeypatch.setenv(name, value)
     record = lambda *words: runs.append((os.environ["DYNIDENT_KERNEL"], words[3:]))  # noqa: E731
     names = dev(project, monkeypatch, "python3", "dev.py", run=record, subprocess=asked)
     names["test"](["tests/splines", "-x"])
     assert runs == [("", ("tests/splines", "-x"))]
+    assert "PYTHONDONTWRITEBYTECODE" not in os.environ
+    assert os.environ["PYTHONPYCACHEPREFIX"] == str(project / ".venv" / "bytecode")
     runs.clear()
     names["test"]([])
     two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")

@@ -57,6 +57,8 @@ SECTIONS: dict[str, type[Section]] = {
     "Estimator generalised least squares": section(ESTIMATORS, ESTIMATORS.get("generalised_least_squares")),
     "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
     "Estimator instrumental variables": section(ESTIMATORS, ESTIMATORS.get("instrumental_variables")),
+    "Estimator didim": section(ESTIMATORS, ESTIMATORS.get("didim")),
+    "Estimator output error": section(ESTIMATORS, ESTIMATORS.get("output_error")),
     "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
     "Estimator robust": section(ESTIMATORS, ESTIMATORS.get("robust")),
     "Estimator ridge": section(ESTIMATORS, ESTIMATORS.get("ridge")),

@@ -10,7 +10,7 @@ import dynident
 
 GATHER = {
     *("_Program", "_Run", "Search", "Node", "Columns", "ResultFolder", "Run", "Voice", "_Body", "_System"),
-    *("_Choosing", "JointSearch", "LineReader", "SampleReader", "Watch", "Session"),
+    *("_Choosing", "JointSearch", "LineReader", "SampleReader", "Watch", "Session", "Descent"),
 }
 
 

@@ -45,6 +45,22 @@ def test_the_combination_of_the_configuration_has_the_errors_of_identify(project
     assert own.cross_validated == {}
 
 
+def test_each_smoother_has_its_own_time_offset(tmp_path: Path) -> None:
+    """Torques are logged one sample late, and forward differences are half a sample early."""
+    path = make_project(tmp_path)
+    for day in ("monday", "tuesday"):
+        table = np.loadtxt(tmp_path / f"{day}.csv", delimiter=",", skiprows=1)
+        table[1:, 2] = table[:-1, 2]
+        np.savetxt(tmp_path / f"{day}.csv", table, delimiter=",", header="t,x,f", comments="")
+    path.write_text(path.read_text().replace("delay: 0", "delay: estimate").replace("kind: spline", "kind: difference"))
+    first, second = run_comparison(path, smoothers=[dy.Spline()], estimators=[], folds=0).offsets.values()
+    path.write_text(path.read_text().replace("kind: difference", "kind: spline"))
+    (own,) = run_comparison(path, smoothers=[], estimators=[], folds=0).offsets.values()
+    assert second == own
+    assert own == pytest.approx(-0.01, abs=3e-3)
+    assert abs(first - own) > 1e-3
+
+
 def test_combinations_are_ranked_and_worse_ones_told(found: Ranking) -> None:
     assert found.basis == "validation"
     assert found.told

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
+from dynident.errors import Finding, Severity
 from dynident.io.results import json_text
 from dynident.ranking import Outcome
 from dynident.report.ranking import ranking_dict, ranking_findings, ranking_heading, ranking_tables
@@ -72,6 +73,33 @@ def test_the_configured_combination_has_its_place() -> None:
     assert "Take smoother0 with estimator0" in text
     lost = replace(own, error=float("nan"), outcome=Outcome.FAILED, reason="too short")
     assert "has no estimate: too short" in said(replace(other, rows=(first, *found.rows[1:3], lost)))
+
+
+def test_a_best_that_cross_validation_contradicts_is_not_recommended() -> None:
+    """The first one is best on held-out motion, and far worse in cross-validation, by more than chance."""
+    found = ranking()
+    same, crossed = dict.fromkeys(("shoulder", "elbow"), 3.0), dict.fromkeys(("shoulder", "elbow"), 9.0)
+    rows = [replace(one, cross_p_value=1.0, same_motion=same) for one in found.rows]
+    rows[0] = replace(rows[0], cross_validated=crossed, cross_p_value=0.001)
+    other = replace(found, rows=tuple(rows))
+    assert other.rival is rows[1]
+    assert other.choice is rows[1]
+    text = said(other)
+    assert (
+        "contradict each other: smoother0 with estimator0 has 3 % and 9 %, smoother1 with estimator0 has 3.4 %" in text
+    )
+    assert "the lead is in how smoother0 sees the motion, not in its parameters" in text
+    rows[1] = replace(rows[1], p_value=0.001)
+    worse = replace(found, rows=tuple(rows))
+    assert worse.choice is None
+    assert "Take none of them before that is settled." in said(worse)
+    assert replace(found, rows=(replace(rows[0], cross_p_value=0.2), *rows[1:])).rival is None
+
+
+def test_what_forbids_any_model_comes_first() -> None:
+    finding = Finding(Severity.ERROR, "elbow", "turns <b>the other way</b>", source="monday")
+    first = ranking_findings(replace(ranking(), findings=(finding,)))[0]
+    assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>"
 
 
 def test_what_is_not_known_is_not_claimed() -> None:

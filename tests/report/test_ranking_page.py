@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dynident.errors import Finding, Severity
 from dynident.report.ranking_page import ranking_page
 from tests.report.rankings import ranking, untold
 
@@ -17,6 +18,15 @@ def test_the_page_has_all_parts_and_escapes_names() -> None:
     titles = ("Which to take", "Errors", "All combinations", "By joint", "Against the truth", "Without an estimate")
     for title in titles:
         assert f">{title}" in text
+
+
+def test_the_badge_tells_what_comes_before_any_ranking() -> None:
+    assert "yours is among the best" in ranking_page(ranking())
+    finding = Finding(Severity.ERROR, None, HOSTILE)
+    text = ranking_page(replace(ranking(), findings=(finding,)))
+    assert "correct first what was found" in text
+    assert "yours is among the best" not in text
+    assert HOSTILE not in text
 
 
 def test_a_page_without_chance_truth_or_estimates() -> None:

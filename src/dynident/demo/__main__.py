@@ -9,5 +9,7 @@ from dynident.demo.shipped import made_files
 from dynident.io.results import write_bytes
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        sys.exit(__doc__)
     for name, data in made_files().items():
         write_bytes(Path(sys.argv[1]) / name, data)

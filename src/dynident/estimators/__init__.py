@@ -19,6 +19,7 @@ from dynident.estimators.instrumental_variables import InstrumentalVariables
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
+from dynident.estimators.output_error import Didim, OutputError
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
 from dynident.estimators.ridge import Ridge
 from dynident.estimators.robust import RobustLeastSquares
@@ -29,6 +30,7 @@ __all__ = [
     "AugmentedKalman",
     "Consistency",
     "Determined",
+    "Didim",
     "Estimate",
     "Estimator",
     "GeneralisedLeastSquares",
@@ -38,6 +40,7 @@ __all__ = [
     "LinearFit",
     "MaximumLikelihood",
     "NamesParameters",
+    "OutputError",
     "PhysicallyConsistent",
     "Pieces",
     "Problem",

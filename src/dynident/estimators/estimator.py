@@ -165,7 +165,8 @@ class Estimate:
 
     Where the estimator can tell: ``provenance`` (p) says what each parameter was determined by (else empty);
     ``consistency`` how it stands to physics; ``interval`` (p, 2) are the ends of 95 % intervals that need not be
-    symmetric; ``information`` (p, p) is Fisher's of all, where the errors of the motion count, too.
+    symmetric; ``information`` (p, p) is Fisher's of all, where the errors of the motion count, too; ``robust`` that it,
+    and the covariance, allow for residuals that are correlated in time.
     """
 
     parameters: tuple[Parameter, ...]
@@ -178,6 +179,7 @@ class Estimate:
     consistency: Consistency | None = None
     interval: Array | None = None
     information: Array | None = None
+    robust: bool = False
 
     def __repr__(self) -> str:
         rows = zip(self.parameters, self.value, self.std, strict=True)

@@ -78,8 +78,9 @@ class LinearFit:
 
     ``directions`` are those of the parameters that they determine. How they were weighted, as in a ``Residual``:
     ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``, and ``whitening``. Where errors of
-    the motion count in the fit, ``information`` (p, p) is that of all. ``notes`` say what was not as it should be.
-    ``sigma`` (n) is the standard deviation of each joint's residual where that is not its rms.
+    the motion count in the fit, ``information`` (p, p) is that of all; it is ``robust`` where it allows for residuals
+    that are correlated. ``sigma`` (n) is the standard deviation of each joint's residual where that is not its rms.
+    ``notes`` say what was not as it should be.
     """
 
     factor: Array
@@ -92,6 +93,7 @@ class LinearFit:
     notes: tuple[Note, ...] = ()
     whitening: Whitening | None = None
     sigma: Array | None = None
+    robust: bool = False
 
     __repr__ = brief
 
@@ -133,6 +135,7 @@ def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
         residual=fit.residual(problem, found.value),
         notes=(*_notes(fit.directions, problem.model.names), *fit.notes),
         information=fit.information,
+        robust=fit.robust,
     )
 
 

@@ -106,8 +106,12 @@ def _robust_std(
     """Return standard errors that allow for correlated residuals, and for ``more`` (p, p), the covariance of the rest.
 
     Where the estimator counts the errors of the motion, its ``own`` are made larger in the ratio of those of least
-    squares, to these at most.
+    squares, to these at most; where they allow for correlation already, they stay.
     """
+    B = np.eye(len(more)) if basis is None else basis.combination
+    others = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
+    if estimate.robust:
+        return np.asarray(np.hypot(own, others))
     columns = None if basis is None else basis.independent
     value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
     try:
@@ -117,8 +121,6 @@ def _robust_std(
     if estimate.information is not None and weights is not None:  # that of the fit, as far as residuals are correlated
         alone = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
         robust = np.minimum(own * np.maximum(robust / alone, 1.0), np.maximum(robust, own))
-    B = np.eye(len(more)) if basis is None else basis.combination
-    others = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
     return np.asarray(np.hypot(np.hypot(robust, others), _moved(estimate, basis)))
 
 

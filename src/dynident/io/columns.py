@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from dynident.io.fields import UNITS
 
-__all__ = ["ColumnFamily", "Named", "families", "read_name", "tokens"]
+__all__ = ["ColumnFamily", "Named", "families", "is_commanded", "read_name", "tokens"]
 
 
 def _words(text: str) -> frozenset[str]:
@@ -204,6 +204,11 @@ def _without(words: tuple[str, ...], some: tuple[str, ...]) -> tuple[str, ...]:
             left.remove(word)
             left.reverse()
     return tuple(left)
+
+
+def is_commanded(column: str) -> bool:
+    """Return whether a column is named as what a controller was given, such as a reference."""
+    return bool(set(tokens(column)) & _COMMANDED)
 
 
 def _rank(words: set[str]) -> int:

@@ -17,6 +17,7 @@ from yaml.reader import Reader
 from dynident.errors import InputError, choices
 from dynident.identification import moving_span
 from dynident.io.column_mapping import ColumnMapping, Signal
+from dynident.io.columns import is_commanded
 from dynident.io.fields import UNITS
 from dynident.io.match import JointFacts
 from dynident.io.robot import SUFFIXES
@@ -211,6 +212,9 @@ def _unused(page: _Page, mapping: ColumnMapping, table: DataTable) -> None:
     kinds = dict.fromkeys(re.sub(r"\d+", "#", name) for name in mapping.left)
     if kinds:
         page.line(f"# not used: {_listed(list(kinds))}")
+    if any(map(is_commanded, mapping.left)):
+        page.line("# reference positions, with the gains of the drives, let more estimators apply: see `simulation` in")
+        page.line("# docs/configuration.md, and `dynident compare`")
     if table.constants and page.blanks:
         page.line(f"# numbers that a gain may name: {_listed(list(table.constants))}")
 

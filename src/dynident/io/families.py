@@ -245,6 +245,8 @@ ESTIMATORS = Family(
         "generalised_least_squares": "dynident.estimators.generalised_least_squares:GeneralisedLeastSquares",
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "instrumental_variables": "dynident.estimators.instrumental_variables.fit:InstrumentalVariables",
+        "didim": "dynident.estimators.output_error.didim:Didim",
+        "output_error": "dynident.estimators.output_error.output_error:OutputError",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
         "augmented_kalman": "dynident.estimators.augmented_kalman.fit:AugmentedKalman",
         "ridge": "dynident.estimators.ridge:Ridge",

@@ -127,6 +127,7 @@ class EstimatePart(Part):
     covariance: list[list[float]]
     interval: list[tuple[float, float]] | None
     information: list[list[float]] | None
+    robust: bool = False
 
 
 class BaseRow(Part):

@@ -178,6 +178,7 @@ def _estimate(file: ResultFile, model: Model, source: str) -> Estimate:
         _consistency(given.consistency, p, source),
         None if given.interval is None else _matrix(given.interval, (p, 2), "estimate.interval", source),
         None if given.information is None else _matrix(given.information, (p, p), "estimate.information", source),
+        given.robust,
     )
 
 

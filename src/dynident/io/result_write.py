@@ -81,6 +81,7 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
         "covariance": estimate.covariance,
         "interval": estimate.interval,
         "information": estimate.information,
+        "robust": estimate.robust,
     }
 
 

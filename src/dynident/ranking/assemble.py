@@ -59,6 +59,7 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
                 p_value=float(told.p_value[k]),
                 interval=(float(told.interval[k, 0]), float(told.interval[k, 1])),
             )  # fmt: skip
+    _crossed(task, rows, found, rng)
     tried, others = list(found.values()), list(_without(rows))
     every = [*tried, *others]
     applies = [one for one in every if one.outcome is not Outcome.NOT_APPLICABLE]
@@ -81,6 +82,8 @@ def assembled(name: str, task: Task, rows: Rows, rng: np.random.Generator) -> Ra
         rows.estimators,
         rows.computed,
         tuple(_repeats(task)),
+        task.findings,
+        _offsets(task, rows),
     )
 
 
@@ -92,10 +95,32 @@ def _repeats(task: Task) -> Iterator[tuple[str, str]]:
         yield from ((held, log) for log in islice(again, 1))
 
 
+def _crossed(task: Task, rows: Rows, found: dict[tuple[int, int], Ranked], rng: np.random.Generator) -> None:
+    """Give those which held-out logs rank the chance that they are as good as any other in cross-validation."""
+    torque = task.torque_squares(rows.common.masks, "train", fitted=True)
+    ranked = (key for key, one in found.items() if math.isfinite(one.error) and len(rows.fits[key]["cross"]))
+    crossed = {key: _blocks(rows.fits[key]["cross"], torque) for key in ranked} if task.held_out else {}
+    crossed = {key: squares for key, squares in crossed.items() if np.isfinite(squares).all()}
+    if crossed:
+        told = differences(np.stack(list(crossed.values())), torque, task.blocks["train"].log, rng)
+        for key, p_value in zip(crossed, told.p_value, strict=True):
+            found[key] = replace(found[key], cross_p_value=float(p_value))
+
+
 def _used(rows: Rows) -> Iterator[Candidate]:
     """Yield the smoothers, each with the part that was taken of several."""
     for one, row in zip(rows.smoothers, rows.smooth, strict=True):
         yield one if row["chosen"] is None else replace(one, parts=(one.parts[row["chosen"]],))
+
+
+def _offsets(task: Task, rows: Rows) -> dict[str, float]:
+    """Return the time offset (s) of each smoother that works."""
+    pairs = zip(rows.smoothers, rows.smooth, strict=True)
+    return {
+        one.name: row["shift"][0] if len(row["shift"]) else task.late
+        for one, row in pairs
+        if row["status"] == Outcome.OK
+    }
 
 
 def _blocks(values: list[float], torque: Array) -> Array:

@@ -7,8 +7,14 @@ length follows from the correlation of the differences (Politis and White, 2004,
 any other by more than the maximum of all its differences is by chance (Hsu, 1981, "Simultaneous confidence intervals
 for all distances from the best"). Those that are not called worse hold the one that is truly best with 95 %.
 
-N blocks scatter as little as they are few: differences by chance are taken as larger by the ratio of Student's to the
-normal quantile, with N / 2 - 1 degrees of freedom as long blocks are not independent either, and by sqrt(N / (N - 2)).
+The error of a combination is the geometric mean over joints of their relative errors. Its logarithm is, up to what all
+have in common, the negative likelihood of Gaussian residuals whose size is each joint's own: one percent less in any
+joint counts the same, and neither units, gains nor how much torque a joint has change the order. An arithmetic mean is
+that of the joints with hardly any torque, the error of all torques together that of the strongest joint.
+
+N blocks scatter as little as they are few: differences by chance are taken as those of Student's distribution where
+they would be normal, with N / 2 - 1 degrees of freedom as long blocks are not independent either, times
+sqrt(N / (N - 2)).
 """
 
 from __future__ import annotations
@@ -18,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
+from scipy.special import ndtr, ndtri, stdtrit
 
 from dynident.errors import brief
 
@@ -29,13 +35,14 @@ DRAWS = 2000
 LEVEL = 0.05
 FEWEST = 12  # drawn blocks that the data must have: fewer do not show how they scatter
 LEADING, NEAR = 10, 2.0  # combinations, of up to so many times the least error, that say how long a block must be
+EXACT = 1e-6  # relative error below which a joint counts as exact
 QUIET = 2.0  # times sqrt(log10 K / K): a smaller autocorrelation counts as none
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Of R combinations: the ``error`` (R) in % (mean over joints), the ends (R, 2) of the 95 % ``interval`` of its
-    difference to that of the best (percentage points), and the ``p_value`` (R) that it is as good as any other.
+    """Of R combinations: the ``error`` (R) in % (geometric mean over joints), the ends (R, 2) of the 95 % ``interval``
+    of its difference to that of the best (percentage points), and the ``p_value`` (R) that it is as good as any other.
 
     ``length`` is the number of blocks that are drawn together, ``drawn`` how many such there are in the data. With
     fewer than 12 of them nothing is known of chance: interval and p-value are nan.
@@ -62,11 +69,14 @@ def joint_errors(squares: Array, torque: Array) -> Array:
 
 
 def mean_error(squares: Array, torque: Array) -> Array:
-    """Return the mean (...) over the joints of their relative errors (%), of joints that have a torque."""
+    """Return the geometric mean (...) over the joints of their relative errors (%), of joints that have a torque.
+
+    A relative error below 1e-6 counts as that: of exact data rounding should not decide.
+    """
     known = np.broadcast_to(torque > 0, np.shape(squares))
     with np.errstate(divide="ignore", invalid="ignore"):
-        total = np.where(known, joint_errors(squares, torque), 0.0).sum(axis=-1)
-        return np.asarray(total / known.sum(axis=-1))
+        logs = np.log(np.maximum(joint_errors(squares, torque), 100.0 * EXACT))
+        return np.asarray(np.exp(np.where(known, logs, 0.0).sum(axis=-1) / known.sum(axis=-1)))
 
 
 def differences(
@@ -88,13 +98,13 @@ def differences(
     wider, apart = _wider(drawn), error - error[best]
     ends = np.quantile(drawn_errors - drawn_errors[:, [best]], [LEVEL / 2, 1 - LEVEL / 2], axis=0).T
     interval = apart[:, None] + wider * (ends - apart[:, None])
-    return Differences(error, interval, _p_values(error, drawn_errors, wider), length, drawn)
+    return Differences(error, interval, _p_values(np.log(error), np.log(drawn_errors), drawn), length, drawn)
 
 
 def _length(squares: Array, torque: Array, error: Array, best: int) -> int:
     """Return how many blocks must be drawn together: the most that a difference among the leading ones needs."""
-    size = torque.sum(axis=0)
-    known = size > 0
+    size = np.maximum(squares[best].sum(axis=0), EXACT**2 * torque.sum(axis=0))
+    known = torque.sum(axis=0) > 0
     shares = squares[:, :, known] / size[known]
     leading = [k for k in np.argsort(error, kind="stable")[: LEADING + 1] if error[k] <= NEAR * error[best]]
     return max((_block_length((shares[k] - shares[best]).sum(axis=1)) for k in leading if k != best), default=1)
@@ -139,19 +149,25 @@ def _drawn(squares: Array, torque: Array, owner: NDArray[np.intp], length: int, 
 
 
 def _wider(blocks: float) -> float:
-    """Return by how much chance is larger than so many blocks show."""
-    student = float(stdtrit(blocks / 2 - 1, 1 - LEVEL / 2) / ndtri(1 - LEVEL / 2))
-    return student * float(np.sqrt(blocks / (blocks - 2)))
+    """Return by how much the half of an interval is larger than so many blocks show."""
+    return float(_students(ndtri(1 - LEVEL / 2), blocks) / ndtri(1 - LEVEL / 2))
 
 
-def _p_values(error: Array, drawn: Array, wider: float) -> Array:
-    """Return for each combination how likely chance makes it as much worse than some other as it is."""
+def _students(normal: Array | float, blocks: float) -> Array:
+    """Return what normal values become whose scatter is known from so many blocks only."""
+    tail = np.asarray(stdtrit(blocks / 2 - 1, np.minimum(ndtr(normal), 1 - 1e-12)))
+    return np.asarray(tail * np.sqrt(blocks / (blocks - 2)))
+
+
+def _p_values(error: Array, drawn: Array, blocks: float) -> Array:
+    """Return for each combination how likely chance makes it as much worse than some other as it is, from the
+    logarithms of the errors (R) and of those of drawn blocks (D, R)."""
     found = np.ones(len(error))
     for k in range(len(error)):
         apart, moved = error[k] - error, drawn[:, [k]] - drawn
         std = moved.std(axis=0, ddof=1)
-        other = (std > 1e-9 * max(float(error[k]), 1e-300)) & (np.arange(len(error)) != k)
+        other = (std > 1e-9) & (np.arange(len(error)) != k)
         if other.any():
-            most = ((moved - apart)[:, other] / std[other]).max(axis=1)
-            found[k] = (1 + np.sum(wider * most >= (apart[other] / std[other]).max())) / (1 + len(most))
+            most = _students(((moved - apart)[:, other] / std[other]).max(axis=1), blocks)
+            found[k] = (1 + np.sum(most >= (apart[other] / std[other]).max())) / (1 + len(most))
     return found

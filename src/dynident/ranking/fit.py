@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from dynident.errors import brief, called
 from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem
 from dynident.estimators.constraints import bodies_of, sized
-from dynident.identification import Pairing, estimated
+from dynident.identification import estimated
 from dynident.identification.cross_validation import stretch
 from dynident.identification.prior_strength import find_prior_strength, with_strength
 from dynident.identification.standard_errors import identifiability_of
 from dynident.log import Motion
 from dynident.ranking.candidates import Candidate
 from dynident.ranking.rows import Outcome, empty_row
-from dynident.ranking.smoothing import Common, failed, motions_of, with_common
+from dynident.ranking.smoothing import Common, failed, motions_of, shifted, with_common
 from dynident.ranking.task import Masks, Task
 from dynident.regression import BLOCK, Regression, one_thread
 
@@ -31,11 +31,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Job:
-    """A smoother and an estimator by number, the part of the smoother that is taken, and the digest of the row."""
+    """A smoother and an estimator by number, the part of the smoother that is taken, its time offset as in its row, and
+    the digest of the row."""
 
     smoother: int
     estimator: int
     chosen: int
+    shift: tuple[float, ...]
     digest: str
 
 
@@ -65,9 +67,10 @@ class Fit:
 
     def _row(self, job: Job) -> dict[str, Any]:
         task, one = self.task, self.smoothers[job.smoother]
-        motions = with_common(task, motions_of(task, one, job.chosen), self.common)
-        problem = _problem(task, tuple(motions["train"].values()))
-        pairing = Pairing(task.smoother(one.parts[job.chosen]), None, task.offset)
+        pairing = shifted(one.parts[job.chosen], job.shift, task.late)
+        late = pairing.time_offset.seconds if pairing.time_offset else task.late
+        motions = with_common(task, motions_of(task, one, pairing.smoother), self.common)
+        problem = _problem(task, tuple(motions["train"].values()), late)
         began = time.perf_counter()
         part: Estimator = self.estimators[job.estimator].part
         part = with_strength(part, find_prior_strength(task.model, problem.motions, part))
@@ -90,15 +93,15 @@ class Fit:
             )
             row["base"] = task.truth.base(estimate.value).tolist()
             row["std"] = task.truth.std(errors, base).tolist()
-        return row | self._crossed(motions["train"], part)
+        return row | self._crossed(motions["train"], part, late)
 
-    def _crossed(self, motions: Mapping[str, Motion], part: Estimator) -> dict[str, Any]:
+    def _crossed(self, motions: Mapping[str, Motion], part: Estimator, late: float) -> dict[str, Any]:
         """Return the columns of the cross-validation; where it fails, the reason."""
         if not self.task.folds:
             return {}
         began = time.perf_counter()
         try:
-            cross = _cross_validated(self.task, motions, _plain(part))
+            cross = _cross_validated(self.task, motions, _plain(part), late)
         except Exception as error:
             outcome, reason = failed(error)
             words = {"reason": f"cross-validation: {reason}"}
@@ -110,11 +113,11 @@ def _silent(_: str) -> None:
     """Show no progress."""
 
 
-def _problem(task: Task, motions: tuple[Motion, ...]) -> Problem:
+def _problem(task: Task, motions: tuple[Motion, ...], late: float) -> Problem:
     """Return the problem of motions of the training, in the order of its logs."""
     regression = Regression(task.model, motions, task.recipe.filter)
     named = dict(zip(task.logs.repaired["train"], motions, strict=True))
-    return Problem(task.model, motions, regression, task.logs.fitted({"train": named}), task.late)
+    return Problem(task.model, motions, regression, task.logs.fitted({"train": named}), late)
 
 
 def _condition(estimate: Estimate) -> float:
@@ -150,13 +153,13 @@ def _plain(part: Estimator) -> Estimator:
     return replace(part, costs=False) if isinstance(part, PhysicallyConsistent) else part
 
 
-def _cross_validated(task: Task, motions: Mapping[str, Motion], part: Estimator) -> Array:
+def _cross_validated(task: Task, motions: Mapping[str, Motion], part: Estimator, late: float) -> Array:
     """Return the sums of squares (K, n) of what is left of stretches of time, each predicted from all others."""
     total: Array | float = 0.0
     for k in range(task.folds):
         left = {name: stretch(one, k, task.folds) for name, one in motions.items()}
         rest = tuple(replace(one, mask=one.mask & ~left[name].mask) for name, one in motions.items())
-        value = called(part, _problem(task, rest), Estimate).value
+        value = called(part, _problem(task, rest, late), Estimate).value
         masks = {"train": {name: one.mask for name, one in left.items()}}
         total = total + task.squares(_residuals(task, left, value), masks, "train", fitted=True)
     return np.asarray(total)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief, listed
+from dynident.errors import Finding, brief, listed
 from dynident.ranking.candidates import Candidate, Combination
-from dynident.ranking.differences import LEVEL
+from dynident.ranking.differences import EXACT, LEVEL
 from dynident.ranking.rows import Outcome
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Absent", "Ranked", "Ranking", "TruthFigures", "mean_of"]
 
 Array = NDArray[np.float64]
+CONTRARY = 1.1  # times the error of another in cross-validation, from which on the best is contradicted
 Basis = Literal["validation", "train"]
 SOON = 0.5  # s that make no difference: the first of a process takes longer by this
 
@@ -51,12 +52,12 @@ class Ranked:
 
     Errors are relative to the unfiltered torque, in %, by joint: of the logs ``held_out``, of the same with the motion
     of the configured smoother (``same_motion``), which differ by the parameters alone, of the ``training``, and
-    ``cross_validated``, nan where not known. ``error`` is the mean over joints of the first, or of the last where no
-    log is held out, ``overall`` that of the torques of all joints together. ``interval`` are the ends of the 95 %
-    interval of its difference to that of the best,
-    ``p_value`` is that of being as good as any other. ``condition`` is that of the scaled regressor, ``eigenvalue`` the
-    smallest one of the pseudo-inertias (below 0: no physical body; None: no bodies). Seconds are those of smoothing all
-    logs, of the estimate, of the cross-validation. ``chosen`` says in words which smoother was taken of several.
+    ``cross_validated``, nan where not known. ``error`` is the geometric mean over joints of the first, or of the last
+    where no log is held out, ``overall`` that of the torques of all joints together. ``interval`` are the ends of the
+    95 % interval of its difference to that of the best, ``p_value`` is that of being as good as any other,
+    ``cross_p_value`` the same in cross-validation, where held-out logs rank. ``condition`` is that of the scaled
+    regressor, ``eigenvalue`` the smallest one of the pseudo-inertias (below 0: no physical body; None: no bodies).
+    Seconds are those of smoothing all logs, of the estimate, of the cross-validation.
     """
 
     combination: Combination
@@ -70,6 +71,7 @@ class Ranked:
     cross_validated: Mapping[str, float] = field(default_factory=dict)
     interval: tuple[float, float] = (math.nan, math.nan)
     p_value: float = math.nan
+    cross_p_value: float = math.nan
     condition: float = math.nan
     eigenvalue: float | None = None
     seconds_smoothing: float = math.nan
@@ -119,7 +121,8 @@ class Ranking:
     of the blocks that are drawn to tell differences from chance, ``blocks`` how many such there are, ``told`` whether
     these are enough. ``parameters`` are base parameters whose truth is known, with their ``units``. ``smoothers`` are
     as used, ``estimators`` as given. ``computed`` is the number of new rows; others were known. ``repeats`` are
-    held-out logs, each with one of the training whose motion it repeats.
+    held-out logs, each with one of the training whose motion it repeats. ``findings`` of the checks forbid the use of
+    any model of these logs, whichever is ahead. ``offsets`` are the time offsets (s) by smoother.
     """
 
     name: str
@@ -139,6 +142,8 @@ class Ranking:
     estimators: tuple[Candidate, ...] = ()
     computed: int = 0
     repeats: tuple[tuple[str, str], ...] = ()
+    findings: tuple[Finding, ...] = ()
+    offsets: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         few = listed((f"{one.combination.name} {one.error:.3g} %" for one in self.ranked), 3)
@@ -165,14 +170,31 @@ class Ranking:
         return tuple(one for one in self.ranked if not one.worse) if self.told else self.ranked[:1]
 
     @cached_property
+    def rival(self) -> Ranked | None:
+        """The best in cross-validation, where that contradicts the held-out logs: there the best on these is worse, by
+        more than chance and 10 %, and loses more than it is ahead here; None where it does not."""
+        best = self.best
+        if self.basis == "train" or best is None or not best.cross_p_value < LEVEL:
+            return None
+        crossed = [one for one in self.ranked if math.isfinite(one.cross_p_value)]
+        first = min(crossed, key=lambda one: mean_of(one.cross_validated))
+        loss = mean_of(best.cross_validated) / mean_of(first.cross_validated)
+        return first if loss > max(CONTRARY, first.error / best.error) else None
+
+    @cached_property
     def choice(self) -> Ranked | None:
         """Which to take of those within chance of the best: one whose bodies are possible and which converged, where
-        there is any, and of these the fastest; times within a factor of two, or half a second, count as equal: of those
-        it is that of the configuration, or else the one with the least error."""
-        if not self.within:
+        there is any, and of these the fastest; times within a factor of two, or half a second, count as equal: of
+        those it is that of the configuration, or else the one with the least error. Where there is a ``rival``,
+        only those count that cross-validation does not contradict: there may be none."""
+        within = list(self.within)
+        if self.rival is not None:
+            most = CONTRARY * mean_of(self.rival.cross_validated)
+            within = [one for one in within if mean_of(one.cross_validated) <= most]
+        if not within:
             return None
-        good = [one for one in self.within if one.physical and one.outcome is Outcome.OK]
-        some = good or [one for one in self.within if one.physical] or list(self.within)
+        good = [one for one in within if one.physical and one.outcome is Outcome.OK]
+        some = good or [one for one in within if one.physical] or within
         fast = min(one.seconds for one in some)
         quick = [one for one in some if not one.seconds > max(2.0 * fast, fast + SOON)]
         return next((one for one in quick if one.combination.own), quick[0])
@@ -184,9 +206,9 @@ class Ranking:
 
     def frame(self) -> pl.DataFrame:
         """Return a table, one row per combination: smoother, estimator, own, status, reason, error (%), that of all
-        joints together, the difference to the best with the ends of its interval, p_value, worse, errors (%, mean over
-        joints) of the same motion, cross-validated and of the training, condition, eigenvalue, seconds, notes, and
-        ``held_out.JOINT`` (%) by joint; null where not known.
+        joints together, the difference to the best with the ends of its interval, p_value, worse, errors (%, geometric
+        mean over joints) of the same motion, cross-validated and of the training, condition, eigenvalue, seconds,
+        notes, and ``held_out.JOINT`` (%) by joint; null where not known.
         """
         import polars as pl
 
@@ -209,6 +231,6 @@ class Ranking:
 
 
 def mean_of(by_joint: Mapping[str, float]) -> float:
-    """Return the mean over joints of what is known, nan where nothing is."""
-    known = [value for value in by_joint.values() if math.isfinite(value)]
-    return float(np.mean(known)) if known else math.nan
+    """Return the geometric mean over joints of what is known, nan where nothing is."""
+    known = np.array([value for value in by_joint.values() if math.isfinite(value)])
+    return float(np.exp(np.log(np.maximum(known, 100.0 * EXACT)).mean())) if len(known) else math.nan

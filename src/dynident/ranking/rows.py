@@ -42,7 +42,8 @@ def schema() -> dict[str, Any]:
     ``smoother`` and ``estimator`` by name, the latter empty in the row of a smoother alone; ``digest`` of all that the
     row depends on; ``status`` (an ``Outcome``) and ``reason`` why there is no result; ``notes``: types of the notes.
     ``seconds`` of the smoothing of all logs or of the estimate, ``cv_seconds`` of the cross-validation, None without.
-    Of a smoother: ``masks``, which samples it keeps, packed, and the number in ``parts`` of the ``chosen`` one.
+    Of a smoother: ``masks``, which samples it keeps, packed, the number in ``parts`` of the ``chosen`` one, and the
+    time offset that was estimated, ``shift``: seconds, errors without and with it (%), its standard error, if known.
     Of a combination: sums of squares (N m, N)^2 of what is left of the torque on the ``held`` out logs (K n), on all of
     these by the motions of the configured smoother, ``alike`` (n), on the ``train``ing logs (n) and in the
     ``cross``-validation (K' n); ``condition``, smallest ``eigenvalue``; ``base`` (r) parameters and their standard
@@ -54,14 +55,15 @@ def schema() -> dict[str, Any]:
     return {
         "smoother": pl.String, "estimator": pl.String, "digest": pl.String, "status": pl.String, "reason": pl.String,
         "notes": pl.List(pl.String), "seconds": pl.Float64, "cv_seconds": pl.Float64, "chosen": pl.Int64,
-        "masks": pl.Binary, "held": floats, "alike": floats, "train": floats, "cross": floats, "condition": pl.Float64,
-        "eigenvalue": pl.Float64, "base": floats, "std": floats,
+        "masks": pl.Binary, "shift": floats, "held": floats, "alike": floats, "train": floats, "cross": floats,
+        "condition": pl.Float64, "eigenvalue": pl.Float64, "base": floats, "std": floats,
     }  # fmt: skip
 
 
 def empty_row(key: tuple[str, str, str], status: Outcome, reason: str = "", seconds: float = 0.0) -> dict[str, Any]:
     """Return a row without a result."""
-    lists: dict[str, list[Any]] = {name: [] for name in ("notes", "held", "alike", "train", "cross", "base", "std")}
+    names = ("notes", "shift", "held", "alike", "train", "cross", "base", "std")
+    lists: dict[str, list[Any]] = {name: [] for name in names}
     none = dict.fromkeys(("cv_seconds", "chosen", "masks", "condition", "eigenvalue"))
     return {
         **dict(zip(KEY, key, strict=True)), "status": status.value, "reason": reason, "seconds": seconds, **lists,

@@ -158,7 +158,7 @@ def _fitted(
     fit = Fit(task, common, smoothers, estimators)
     base = _digest(task.digest, digest_text(task.truth), packed_masks(common.masks).hex())
     jobs = [
-        Job(i, j, int(row["chosen"]), _digest(base, one.settings, estimator.settings))
+        Job(i, j, int(row["chosen"]), tuple(row["shift"]), _digest(base, one.settings, estimator.settings))
         for i, (one, row) in enumerate(zip(smoothers, smooth, strict=True))
         if row["status"] == Outcome.OK and one.name not in common.apart
         for j, estimator in enumerate(estimators)

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import DynidentError, InputError, MissingInputError, brief
-from dynident.identification import choose_smoother
+from dynident.identification import Pairing, TimeOffset
 from dynident.log import Motion
 from dynident.ranking.candidates import Candidate
 from dynident.ranking.rows import Outcome, empty_row, packed_masks
 from dynident.ranking.task import Task
 from dynident.regression import one_thread
-from dynident.smoothers import Smoother, unshifted
+from dynident.smoothers import Smoother, TimeShifted, unshifted
 from dynident.tuning.cache import Cache
 
-__all__ = ["Common", "Smoothing", "common_of", "failed", "motions_of", "with_common"]
+__all__ = ["Common", "Smoothing", "common_of", "failed", "motions_of", "shift_of", "shifted", "with_common"]
 
 Mask = NDArray[np.bool_]
 Motions = Mapping[str, Mapping[str, Motion]]
@@ -46,25 +46,34 @@ class Smoothing:
         began = time.perf_counter()
         try:
             with one_thread():
-                chosen = self._chosen(one)
+                paired = self.task.paired(one.parts, own=one.own)
+                chosen, shift = _number(one, paired.smoother), shift_of(paired.time_offset)
                 began = time.perf_counter()
-                motions = motions_of(self.task, one, chosen)
+                motions = motions_of(self.task, one, paired.smoother)
             seconds = time.perf_counter() - began
             masks = {role: {name: motion.mask for name, motion in named.items()} for role, named in motions.items()}
         except Exception as error:  # a smoother that fails is a row
             return empty_row(key, *failed(error), time.perf_counter() - began)
-        return empty_row(key, Outcome.OK, "", seconds) | {"masks": packed_masks(masks), "chosen": chosen}
+        found = {"masks": packed_masks(masks), "chosen": chosen, "shift": shift}
+        return empty_row(key, Outcome.OK, "", seconds) | found
 
-    def _chosen(self, one: Candidate) -> int:
-        """Return the number of the part that is taken: of several that which predicts the torque best."""
-        if len(one.parts) == 1:
-            return 0
-        used = unshifted(self.task.recipe.smoothers[0])
-        if one.own and used in one.parts:
-            return one.parts.index(used)
-        shifted = [self.task.smoother(part) for part in one.parts]
-        logs = list(self.task.logs.repaired["train"].values())
-        return shifted.index(choose_smoother(self.task.model, logs, shifted).smoother)
+
+def _number(one: Candidate, part: Smoother) -> int:
+    """Return the number of a part of a candidate."""
+    plain = unshifted(part)
+    return one.parts.index(plain) if plain in one.parts else 0
+
+
+def shift_of(found: TimeOffset | None) -> list[float]:
+    """Return a time offset that was estimated as numbers for a row, empty where none was."""
+    return [] if found is None else [found.seconds, found.before, found.after, *([found.std] if found.std else [])]
+
+
+def shifted(part: Smoother, shift: Sequence[float], late: float) -> Pairing:
+    """Return a smoother with the time offset of its row, or else ``late`` (s)."""
+    offset = TimeOffset(shift[0], shift[1], shift[2], shift[3] if len(shift) > 3 else None) if len(shift) else None
+    seconds = offset.seconds if offset else late
+    return Pairing(TimeShifted(unshifted(part), seconds) if seconds else part, None, offset)
 
 
 def failed(error: Exception) -> tuple[Outcome, str]:
@@ -75,13 +84,12 @@ def failed(error: Exception) -> tuple[Outcome, str]:
     return outcome, str(error) if isinstance(error, DynidentError) else f"{type(error).__name__}: {error}"
 
 
-def motions_of(task: Task, one: Candidate, chosen: int) -> Motions:
-    """Return the motions by role and log of a candidate, as it makes them. Raises the errors of the smoother."""
+def motions_of(task: Task, one: Candidate, smoother: Smoother) -> Motions:
+    """Return the motions by role and log of a candidate, as its ``smoother`` makes them; raises the errors of that."""
     values = sum(log.q.size for named in task.logs.repaired.values() for log in named.values())
-    smoother: Smoother = task.smoother(one.parts[chosen])
     if values > VALUES:
         return task.logs.smoothed(smoother)
-    return _KNOWN((task.digest, one.settings, chosen), lambda: task.logs.smoothed(smoother))
+    return _KNOWN((task.digest, one.settings, repr(smoother)), lambda: task.logs.smoothed(smoother))
 
 
 @dataclass(frozen=True, eq=False)

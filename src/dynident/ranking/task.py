@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, brief
+from dynident.checks import with_findings
+from dynident.errors import Finding, InputError, Use, brief
 from dynident.estimators import Estimator, LeastSquares, quick
 from dynident.estimators.estimator import HasQuick
-from dynident.identification import Identification, Recipe, TimeOffset, identify
+from dynident.identification import Identification, Pairing, Recipe, TimeOffset, identify, pair
 from dynident.identification.role_logs import RoleLogs
 from dynident.io.digests import settings_digest
+from dynident.io.logs import turning_joints
 from dynident.io.project import Project
 from dynident.io.yaml_text import load_yaml
 from dynident.jobs.software import code_version
@@ -24,7 +27,7 @@ from dynident.models import Model
 from dynident.ranking.blocks import Blocks, blocks_of
 from dynident.ranking.truth import Truth
 from dynident.regression import fitted_rows
-from dynident.smoothers import Smoother, TimeShifted, unshifted
+from dynident.smoothers import Smoother
 
 __all__ = ["ROLES", "Task", "task_of"]
 
@@ -42,7 +45,7 @@ class Task:
     ``model`` and ``recipe`` are as the configuration's own recipe has made them: terms, tilt of the base, time
     ``offset``. ``logs`` are by role and name; ``motions`` those of the configured smoother, of which the torque and
     what is ``kept`` for the fit hold for all. ``folds`` are those of the cross-validation. ``digest`` tells a task from
-    others. ``truth``, where it is known.
+    others. ``truth``, where it is known. ``findings`` of the checks forbid the use of any model of these logs.
     """
 
     model: Model
@@ -53,6 +56,7 @@ class Task:
     folds: int
     digest: str
     truth: Truth | None = None
+    findings: tuple[Finding, ...] = ()
 
     __repr__ = brief
 
@@ -68,13 +72,21 @@ class Task:
 
     @property
     def late(self) -> float:
-        """The time offset (s) between positions and torque."""
+        """The time offset (s) between positions and torque, by the configured smoother."""
         late = self.recipe.time_offset
         return float(late) if late != "estimate" else 0.0
 
-    def smoother(self, part: Smoother) -> Smoother:
-        """Return a smoother with the time offset."""
-        return TimeShifted(unshifted(part), self.late) if self.late else part
+    def paired(self, parts: Sequence[Smoother], *, own: bool) -> Pairing:
+        """Return the smoother that is taken of ``parts``, with its time offset.
+
+        Where the recipe estimates that, each smoother has one of its own, as if it were the configured one: smoothers
+        differ in what looks like an offset, and that of one would be unfair to all others.
+        """
+        if own:
+            return Pairing(self.recipe.smoothers[0], None, self.offset)
+        late: float | Literal["estimate"] = self.late if self.offset is None else "estimate"
+        logs, speeds = list(self.logs.repaired["train"].values()), self.recipe.min_speeds(self.joints)
+        return pair(self.model, logs, parts, late, self.recipe.estimator, speeds)
 
     @cached_property
     def kept(self) -> Mapping[str, Mapping[str, Mask]]:
@@ -123,6 +135,9 @@ def task_of(project: Project, folds: int, truth: Truth | None, progress: Progres
     plain = {role: {name: replace(log, controller=None) for name, log in some.items()} for role, some in read.items()}
     first = replace(project.recipe, estimator=_fast(project.recipe.estimator), restart=None)
     found = identify(project.model, plain["train"], plain["validation"], first, progress=progress)
+    turning = turning_joints(project.config)
+    checked = with_findings(found, project.model, plain, project.recipe, multi_turn=turning, progress=progress)
+    findings = tuple(one for one in checked.findings if one.forbids is Use.CONTROL)
     joints = tuple(joint.name for joint in found.model.joints)
     logs = RoleLogs.of(read["train"], read["validation"], found.recipe, joints)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in ROLES}
@@ -130,7 +145,7 @@ def task_of(project: Project, folds: int, truth: Truth | None, progress: Progres
         motions[one.role][one.name] = one.motion
     digest = _digest(project, read, folds)
     offset = found.calibration.time_offset
-    return Task(found.model, found.recipe, logs, motions, offset, folds, digest, truth), found
+    return Task(found.model, found.recipe, logs, motions, offset, folds, digest, truth, findings), found
 
 
 def _fast(estimator: Estimator) -> Estimator:

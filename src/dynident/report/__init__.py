@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynident.report import instrument_words  # noqa: F401  # registers its words
+from dynident.report import instrument_words, output_error_words  # noqa: F401  # register their words
 from dynident.report.identification import (
     identification_notes,
     identification_page,

@@ -9,10 +9,12 @@ from typing import Any
 
 from dynident.estimators import (
     AugmentedKalman,
+    Didim,
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
     MaximumLikelihood,
+    OutputError,
     PhysicallyConsistent,
     Ridge,
     RobustLeastSquares,
@@ -169,6 +171,17 @@ def _(part: PhysicallyConsistent) -> str:
 @part_words.register
 def _(part: InstrumentalVariables) -> str:
     return settings_words("instrumental variables", part)
+
+
+@part_words.register
+def _(part: Didim) -> str:
+    return settings_words("DIDIM, the torque of the simulated loop", part)
+
+
+@part_words.register
+def _(part: OutputError) -> str:
+    where = {"auto": "", "closed": " in the loop", "open": ", driven by the torque"}[part.loop]
+    return settings_words("output error of simulated positions" + where, part, ("loop",))
 
 
 @part_words.register

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dynident.report.page import (
-    Column,
-    PageTable,
-    number,
-)
+from dynident.ranking import mean_of
+from dynident.report.check import finding_groups, finding_row
+from dynident.report.page import Column, PageTable, number
 from dynident.report.part_words import part_words
 from dynident.report.words import count, listed, percent, short
 
 if TYPE_CHECKING:
+    from dynident.errors import Finding
     from dynident.ranking import Combination, Ranked, Ranking
 
 __all__ = [
+    "ends_of",
     "mark_of",
     "names_of",
     "ranking_dict",
@@ -29,6 +29,7 @@ __all__ = [
 
 FEW = 10  # rows of a ranking in a terminal
 NAMED = 4  # combinations that a sentence names
+TINY = 1e-4  # share of an error that is shown as zero
 LOW = 90.0  # % of the samples of a log in common, below which the smoother that leaves out most is looked for
 
 
@@ -51,7 +52,21 @@ def _basis(found: Ranking) -> str:
 
 def ranking_findings(found: Ranking) -> tuple[str, ...]:
     """Return the comparison in sentences: which to take, what is as good, the configured one, what is missing."""
-    return (*_basis_lines(found), *_chance_lines(found), *_own_lines(found), *_truth_lines(found), *_gaps(found))
+    parts = (_checked, _basis_lines, _chance_lines, _rival_lines, _own_lines, _truth_lines, _gaps)
+    return tuple(line for part in parts for line in part(found))
+
+
+def _checked(found: Ranking) -> Iterator[str]:
+    """Yield what the checks have found that no ranking shows: a wrong robot file or log fits all combinations alike."""
+    groups = finding_groups(found.findings)
+    for group in groups[:NAMED]:
+        yield f"Before any of them is used: {_found(group)}"
+    if len(groups) > NAMED:
+        yield f"{len(groups) - NAMED} more such findings: see `dynident check`."
+
+
+def _found(group: Sequence[Finding]) -> str:
+    return ": ".join(filter(None, finding_row(group)))
 
 
 def _basis_lines(found: Ranking) -> Iterator[str]:
@@ -69,7 +84,7 @@ def _basis_lines(found: Ranking) -> Iterator[str]:
 
 def _chance_lines(found: Ranking) -> Iterator[str]:
     best, choice = found.best, found.choice
-    if best is None or choice is None:
+    if best is None:
         return
     if not found.told:
         yield (
@@ -86,6 +101,8 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
             f"{count(len(others), 'other')} of {len(found.ranked) - 1} {'is' if len(others) == 1 else 'are'} as good "
             f"within chance: {listed(others, NAMED)}."
         )
+    if choice is None:
+        return
     if choice is best:
         yield f"Take {with_words(choice.combination)}{_why_best(found)}."
     else:
@@ -94,6 +111,27 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
         yield (
             "Its bodies are physically impossible (an eigenvalue below zero), as are those of all others within "
             "chance: take a consistent estimator for simulation and control."
+        )
+
+
+def _rival_lines(found: Ranking) -> Iterator[str]:
+    best, rival = found.best, found.rival
+    if best is None or rival is None:
+        return
+    names = [with_words(one.combination) for one in (best, rival)]
+    errors = [[percent(one.error), percent(mean_of(one.cross_validated))] for one in (best, rival)]
+    yield (
+        f"Held-out motion and cross-validation contradict each other: {names[0]} has {errors[0][0]} and "
+        f"{errors[0][1]}, {names[1]} has {errors[1][0]} and {errors[1][1]}."
+        + ("" if found.choice else " Take none of them before that is settled.")
+    )
+    same = mean_of(best.same_motion), mean_of(rival.same_motion)
+    if rival.error > best.error and math.log(same[1] / same[0]) < 0.5 * math.log(rival.error / best.error):
+        yield (
+            f"On the held-out motion as the configured smoother has it, their parameters leave {percent(same[0])} and "
+            f"{percent(same[1])}: the lead is in how {best.combination.smoother} sees the motion, not in its "
+            "parameters. A shift in time does this (forward differences shift velocities by half a sample): look at "
+            "the time offset, and at a `delay` that the configuration fixes."
         )
 
 
@@ -112,6 +150,8 @@ def _why(found: Ranking) -> str:
         faster = "as good within chance, and all of its bodies are possible, which those of the best are not"
     elif choice is found.own:
         return "as good within chance, and nothing is to be changed"
+    elif found.rival is not None:
+        return "as good within chance, and not contradicted by cross-validation"
     return faster
 
 
@@ -194,11 +234,18 @@ def ranking_tables(found: Ranking) -> Iterator[PageTable]:
 
 
 def _short_row(found: Ranking, one: Ranked) -> tuple[str, ...]:
-    low, high = ("-", "-") if one is found.best else (number(x, 2) for x in one.interval)
     return (
-        *names_of(one.combination), number(one.error, 3), low, high, number(one.seconds, 2),
+        *names_of(one.combination), number(one.error, 3), *ends_of(found, one), number(one.seconds, 2),
         mark_of(found, one),
     )  # fmt: skip
+
+
+def ends_of(found: Ranking, one: Ranked) -> tuple[str, str]:
+    """Return the ends of the interval of the difference to the best; what is below 1e-4 of the error is zero."""
+    if one is found.best:
+        return "-", "-"
+    low, high = (number(0.0 if abs(x) < TINY * one.error else x, 2) for x in one.interval)
+    return low, high
 
 
 def mark_of(found: Ranking, one: Ranked) -> str:
@@ -224,12 +271,15 @@ def ranking_dict(found: Ranking) -> dict[str, Any]:
         "joints": list(found.joints),
         "common_samples": dict(found.shares),
         "kept_samples": dict(found.kept),
+        "time_offsets": dict(found.offsets),
         "block_seconds": found.block,
         "blocks": found.blocks,
         "told_from_chance": found.told,
         "folds": found.folds,
+        "findings": [_found(group) for group in finding_groups(found.findings)],
         "best": _pair(found.best),
         "take": _pair(found.choice),
+        "contradicted_by": _pair(found.rival),
         "within_chance": [_pair(one) for one in found.within],
         "parts": {
             family: [{"name": one.name, "own": one.own, "settings": part_words(one.part)} for one in parts]
@@ -256,6 +306,7 @@ def _row(found: Ranking, one: Ranked) -> dict[str, Any]:
         "difference": difference, "interval": list(one.interval), "p_value": one.p_value, "worse": one.worse,
         "held_out": dict(one.held_out), "same_motion": dict(one.same_motion), "training": dict(one.training),
         "cross_validated": dict(one.cross_validated), "condition": one.condition, "eigenvalue": one.eigenvalue,
+        "cross_p_value": one.cross_p_value,
         "seconds": [one.seconds_smoothing, one.seconds_estimate, one.seconds_validation],
     }  # fmt: skip
     if one.truth is not None:

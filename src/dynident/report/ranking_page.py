@@ -11,7 +11,7 @@ from dynident.ranking import mean_of
 from dynident.report import figures
 from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number, render
 from dynident.report.part_words import part_words
-from dynident.report.ranking import mark_of, names_of, ranking_findings, ranking_heading, with_words
+from dynident.report.ranking import ends_of, mark_of, names_of, ranking_findings, ranking_heading, with_words
 from dynident.report.words import count, huge, percent, short
 
 if TYPE_CHECKING:
@@ -21,13 +21,15 @@ __all__ = ["ranking_page"]
 
 NAME = 16  # letters of a joint above its column
 SAME = (
-    "Terms of the model, time offset, tilt of the base and what of the logs is fitted were chosen once, by the "
-    "configuration's own recipe; only smoother and estimator differ. All are fitted and judged on the samples that all "
-    "smoothers keep, against the unfiltered torque. The torque of a held-out log is predicted from its positions as "
-    'the same smoother sees them; "same motion" is the error with the motion of the configured smoother, in which '
-    "only the parameters differ. Errors are means over the joints of their relative errors, so that a joint with "
-    'little torque counts as much as any; "all joints" is the error of all torques together, as `identify` has it. In '
-    "cross-validation, stretches of the training are predicted from the others."
+    "Terms of the model, tilt of the base and what of the logs is fitted were chosen once, by the configuration's own "
+    "recipe; only smoother and estimator differ. A time offset that is estimated is so for each smoother. All are "
+    "fitted and judged on the samples that all smoothers keep, against the unfiltered torque. The torque of a held-out "
+    'log is predicted from its positions as the same smoother sees them; "same motion" is the error with the motion of '
+    "the configured smoother, in which only the parameters differ. Errors are geometric means over the joints of their "
+    "relative errors: one percent less in any joint counts the same, however much torque it has, as in the likelihood "
+    'of residuals of each joint\'s own size; "all joints" is the error of all torques together, as `identify` has it. '
+    "In cross-validation, stretches of the training are predicted from the others. A wrong robot file is fitted by all "
+    "alike, and a wrong factor of all torques shows in no error: the verdict of `dynident identify` counts more."
 )
 CHANCE = (
     "Differences are told from chance by drawing blocks of time anew, the same ones for all (paired block bootstrap); "
@@ -64,6 +66,10 @@ def _badge(found: Ranking) -> Badge | None:
     own = found.own
     if own is None or not found.ranked:
         return Badge("no estimate", "bad") if not found.ranked else None
+    if found.findings:
+        return Badge("correct first what was found", "bad")
+    if found.rival is not None:
+        return Badge("contradicted by cross-validation", "fair")
     if own in found.within:
         return Badge("yours is among the best", "good")
     return Badge("others are better", "fair") if found.told else None
@@ -95,7 +101,7 @@ def _figures(found: Ranking) -> Iterator[PageBlock]:
     what = "on held-out motion" if found.basis == "validation" else "in cross-validation"
     yield Figure(
         figures.ranking_figure(found),
-        f"Torque error {what}, mean over joints, by estimator; the best of each comes first.{told}",
+        f"Torque error {what}, geometric mean over joints, by estimator; the best of each comes first.{told}",
     )
     yield Figure(figures.cost_figure(found), "The same errors over what they cost; the ring is the one to take.")
 
@@ -109,12 +115,11 @@ def _whole_table(found: Ranking) -> PageTable:
     ]  # fmt: skip
     rows = []
     for one in found.ranked:
-        low, high = ("-", "-") if one is found.best else (number(x, 2) for x in one.interval)
         means = (one.overall, mean_of(one.same_motion), mean_of(one.cross_validated), mean_of(one.training))
         names = (*names_of(one.combination), mark_of(found, one))
-        errors = (number(one.error), low, high, *(number(value, 3) for value in means))
+        errors = (number(one.error), *ends_of(found, one), *(number(value, 3) for value in means))
         rows.append((*names, *errors, huge(one.condition), number(one.eigenvalue, 2), number(one.seconds, 2)))
-    return PageTable(tuple(columns), tuple(rows), "Relative torque errors, mean over joints")
+    return PageTable(tuple(columns), tuple(rows), "Relative torque errors, geometric mean over joints")
 
 
 def _joint_table(found: Ranking) -> PageTable:
@@ -176,7 +181,8 @@ def _chance(found: Ranking) -> str:
 
 
 def _parts_table(found: Ranking) -> PageTable:
-    rows = [("smoother", one.name, part_words(one.part)) for one in found.smoothers]
+    late = {name: f"; time offset {short(1000 * seconds, 3)} ms" for name, seconds in found.offsets.items() if seconds}
+    rows = [("smoother", one.name, part_words(one.part) + late.get(one.name, "")) for one in found.smoothers]
     rows += [("estimator", one.name, part_words(one.part)) for one in found.estimators]
     columns = (Column("", numeric=False), Column("name", numeric=False), Column("settings", numeric=False, prose=True))
     return PageTable(columns, tuple(rows), "What was compared")

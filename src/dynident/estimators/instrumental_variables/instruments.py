@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrumental_variables.notes import InstrumentKind
-from dynident.log import Log, Motion
+from dynident.log import Motion
 from dynident.regression import Regression, fitted_rows
 
-__all__ = ["Instruments", "log_of", "paired"]
+__all__ = ["Instruments", "paired"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +31,6 @@ class Instruments:
     partner: NDArray[np.intp] | None = None
 
     __repr__ = brief
-
-
-def log_of(problem: Problem, k: int) -> Log | None:
-    """Return the log behind the k-th motion of a problem, None where the problem has none."""
-    if len(problem.logs) != len(problem.motions) or len(problem.logs[k]) != len(problem.motions[k]):
-        return None
-    return problem.logs[k]
 
 
 def paired(problem: Problem, instruments: Sequence[Instruments]) -> tuple[Regression, Regression]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, Step
 from dynident.estimators.estimator import Problem
-from dynident.estimators.instrumental_variables.instruments import Instruments, log_of, paired
+from dynident.estimators.instrumental_variables.instruments import Instruments, paired
 from dynident.estimators.instrumental_variables.lagged import lagged_instruments
 from dynident.estimators.instrumental_variables.moments import Moments, moments_of
 from dynident.estimators.instrumental_variables.notes import (
@@ -24,13 +24,12 @@ from dynident.estimators.instrumental_variables.notes import (
 from dynident.estimators.instrumental_variables.repeated import not_repeated, repeated_instruments
 from dynident.estimators.instrumental_variables.scores import information_of
 from dynident.estimators.instrumental_variables.simulated import (
-    controller_of,
     failed,
     missing,
-    reason_of,
     simulated_instruments,
 )
 from dynident.estimators.linear import LinearFit, of_information
+from dynident.estimators.loops import controller_of, log_of, reason_of
 from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.log import Motion
 from dynident.regression import Rank, Regression
@@ -154,7 +153,7 @@ class Run:
             name = names[k] if np.isfinite(std[k]) else None
             used = InstrumentsUsed(kinds, weakest.correlation, max(lags, default=None), name, float(moved[k]))
             self.notes.insert(0, used)
-        return replace(fit, weights=self.weights, notes=tuple(self.notes))
+        return replace(fit, weights=self.weights, notes=tuple(self.notes), robust=True)
 
 
 def _repeats(one: Instruments, motion: Motion) -> bool:

@@ -9,20 +9,15 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, MissingInputError
 from dynident.estimators.estimator import Problem
-from dynident.estimators.instrumental_variables.instruments import Instruments, log_of
+from dynident.estimators.instrumental_variables.instruments import Instruments
 from dynident.estimators.instrumental_variables.notes import InstrumentKind
-from dynident.log import Controller, Motion
-from dynident.simulation import Broken, Failure, RunsAway, simulated
+from dynident.estimators.loops import controller_of, no_controller, not_simulated
+from dynident.log import Motion
+from dynident.simulation import Failure, simulated
 
-__all__ = ["controller_of", "failed", "missing", "reason_of", "simulated_instruments"]
+__all__ = ["failed", "missing", "simulated_instruments"]
 
 Array = NDArray[np.float64]
-
-
-def controller_of(problem: Problem, k: int) -> Controller | None:
-    """Return the controller of the k-th recording, None where it has none."""
-    log = log_of(problem, k)
-    return None if log is None else log.controller
 
 
 def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments | Failure:
@@ -50,24 +45,13 @@ def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments
 
 def missing(motion: Motion) -> MissingInputError:
     """Return the error where a recording has no controller."""
-    return MissingInputError(
-        f"{motion.source}: instruments are to be simulated, but the recording does not know its controller. Give its "
-        "gains and reference in the section `simulation` (kinds cascade, pd, pid, python; in Python Log.controller), "
-        "or leave `instruments` at auto."
-    )
-
-
-def reason_of(failure: Failure) -> str:
-    """Return why a simulation failed."""
-    if isinstance(failure, RunsAway):
-        return f"it runs away after {failure.after:.3g} s"
-    return failure.reason if isinstance(failure, Broken) else "its mass matrix is singular"
+    return no_controller(motion, "instruments are", "leave `instruments` at auto")
 
 
 def failed(motion: Motion, failure: Failure) -> InputError:
     """Return the error where the first model fails in the loop, also with physically consistent parameters."""
-    return InputError(
-        f"{motion.source}: instruments cannot be simulated: in the loop of the controller the first model fails, that "
-        f"of least squares and the physically consistent one alike ({reason_of(failure)}). Check gains, units and "
-        "reference of the controller and the terms of the model, or use instruments `repeated` or `lagged`."
+    what = (
+        "instruments cannot be simulated: in the loop of the controller the first model fails, that of least squares "
+        "and the physically consistent one alike"
     )
+    return not_simulated([motion], what, failure, "instruments `repeated` or `lagged`")

@@ -50,7 +50,7 @@ def ranking_figure(found: Ranking) -> Drawing:
     ends = [max(one.error + one.interval[1] - (one.error - least), one.error) for one in found.ranked]
     most = min(max([end for end in ends if math.isfinite(end)] + [one.error for one in found.ranked]), edge)
     lowest = min([least, *(least + one.interval[0] for one in found.ranked if math.isfinite(one.interval[0]))])
-    _scale(figure, "x", max(lowest, 0.5 * least) * 0.96, most * 1.06, "torque error, % (mean over joints)")
+    _scale(figure, "x", max(lowest, 0.5 * least) * 0.96, most * 1.06, "torque error, % (geometric mean over joints)")
     figure.layout.update(hovermode="closest", showlegend=True, shapes=_bands(centres, places))
     return figure
 

@@ -1,0 +1,163 @@
+"""The tables of docs/estimators.md on real robots and peers, from what benchmarks/estimators_robots.py has measured."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from estimators_page import DOCS, PAGE, figure, markdown
+from estimators_page import FIGURES as STUDY
+from estimators_survey import survey
+
+__all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables", "written"]
+
+FIGURES = DOCS / "estimators_robots.json"
+Row = Mapping[str, Any]
+# A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", 2019: least squares of the inverse dynamics
+VALUE, STD = (95.1089, 203.5034, 20.3935, -3.1648), (0.1085, 1.1460, 0.1012, 0.0444)
+PUBLISHED = {"filtered": 4.083, "simulated": 0.0138}, {"filtered": 5.982, "simulated": 0.0080}
+NAMES = {"emps": "EMPS", "double_pendulum": "double pendulum", "lwr4": "LWR4", "panda": "Panda", "tx40": "TX40"}
+BEST = 3  # combinations that are shown of a robot
+PLAIN = ("spline", "least_squares")
+UNSETTLED = "unsettled"
+TOO_SHORT = "held-out motion too short to tell chance"
+
+
+def draw(kept: Row) -> None:
+    """Write the tables anew."""
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), kept), encoding="utf-8")
+
+
+def page(text: str, kept: Row) -> str:
+    """Return the page with its tables anew, as far as there are figures."""
+    for name, body in tables(kept).items():
+        before, _, rest = text.partition(f"<!-- {name} -->")
+        text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
+    return text
+
+
+def tables(kept: Row) -> dict[str, str]:
+    """Return the tables by name: of the parts that are kept, and of the survey, which takes figures of both files."""
+    found = {name: table(kept[part]) for name, (part, table) in TABLES.items() if part in kept}
+    return found | {"survey": survey(json.loads(STUDY.read_text(encoding="utf-8")), kept)}
+
+
+def written(kept: Row) -> str:
+    """Return the figures as JSON, a line for each fit."""
+    text = json.dumps(kept)
+    for start in ('{"smoother"', '{"who"', '{"seconds"', '{"reason"'):
+        text = text.replace(start, f"\n{start}")
+    return text + "\n"
+
+
+def emps(part: Row) -> str:
+    """Values with standard errors, how far they are from the published ones, and errors in %."""
+    head = ["", "M, kg", "Fv, N s/m", "Fc, N", "offset, N", "apart", "fit, %", "position, %", "held out, %",
+            "position, %", "s"]  # fmt: skip
+    lines = [["published", *values(VALUE, STD), "", *(figure(one) for log in PUBLISHED for one in log.values()), ""]]
+    lines += [emps_line(name, fit) for name, fit in part["fits"].items()]
+    failed = [f"{name}: {fit['reason']}" for name, fit in part["fits"].items() if "reason" in fit]
+    said = "".join(f"\n\nNo estimate by {one}" for one in failed)
+    return f"{markdown(head, lines)}{said}\n\nAt a load of {part['load']:g} by others."
+
+
+def emps_line(name: str, fit: Row) -> list[str]:
+    if "reason" in fit:
+        return [name, *[""] * 10]
+    logs = [f"{figure(of(log, key))}" for log in fit["errors"].values() for key in ("filtered", "simulated")]
+    return [name, *values(fit["value"], fit["std"]), figure(apart(fit)), *logs, f"{fit['seconds']:.2g}"]
+
+
+def values(value: Sequence[float], std: Sequence[float | None]) -> list[str]:
+    return [f"{one:.5g} ± {figure(of({'std': two}, 'std'))}" for one, two in zip(value, std, strict=True)]
+
+
+def apart(fit: Row) -> float:
+    """The largest difference to the published values, in standard errors of both."""
+    both = np.hypot(np.array(fit["std"], dtype=float), STD)
+    return float(np.max(np.abs(np.array(fit["value"]) - VALUE) / both))
+
+
+def of(row: Row, key: str) -> float:
+    """A number that may be missing."""
+    return float("nan") if row[key] is None else float(row[key])
+
+
+def robots(part: Row) -> str:
+    """The best, the configured and the plain combination of each robot."""
+    head = ["robot", "", "smoother", "estimator", "held out, %", "all joints, %", "more than the best by (95 %)",
+            "worse than another", "s"]  # fmt: skip
+    lines = [line for robot in NAMES if robot in part for line in robot_lines(robot, part[robot])]
+    missing = [name for robot, name in NAMES.items() if robot not in part]
+    notes = [counted(NAMES[robot], part[robot]) for robot in NAMES if robot in part]
+    notes += [f"Not measured: {', '.join(missing)}."] if missing else []
+    return "\n\n".join([markdown(head, lines), " ".join(notes)])
+
+
+def robot_lines(robot: str, found: Row) -> list[list[str]]:
+    ranked = [row for row in found["rows"] if row["error"] is not None]
+    shown: dict[int, str] = {place: "best" if not place else "" for place in range(min(BEST, len(ranked)))}
+    for what, which in (("configured", lambda row: row["own"]), ("plain", lambda row: pair(row) == PLAIN)):
+        for place, row in enumerate(ranked):
+            if which(row):
+                shown[place] = ", ".join(one for one in (shown.get(place), what) if one)
+    return [
+        [
+            NAMES[robot] if not place else "",
+            f"{place + 1}. {what}".rstrip(),
+            *figures_of(ranked[place], place, found["told_from_chance"]),
+        ]
+        for place, what in sorted(shown.items())
+    ]
+
+
+def figures_of(row: Row, place: int, told: bool) -> list[str]:
+    """A combination and its figures; those of a difference where it is not the best."""
+    errors = [f"{row[key]:.4g}" for key in ("error", "overall")]
+    known = place and row["least"] is not None
+    apart = [f"{row['least']:.2g} to {row['most']:.2g}" if known else "", chance(row) if place and told else ""]
+    return [*pair(row), *errors, *apart, f"{row['seconds']:.2g}"]
+
+
+def pair(row: Row) -> tuple[str, str]:
+    return row["smoother"], row["estimator"]
+
+
+def chance(row: Row) -> str:
+    return "more than chance" if row["worse"] else "chance"
+
+
+def counted(name: str, found: Row) -> str:
+    """How many combinations have an error, how many are as good as the best, what failed and what does not apply."""
+    rows, within = found["rows"], len(found["within_chance"] or ())
+    failed = sum(row["error"] is None for row in rows)
+    unsettled = sum(row["status"] == UNSETTLED for row in rows)
+    named = (unsettled, "not converged"), (failed, "failed")
+    bad = "".join(f", {count} {what}" for count, what in named if count)
+    absent = f"; not applicable: {', '.join(found['absent'])}" if found["absent"] else ""
+    good = f"{within} of them as good as the best within chance" if found["told_from_chance"] else TOO_SHORT
+    return f"{name}: {len(rows)} combinations, {good}{bad}{absent}."
+
+
+def peers(part: Row) -> str:
+    """Errors and seconds of each."""
+    head = ["", "", "held out, %", "rms", "s"]
+    lines = [
+        [row["who"], row["name"].replace("_", " "), *(figure(row[key]) for key in ("error", "rms")),
+         f"{row['seconds']:.2g}"]
+        for row in part["rows"]
+        if "reason" not in row
+    ]  # fmt: skip
+    failed = [f"{row['who']} {row['name']}".strip() + f": {row['reason']}" for row in part["rows"] if "reason" in row]
+    said = "".join(f"\n\nNo estimate by {one}" for one in failed)
+    how = f"One recording of {part['seconds']:g} s, at a load of {part['load']:g} by others."
+    return f"{markdown(head, lines)}{said}\n\n{how}"
+
+
+TABLES: Mapping[str, tuple[str, Callable[[Row], str]]] = {
+    "emps": ("emps", emps),
+    "robots": ("robots", robots),
+    "peers": ("peers", peers),
+}

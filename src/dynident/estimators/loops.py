@@ -1,0 +1,49 @@
+"""What estimators that simulate need of a recording: its log and controller, and the errors where these do not do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynident.errors import InputError, MissingInputError
+from dynident.estimators.estimator import Problem
+from dynident.log import Controller, Log, Motion
+from dynident.simulation import Broken, Failure, RunsAway
+
+__all__ = ["controller_of", "log_of", "no_controller", "not_simulated", "reason_of"]
+
+
+def log_of(problem: Problem, k: int) -> Log | None:
+    """Return the log behind the k-th motion of a problem, None where the problem has none."""
+    if len(problem.logs) != len(problem.motions) or len(problem.logs[k]) != len(problem.motions[k]):
+        return None
+    return problem.logs[k]
+
+
+def controller_of(problem: Problem, k: int) -> Controller | None:
+    """Return the controller of the k-th recording, None where it has none."""
+    log = log_of(problem, k)
+    return None if log is None else log.controller
+
+
+def no_controller(motion: Motion, what: str, instead: str) -> MissingInputError:
+    """Return the error where a recording has no controller, for ``what`` is to be simulated, or else ``instead``."""
+    return MissingInputError(
+        f"{motion.source}: {what} to be simulated, but the recording does not know its controller. Give its gains "
+        "and reference in the section `simulation` (kinds cascade, pd, pid, python; in Python Log.controller), or "
+        f"{instead}."
+    )
+
+
+def reason_of(failure: Failure) -> str:
+    """Return why a simulation failed."""
+    if isinstance(failure, RunsAway):
+        return f"it runs away after {failure.after:.3g} s"
+    return failure.reason if isinstance(failure, Broken) else "its mass matrix is singular"
+
+
+def not_simulated(motions: Sequence[Motion], what: str, failure: Failure, instead: str) -> InputError:
+    """Return the error where ``what`` failed with all first models; ``instead`` is what else can be used."""
+    return InputError(
+        f"{', '.join(one.source for one in motions)}: {what} ({reason_of(failure)}). Check gains, units and reference "
+        f"of the controller and the terms of the model, or use {instead}."
+    )

@@ -1,0 +1,36 @@
+"""What estimators that simulate have to say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar
+
+from dynident.errors import Note, Severity
+from dynident.estimators.notes import Unsettled
+
+__all__ = ["Start", "StartedElsewhere", "StillSimulating"]
+
+
+class Start(StrEnum):
+    """With what a simulation began: the physically consistent fit, instrumental variables, values of the robot file."""
+
+    CONSISTENT = "consistent"
+    INSTRUMENTS = "instruments"
+    NOMINAL = "nominal"
+
+
+@dataclass(frozen=True)
+class StartedElsewhere(Note):
+    """The iteration began with other values, as those of least squares cannot be simulated."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    start: Start
+
+
+@dataclass(frozen=True)
+class StillSimulating(Unsettled):
+    """After so many ``iterations`` of simulation the parameters still move, by ``moved`` standard errors at last."""
+
+    iterations: int
+    moved: float

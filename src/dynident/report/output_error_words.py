@@ -1,0 +1,27 @@
+"""Text for what estimators that simulate have to say."""
+
+from __future__ import annotations
+
+from dynident.estimators.output_error import notes
+from dynident.estimators.output_error.notes import Start
+from dynident.report.wording import words
+from dynident.report.words import short
+
+STARTS = {
+    Start.CONSISTENT: "the physically consistent fit",
+    Start.INSTRUMENTS: "instrumental variables",
+    Start.NOMINAL: "the values of the robot file",
+}
+
+
+@words.register
+def _(note: notes.StartedElsewhere) -> str:
+    return f"least squares cannot be simulated; the iteration began with {STARTS[note.start]}"
+
+
+@words.register
+def _(note: notes.StillSimulating) -> str:
+    return (
+        f"not converged: after {note.iterations} simulations the parameters still move, by "
+        f"{short(note.moved, 2)} standard errors"
+    )

@@ -1,0 +1,35 @@
+"""What is said of estimations by simulation."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.errors import Note
+from dynident.estimators import Didim, OutputError
+from dynident.estimators.output_error import notes
+from dynident.report.part_words import part_words
+from dynident.report.wording import words
+
+
+@pytest.mark.parametrize(
+    ("note", "said"),
+    [
+        (
+            notes.StartedElsewhere(notes.Start.INSTRUMENTS),
+            "least squares cannot be simulated; the iteration began with instrumental variables",
+        ),
+        (
+            notes.StillSimulating(3, 12.345),
+            "not converged: after 3 simulations the parameters still move, by 12 standard errors",
+        ),
+    ],
+)
+def test_notes_in_words(note: Note, said: str) -> None:
+    assert words(note) == said
+
+
+def test_estimators_in_words() -> None:
+    assert part_words(Didim()) == "DIDIM, the torque of the simulated loop"
+    assert part_words(OutputError("open", segment=0.5)).startswith(
+        "output error of simulated positions, driven by the torque"
+    )

@@ -110,7 +110,7 @@ def _robust_std(
     """
     B = np.eye(len(more)) if basis is None else basis.combination
     others = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
-    if estimate.robust:
+    if estimate.residual.correlated:
         return np.asarray(np.hypot(own, others))
     columns = None if basis is None else basis.independent
     value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes

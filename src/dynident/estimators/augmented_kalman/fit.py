@@ -30,7 +30,8 @@ MOST = 1_000_000  # samples
 SPREAD, PIECES = 2.0, 16  # standard errors of least squares, of so many pieces, that the filter starts with
 START = (10.0, 0.1)  # deviation of a first position, in its noise, and of a first velocity, in the usual one
 CLOSE = 0.1  # standard errors: a step of the parameters that ends the passes
-STIFF, PARTS = 2.0, 20  # change of a velocity by friction in a part of a step; parts of a step at most
+LIGHTER = 0.2  # of what moves: a longer step of the parameters is cut
+LEAST_STEP = 1e-3  # share of a step of the parameters
 LOST = 1e3  # standard deviations of an innovation: the filter has lost the motion
 MANY = 0.2  # share of the samples with an uncertain sign above which it is noted
 EXACT = 0.1  # of what the noise of the torque moves in a step: no position is taken as more exact
@@ -146,12 +147,11 @@ class _Run:
         own = (
             1.0 if found.weights is None else float(np.mean(np.square(found.weights * np.maximum(found.sigma, sigma))))
         )
-        unit = rank.determined / rank.values[: rank.rank] * np.sqrt(own * len(series.q) / PIECES)
+        unit = rank.determined / rank.values[: rank.rank] * np.sqrt(own * len(series.off) / PIECES)
         within = float(np.sqrt((1.0 - 1.0 / max(groups) ** 2) / 12.0 + 1.0 / 288.0))  # of the samples, and of the slope
-        dynamics = Dynamics(model, start.value, unit, 1, within)
-        inverse, parts = _inertia(problem, dynamics, step)
-        dynamics = replace(dynamics, parts=parts)
-        least = EXACT * step**2 / 2 * inverse @ series.noise.mean(axis=(0, 1))
+        dynamics = Dynamics(model, start.value, unit, within)
+        _ = _mobile(dynamics, series, start.value)
+        least = EXACT * step**2 / 2 * _mobility(dynamics, series) @ series.noise.mean(axis=(0, 1))
         series = replace(series, sigma=np.maximum(series.sigma, least))
         notes = (SmoothSigns(widths),) if widths and _many(uncertain, sigma) else ()
         return cls(settings, problem, series, dynamics, rank, notes)
@@ -168,11 +168,11 @@ class _Run:
                 text = f"Kalman filter, pass {number + 1} of {self.settings.passes} at most"
                 self.problem.progress(Step(text, k, series.mean.shape[1]))
             on = series.used[:, k]
-            torque = (one[on, k] for one in (series.mean, series.slope, series.noise))
+            at = series.step[on], series.motion[:, on, k], series.mean[on, k]
             try:
                 with np.errstate(all="ignore"):
-                    moved = predicted(dynamics, series.step[on], x[on], S[on], series.motion[:, on, k], *torque)
-                    x[on], S[on], e = corrected(*moved, series.q[on, k + 1], series.sigma)
+                    moved = predicted(dynamics, x[on], S[on], series.noise[on, k], *at)
+                    x[on], S[on], e = corrected(*moved, series.off[on, k + 1], series.sigma)
             except (ModelError, np.linalg.LinAlgError):
                 raise _diverged(k) from None
             if not (np.isfinite(x).all() and np.isfinite(S).all() and np.abs(e).max() < LOST):
@@ -182,7 +182,10 @@ class _Run:
         back = self.directions.scale[:, None] * self.directions.vectors[:, :r]
         turned = back @ np.linalg.pinv(back.T @ dynamics.directions).T
         step = float(np.sqrt(a @ information @ a / max(r, 1)))
-        return theta + dynamics.directions @ a, turned @ information @ turned.T, step
+        share = 1.0
+        while share > LEAST_STEP and not _mobile(dynamics, series, theta + share * dynamics.directions @ a):
+            share /= 2
+        return theta + share * dynamics.directions @ a, turned @ information @ turned.T, step
 
     def _start(self, r: int) -> tuple[Array, Array]:
         """Return the first states (B, L) and their S (B, L, L)."""
@@ -190,8 +193,8 @@ class _Run:
         usual = np.sqrt(np.mean([np.square(one.dq[one.mask]).mean(axis=0) for one in self.problem.motions], axis=0))
         slow = np.maximum(usual, 10 * series.sigma / series.step.min())
         size = np.concatenate([START[0] * series.sigma, START[1] * slow, np.full(r, SPREAD)])
-        x = np.concatenate([series.q[:, 0], series.rate, np.zeros((len(series.q), r))], axis=1)
-        x, S, _ = corrected(x, np.tile(np.diag(size), (len(x), 1, 1)), series.q[:, 0], series.sigma)
+        x = np.zeros((len(series.off), len(size)))
+        x, S, _ = corrected(x, np.tile(np.diag(size), (len(x), 1, 1)), series.off[:, 0], series.sigma)
         return x, S
 
 
@@ -204,43 +207,44 @@ def _many(uncertain: tuple[Array, ...], sigma: Array) -> bool:
     return float((np.concatenate(uncertain) > sigma).mean(axis=0).max()) > MANY
 
 
-def _inertia(problem: Problem, dynamics: Dynamics, step: float) -> tuple[Array, int]:
-    """Return the mean size (n, n) of the inverse mass matrix, and into how many parts a step is cut, so that friction
-    changes a velocity by ``STIFF`` times itself in each at most."""
-    rates, sizes = [], []
-    for one in problem.motions:
-        rows = np.flatnonzero(one.mask)[:: max(1, int(one.mask.sum()) // 200)]
-        by_dq = dynamics.model.partials(**one.states(rows), theta=dynamics.theta).dq
-        with np.errstate(all="ignore"):
-            inverse = np.linalg.pinv(dynamics.model.mass_matrix(one.q[rows], dynamics.theta))
-        sizes.append(np.abs(inverse).mean(axis=0))
-        rates.append(float(np.abs(np.linalg.eigvals(inverse @ by_dq)).max()))
-    most = step * max(rates) / STIFF
-    if not np.isfinite(most):
-        raise _diverged(None)
-    return np.mean(sizes, axis=0), int(np.clip(np.ceil(most), 1, PARTS))
+def _masses(dynamics: Dynamics, series: Series, theta: Array) -> Array:
+    """Return the mass matrix at some of the steps, (B, n, n)."""
+    q = series.motion[0][series.used]
+    return dynamics.model.mass_matrix(q[:: max(1, len(q) // 500)], theta)
+
+
+def _mobile(dynamics: Dynamics, series: Series, theta: Array) -> bool:
+    """Whether no direction of the joints is lighter with theta (p) than ``LIGHTER`` times what it is now."""
+    now, then = (_masses(dynamics, series, one) for one in (dynamics.theta, theta))
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(now))
+    except np.linalg.LinAlgError:
+        raise _diverged(None) from None
+    return float(np.linalg.eigvalsh(half @ then @ np.swapaxes(half, 1, 2))[:, 0].min()) > LIGHTER
+
+
+def _mobility(dynamics: Dynamics, series: Series) -> Array:
+    """Return the mean size (n, n) of the inverse mass matrix."""
+    return np.asarray(np.abs(np.linalg.inv(_masses(dynamics, series, dynamics.theta))).mean(axis=0))
 
 
 def _extended(
-    dynamics: Dynamics, step: Array, x: Array, S: Array, motion: Array, mean: Array, slope: Array, noise: Array
+    dynamics: Dynamics, x: Array, S: Array, noise: Array, step: Array, motion: Array, tau: Array
 ) -> tuple[Array, Array]:
     """Return state and S after a step, linearised at the smoothed motion (3, B, n)."""
-    F, G = dynamics.slopes(step, *motion)
-    return dynamics.moved(step, x, mean, slope), lower(np.concatenate([F @ S, G * np.tile(noise, 2)[:, None]], axis=2))
+    F, G, c = dynamics.linear(step, motion, tau)
+    return (F @ x[..., None])[..., 0] + c, lower(np.concatenate([F @ S, G * np.tile(noise, 2)[:, None]], axis=2))
 
 
 def _cubature(
-    dynamics: Dynamics, step: Array, x: Array, S: Array, _: Array, mean: Array, slope: Array, noise: Array
+    dynamics: Dynamics, x: Array, S: Array, noise: Array, step: Array, motion: Array, tau: Array
 ) -> tuple[Array, Array]:
     """Return state and S after a step, by the points of the cubature rule."""
-    some = points(x, S)
-    count = some.shape[1]
-    each = (np.repeat(one, count, axis=0) for one in (mean, slope))
-    flat = dynamics.moved(np.repeat(step, count), some.reshape(-1, x.shape[1]), *each)
-    moved = flat.reshape(some.shape)
+    moved = dynamics.moved(step, motion, tau, points(x, S))
     after = moved.mean(axis=1)
-    spread = np.swapaxes(moved - after[:, None], 1, 2) / np.sqrt(count)
-    return after, lower(np.concatenate([spread, dynamics.push(step, x) * np.tile(noise, 2)[:, None]], axis=2))
+    spread = np.swapaxes(moved - after[:, None], 1, 2) / np.sqrt(moved.shape[1])
+    G = dynamics.linear(step, motion, tau)[1]
+    return after, lower(np.concatenate([spread, G * np.tile(noise, 2)[:, None]], axis=2))
 
 
 def _added(a: Array, S: Array, scatter: float) -> tuple[Array, Array]:

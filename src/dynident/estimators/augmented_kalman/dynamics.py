@@ -23,9 +23,11 @@ SMALL, MOST = 0.25, 40  # size of what is put into the series; doublings at most
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """A ``model`` with parameters theta = ``theta`` (p) + ``directions`` (p, r) a. A state (L = 2 n + r) is what q and dq
-    differ from the smoothed ones by, and a. ``within`` is the noise of the torque's first moment over a step, in step^2
-    times that of its mean: it moves q, not dq."""
+    """A ``model`` with parameters theta = ``theta`` (p) + ``directions`` (p, r) a.
+
+    A state (L = 2 n + r) is what q and dq differ from the smoothed ones by, and a. ``within`` is the noise of the
+    torque's first moment over a step, in step^2 times that of its mean: it moves q, not dq.
+    """
 
     model: Model
     theta: Array
@@ -39,17 +41,21 @@ class Dynamics:
         """The number n of joints."""
         return len(self.model.joints)
 
-    def linear(self, step: Array, motion: Array, tau: Array) -> tuple[Array, Array, Array]:
+    def linear(self, step: Array, motion: Array, left: Array) -> tuple[Array, Array, Array]:
         """Return F (B, L, L), G (B, L, 2 n) and c (B, L): a state x is F x + c after a ``step`` (B) in s at the mean
-        ``motion`` (3, B, n) under the mean torque (B, n), of which G has the derivatives, by its moment, too.
+        ``motion`` (3, B, n), where theta leaves so much torque on average, (B, n). G are the derivatives by the mean
+        torque and by its moment.
 
         At the motion that the noisy torque makes, a regressor with noise would seem to tell more than it does.
         """
         n, r = self.joints, self.directions.shape[1]
-        mass, by = self.model.mass_matrix(motion[0], self.theta), self.model.partials(*motion, self.theta)
+        mass, by = (
+            self.model.mass_matrix(motion[0], self.theta),
+            self.model.partials(motion[0], motion[1], motion[2], self.theta),
+        )
         by_a = self.model.regressor(*motion) @ self.directions
-        left = (tau - self.model.torque(*motion, self.theta))[..., None]
-        sides = np.concatenate([-by.q, -by.dq, -by_a, np.broadcast_to(np.eye(n), mass.shape), left], axis=2)
+        unit = np.broadcast_to(np.eye(n), mass.shape)
+        sides = np.concatenate([-by.q, -by.dq, -by_a, unit, left[..., None]], axis=2)
         solved: Array = np.asarray(np.linalg.solve(mass, sides), dtype=np.float64)
         whole, inner = _exponential(step, solved[:, :, : 2 * n])
         pushed = inner[:, :, n:] @ solved[:, :, 2 * n :]
@@ -60,19 +66,20 @@ class Dynamics:
         moment[:, :n] = self.within * np.square(step)[:, None, None] * solved[:, :, 2 * n + r : -1]
         return F, np.concatenate([rest[:, :, :n], moment], axis=2), rest[:, :, n]
 
-    def moved(self, step: Array, motion: Array, tau: Array, x: Array) -> Array:
+    def moved(self, step: Array, motion: Array, left: Array, x: Array) -> Array:
         """Return states (B, C, L) after the step, by the model at each of them: the exponential Euler method."""
         n, (size, count, _) = self.joints, x.shape
         flat = x.reshape(size * count, -1)
-        q, dq, ddq, push = (np.repeat(one, count, axis=0) for one in (*motion, tau))
+        q, dq, ddq, push = (
+            np.repeat(one, count, axis=0)
+            for one in (*motion, left + self.model.torque(motion[0], motion[1], motion[2], self.theta))
+        )
         mass, bias = self.model.mass_and_bias(
             q + flat[:, :n], dq + flat[:, n : 2 * n], self.theta + flat[:, 2 * n :] @ self.directions.T
         )
         rate = np.linalg.solve(mass, (push - bias)[..., None])[..., 0] - ddq
-        by = self.model.partials(*motion, self.theta)
-        at = np.linalg.solve(
-            self.model.mass_matrix(motion[0], self.theta), -np.concatenate([by.q, by.dq], axis=2)
-        )
+        by = self.model.partials(motion[0], motion[1], motion[2], self.theta)
+        at = np.linalg.solve(self.model.mass_matrix(motion[0], self.theta), -np.concatenate([by.q, by.dq], axis=2))
         _, inner = _exponential(step, np.asarray(at, dtype=np.float64))
         change = np.concatenate([flat[:, n : 2 * n], rate], axis=1).reshape(size, count, 2 * n)
         out = x.copy()
@@ -81,7 +88,8 @@ class Dynamics:
 
 
 def _exponential(step: Array, rates: Array) -> tuple[Array, Array]:
-    """Return exp(A h) and the integral of exp(A s) over h, (B, 2 n, 2 n), for d dq / dt = ``rates`` (B, n, 2 n) (q, dq)."""
+    """Return exp(A h) and the integral of exp(A s) over h, (B, 2 n, 2 n); ``rates`` (B, n, 2 n) are the last rows of
+    A."""
     n = rates.shape[1]
     A = np.zeros((len(rates), 2 * n, 2 * n))
     A[:, :n, n:], A[:, n:] = np.eye(n), rates

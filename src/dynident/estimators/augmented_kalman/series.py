@@ -28,9 +28,9 @@ UNUSED = 100.0  # times the noise, of a torque that is not to be fitted
 @dataclass(frozen=True, eq=False)
 class Series:
     """B pieces of K steps of ``step`` (B) s: what the measured positions differ from the smoothed ones by, ``off``
-    (B, K + 1, n), the ``mean`` torque (B, K, n) of each step, its standard deviation ``noise`` (B, K, n); ``used``
-    (B, K) is whether a step is there; ``sigma`` (n) is the noise of the positions. ``motion`` (3, B, K, n) is the mean
-    of the smoothed q and dq over each step, and the change of dq over its time.
+    (B, K + 1, n), the ``mean`` torque (B, K, n) of each step that parameters leave, its standard deviation ``noise``
+    (B, K, n); ``used`` (B, K) is whether a step is there; ``sigma`` (n) is the noise of the positions. ``motion``
+    (3, B, K, n) is the mean of the smoothed q and dq over each step, and the change of dq over its time.
     """
 
     step: Array
@@ -44,13 +44,18 @@ class Series:
     __repr__ = brief
 
 
-def series_of(problem: Problem, samples: int, torque: Array, uncertain: tuple[Array, ...]) -> Series:
+def series_of(
+    problem: Problem, samples: int, torque: Array, uncertain: tuple[Array, ...], left: tuple[Array, ...]
+) -> Series:
     """Return the pieces, at most ``samples`` steps of each motion. ``torque`` (n) is the noise of a sample,
-    ``uncertain`` (N, n), for each motion, what its torque is uncertain by besides.
+    ``uncertain`` (N, n), for each motion, what its torque is uncertain by besides, and ``left`` (N, n) what parameters
+    leave of it: taken at the samples, it is zero for exact data, however long a step is.
 
     Raises InputError where no piece is long enough.
     """
-    found = [one for k in range(len(problem.motions)) for one in _pieces(problem, k, samples, torque, uncertain[k])]
+    found = [
+        one for k in range(len(problem.motions)) for one in _pieces(problem, k, samples, torque, uncertain[k], left[k])
+    ]
     if not found:
         raise InputError(f"the Kalman filter needs a run of at least {FEWEST} usable samples; record longer.")
     most = max(len(one[2]) for one in found)
@@ -74,7 +79,7 @@ def _sigma(problem: Problem) -> Array:
     """Return the noise (n) of the measured positions, at least what the smoother took for it."""
     logs = problem.logs or tuple(Log(one.t, one.q, one.tau, one.joints) for one in problem.motions)
     left = [(_measured(problem, k) - one.q)[one.mask] for k, one in enumerate(problem.motions)]
-    return np.maximum(usual_noise(logs)[0], np.sqrt(np.square(np.concatenate(left)).mean(axis=0)))
+    return np.asarray(np.maximum(usual_noise(logs)[0], np.sqrt(np.square(np.concatenate(left)).mean(axis=0))))
 
 
 def _measured(problem: Problem, k: int) -> Array:
@@ -90,7 +95,9 @@ def _measured(problem: Problem, k: int) -> Array:
     return np.asarray(motion.q + left[at])
 
 
-def _pieces(problem: Problem, k: int, samples: int, torque: Array, uncertain: Array) -> list[tuple[Any, ...]]:
+def _pieces(
+    problem: Problem, k: int, samples: int, torque: Array, uncertain: Array, left: Array
+) -> list[tuple[Any, ...]]:
     """Return the step, the positions off the smoothed ones, mean and noise of the torque, and the smoothed motion, of
     each piece."""
     motion = problem.motions[k]
@@ -107,8 +114,7 @@ def _pieces(problem: Problem, k: int, samples: int, torque: Array, uncertain: Ar
         for a, b in pairwise(edges):
             if (b - a) // group >= FEWEST:
                 rows, at = slice(a, b + 1), np.arange(0, b - a + 1, group)
-                bent = np.gradient(motion.tau[rows], axis=0)[at]
-                mean = _mean(motion.tau[rows], at, group) - np.diff(bent, axis=0) / (12 * group)
+                mean = _mean(left[rows], at, group)
                 noise = np.sqrt(_mean(noise2[rows], at, group) / group)
                 smooth = (_mean(one[rows], at, group) for one in (motion.q, motion.dq))
                 rate = np.diff(motion.dq[rows][at], axis=0) / (group * h)

@@ -127,10 +127,14 @@ class Residual:
             return plain
         return replace(plain, weights=self.sample_weights, whitening=self.whitening)
 
+    def responding(self, weighted: Regression) -> Regression:
+        """Return a regression whose rows are those of the fit, weighted by how much it follows them: by the slopes."""
+        return replace(weighted, weights=tuple(np.sqrt(one) for one in self.slopes)) if self.slopes else weighted
+
     def row_deviation(self, triangular: TriangularFactors, value: Array) -> Array:
-        """Return the deviation (n) of what ``value`` leaves of the rows of the fit: ``sigma``, or where they were
-        whitened, about one."""
-        if self.whitening is None:
+        """Return the deviation (n) of what ``value`` leaves of the rows of the fit, where that is not ``sigma``: where
+        they were whitened (about one), or weighted by sample. With ``slopes``, ``sigma`` is the one that counts."""
+        if self.slopes or not (self.sample_weights or self.whitening):
             return self.sigma
         return np.asarray(np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)))
 

@@ -81,11 +81,13 @@ def _smoothed(problem: Problem) -> Array:
 
 
 def _spline(problem: Problem, k: int) -> Motion:
-    """Return the k-th motion, smoothed by a spline where its log is known."""
+    """Return the k-th motion, smoothed by a spline where its log is known; samples that are not used do not count."""
     motion, log = problem.motions[k], log_of(problem, k)
     if log is None:
         return motion
-    found = Spline()(log).shifted(motion.time_offset)
+    stamped = motion.shifted(-motion.time_offset)
+    used = replace(log, q=np.where(motion.mask[:, None], log.q, stamped.q))
+    found = Spline()(used).shifted(motion.time_offset)
     return replace(motion, q=found.q, dq=found.dq, ddq=found.ddq, mask=motion.mask & found.mask)
 
 

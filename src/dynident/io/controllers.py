@@ -23,7 +23,7 @@ from dynident.io.simulation_settings import (
 from dynident.io.tables import DataTable
 from dynident.log import Controller
 from dynident.models import Joint
-from dynident.simulation import PD, PID, CascadePD, Function
+from dynident.simulation import PD, PID, CascadePD, Function, HasTimes
 
 __all__ = ["controller"]
 
@@ -38,6 +38,15 @@ def controller(signals: RecordedSignals, settings: object, spec: LogSpec, joints
     """
     if not isinstance(settings, LoopSettings):
         return None
+    found = _logged(signals, settings, spec, joints)
+    try:
+        return found if settings.period is None else found.every(settings.period)
+    except InputError as error:
+        raise ConfigError(f"simulation.period: {signals.table.source}: {error}") from error
+
+
+def _logged(signals: RecordedSignals, settings: LoopSettings, spec: LogSpec, joints: Sequence[Joint]) -> HasTimes:
+    """Return the controller, with its references as they were logged."""
     loop = _Loop(signals, [settings.joints[joint.name] for joint in joints], joints)
     shared: dict[str, Any] = {"joints": tuple(joint.name for joint in joints), "t": signals.t}
     shared |= {"reference": loop.signal("reference", POSITIONS), "feedforward": loop.feedforward(spec)}

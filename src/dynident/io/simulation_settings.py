@@ -72,8 +72,10 @@ class FunctionJoint(LoopJoint):
 
 
 class LoopSettings(Section):
-    """Free simulation in closed loop with the controllers of the drives, by joint."""
+    """Free simulation in closed loop with the controllers of the drives, by joint, which work every ``period`` s, by
+    default once a sample."""
 
+    period: Positive | None = None
     joints: Mapping[Name, LoopJoint] = Field(min_length=1)
 
 

@@ -8,6 +8,7 @@ from dynident.report.wording import words
 from dynident.report.words import short
 
 STARTS = {
+    Start.SMOOTHED: "least squares of a smoothing spline",
     Start.CONSISTENT: "the physically consistent fit",
     Start.INSTRUMENTS: "instrumental variables",
     Start.NOMINAL: "the values of the robot file",
@@ -16,7 +17,7 @@ STARTS = {
 
 @words.register
 def _(note: notes.StartedElsewhere) -> str:
-    return f"least squares cannot be simulated; the iteration began with {STARTS[note.start]}"
+    return f"simulated, least squares fails or is farther off: the iteration began with {STARTS[note.start]}"
 
 
 @words.register

@@ -5,6 +5,7 @@ from dynident.simulation.failure import Broken, Failure, RunsAway, Singular
 from dynident.simulation.run import Simulated, simulated
 from dynident.simulation.sensitivity import Sensitivity, sensitivities
 from dynident.simulation.slopes import HasSlopes, Seen, Slopes
+from dynident.simulation.ticks import Ticks, longest, ticks
 
 __all__ = [
     "PD",
@@ -21,6 +22,9 @@ __all__ = [
     "Simulated",
     "Singular",
     "Slopes",
+    "Ticks",
+    "longest",
     "sensitivities",
     "simulated",
+    "ticks",
 ]

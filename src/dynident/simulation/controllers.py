@@ -1,6 +1,7 @@
 """Controllers of joints, each with the references that were recorded: what drives a model in a closed loop.
 
-All hold their references constant between samples, and limit their input, such as a current, before its gain.
+All hold their references constant from one of their times to the next, and limit their input, such as a current, before
+its gain.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dynident.errors import InputError, ModelError, brief
 from dynident.log import Controller
 from dynident.simulation.one_joint import Law
 from dynident.simulation.slopes import Seen, Slopes, diagonal
-from dynident.simulation.trace import gaps_of
+from dynident.simulation.trace import gaps_of, instants
 
 __all__ = ["PD", "PID", "CascadePD", "Function", "HasTimes"]
 
@@ -33,6 +34,9 @@ class HasTimes(Controller, Protocol):
 
     def timed(self, t: Array, /) -> Controller:
         """Return the controller with other times (N) of its references."""
+
+    def every(self, period: float, /) -> HasTimes:
+        """Return the controller as it works every ``period`` s."""
 
 
 class _Loop:
@@ -59,6 +63,17 @@ class _Loop:
     def timed(self, t: Array) -> Self:
         """Return the controller with other times (N) of its references."""
         return replace(self, t=t)  # type: ignore[type-var]
+
+    def every(self, period: float) -> Self:
+        """Return the controller as it works every ``period`` s: references are interpolated linearly between samples.
+
+        Raises InputError where no whole number of periods fits between these.
+        """
+        t, found = instants(self.t, period), {}
+        for name in ("reference", "feedforward", "velocity_reference"):
+            if (signal := getattr(self, name, None)) is not None:
+                found[name] = np.column_stack([np.interp(t, self.t, one) for one in signal.T])
+        return replace(self, t=t, **found)  # type: ignore[type-var]
 
     def row(self, t: Any) -> Any:
         """Return the row of the references that is held at time t."""
@@ -210,6 +225,10 @@ class PID:
     def timed(self, t: Array) -> PID:
         """Return the controller with other times (N) of its references."""
         return replace(self, loop=self.loop.timed(t))
+
+    def every(self, period: float) -> PID:
+        """Return the controller as it works every ``period`` s, as ``PD`` does."""
+        return replace(self, loop=self.loop.every(period))
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t without what the integral has gathered."""

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import ConfigError, DynidentError, InputError, brief
 from dynident.log import Controller, Motion
 from dynident.models import Model
-from dynident.regression import stretches
 from dynident.simulation.failure import Broken, Failure, RunsAway, Singular
 from dynident.simulation.machine import Machine
 from dynident.simulation.stepper import integrate
+from dynident.simulation.ticks import longest
 from dynident.simulation.trace import FAR, Trace
 
 __all__ = ["Simulated", "simulated"]
@@ -67,7 +67,8 @@ def simulated(
     """Simulate a motion with the parameters theta (p), from the state at its first sample on.
 
     With a ``controller`` the loop is closed around the model: the torque of each sample is held to the next, and the
-    velocity fed back is the backward difference of the simulated position, as in a drive. Otherwise the measured torque
+    velocity fed back is the backward difference of the simulated position, as in a drive (of one that is faster than
+    the samples simulate those of ``ticks``). Otherwise the measured torque
     drives the model, each ``restart`` s again from the measured state (None: never), all pieces together. ``rows`` are
     the samples, by default the longest stretch of usable ones; a rest shorter than ``restart`` is left out. The steps
     are at most 1 ms. A loop that runs away, a singular mass matrix and a model without a value are a ``failure``.
@@ -103,7 +104,7 @@ def _pieces(
     if restart is not None and not restart > 0:
         raise ConfigError(f"restart is {restart}; give a positive time (s).")
     if rows is None:
-        rows = max(stretches(motion.mask), key=lambda one: one.stop - one.start, default=slice(0, 0))
+        rows = longest(motion)
     first, stop, step = rows.indices(len(motion))
     if step != 1 or stop - first < 3:
         raise InputError(f"{motion.source}: too few usable samples in a row to simulate.")

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief
+from dynident.errors import InputError, brief
 from dynident.log import Controller, HasState, Motion
 
-__all__ = ["FAR", "STEP", "Trace", "begun", "divided", "gaps_of", "held"]
+__all__ = ["FAR", "STEP", "Trace", "begun", "divided", "gaps_of", "held", "instants"]
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # s, the longest step of the integration
+MOST, FIT = 1000, 0.02  # steps of a drive between two samples, and how far they may be from a whole number
 FAR = 1e6  # rad or m: a simulation beyond this has diverged
 
 
@@ -61,6 +62,25 @@ def gaps_of(t: Array) -> Array:
     """Return the time (K) before each sample, s; before the first that after it."""
     lengths = np.diff(t)
     return np.append(lengths[:1], lengths)
+
+
+def instants(t: Array, period: float) -> Array:
+    """Return times t (N), s, with those of a drive of this ``period`` (s) between them, in equal parts.
+
+    Raises InputError where no whole number of periods, up to 1000, fits the usual step.
+    """
+    gaps = np.diff(t)
+    usual = float(np.median(gaps)) if len(gaps) else 0.0
+    times = usual / period if period > 0 and np.isfinite(period) else 0.0
+    parts = min(max(round(times), 1), MOST)
+    if abs(times - parts) > FIT * parts:
+        raise InputError(
+            f"period = {period:g} s does not fit the {usual:.6g} s from sample to sample; give a whole part of that, "
+            f"such as {usual / parts:.6g}, or leave it out."
+        )
+    each = np.maximum(np.round(gaps / usual), 1).astype(int) * parts
+    ends = np.concatenate(([0], np.cumsum(each)))
+    return np.asarray(np.interp(np.arange(ends[-1] + 1), ends, t))
 
 
 def begun(controller: Controller, motion: Motion, row: NDArray[np.intp]) -> Array:

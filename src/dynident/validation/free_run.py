@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import ConfigError, InputError, brief
 from dynident.log import Controller, Motion
 from dynident.models import Model
-from dynident.simulation import Failure, simulated
+from dynident.simulation import Failure, longest, simulated, ticks
 
 __all__ = ["Driver", "FreeRun", "RunSignals", "free_run"]
 
@@ -106,14 +106,17 @@ def free_run(
     With a ``controller`` the loop is closed around the model: the torque of each sample is held to the next, and the
     velocity fed back is the backward difference of the simulated position, as in a drive. Otherwise the measured torque
     drives the model, and every ``restart`` s (then required) the simulation restarts from the measured state: without
-    its controller an arm drifts for any model. Raises ConfigError where neither is given, InputError where the
-    controller has other joints, or where too few samples are usable.
+    its controller an arm drifts for any model. A controller works at the times of its references, where
+    these are more than the samples. Raises ConfigError where neither is given, InputError where the controller has
+    other joints, or where too few samples are usable.
     """
     if controller is None and restart is None:
         raise ConfigError("free simulation needs a controller, or `restart` (s) for the measured torque.")
-    run = simulated(model, theta, motion, controller, restart=None if controller else restart)
-    rows, shape = run.rows, (*run.rows.shape, len(motion.joints))
-    q, tau = run.q.reshape(shape), run.tau.reshape(shape)
+    fast = ticks(motion, controller, usable := longest(motion))
+    run = simulated(model, theta, fast.motion, controller, rows=fast.rows, restart=None if controller else restart)
+    rows = run.rows if controller is None else np.arange(usable.start, usable.stop)[None]
+    at = slice(None) if controller is None else fast.at
+    q, tau = (one[at].reshape(*rows.shape, len(motion.joints)) for one in (run.q, run.tau))
     measured, torques, shown = motion.q[rows], motion.tau[rows], rows[:, :-1].ravel()
     error = np.full_like(q, np.inf) if run.failure else q - measured
     asked = {} if controller is None else _shares(motion.joints, error if run.failure else tau - torques, torques)

@@ -97,13 +97,16 @@ def test_begins_elsewhere_where_least_squares_cannot_be_simulated() -> None:
         tuple(replace(term, values=(value,)) for term, value in zip(MODEL.terms, (4.0, 5.0, 0.0), strict=True))
     )
     log, motion = recorded(MOTION, CONTROLLER, 0)
-    found = Didim()(posed((log, replace(motion, ddq=-motion.ddq)), model=known))
-    assert StartedElsewhere(Start.NOMINAL) in found.notes
-    np.testing.assert_allclose(found.value, Didim()(posed((log, motion))).value, rtol=1e-3)
+    wrong, right = replace(motion, ddq=-motion.ddq), Didim()(posed((log, motion))).value
+    for one, start in ((log, Start.SMOOTHED), (replace(log, q=-log.q), Start.NOMINAL)):
+        found = Didim()(posed((one, wrong), model=known))
+        assert StartedElsewhere(start) in found.notes
+        np.testing.assert_allclose(found.value, right, rtol=1e-3)
 
 
 def test_says_that_it_has_not_converged() -> None:
     log, motion = recorded(MOTION, CONTROLLER, 0)
+    log = replace(log, q=-log.q)  # of which no better start can be made
     found = Didim(iterations=1)(posed((log, replace(motion, ddq=0.2 * motion.ddq, dq=0.2 * motion.dq))))
     (note,) = [one for one in found.notes if isinstance(one, StillSimulating)]
     assert note.iterations == 1

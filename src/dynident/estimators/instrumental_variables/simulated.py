@@ -13,7 +13,7 @@ from dynident.estimators.instrumental_variables.instruments import Instruments
 from dynident.estimators.instrumental_variables.notes import InstrumentKind
 from dynident.estimators.loops import controller_of, no_controller, not_simulated
 from dynident.log import Motion
-from dynident.simulation import Failure, simulated
+from dynident.simulation import Failure, simulated, ticks
 
 __all__ = ["failed", "missing", "simulated_instruments"]
 
@@ -32,13 +32,15 @@ def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments
     if len(usable) < 2:
         raise InputError(f"{motion.source}: too few usable samples to simulate instruments.")
     rows = slice(int(usable[0]), int(usable[-1]) + 1)
-    run = simulated(model, theta, stamped, controller_of(problem, k), rows=rows)
+    controller = controller_of(problem, k)
+    fast = ticks(stamped, controller, rows)
+    run = simulated(model, theta, fast.motion, controller, rows=fast.rows)
     if run.failure is not None:
         return run.failure
     mask = np.zeros(len(motion), dtype=bool)
     mask[rows] = True
     q, dq, ddq = (one.copy() for one in (stamped.q, stamped.dq, stamped.ddq))
-    q[rows], dq[rows], ddq[rows] = run.q, run.dq, run.ddq
+    q[rows], dq[rows], ddq[rows] = run.q[fast.at], run.dq[fast.at], run.ddq[fast.at]
     found = replace(stamped, q=q, dq=dq, ddq=ddq, mask=mask, memory=None)
     return Instruments(model.remembering(found.shifted(motion.time_offset)), InstrumentKind.SIMULATED)
 

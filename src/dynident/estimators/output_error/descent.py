@@ -92,7 +92,7 @@ class Descent:
     def begun(self, start: Array, shots: tuple[Shots, ...]) -> _State:
         """Return the first simulation."""
         self.problem.progress("simulating")
-        theta, runs, other = first_runs(self.problem, start, lambda value: self.simulated(shots, value))
+        theta, runs, other = first_runs(self.problem, start, lambda value: self.simulated(shots, value), likely)
         if other is not None:
             self.notes.append(StartedElsewhere(other))
         return _State(theta, shots, runs)
@@ -147,6 +147,12 @@ def noise(state: _State) -> Array:
 def cost(runs: Sequence[Simulation], sigma: Array) -> float:
     """Return the weighted sum of squares."""
     return float(sum(np.square(one.e / sigma).sum() for one in runs))
+
+
+def likely(runs: Sequence[Simulation]) -> float:
+    """Return the cost where the noise of each joint is unknown: the geometric mean of the joints' sums of squares."""
+    square: Array = np.sum([np.square(one.e).sum(axis=(0, 1)) for one in runs], axis=0)
+    return float(np.exp(np.log(square + np.finfo(float).tiny).mean()))
 
 
 def _solved(H: Array, g: Array, damping: float) -> Array:

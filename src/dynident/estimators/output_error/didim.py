@@ -28,8 +28,8 @@ class Didim:
     differentiated.
     Where the published method takes the regressor of the simulated motion for the derivatives of that torque, which a
     stiff loop justifies, these are exact here, so that the iteration of Gauss and Newton, with Levenberg's damping,
-    converges in a soft loop, too. It begins with least squares, or, where this fails in the loop, with another fit;
-    ``iterations`` is the most steps.
+    converges in a soft loop, too. It begins with least squares, or with another fit where this is nearer when
+    simulated; ``iterations`` is the most steps.
 
     The covariance allows for residuals that are correlated in time and between joints, among them what the loop makes
     of disturbances. The controller must be the one that ran: what it is wrong by is an error of the parameters.

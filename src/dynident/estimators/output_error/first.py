@@ -1,9 +1,10 @@
-"""The first model of an estimation by simulation: that of least squares, or where this fails another."""
+"""The first model of an estimation by simulation: of some fits the one whose simulation is nearest to the recording."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -12,50 +13,89 @@ from numpy.typing import NDArray
 from dynident.errors import DynidentError
 from dynident.estimators.estimator import Estimator, Problem
 from dynident.estimators.instrumental_variables import InstrumentalVariables
-from dynident.estimators.loops import not_simulated
+from dynident.estimators.least_squares import LeastSquares
+from dynident.estimators.loops import log_of, not_simulated
 from dynident.estimators.output_error.notes import Start
 from dynident.estimators.physically_consistent import PhysicallyConsistent
+from dynident.log import Motion
 from dynident.simulation import Failure
+from dynident.smoothers import Spline
 
 __all__ = ["first_runs"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+NEARER = 0.5  # of the cost: below it, another first model is worth it
 
 
 def first_runs(
-    problem: Problem, start: Array, simulated: Callable[[Array], T | Failure]
+    problem: Problem, start: Array, simulated: Callable[[Array], T | Failure], cost: Callable[[T], float]
 ) -> tuple[Array, T, Start | None]:
-    """Return the first parameters (p) that can be simulated, what is simulated, and what made them where
-    ``start`` cannot.
+    """Return the first parameters (p), what is simulated with them, and what made them where it is not ``start``.
 
-    Least squares of a noisy motion can have a mass matrix that is not positive definite: then the physically consistent
-    fit is tried, instrumental variables, which such noise does not bias, and the values that the model has from its
-    file. Raises InputError where none can be simulated.
+    A simulation has several minima. Noise that differentiation makes large biases least squares away from the right
+    one: least squares of a smoothing spline, and instrumental variables, which white noise does not bias, are tried
+    beside, and the one of least cost is taken. Where none of these can be simulated, as a mass matrix is not positive
+    definite, it is the physically consistent fit, or the values that the model has from its file. Raises InputError
+    where no one can.
     """
-    runs = simulated(start)
-    if not isinstance(runs, Failure):
-        return start, runs, None
+    best: tuple[Array, T, Start | None] | None = None
+    least, failure = np.inf, None
+    for kind, value in _fits(problem, start):
+        runs = simulated(value)
+        if isinstance(runs, Failure):
+            failure = runs
+        elif best is None or cost(runs) < NEARER * least:
+            best, least = (value, runs, kind), cost(runs)
+    if best is not None:
+        return best
     for kind, value in _others(problem):
         runs = simulated(value)
         if not isinstance(runs, Failure):
             return value, runs, kind
+        failure = runs
     what = (
         "no first model can be simulated, neither that of least squares nor a physically consistent one, one by "
         "instrumental variables or that of the robot file"
     )
-    raise not_simulated(problem.motions, what, runs, "an estimator that simulates nothing")
+    assert failure is not None  # noqa: S101 - that of start
+    raise not_simulated(problem.motions, what, failure, "an estimator that simulates nothing")
+
+
+def _fits(problem: Problem, start: Array) -> Iterator[tuple[Start | None, Array]]:
+    """Yield least squares, and other fits that differ from it."""
+    yield None, start
+    with suppress(DynidentError):
+        value = _smoothed(problem)
+        if not np.allclose(value, start, rtol=1e-3):
+            yield Start.SMOOTHED, value
+    with suppress(DynidentError):
+        yield Start.INSTRUMENTS, InstrumentalVariables(instruments="lagged")(problem).value
+
+
+def _smoothed(problem: Problem) -> Array:
+    """Return least squares (p) of the motion that a smoothing spline makes of the recordings."""
+    motions = tuple(_spline(problem, k) for k in range(len(problem.motions)))
+    regression = replace(problem.regression, motions=motions)
+    return LeastSquares(weights="per_joint")(replace(problem, motions=motions, regression=regression)).value
+
+
+def _spline(problem: Problem, k: int) -> Motion:
+    """Return the k-th motion, smoothed by a spline where its log is known; samples that are not used do not count."""
+    motion, log = problem.motions[k], log_of(problem, k)
+    if log is None:
+        return motion
+    stamped = motion.shifted(-motion.time_offset)
+    used = replace(log, q=np.where(motion.mask[:, None], log.q, stamped.q))
+    found = Spline()(used).shifted(motion.time_offset)
+    return replace(motion, q=found.q, dq=found.dq, ddq=found.ddq, mask=motion.mask & found.mask)
 
 
 def _others(problem: Problem) -> Iterator[tuple[Start, Array]]:
-    """Yield other parameters to begin with, of those that can be had, the values of the robot file last."""
-    others: dict[Start, Estimator] = {
-        Start.CONSISTENT: PhysicallyConsistent(costs=False),
-        Start.INSTRUMENTS: InstrumentalVariables(instruments="lagged"),
-    }
-    for kind, estimator in others.items():
-        with suppress(DynidentError):
-            yield kind, estimator(problem).value
+    """Yield parameters that can be simulated more often, those of the robot file last."""
+    consistent: Estimator = PhysicallyConsistent(costs=False)
+    with suppress(DynidentError):
+        yield Start.CONSISTENT, consistent(problem).value
     values = problem.model.values
     if values is not None and np.isfinite(values).all():
         yield Start.NOMINAL, np.asarray(values, dtype=float)

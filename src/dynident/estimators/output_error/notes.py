@@ -13,8 +13,10 @@ __all__ = ["Start", "StartedElsewhere", "StillSimulating"]
 
 
 class Start(StrEnum):
-    """With what a simulation began: the physically consistent fit, instrumental variables, values of the robot file."""
+    """With what a simulation began: least squares of a smoothing spline, instrumental variables, the physically
+    consistent fit, values of the robot file."""
 
+    SMOOTHED = "smoothed"
     CONSISTENT = "consistent"
     INSTRUMENTS = "instruments"
     NOMINAL = "nominal"
@@ -22,7 +24,7 @@ class Start(StrEnum):
 
 @dataclass(frozen=True)
 class StartedElsewhere(Note):
-    """The iteration began with other values, as those of least squares cannot be simulated."""
+    """The iteration began with other values, as with those of least squares the simulation fails, or is farther off."""
 
     severity: ClassVar[Severity] = Severity.INFO
     start: Start

@@ -37,7 +37,8 @@ class OutputError:
     one start. "auto" closes the loop where all recordings know their controller.
 
     Gauss and Newton's iteration with Levenberg's damping, by the exact derivatives of the discrete simulation. It
-    begins with least squares, or, where this cannot be simulated, with another fit; ``iterations`` is the most steps.
+    begins with least squares, or with another fit where this is nearer when simulated: there are several minima;
+    ``iterations`` is the most steps.
     The covariance allows for residuals that are correlated in time and between joints: what noise of a measured torque
     does to the model is in them, as is all that the model lacks. Such noise is not modelled: with a measured torque
     that has much of it, maximum likelihood has smaller errors; with an exact one, output error uses that it is.

@@ -14,12 +14,11 @@ from dynident.estimators.loops import log_of
 from dynident.estimators.output_error.shots import Shots
 from dynident.log import Controller, Motion
 from dynident.regression import fitted_rows, stretches
-from dynident.simulation import HasTimes
+from dynident.simulation import ticks
 
 __all__ = ["closed_shots", "open_shots", "torque_shots"]
 
 Array = NDArray[np.float64]
-SAME = 0.01  # of a step: times that are as near are the same
 FEWEST, SHORTEST = 10, 0.1  # samples of a stretch, and its share of the longest one
 
 
@@ -65,25 +64,13 @@ def torque_shots(problem: Problem, k: int, controller: Controller) -> Shots:
 
 
 def _refined(shots: Shots) -> Shots:
-    """Return the same at the times of the controller's references, where these are more than, and among them, those of
-    the recording: a drive is often faster than its log."""
-    motion, controller = shots.motion, shots.controller
-    if not isinstance(controller, HasTimes) or len(controller.t) < 2:
+    """Return the same at the times of the controller's references, where these are more than those of the recording."""
+    found = ticks(shots.motion, shots.controller, shots.rows)
+    if found.motion is shots.motion:
         return shots
-    span = motion.t[[shots.rows.start, shots.rows.stop - 1]]
-    step = float(np.diff(controller.t).min())
-    t = controller.t[(controller.t > span[0] - SAME * step) & (controller.t < span[1] + SAME * step)]
-    at = np.clip(np.searchsorted(t, motion.t[shots.rows] - SAME * step), 0, max(len(t) - 1, 0))
-    if len(t) <= len(at) or (np.abs(t[at] - motion.t[shots.rows]) > SAME * step).any():
-        return shots
-    q, dq, ddq, tau = (
-        np.column_stack([np.interp(t, motion.t, one) for one in columns.T])
-        for columns in (motion.q, motion.dq, motion.ddq, motion.tau)
-    )
-    fine = Motion(t, q, dq, ddq, tau, motion.joints, np.ones(len(t), dtype=bool), motion.source)
-    measured, count = np.zeros_like(q), np.zeros_like(q)
-    measured[at], count[at] = shots.measured[shots.rows], shots.count[shots.rows]
-    return replace(shots, motion=fine, measured=measured, count=count, rows=slice(0, len(t)))
+    measured, count = np.zeros_like(found.motion.q), np.zeros_like(found.motion.q)
+    measured[found.at], count[found.at] = shots.measured[shots.rows], shots.count[shots.rows]
+    return replace(shots, motion=found.motion, measured=measured, count=count, rows=found.rows)
 
 
 def _stamped(motion: Motion) -> Motion:

@@ -314,8 +314,8 @@ def _(reason: reasons.PartlyUnexcited) -> str:
 def _(reason: reasons.DrawnBack) -> str:
     return (
         "the prior holds the parameters far from what the data say (without it the residual would be "
-        f"{_percent(100 - 100 / (1 + reason.growth / 100))} smaller, and the torque at twice the speed would differ by "
-        f"{_percent(reason.apart)}): the prior is wrong or too strong, or the model lacks an effect"
+        f"{rough(100 - 100 / (1 + reason.growth / 100))} smaller, and the torque at twice the speed would differ by "
+        f"{rough(reason.apart)}): the prior is wrong or too strong, or the model lacks an effect"
     )
 
 

@@ -47,3 +47,11 @@ def test_scatter_is_that_of_the_noise_whether_or_not_samples_fall_on_samples(ste
 
 def test_periods_are_counted_by_what_samples_stand_for() -> None:
     assert periods_in(np.arange(800) * 0.01, 4.0) == pytest.approx(2.0)
+
+
+def test_steps_of_an_encoder_that_repeat_are_no_harmonics() -> None:
+    """Whole periods of whole samples: what is rounded is the same in each, and nothing is between the harmonics."""
+    t = np.arange(2000) * 0.01
+    w = 2 * np.pi / 10.0 * t
+    q = 1e-3 * np.round(1e3 * (np.sin(w) + 0.2 * np.cos(3 * w)))
+    assert fit(q, t, Period(10.0, 0.0))[0].harmonics[0] <= 7

@@ -27,7 +27,7 @@ HERE = Path(__file__).parent
 BITS, FIRST = 17.0, 50  # the row from which MuJoCo simulates: the spline knows the speed there
 OWN = (
     "least_squares", "weighted_least_squares", "consistent", "instrumental_variables, lagged",
-    "instrumental_variables, simulated", "output_error", "maximum_likelihood",
+    "instrumental_variables, simulated", "didim", "output_error", "maximum_likelihood",
 )  # fmt: skip
 PEERS = {"FIGAROH": "figaroh_fit.py", "MuJoCo": "mujoco_fit.py"}
 Row = dict[str, Any]

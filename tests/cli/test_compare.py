@@ -41,6 +41,7 @@ def test_a_comparison_is_printed_and_written(project: Path, tmp_path: Path) -> N
         (("--estimators", ","), "no kind is given"),
         (("--truth", "nowhere.yaml"), "nowhere.yaml"),
         (("--folds", "1"), "folds = 1"),
+        (("--folds", "100000"), "a number from 2 to 100"),
     ],
 )
 def test_wrong_words_are_refused(project: Path, words: tuple[str, ...], message: str) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import ConfigError, InputError, Use
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, TotalLeastSquares
 from dynident.estimators.notes import ErrorsInRegressor
 from dynident.estimators.total_least_squares import _solved
@@ -125,6 +125,14 @@ def test_large_errors_are_said():
     assert isinstance(note, ErrorsInRegressor)
     assert note.parameter == NAMES[0]
     assert note.percent == pytest.approx(20, abs=1)  # 0.25 of 1.25
+    assert note.forbidden is None
+
+
+def test_more_error_than_motion_forbids_any_use_also_of_a_consistent_fit():
+    size, problem = (1.1, 0.0), noisy((1.1, 0.0), 0.05)
+    for estimator in (stated(size), PhysicallyConsistent(fit=stated(size), prior="none")):
+        (note,) = (one for one in estimator(problem).notes if isinstance(one, ErrorsInRegressor))
+        assert note.forbidden is Use.CONTROL
 
 
 def test_no_solution():

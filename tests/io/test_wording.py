@@ -15,6 +15,11 @@ from tests.io.configurations import FULL, TWO, changed, with_channel, with_train
 
 MISTAKES = {
     "unknown key": (changed(smother={}), ("unknown key 'smother'", "did you mean 'smoother'")),
+    "a number that is no choice": (
+        changed(smoother={"kind": "kalman", "order": 4}),
+        ("smoother.order: '4' is not a choice; Known: '2', '3'",),
+    ),
+    "truth by name": (changed(compare={"truth": {"M": "x"}}), ("compare.truth.M: a finite number is expected",)),
     "former key": (changed(parallel={"decimate": 2}), ("unknown key 'parallel'; it is called 'filter' now",)),
     "former key of slow motion": (changed(slow=0.1), ("unknown key 'slow'; it is called 'min_speed' now",)),
     "former key of the base": (

@@ -14,6 +14,7 @@ import yaml
 
 from dynident.io import channels, settings
 from dynident.io import simulation_settings as loops
+from dynident.io.compare_settings import CompareSettings
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import Section
 from dynident.io.parts import section
@@ -121,6 +122,7 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
         "law": (loops.FunctionSettings, ("simulation",), plain | {"simulation": law}),
         "law drive": (loops.FunctionJoint, ("simulation", "joints", "slider"), plain | {"simulation": law}),
         "excitation": (settings.ExcitationSettings, ("excitation",), plain | {"excitation": {"duration": 12}}),
+        "compare": (CompareSettings, ("compare",), plain | {"compare": {"smoothers": ["spline"]}}),
         "reference": (
             channels.Channel, ("simulation", "joints", "slider", "reference"), plain | {"simulation": cascade},
         ),

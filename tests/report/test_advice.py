@@ -56,7 +56,8 @@ def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None
 @pytest.mark.parametrize(
     ("reason", "figures"),
     [
-        (why.HeldBack(25.0, 12.3), ("20 % smaller", "differ by 12 %")),
+        (why.HeldBack(25.0, 12.3), ("physical constraints", "20 % smaller", "differ by 12 %")),
+        (why.DrawnBack(25.0, 12.3), ("the prior holds", "20 % smaller", "differ by 12 %")),
         (why.SlowHoldOut(0.25), ("only 25 % of the speed",)),
         (why.TorqueErrorTooLarge("a", 12.34, 10.0), ("on a is 12.3 %, above 10 %",)),
         (why.NotCarriedOver("a", 2.54), ("2.5 times the training error",)),

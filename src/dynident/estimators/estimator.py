@@ -106,7 +106,8 @@ class Residual:
     same; ``sample_weights`` holds for each motion of the regression what its rows (N, n) were multiplied with besides,
     empty where all count the same, and ``slopes`` (N, n) the derivative of w^2 e by the residual e where the weights w
     depend on it (empty: w^2); ``whitening`` is what the rows of all joints went through before that, None where it is
-    nothing. ``pieces`` is what is left in each piece of recordings that were fitted in pieces.
+    nothing. ``pieces`` is what is left in each piece of recordings that were fitted in pieces. Where it is
+    ``correlated``, the errors of the estimate allow for its correlation in time.
     """
 
     sigma: Array
@@ -116,6 +117,7 @@ class Residual:
     slopes: tuple[Array, ...] = ()
     pieces: Pieces | None = None
     whitening: Whitening | None = None
+    correlated: bool = False
 
     __repr__ = brief
 
@@ -125,10 +127,14 @@ class Residual:
             return plain
         return replace(plain, weights=self.sample_weights, whitening=self.whitening)
 
+    def responding(self, weighted: Regression) -> Regression:
+        """Return a regression whose rows are those of the fit, weighted by how much it follows them: by the slopes."""
+        return replace(weighted, weights=tuple(np.sqrt(one) for one in self.slopes)) if self.slopes else weighted
+
     def row_deviation(self, triangular: TriangularFactors, value: Array) -> Array:
-        """Return the deviation (n) of what ``value`` leaves of the rows of the fit: ``sigma``, or where they were
-        whitened, about one."""
-        if self.whitening is None:
+        """Return the deviation (n) of what ``value`` leaves of the rows of the fit, where that is not ``sigma``: where
+        they were whitened (about one), or weighted by sample. With ``slopes``, ``sigma`` is the one that counts."""
+        if self.slopes or not (self.sample_weights or self.whitening):
             return self.sigma
         return np.asarray(np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)))
 
@@ -165,8 +171,7 @@ class Estimate:
 
     Where the estimator can tell: ``provenance`` (p) says what each parameter was determined by (else empty);
     ``consistency`` how it stands to physics; ``interval`` (p, 2) are the ends of 95 % intervals that need not be
-    symmetric; ``information`` (p, p) is Fisher's of all, where the errors of the motion count, too; ``robust`` that it,
-    and the covariance, allow for residuals that are correlated in time.
+    symmetric; ``information`` (p, p) is Fisher's of all, where the errors of the motion count, too.
     """
 
     parameters: tuple[Parameter, ...]
@@ -179,7 +184,6 @@ class Estimate:
     consistency: Consistency | None = None
     interval: Array | None = None
     information: Array | None = None
-    robust: bool = False
 
     def __repr__(self) -> str:
         rows = zip(self.parameters, self.value, self.std, strict=True)

@@ -78,8 +78,8 @@ class LinearFit:
 
     ``directions`` are those of the parameters that they determine. How they were weighted, as in a ``Residual``:
     ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``, and ``whitening``. Where errors of
-    the motion count in the fit, ``information`` (p, p) is that of all; it is ``robust`` where it allows for residuals
-    that are correlated. ``sigma`` (n) is the standard deviation of each joint's residual where that is not its rms.
+    the motion count in the fit, ``information`` (p, p) is that of all; with residuals that are ``correlated`` it
+    allows for that. ``sigma`` (n) is the standard deviation of each joint's residual where that is not its rms.
     ``notes`` say what was not as it should be.
     """
 
@@ -93,7 +93,7 @@ class LinearFit:
     notes: tuple[Note, ...] = ()
     whitening: Whitening | None = None
     sigma: Array | None = None
-    robust: bool = False
+    correlated: bool = False
 
     __repr__ = brief
 
@@ -113,7 +113,7 @@ class LinearFit:
         rms = np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1))
         how = self.weights, self.sample_weights, self.slopes
         sigma = rms if self.sigma is None else self.sigma
-        return Residual(sigma, triangular.samples, *how, whitening=self.whitening)
+        return Residual(sigma, triangular.samples, *how, whitening=self.whitening, correlated=self.correlated)
 
 
 @runtime_checkable
@@ -135,7 +135,6 @@ def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
         residual=fit.residual(problem, found.value),
         notes=(*_notes(fit.directions, problem.model.names), *fit.notes),
         information=fit.information,
-        robust=fit.robust,
     )
 
 

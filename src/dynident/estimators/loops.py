@@ -29,8 +29,8 @@ def no_controller(motion: Motion, what: str, instead: str) -> MissingInputError:
     """Return the error where a recording has no controller, for ``what`` is to be simulated, or else ``instead``."""
     return MissingInputError(
         f"{motion.source}: {what} to be simulated, but the recording does not know its controller. Give its gains "
-        "and reference in the section `simulation` (kinds cascade, pd, pid, python; in Python Log.controller), or "
-        f"{instead}."
+        "and reference in the section `simulation` (kinds cascade, pd, pid, file.py:function; in Python "
+        f"Log.controller), or {instead}."
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dynident.errors import Note, Severity
+from dynident.errors import Note, Severity, Use
 
 __all__ = [
     "Averaged",
@@ -35,6 +35,8 @@ __all__ = [
     "Unsettled",
     "WhiteningCostly",
 ]
+
+HALF = 50.0  # %
 
 
 @dataclass(frozen=True)
@@ -93,10 +95,16 @@ class DrawnToPrior(Note):
 @dataclass(frozen=True)
 class ErrorsInRegressor(Note):
     """Along one direction, above all of a ``parameter``, so many ``percent`` of what the regressor shows (its sum of
-    squares) are its own errors, as they are stated: the estimate there rests on their size."""
+    squares) are its own errors, as they are stated: the estimate there rests on their size. Where that is more than
+    half, the parameters are no good for any use."""
 
     parameter: str
     percent: float
+
+    @property
+    def forbidden(self) -> Use | None:
+        """Any use, where there is more error than motion."""
+        return Use.CONTROL if self.percent > HALF else None
 
 
 @dataclass(frozen=True)

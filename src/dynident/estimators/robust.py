@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, get_args
 
@@ -10,25 +9,22 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, brief, changed, choices
+from dynident.errors import ConfigError, Note, Step, brief, changed, choices
 from dynident.estimators.estimator import Estimate, Problem
-from dynident.estimators.least_squares import MOST, joint_weights, weighted
-from dynident.estimators.linear import LinearFit, estimate_of
+from dynident.estimators.least_squares import MOST, LeastSquares, joint_weights, weighted
+from dynident.estimators.linear import LinearFit, estimate_of, solve
 from dynident.estimators.notes import Downweighted, StillMoving
-from dynident.models import Model
-from dynident.regression import Rank, Regression, rank_of
+from dynident.estimators.reweighting import ROUNDING, BaseRows, RowErrors
+from dynident.regression import Rank, rank_of
 
 __all__ = ["RobustLeastSquares"]
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Loss = Literal["huber", "tukey"]
 USUAL = {"huber": 1.345, "tukey": 4.685}  # 95 % efficiency for normal errors
 WIDEST = 1e6  # standard deviations
-NORMAL_MAD = 0.6744897501960817  # median absolute deviation of a standard normal error
 HELD = 10  # steps after which the scales stay: the median need not settle
 CLOSE, ROUGH = 1e-2, 1e-1  # step, in standard errors of all parameters together, that ends the iteration; of a start
-ROUNDING = 1e-7  # of the torque: the least scale
 FLATTEST = 0.1  # mean slope of psi: less, and the iteration has lost the data
 HALF, MANY = 0.5, 0.05  # a torque that counts less than half; share of them that is said
 
@@ -89,28 +85,48 @@ class RobustLeastSquares:
         regression, parameters = problem.regression, problem.model.parameters
         triangular = regression.triangular_factors
         factor, rank = weighted(triangular, joint_weights(triangular, "per_joint", 3, parameters), parameters)
-        start = _Step.of(LinearFit(factor, rank, triangular.total))
+        rows, z = BaseRows.of(regression, solve(factor, rank).value, rank), np.zeros(rank.rank)
         if self.loss == "tukey":
-            start = self._settled(problem, _Huber(USUAL["huber"]), start, rank, ROUGH)[0]
-        psi = _Huber if self.loss == "huber" else _Tukey
-        last, moved = self._settled(problem, psi(self.tuning or USUAL[self.loss]), start, rank, CLOSE)
-        notes = last.notes(problem.model)
-        return replace(last.fit, notes=(*notes, *([StillMoving(self.iterations, moved)] if moved > CLOSE else [])))
+            z = self._settled(problem, rows, _Huber(USUAL["huber"]), z, ROUGH).z
+        psi = (_Huber if self.loss == "huber" else _Tukey)(self.tuning or USUAL[self.loss])
+        found = self._settled(problem, rows, psi, z, CLOSE)
+        fit, little = _fit(problem, found, psi, rank)
+        few = tuple((problem.model.joints[j].name, float(little[j])) for j in np.flatnonzero(little > MANY))
+        notes: list[Note] = [Downweighted(few)] if few else []
+        notes += [StillMoving(self.iterations, found.moved)] if found.moved > CLOSE else []
+        return replace(fit, notes=tuple(notes))
 
-    def _settled(
-        self, problem: Problem, psi: _Huber | _Tukey, step: _Step, rank: Rank, close: float
-    ) -> tuple[_Step, float]:
-        """Return the last step, and its length in standard errors."""
-        moved, scale = np.inf, None
+    def quick(self) -> LeastSquares:
+        """Return least squares: what searches compare is a sum of squares, too."""
+        return LeastSquares(weights="per_joint")
+
+    def _settled(self, problem: Problem, rows: BaseRows, psi: _Huber | _Tukey, z: Array, close: float) -> _Settled:
+        """Return where the iteration from z (r) ends."""
+        errors, scale, moved = rows.errors(z), np.zeros(0), np.inf
         for k in range(self.iterations):
-            errors = _Errors.of(problem.regression, step.value)
-            if scale is None or k < HELD:
-                scale = errors.scale(problem.regression)
-            step, before = _step(problem, errors, scale, psi, rank), step
-            moved = float(np.linalg.norm(step.fit.factor[:-1, :-1] @ (step.value - before.value)))
+            problem.progress(Step("weighting the rows anew", k, self.iterations))
+            scale = errors.scale(problem.regression) if k < HELD else scale
+            weights = [psi.weights(one / scale) for one in errors.left]
+            variance, trust, _ = _moments(errors, scale, psi)
+            step, moved = rows.step(weights, errors.left, 1.0 / _variance(variance * trust, scale))
+            z = z + step
+            errors = rows.errors(z)
             if moved <= close:
                 break
-        return step, moved
+        return _Settled(z, errors, scale, moved)
+
+
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """The end ``z`` (r) of an iteration, the ``errors`` there, their ``scale`` (n), and the last step in standard
+    errors."""
+
+    z: Array
+    errors: RowErrors
+    scale: Array
+    moved: float
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -144,91 +160,40 @@ class _Tukey:
         return np.asarray((1.0 - x2) * (1.0 - 5.0 * x2))
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """The ``value`` (p) after a step, the rows of which it is the solution, and the share (n) that counts little."""
-
-    value: Array
-    fit: LinearFit
-    little: Array
-
-    __repr__ = brief
-
-    @classmethod
-    def of(cls, fit: LinearFit, little: Array | None = None) -> _Step:
-        """Return the step to the solution of a fit."""
-        return cls(fit.solution.value, fit, np.zeros(0) if little is None else little)
-
-    def notes(self, model: Model) -> tuple[Note, ...]:
-        """Return the note on joints of which many torques count less than half."""
-        found = tuple((model.joints[j].name, float(self.little[j])) for j in np.flatnonzero(self.little > MANY))
-        return (Downweighted(found),) if found else ()
-
-
-@dataclass(frozen=True, eq=False)
-class _Errors:
-    """The residuals of each motion (N, n), and which torques are fitted (N, n)."""
-
-    left: tuple[Array, ...]
-    used: tuple[Mask, ...]
-
-    __repr__ = brief
-
-    @classmethod
-    def of(cls, regression: Regression, theta: Array) -> _Errors:
-        """Return what theta (p) leaves, block by block."""
-        left = tuple(np.zeros(one.q.shape) for one in regression.motions)
-        used = tuple(np.zeros(one.q.shape, dtype=bool) for one in regression.motions)
-        for k, rows, error, keep in regression.residuals(theta):
-            left[k][rows], used[k][rows] = error, True if keep is None else keep
-        return cls(left, used)
-
-    def scale(self, regression: Regression) -> Array:
-        """Return the scale (n) of each joint by the median of its absolute residuals, not below rounding."""
-        triangular = regression.triangular_factors
-        size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
-        floor = ROUNDING * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
-        found = [np.median(np.abs(own)) / NORMAL_MAD if len(own) else 0.0 for own in self.by_joint(self.left)]
-        return np.maximum(found, floor)
-
-    def by_joint(self, values: Sequence[Array]) -> list[Array]:
-        """Return those of the values (N, n) of each motion that are fitted, joint by joint."""
-        pairs = list(zip(values, self.used, strict=True))
-        return [np.concatenate([one[on[:, j], j] for one, on in pairs]) for j in range(values[0].shape[1])]
-
-
-def _step(problem: Problem, errors: _Errors, scale: Array, psi: _Huber | _Tukey, rank: Rank) -> _Step:
-    """Return the weighted fit for residuals with these scales (n)."""
-    regression, parameters = problem.regression, problem.model.parameters
-    u = [left / scale for left in errors.left]
+def _fit(problem: Problem, at: _Settled, psi: _Huber | _Tukey, rank: Rank) -> tuple[LinearFit, Array]:
+    """Return the fit with the weights of the last residuals, and the share (n) of torques that count little."""
+    regression, errors, parameters = problem.regression, at.errors, problem.model.parameters
+    u = [left / at.scale for left in errors.left]
     w, slopes = [psi.weights(one) for one in u], [psi.slopes(one) for one in u]
-    own = [errors.by_joint(some) for some in (u, w, slopes)]
-    variance, trust, least = _moments(scale, *own)
+    variance, trust, least = _moments(errors, at.scale, psi)
     given = regression.weights or tuple(np.ones_like(one) for one in w)
     rows = replace(regression, weights=tuple(g * np.sqrt(one) for g, one in zip(given, w, strict=True)))
     triangular = rows.triangular_factors
-    total = triangular.total
-    sigma = np.sqrt(np.maximum(variance * trust, (ROUNDING * scale) ** 2) * total / max(total - rank.rank, 1))
+    total, p = triangular.total, len(parameters)
+    sigma = np.sqrt(_variance(variance * trust, at.scale) * total / max(total - rank.rank, 1))
     factor = triangular.stacked(1.0 / sigma)
     directions = rank_of(factor, parameters, None, rank)
-    p = len(parameters)
     factor[p, p] = np.sqrt(max(total - directions.rank, 1))  # the variance of a row is one
     curved = tuple(np.square(g) * np.maximum(one, 0.0) * least for g, one in zip(given, slopes, strict=True))
-    fit = LinearFit(factor, directions, total, 1.0 / sigma, rows.weights, curved, sigma=sigma)
-    little = np.array([float(np.mean(one < HALF)) if len(one) else 0.0 for one in own[1]])
-    return _Step.of(fit, little)
+    little = [float(np.mean(one < HALF)) if len(one) else 0.0 for one in errors.by_joint(w)]
+    return LinearFit(factor, directions, total, 1.0 / sigma, rows.weights, curved, sigma=sigma), np.array(little)
 
 
-def _moments(
-    scale: Array, u: Sequence[Array], w: Sequence[Array], slopes: Sequence[Array]
-) -> tuple[Array, Array, Array]:
+def _variance(variance: Array, scale: Array) -> Array:
+    """Return a variance (n) that is not below rounding of the scale."""
+    return np.asarray(np.maximum(variance, np.square(ROUNDING * scale)))
+
+
+def _moments(errors: RowErrors, scale: Array, psi: _Huber | _Tukey) -> tuple[Array, Array, Array]:
     """Return of each joint (n) the variance s^2 mean(psi^2) / mean(psi')^2 of an error that counts as much, the mean
     weight, and what slopes that are not negative are multiplied with, to have the mean of all."""
     variance, trust, least = np.square(scale), np.ones_like(scale), np.ones_like(scale)
-    for j, (x, weight, slope) in enumerate(zip(u, w, slopes, strict=True)):
-        if len(x):
+    for j, own in enumerate(errors.by_joint(errors.left)):
+        if len(own):
+            u = own / scale[j]
+            weight, slope = psi.weights(u), psi.slopes(u)
             mean = max(float(slope.mean()), FLATTEST)
-            variance[j] *= float(np.mean(np.square(weight * x))) / mean**2
+            variance[j] *= float(np.mean(np.square(weight * u))) / mean**2
             trust[j] = float(weight.mean())
             least[j] = mean / max(float(np.maximum(slope, 0.0).mean()), FLATTEST)
     return variance, trust, least

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Sized
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from dynident.errors import InputError, ModelError, brief
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.linear import solve
-from dynident.identification.repetition import Piece, credible, likely, pieces_of, repetition, worst_of
+from dynident.identification.repetition import Piece, credible, equations, likely, pieces_of, repetition, worst_of
 from dynident.identification.sampled_bias import repeat, sampled_bias
 from dynident.log import Log
 from dynident.models import Model
@@ -69,15 +69,17 @@ def motion_errors(
 ) -> MotionErrors | None:
     """Return what the errors of the motions that ``smoother`` has made of ``logs`` do to an ``estimate``.
 
-    It is that of the fit of ``regression`` without constraints, by least squares with the estimate's weights. Of more
+    It is that of the fit of ``regression`` without constraints, by least squares with the estimate's weights, or where
+    these depend on the residual, with the weights by which the fit follows a change of the torque. Of more
     than 20 000 samples a few pieces are used, for the bias of more than 80 000. ``rng`` draws the noise, by default the
     same each time. None where a piece cannot be smoothed by itself.
     """
     rng = rng or np.random.default_rng(0)
     triangular, weights = regression.triangular_factors, estimate.residual.weights
+    follows = estimate.residual.responding(regression)
     try:
-        parts = _parts(logs, regression, smoother, estimate, SAMPLES, rng)
-        bias, more = _bias(logs, regression, smoother, estimate, parts, rng)
+        parts = _parts(logs, follows, smoother, estimate, SAMPLES, rng)
+        bias, more = _bias(logs, follows, smoother, estimate, parts, rng)
         worst = worst_of(parts)
         torques = [
             np.stack([likely(one.torque(model, estimate.value, one.noise(rng)), worst) for _ in range(DRAWS)], axis=2)
@@ -85,8 +87,9 @@ def motion_errors(
         ]
     except InputError:
         return None
-    factor, rank = weighted(triangular, _ones(weights, triangular.rows), model.parameters, shown=estimate.shown)
-    here = replace(regression, motions=tuple(one.motion for one in parts), weights=(), bias=None)
+    ones = _ones(weights, triangular.rows)
+    factor, rank = weighted(follows.triangular_factors, ones, model.parameters, shown=estimate.shown)
+    here = equations(follows, parts, [one.motion for one in parts])
     moved = rank.inverse @ here.pulls(torques, weights)
     scale = sum(float(one.mask.sum()) for one in regression.motions) / max(_usable(here), 1.0)
     covariance = scale * moved @ moved.T / DRAWS
@@ -114,10 +117,11 @@ def _parts(
 ) -> list[Piece]:
     """Return pieces of about so many samples of the logs, with as much noise as is credible."""
     share = min(1.0, samples / sum(map(len, logs)))
+    weights = regression.weights or [None] * len(logs)
     found = [
         one
-        for log, motion in zip(logs, regression.motions, strict=True)
-        for one in pieces_of(regression.model, log, motion, smoother, estimate.value, share)
+        for log, motion, own in zip(logs, regression.motions, weights, strict=True)
+        for one in pieces_of(regression.model, log, motion, smoother, estimate.value, share, own)
     ]
     return credible(regression.model, found, estimate.value, rng)
 
@@ -158,7 +162,7 @@ def _refitted(
 ) -> Array:
     """Return by how much (p) the fit of the repetition with these errors of the positions differs from its truth."""
     motions = repetition(model, parts, errors, estimate.value, worst_of(parts))
-    left = replace(regression, motions=motions, weights=(), bias=None).triangular_factors.less(estimate.value)
+    left = equations(regression, parts, motions).triangular_factors.less(estimate.value)
     ones = _ones(estimate.residual.weights, left.rows)
     return solve(*weighted(left, ones, model.parameters, shown=estimate.shown)).value
 

@@ -12,14 +12,25 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import called
+from dynident.errors import brief, called
 from dynident.filters import one_pole
 from dynident.log import Log, Motion, pieces
 from dynident.models import Model
+from dynident.regression import Regression
 from dynident.smoothers import Smoother, as_used, position_noise, unshifted
 from dynident.splines import coloured_noise
 
-__all__ = ["Piece", "credible", "credible_share", "likely", "pieces_of", "repeated", "repetition", "worst_of"]
+__all__ = [
+    "Piece",
+    "credible",
+    "credible_share",
+    "equations",
+    "likely",
+    "pieces_of",
+    "repeated",
+    "repetition",
+    "worst_of",
+]
 
 Array = NDArray[np.float64]
 PIECE = 4_000  # samples of one piece of a recording of which not all is repeated
@@ -30,7 +41,8 @@ class Piece:
     """Part of a log with its motion as fitted; its smoothed positions and their torque as a ``clean`` log.
 
     ``smoother`` is the linear one that made the motion; ``sigma`` and ``rho`` (n) are deviation and correlation of
-    neighbours of the noise in the positions.
+    neighbours of the noise in the positions. ``weights`` (N, n) are what the rows of the fit were multiplied with, None
+    where all count the same.
     """
 
     motion: Motion
@@ -38,6 +50,9 @@ class Piece:
     smoother: Smoother
     sigma: Array
     rho: Array
+    weights: Array | None = None
+
+    __repr__ = brief
 
     def noise(self, rng: np.random.Generator) -> Array:
         """Draw noise like that of the positions (N, n)."""
@@ -121,6 +136,12 @@ def repetition(
     return tuple(found)
 
 
+def equations(like: Regression, parts: Sequence[Piece], motions: Sequence[Motion]) -> Regression:
+    """Return the equations of motions that repeat each of the parts, weighted as those of ``like`` are."""
+    weights = tuple(one.weights for one in parts if one.weights is not None)
+    return replace(like, motions=tuple(motions), weights=weights, bias=None)
+
+
 def worst_of(parts: Sequence[Piece]) -> Array:
     """Return the largest residual (n) of each joint: a sample on the other side of a reversal of speed, which did not
     happen in a recording, is no bias of it."""
@@ -139,9 +160,15 @@ def _fitted(motion: Motion) -> NDArray[np.bool_]:
 
 
 def pieces_of(
-    model: Model, log: Log, motion: Motion, smoother: Smoother, theta: Array, share: float
+    model: Model,
+    log: Log,
+    motion: Motion,
+    smoother: Smoother,
+    theta: Array,
+    share: float,
+    weights: Array | None = None,
 ) -> Iterator[Piece]:
-    """Yield the pieces of a log that stand for it, with the noise of its positions."""
+    """Yield the pieces of a log that stand for it, with the noise of its positions and their part of its weights."""
     used = as_used(smoother, motion)
     bare = called(unshifted(used), log, Motion) if motion.time_offset else motion
     sigma, rho = _noise(log, bare)
@@ -152,7 +179,8 @@ def pieces_of(
         if not part.mask.any():
             continue
         tau = model.torque(**part.states(), theta=theta)
-        yield Piece(part, Log(log.t[one], bare.q[one], tau, log.joints, log.source), used, sigma, rho)
+        clean = Log(log.t[one], bare.q[one], tau, log.joints, log.source)
+        yield Piece(part, clean, used, sigma, rho, None if weights is None else weights[one])
 
 
 def _noise(log: Log, smoothed: Motion) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynident.errors import brief, called
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.linear import solve
-from dynident.identification.repetition import Piece, repetition
+from dynident.identification.repetition import Piece, equations, repetition
 from dynident.log import Motion
 from dynident.models import Model
 from dynident.regression import Regression, TriangularFactors, factorise, merged
@@ -62,7 +62,7 @@ def repeat(model: Model, piece: Piece, theta: Array, like: Regression, rng: np.r
         piece.clean, q=called(unshifted(piece.smoother), replace(piece.clean, q=piece.clean.q + e), Motion).q
     )
     second = replace(piece, motion=again[0], clean=replace(clean, tau=model.torque(**states, theta=theta)))
-    return Repeated(_factors(again, theta, like), _factors(_both(model, second, e, theta), theta, like))
+    return Repeated(_factors(piece, again, theta, like), _factors(piece, _both(model, second, e, theta), theta, like))
 
 
 def _both(model: Model, piece: Piece, e: Array, theta: Array) -> tuple[Motion, ...]:
@@ -70,8 +70,8 @@ def _both(model: Model, piece: Piece, e: Array, theta: Array) -> tuple[Motion, .
     return tuple(one for sign in (1.0, -1.0) for one in repetition(model, [piece], [sign * e], theta, every))
 
 
-def _factors(motions: tuple[Motion, ...], theta: Array, like: Regression) -> TriangularFactors:
-    regression = replace(like, motions=motions, weights=(), bias=None)
+def _factors(piece: Piece, motions: tuple[Motion, ...], theta: Array, like: Regression) -> TriangularFactors:
+    regression = equations(like, [piece] * len(motions), motions)
     return factorise(regression.entries(), regression.structure).less(theta)
 
 

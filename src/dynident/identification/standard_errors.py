@@ -44,10 +44,10 @@ def covariance_of_time_offset(
         ends = [motion.shifted(side * SHORT) for side in (1.0, -1.0)]
         late, early = (model.torque(**one.states(), theta=estimate.value) for one in ends)
         torques.append((late - early)[:, :, None] / (2 * SHORT))
-    weights = estimate.residual.weights
+    weights, follows = estimate.residual.weights, estimate.residual.responding(regression)
     ones = np.ones(len(model.joints)) if weights is None else weights
-    _, rank = weighted(regression.triangular_factors, ones, model.parameters, shown=estimate.shown)
-    moved = found.std * rank.inverse @ regression.pulls(torques, weights)
+    _, rank = weighted(follows.triangular_factors, ones, model.parameters, shown=estimate.shown)
+    moved = found.std * rank.inverse @ follows.pulls(torques, weights)
     return np.asarray(moved @ moved.T)
 
 
@@ -110,7 +110,7 @@ def _robust_std(
     """
     B = np.eye(len(more)) if basis is None else basis.combination
     others = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
-    if estimate.robust:
+    if estimate.residual.correlated:
         return np.asarray(np.hypot(own, others))
     columns = None if basis is None else basis.independent
     value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes

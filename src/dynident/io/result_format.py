@@ -106,6 +106,7 @@ class ResidualPart(Part):
     weights: list[float] | None
     pieces: PiecesPart | None = None
     whitening: WhiteningPart | None = None
+    correlated: bool = False
 
 
 class ConsistencyPart(Part):
@@ -127,7 +128,6 @@ class EstimatePart(Part):
     covariance: list[list[float]]
     interval: list[tuple[float, float]] | None
     information: list[list[float]] | None
-    robust: bool = False
 
 
 class BaseRow(Part):

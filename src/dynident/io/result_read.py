@@ -172,13 +172,13 @@ def _estimate(file: ResultFile, model: Model, source: str) -> Estimate:
             weights,
             pieces=_pieces(residual.pieces),
             whitening=_whitening(residual.whitening, len(residual.sigma), source),
+            correlated=residual.correlated,
         ),
         tuple(_noun(Note, one, source) for one in given.notes),
         known if len(known) == p else (),
         _consistency(given.consistency, p, source),
         None if given.interval is None else _matrix(given.interval, (p, 2), "estimate.interval", source),
         None if given.information is None else _matrix(given.information, (p, p), "estimate.information", source),
-        given.robust,
     )
 
 

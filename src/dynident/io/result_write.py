@@ -69,7 +69,10 @@ def _parameters(found: Identification) -> Iterator[dict[str, Any]]:
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
     residual = estimate.residual
-    noise, more = residual.whitening, {} if residual.pieces is None else {"pieces": vars(residual.pieces)}
+    noise = residual.whitening
+    more: dict[str, Any] = {} if residual.pieces is None else {"pieces": vars(residual.pieces)}
+    if residual.correlated:
+        more["correlated"] = True
     if noise is not None:
         more["whitening"] = {"coefficients": noise.coefficients, "covariance": noise.covariance}
     return {
@@ -81,7 +84,6 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
         "covariance": estimate.covariance,
         "interval": estimate.interval,
         "information": estimate.information,
-        "robust": estimate.robust,
     }
 
 

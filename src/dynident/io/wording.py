@@ -65,7 +65,7 @@ def _words(details: ErrorDetails) -> str:
         return f"{context['error']}{got}"
     if kind in ("literal_error", "enum"):
         wrong = str(details["input"])
-        known = re.findall(r"'([^']*)'", context["expected"])
+        known = re.findall(r"'([^']*)'", context["expected"]) or re.split(", | or ", context["expected"])
         return f"{wrong!r} is not a choice; {choices(wrong, known)}"
     if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
         empty = "; if all lines are comments, complete them and delete the # in front"

@@ -28,7 +28,7 @@ from dynident.models.term import (
     Term,
     declares,
 )
-from dynident.models.weighted import weighted_gradient
+from dynident.models.weighted import times, weighted_gradient
 
 __all__ = ["MassMatrixCheck", "Model"]
 
@@ -331,13 +331,12 @@ class Model:
     @cached_property
     def _parts(self) -> list[slice]:
         """The parameters of each term."""
-        ends = np.cumsum(self._widths).tolist()
-        return [slice(end - width, end) for end, width in zip(ends, self._widths, strict=True)]
+        return [slice(end - n, end) for end, n in zip(np.cumsum(self._widths).tolist(), self._widths, strict=True)]
 
     def _torque(self, states: tuple[Array, ...], theta: Array, without: Sequence[int] = ()) -> Array:
         """Return the torque of all terms, or of some."""
         if theta.ndim == 2 or not (without or any(self._recursive)):
-            return _times(self._regressor(states), theta)
+            return times(self._regressor(states), theta)
         shape = states[0].shape
         total = np.zeros(shape)
         for k, part in enumerate(self._parts):
@@ -347,10 +346,5 @@ class Model:
                 tau = called(self, self.terms[k], "torque", *states[:3], theta[part], *self._own(k, states))
                 total += checked(self, self.terms[k], "torque", tau, shape, states)
             else:
-                total += _times(self._block(k, states), theta[part])
+                total += times(self._block(k, states), theta[part])
         return total
-
-
-def _times(Y: Array, theta: Array) -> Array:
-    """Return Y theta for Y (N, n, p) and theta (p) or (N, p)."""
-    return Y @ theta if theta.ndim == 1 else np.einsum("nij,nj->ni", Y, theta)

@@ -1,7 +1,7 @@
-"""The derivatives of a weighted sum of all entries of the regressor by the motion: one reverse pass for each term.
+"""Weighted sums of the regressor: of its columns, and of all entries with the derivatives by the motion.
 
-A criterion of a motion's information M = sum_i Y_i' W Y_i changes by such a sum: d log det M = 2 sum_i <G_i, dY_i> with
-G_i = W Y_i M^-1.
+The derivatives are one reverse pass for each term. A criterion of a motion's information M = sum_i Y_i' W Y_i changes
+by such a sum: d log det M = 2 sum_i <G_i, dY_i> with G_i = W Y_i M^-1.
 """
 
 from __future__ import annotations
@@ -20,10 +20,15 @@ from dynident.models.term import HasWeightedGradient, Term, declares
 if TYPE_CHECKING:
     from dynident.models.model import Model
 
-__all__ = ["weighted_gradient"]
+__all__ = ["times", "weighted_gradient"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
+
+
+def times(Y: Array, theta: Array) -> Array:
+    """Return Y theta for Y (N, n, p) and theta (p) or (N, p)."""
+    return Y @ theta if theta.ndim == 1 else np.einsum("nij,nj->ni", Y, theta)
 
 
 def weighted_gradient(model: Model, states: tuple[Array, ...], weights: Array) -> Array:

@@ -34,7 +34,7 @@ __all__ = ["FILES", "NUMBERS", "REPORT", "TABLE", "run_comparison"]
 
 TABLE, NUMBERS, REPORT = "compare.parquet", "compare.json", "report.html"
 FILES = (TABLE, NUMBERS, REPORT)
-FOLDS = 5
+FOLDS, MOST = 5, 100
 Progress = Callable[[str], None]
 Files = Callable[[Ranking], Mapping[str, str]]
 
@@ -56,8 +56,8 @@ def run_comparison(
 ) -> Ranking:
     """Do what ``dynident.compare`` says; ``files`` gives the texts by name that are written beside the table."""
     path, folder, say = as_path(config), None if out is None else as_path(out), progress or (lambda _: None)
-    if folds == 1 or folds < 0:
-        raise InputError(f"folds = {folds}: give a number of at least 2, or 0 for no cross-validation.")
+    if folds and not 2 <= folds <= MOST:
+        raise InputError(f"folds = {folds}: give a number from 2 to {MOST}, or 0 for no cross-validation.")
     with watched(path):
         project = read_project(path, say)
         given = _truth(project, truth)
@@ -192,7 +192,7 @@ def _common(task: Task, smoothers: Sequence[Candidate], rows: Sequence[Mapping[s
     masks = {one.name: masks_of(row["masks"], task.motions) for one, row in pairs if row["status"] == Outcome.OK}
     if not masks:
         reasons = "; ".join(f"{row['smoother']}: {row['reason']}" for row in rows)
-        raise InputError(f"no smoother works on these logs: {reasons}")
+        raise InputError(f"no smoother works on these logs: {reasons.rstrip('.')}.")
     return common_of(task, masks)
 
 

@@ -12,7 +12,7 @@ from dynident.report.check import finding_row
 from dynident.report.page import number
 from dynident.report.robot_words import remedy
 from dynident.report.wording import causes_words, words
-from dynident.report.words import percent
+from dynident.report.words import cut, percent, rough
 from dynident.validation import AT_FLOOR, Driver, FloorOrigin
 
 if TYPE_CHECKING:
@@ -115,16 +115,12 @@ def _against(verdict: Verdict, longest: int | None) -> str:
     if not given and run is not None:
         return (
             "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at "
-            f"most {_percent(run.error)} of the motion ({run.joint}, {run.log})."
+            f"most {rough(run.error)} of the motion ({run.joint}, {run.log})."
         )
-    named = [_cut(words(one), longest) for one in given[:IN_SENTENCES]]
+    named = [cut(words(one), longest) for one in given[:IN_SENTENCES]]
     named += [f"and {len(given) - IN_SENTENCES} more"] if len(given) > IN_SENTENCES else []
     what = "Against its use" if verdict.use is Use.DO_NOT_USE else "Not for simulation"
     return f"{what}: {_joined(named)}"
-
-
-def _cut(text: str, longest: int | None) -> str:
-    return text if longest is None or len(text) <= longest else f"{text[:longest].rsplit(' ', 1)[0]} …"
 
 
 def _joined(named: Sequence[str]) -> str:
@@ -177,7 +173,7 @@ def _(remedy: Remedy) -> str:
 def _(step: steps.Sharpen) -> str:
     motion = _EXCITATIONS[step.excitation].format(joint=step.joint or "the joints")
     return (
-        f"{step.parameter} is {step.value:.3g} +- {step.std:.2g} (one standard error, {_percent(step.share)} of the "
+        f"{step.parameter} is {step.value:.3g} +- {step.std:.2g} (one standard error, {rough(step.share)} of the "
         f"torque): {motion}{_faster(step)}.{_gain(step, 'at most')}"
     )
 
@@ -261,7 +257,7 @@ def _(reason: reasons.Repeats) -> str:
 
 @words.register
 def _(reason: reasons.SlowHoldOut) -> str:
-    return f"the held-out motion has only {_percent(100 * reason.share)} of the speed of the training"
+    return f"the held-out motion has only {rough(100 * reason.share)} of the speed of the training"
 
 
 @words.register
@@ -315,11 +311,20 @@ def _(reason: reasons.PartlyUnexcited) -> str:
 
 
 @words.register
+def _(reason: reasons.DrawnBack) -> str:
+    return (
+        "the prior holds the parameters far from what the data say (without it the residual would be "
+        f"{rough(100 - 100 / (1 + reason.growth / 100))} smaller, and the torque at twice the speed would differ by "
+        f"{rough(reason.apart)}): the prior is wrong or too strong, or the model lacks an effect"
+    )
+
+
+@words.register
 def _(reason: reasons.HeldBack) -> str:
     return (
         "physical constraints hold the parameters far from what the data say (without them the residual would be "
-        f"{_percent(100 - 100 / (1 + reason.growth / 100))} smaller, and the torque at twice the speed would differ by "
-        f"{_percent(reason.apart)}): the model lacks an effect, or a gain, a unit or a direction is wrong"
+        f"{rough(100 - 100 / (1 + reason.growth / 100))} smaller, and the torque at twice the speed would differ by "
+        f"{rough(reason.apart)}): the model lacks an effect, or a gain, a unit or a direction is wrong"
     )
 
 
@@ -348,9 +353,5 @@ def _(reason: reasons.FreeRunFails) -> str:
 def _(reason: reasons.FreeRunAstray) -> str:
     looped = reason.driver is Driver.CONTROLLER
     way = "in the controller's loop" if looped else f"within {reason.restart:g} s of the measured torque"
-    error = f"{_percent(reason.error)} of the motion of {reason.joint}"
+    error = f"{rough(reason.error)} of the motion of {reason.joint}"
     return f"the free simulation of {reason.log} has an error of {error} {way}"
-
-
-def _percent(value: float) -> str:
-    return percent(value, 2) if value < 10 else f"{value:.0f} %"

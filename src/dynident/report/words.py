@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ROLES",
     "count",
+    "cut",
     "day",
     "huge",
     "label_of",
@@ -25,6 +26,7 @@ __all__ = [
     "motion_known",
     "percent",
     "points",
+    "rough",
     "short",
     "tiny",
 ]
@@ -79,6 +81,16 @@ def day(stamp: str) -> str:
 def percent(value: float, digits: int = 3) -> str:
     """Word a share (%) to so many significant digits: never "1e+02 %" for 100 %, as a format of two digits has it."""
     return f"{short(value, digits)} %"
+
+
+def rough(value: float) -> str:
+    """Word a share (%) to two digits, and from 10 % on to whole ones."""
+    return percent(value, 2) if value < 10 else f"{value:.0f} %"
+
+
+def cut(text: str, longest: int | None) -> str:
+    """Return a text without the words beyond so many signs."""
+    return text if longest is None or len(text) <= longest else f"{text[:longest].rsplit(' ', 1)[0]} …"
 
 
 def short(value: float, digits: int = 3) -> str:

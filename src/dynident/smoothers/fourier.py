@@ -79,8 +79,7 @@ class FourierSeries:
     def __call__(self, log: Log) -> Motion:
         """Fit; ``smoothing`` holds period and error, start, stop (s), by joint harmonics, sigma, noise, whiteness."""
         fit = self._fit(log)
-        parts = [series(log.t) for series in fit.series]
-        q, dq, ddq = (np.concatenate([one[k] for one in parts], axis=1) for k in range(3))
+        q, dq, ddq = fit.series(log.t)
         degrees = len(fit.left) - 2 * fit.harmonics - 1
         noise = np.sqrt(np.square(fit.left).sum(axis=0) / np.maximum(degrees, 1))
         q, dq, ddq = with_rest(at_rest(log.q, q, noise), log.q, (q, dq, ddq))

@@ -1,8 +1,8 @@
 """Series of harmonics by least squares, at the times as they are, and what noise each of them holds.
 
-With e(t) = exp(2 pi i (t - middle) / period), the series is the real part of sum_k c_k e^k. Its normal equations are
-those of a Toeplitz matrix, of the sums of e^m over the samples: over whole periods of equally spaced samples they are
-diagonal, and the series is that of the average period.
+With e(t) = exp(2 pi i (t - middle) / period), the series is the real part of sum_k c_k e^k. Its normal equations hold
+the sums of e^m over the samples: over whole periods of equally spaced samples they are diagonal, and the series is that
+of the average period.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.smoothers.harmonic_sums import factor_of, products, values
 
 __all__ = ["HarmonicSeries", "by_bic", "fitted_series", "highest_seen", "noise_power", "spectrum", "taken"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-ROWS = 2048  # evaluated at once
 LINES = 8  # of the spectrum from which the noise at a harmonic is taken, at least
-SINGULAR = 1e-5  # times the largest pivot
 STANDS_OUT = 2.0  # times what the largest of all lines of white noise is of their mean
 TINY = 1e-300
 
@@ -38,52 +37,21 @@ class HarmonicSeries:
     def __call__(self, t: Array, highest: int = 2) -> Array:
         """Return the values and derivatives up to the ``highest`` (highest + 1, N, k) at times t (N), s."""
         count, k = self.coefficients.shape
-        order = np.arange(count)
-        turn = complex(0.0, 2.0 * np.pi / self.period)
-        each = [self.coefficients * (turn * order[:, None]) ** power for power in range(highest + 1)]
-        stacked = np.concatenate(each, axis=1)
-        out = np.empty((len(t), (highest + 1) * k))
-        for start in range(0, len(t), ROWS):
-            rows = slice(start, start + ROWS)
-            out[rows] = (_powers(np.exp(turn * (t[rows] - self.middle)), count) @ stacked).real
+        turn = 2j * np.pi / self.period * np.arange(count)[:, None]
+        stacked = np.concatenate([self.coefficients * turn**power for power in range(highest + 1)], axis=1)
+        out = values(t, stacked, self.period, self.middle)
         return np.ascontiguousarray(out.reshape(len(t), highest + 1, k).transpose(1, 0, 2))
 
 
-def _powers(step: Complex, count: int) -> Complex:
-    """Return step^k for k below ``count`` (N, count)."""
-    out = np.empty((len(step), count), dtype=np.complex128)
-    out[:, 0] = 1.0
-    for k in range(1, count):
-        np.multiply(out[:, k - 1], step, out=out[:, k])
-    return out
-
-
-def fitted_series(t: Array, q: Array, period: float, harmonics: int) -> HarmonicSeries:
-    """Return the series of q (N, k) by least squares; LinAlgError where the samples do not determine it."""
-    from scipy.linalg import cho_factor, cho_solve
-
-    middle, count = (t[0] + t[-1]) / 2, harmonics + 1
-    turn, power = np.exp(2j * np.pi / period * (t - middle)), np.ones(len(t), dtype=complex)
-    sums, products = np.empty(2 * count - 1, dtype=complex), np.empty((count, q.shape[1]), dtype=complex)
-    base = q.mean(axis=0)
-    centred = q - base
-    for m in range(2 * count - 1):
-        sums[m] = power.sum()
-        if m < count:
-            products[m] = power.conj() @ centred
-        power *= turn
-    order = np.arange(-harmonics, count)
-    lag = order - order[:, None]
-    gram = np.where(lag >= 0, sums[np.abs(lag)], sums[np.abs(lag)].conj())
-    right = np.concatenate([products[:0:-1].conj(), products])
-    factor = cho_factor(gram)
-    pivots = np.abs(np.diag(factor[0]))
-    if pivots.min() < SINGULAR * pivots.max():
-        raise np.linalg.LinAlgError("the samples do not determine the series")
-    found = cho_solve(factor, right)[harmonics:]
-    found[1:] *= 2.0
-    found[0] = found[0].real + base
-    return HarmonicSeries(period, float(middle), found)
+def fitted_series(t: Array, q: Array, period: float, harmonics: int | NDArray[np.intp]) -> HarmonicSeries:
+    """Return the series of q (N, k) by least squares, of so many harmonics, one number or by column (k); LinAlgError
+    where the samples do not determine it."""
+    each = np.broadcast_to(np.asarray(harmonics, dtype=np.intp), q.shape[1])
+    most, middle, base = int(each.max()), float(t[0] + t[-1]) / 2, q.mean(axis=0)
+    factor = factor_of(t, period, most)
+    found = factor.solve(products(t, q - base, period, middle, most + 1).conj(), each).conj()
+    found[0] += base
+    return HarmonicSeries(period, middle, found)
 
 
 def spectrum(x: Array, lines: int) -> Array:
@@ -110,9 +78,9 @@ def noise_power(t: Array, left: Array, period: float, harmonics: int) -> Array:
     return np.asarray(4.0 / count**2 * power[at] * taken(periods))
 
 
-def highest_seen(t: Array, left: Array, period: float, limit: int) -> int:
+def highest_seen(t: Array, left: Array, period: float, limit: int, floor: Array | float = TINY) -> int:
     """Return the highest harmonic, up to a ``limit``, whose line stands out of its neighbours in what is ``left`` (N,
-    k); 0 where none does."""
+    k), and of a ``floor`` of the mean |c|^2 (k); 0 where none does."""
     from scipy.fft import rfft
     from scipy.ndimage import median_filter
 
@@ -121,7 +89,7 @@ def highest_seen(t: Array, left: Array, period: float, limit: int) -> int:
     power = np.square(np.abs(rfft(left - left.mean(axis=0), axis=0)))
     usual = median_filter(power, (8 * LINES + 1, 1), mode="mirror") / np.log(2.0)
     at = np.minimum(np.round(np.arange(1, limit + 1) * periods).astype(int), len(power) - 1)
-    seen = (power[at] > STANDS_OUT * np.log(count) * np.maximum(usual[at], TINY)).any(axis=1)
+    seen = (power[at] > STANDS_OUT * np.log(count) * np.maximum(usual[at], floor * count**2 / 4)).any(axis=1)
     return int(np.flatnonzero(seen).max(initial=-1)) + 1
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from dynident.errors import InputError, brief
 from dynident.log import Log
 from dynident.smoothers.harmonics import HarmonicSeries, by_bic, fitted_series, highest_seen, noise_power
 from dynident.smoothers.period import Period, refined
+from dynident.smoothers.rest import least_step
 from dynident.splines import noise_sigma
 
 __all__ = ["MOST", "PeriodicFit", "Sought", "misfit", "periods_in", "repeating", "scatter"]
@@ -42,12 +43,12 @@ class Sought:
 
 @dataclass(frozen=True, eq=False)
 class PeriodicFit:
-    """The period, harmonics (n) and series by joint of a log, of the rows ``used``, and what is left there (M, n)."""
+    """The period, harmonics (n) and series of a log's joints, of the rows ``used``, and what is left there (M, n)."""
 
     period: Period
     used: slice
     harmonics: NDArray[np.intp]
-    series: tuple[HarmonicSeries, ...]
+    series: HarmonicSeries
     left: Array
 
     __repr__ = brief
@@ -103,21 +104,13 @@ def _fitted(log: Log, used: slice, period: Period, sought: Sought) -> PeriodicFi
     free = np.array([one is None for one in given])
     if free.any():
         harmonics[free] = _chosen(t, q[:, free], period.value, limit)
-    series: dict[int, HarmonicSeries] = {}
-    left = np.empty_like(q)
-    for count in set(harmonics.tolist()):
-        joints = np.flatnonzero(harmonics == count).tolist()
-        found = fitted_series(t, q[:, joints], period.value, count)
-        left[:, joints] = q[:, joints] - found(t, 0)[0]
-        each = [replace(found, coefficients=c[:, None]) for c in found.coefficients.T]
-        series.update(zip(joints, each, strict=True))
-    return PeriodicFit(period, used, harmonics, tuple(series[j] for j in range(len(given))), left)
+    series = fitted_series(t, q, period.value, harmonics)
+    return PeriodicFit(period, used, harmonics, series, q - series(t, 0)[0])
 
 
 def _chosen(t: Array, q: Array, period: float, limit: int) -> NDArray[np.intp]:
     """Return the number of harmonics of each column."""
-    count = min(FIRST, limit)
-    rounding = np.square(4 * np.finfo(float).eps * np.abs(q).max(axis=0)) * 4 / len(t)
+    count, floor = min(FIRST, limit), _floor(t, q, period)
     while True:
         series = fitted_series(t, q, period, count)
         left = q - series(t, 0)[0]
@@ -125,11 +118,22 @@ def _chosen(t: Array, q: Array, period: float, limit: int) -> NDArray[np.intp]:
             noise = noise_power(t, left, period, count)
         else:  # there is nothing between the harmonics
             noise = np.broadcast_to(4 / len(t) * np.square(noise_sigma(t, q)), (count + 1, q.shape[1]))
-        best = by_bic(series, np.maximum(noise, rounding), len(t))
-        further = highest_seen(t, left, period, limit)
+        best = by_bic(series, noise + floor, len(t))
+        further = highest_seen(t, left, period, limit, floor)
         if count == limit or max(best.max(), further // 2) <= count // 2:
             return best
         count = min(max(2 * count, further + 1), limit)
+
+
+def _floor(t: Array, q: Array, period: float) -> Array:
+    """Return the mean |c|^2 (k) that the steps of an encoder, and rounding, give to each harmonic.
+
+    Where the motion repeats they do so too: nothing of them is between the harmonics.
+    """
+    step = least_step(q)
+    rounding = 4 * np.finfo(float).eps * np.abs(q).max(axis=0)
+    repeated = np.maximum(np.where(np.isfinite(step), step, 0.0) / np.sqrt(12.0), rounding)
+    return np.asarray(4.0 / len(t) * max(periods_in(t, period), 1.0) * np.square(repeated))
 
 
 def _steady(t: Array, left: Array, moves: NDArray[np.bool_], period: float) -> slice:
@@ -175,16 +179,15 @@ def misfit(t: Array, fit: PeriodicFit, sought: Sought) -> tuple[Array, Array]:
     beyond = np.maximum(power - np.square(sought.sigma), 0.0) * 2.0 / len(t)
     left = np.maximum(np.square(fit.left).mean(axis=0) - np.square(sought.sigma), 0.0)
     bent = (turn[:, None] ** 4 * beyond)[turn <= highest].sum(axis=0)
-    sizes = np.array([_sizes(one) for one in fit.series])
-    shares = (x / np.maximum(x + size, 1e-300) for x, size in zip((left, bent), sizes.T, strict=True))
+    shares = (x / np.maximum(x + size, 1e-300) for x, size in zip((left, bent), _sizes(fit.series), strict=True))
     return np.sqrt(next(shares)), np.sqrt(next(shares))
 
 
-def _sizes(series: HarmonicSeries) -> tuple[float, float]:
-    """Return the mean squares of the motion, without its mean, and of its acceleration."""
-    power = np.square(np.abs(series.coefficients[1:, 0])) / 2.0
-    turn = 2.0 * np.pi * np.arange(1, len(power) + 1) / series.period
-    return float(power.sum()), float((power * turn**4).sum())
+def _sizes(series: HarmonicSeries) -> tuple[Array, Array]:
+    """Return the mean squares (n) of the motion, without its mean, and of its acceleration."""
+    power = np.square(np.abs(series.coefficients[1:])) / 2.0
+    turn = 2.0 * np.pi * np.arange(1, len(power) + 1)[:, None] / series.period
+    return power.sum(axis=0), (power * turn**4).sum(axis=0)
 
 
 def scatter(t: Array, left: Array, period: float) -> Array:

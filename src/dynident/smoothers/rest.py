@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["at_rest", "with_rest"]
+__all__ = ["at_rest", "least_step", "with_rest"]
 
 Array = NDArray[np.float64]
 STILL = 3.0  # times the noise: a joint that moves less in the whole log is at rest
@@ -15,9 +15,9 @@ FEW = 1000  # samples in which a step is looked for that is less than what an en
 def at_rest(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
     """Return which joints (n) are at rest: within the noise, or within two counts of a quantised encoder."""
     span = np.ptp(q, axis=0)
-    flicker = span <= 2.001 * _count(q[:FEW])  # which is no less than that of all
+    flicker = span <= 2.001 * least_step(q[:FEW])  # which is no less than that of all
     if flicker.any():
-        count = _count(q)
+        count = least_step(q)
         flicker = span <= np.where(np.isfinite(count), 2.001 * count, 0.0)
     return np.asarray((np.ptp(smoothed, axis=0) <= STILL * noise) | flicker)
 
@@ -31,7 +31,7 @@ def with_rest(still: NDArray[np.bool_], q: Array, motion: tuple[Array, Array, Ar
     return found[0], found[1], found[2]
 
 
-def _count(q: Array) -> Array:
+def least_step(q: Array) -> Array:
     """Return the least step (n) other than zero, inf where there is none."""
     steps = np.abs(np.diff(q, axis=0))
     return np.asarray(np.where(steps > 0, steps, np.inf).min(axis=0))

@@ -1,37 +1,62 @@
-"""One step of an arm: its derivatives against differences, and its motion against finer steps."""
+"""One step of an arm: against its simulation by small steps, and where friction is stiff."""
 
 import numpy as np
+import pytest
 
 from dynident.estimators.augmented_kalman.dynamics import Dynamics
-from dynident.models.gallery import two_link_arm
+from dynident.models.gallery import slider, two_link_arm
 
 ARM = two_link_arm()
 RNG = np.random.default_rng(0)
 THETA = np.array(ARM.values)
+STEP = np.array([1e-4])
 
 
-def test_slopes_are_those_of_the_step():
-    """To second order in the step, at the middle of which they are taken."""
-    one, step = Dynamics(ARM, THETA, np.eye(7) * 1e-3, 1, 0.0), np.array([1e-4])
-    x = np.concatenate([RNG.uniform(-1, 1, (1, 4)), np.zeros((1, 7))], axis=1)
-    tau = RNG.standard_normal((1, 2))
-    ddq = ARM.forward_dynamics(x[:, :2], x[:, 2:4], tau, THETA)
-    F, G = one.slopes(step, x[:, :2], x[:, 2:4], ddq)
-    for k in range(11):
-        d = np.eye(11)[[k]] * 1e-5
-        by = (one.moved(step, x + d, tau, 0 * tau) - one.moved(step, x - d, tau, 0 * tau))[0] / 2e-5
-        np.testing.assert_allclose(F[0, :, k], by, atol=2e-3 * np.abs(by).max())
+def simulated(x: np.ndarray, tau: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """q and dq after a step of the two-link arm, by 20 steps of the midpoint rule."""
+    q, dq, h = x[:, :2], x[:, 2:4], STEP[0] / 20
+    for _ in range(20):
+        middle = dq + h / 2 * ARM.forward_dynamics(q, dq, tau, theta)
+        dq, q = dq + h * ARM.forward_dynamics(q + h / 2 * dq, middle, tau, theta), q + h * middle
+    return np.concatenate([q, dq], axis=1)
+
+
+def test_derivatives_are_those_of_the_motion():
+    one = Dynamics(ARM, THETA, np.eye(7) * 1e-3, 0.0)
+    x, tau = RNG.uniform(-1, 1, (1, 4)), RNG.standard_normal((1, 2))
+    after = simulated(x, tau, THETA)
+    middle = (x + after) / 2
+    motion = np.stack([middle[:, :2], middle[:, 2:], (after - x)[:, 2:] / STEP[0]])
+    F, G, c = one.linear(STEP, motion, tau - ARM.torque(*motion, THETA))
+    np.testing.assert_allclose(c[0, :4], 0.0, atol=1e-4 * np.abs(after - x).max())
+    for k in range(4):
+        d = np.eye(4)[[k]] * 1e-4
+        by = (simulated(x + d, tau, THETA) - simulated(x - d, tau, THETA))[0] / 2e-4
+        np.testing.assert_allclose(F[0, :4, k], by, atol=2e-3 * np.abs(by).max())
+    for k in range(7):
+        d = np.eye(7)[k] * 1e-4
+        by = (simulated(x, tau, THETA + d) - simulated(x, tau, THETA - d))[0] / 0.2
+        np.testing.assert_allclose(F[0, :4, 4 + k], by, atol=5e-3 * np.abs(F[0, :4, 4:]).max())
     for k in range(2):
-        d = np.eye(2)[[k]] * 1e-4
-        by = (one.moved(step, x, tau + d, 0 * tau) - one.moved(step, x, tau - d, 0 * tau))[0] / 2e-4
-        np.testing.assert_allclose(G[0, 2:4, k], by[2:4], rtol=5e-3)
-    np.testing.assert_allclose(one.push(step, x)[0, 2:4, :2], G[0, 2:4, :2], rtol=5e-2, atol=1e-6)
+        d = np.eye(2)[[k]] * 1e-2
+        by = (simulated(x, tau + d, THETA) - simulated(x, tau - d, THETA))[0] / 2e-2
+        np.testing.assert_allclose(G[0, :4, k], by, atol=5e-3 * np.abs(by).max())
 
 
-def test_parts_and_steps_of_their_own():
-    x = np.concatenate([RNG.uniform(-1, 1, (2, 4)), np.zeros((2, 7))], axis=1)
-    tau, slope, step = RNG.standard_normal((2, 2)), RNG.standard_normal((2, 2)), np.array([0.01, 0.02])
-    coarse, fine = (Dynamics(ARM, THETA, np.eye(7), parts, 0.0).moved(step, x, tau, slope) for parts in (20, 80))
-    np.testing.assert_allclose(coarse, fine, atol=1e-5)
-    alone = Dynamics(ARM, THETA, np.eye(7), 20, 0.0).moved(step[1:], x[1:], tau[1:], slope[1:])
-    np.testing.assert_allclose(coarse[1:], alone, rtol=1e-12)
+def test_points_move_as_the_linear_step_says():
+    one = Dynamics(ARM, THETA, np.eye(7) * 1e-3, 0.0)
+    motion, left = RNG.standard_normal((3, 1, 2)), RNG.standard_normal((1, 2))
+    x = 1e-5 * RNG.standard_normal((1, 5, 11))
+    F, _, c = one.linear(STEP, motion, left)
+    moved = one.moved(STEP, motion, left, x)
+    np.testing.assert_allclose(moved, x @ np.swapaxes(F, 1, 2) + c, atol=1e-6)  # of 1e-2
+
+
+@pytest.mark.parametrize("step", [0.01, 10.0])
+def test_stiff_friction_is_no_trouble(step):
+    """A mass of 1 mg with viscous friction: a velocity is gone after a step, and nothing overflows."""
+    model = slider(values=(1e-6, 1.0, 0.0, 0.0))
+    still, h = np.zeros((1, 1)), np.array([step])
+    F, G, _ = Dynamics(model, np.array(model.values), np.zeros((4, 0)), 0.0).linear(h, np.zeros((3, 1, 1)), still)
+    np.testing.assert_allclose(F[0], [[1.0, 1e-6], [0.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(G[0, 0, 0], step, rtol=1e-3)

@@ -22,8 +22,8 @@ def noisy(seed: int, samples: int = 800) -> Problem:
     return posed(ARM, known_motion(ARM, 0.05, seed, samples))
 
 
-def recorded(seed: int) -> Problem:
-    arm, t = pendulum(), np.arange(801) * 0.01
+def recorded(seed: int, samples: int = 801) -> Problem:
+    arm, t = pendulum(), np.arange(samples) * 0.01
     motion = simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
     log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(seed)).log
     smooth = Spline(sigma=1e-4)(log)
@@ -43,7 +43,7 @@ def test_intervals_hold():
     """95 % of them, with noise in positions and torque."""
     inside = []
     for seed in range(8):
-        problem = recorded(seed)
+        problem = recorded(seed, 401)
         found = AugmentedKalman(passes=1)(problem)
         inside.append(np.abs(found.value - problem.model.values) < 1.96 * found.std)
     assert np.mean(inside) > 0.75  # of 16: 3.7 standard deviations below 0.95

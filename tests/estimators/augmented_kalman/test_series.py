@@ -17,13 +17,14 @@ ARM = two_link_arm()
 def test_steps_have_the_torque_of_their_samples(samples):
     motion = known_motion(ARM)
     problem = posed(ARM, motion)
-    found = series_of(problem, samples, np.ones(2), (np.zeros((2000, 2)),))
+    found = series_of(problem, samples, np.ones(2), (np.zeros((2000, 2)),), (motion.tau,))
     group = grouping(motion, samples)
     assert group == (1 if samples == 4000 else 4)
     assert found.used.all(axis=1).any()
     h = motion.t[1]
     np.testing.assert_allclose(found.step, group * h)
-    np.testing.assert_array_equal(found.q[0, :3], motion.q[: 3 * group : group])
+    np.testing.assert_array_equal(found.off, 0.0)  # the positions of the motion are those that were measured
+    np.testing.assert_allclose(found.motion[2, 0, 0], (motion.dq[group] - motion.dq[0]) / (group * h))
     whole = (found.mean[0] * found.used[0, :, None]).sum(axis=0) * group * h
     rows = int(found.used[0].sum()) * group
     np.testing.assert_allclose(whole, np.trapezoid(motion.tau[: rows + 1], dx=h, axis=0), atol=1e-3)
@@ -34,7 +35,7 @@ def test_torques_that_are_not_fitted_hardly_count():
     motion = known_motion(ARM)
     keep = np.ones((2000, 2), dtype=bool)
     keep[:200, 1] = False
-    found = series_of(posed(ARM, replace(motion, keep=keep)), 4000, np.ones(2), (np.zeros((2000, 2)),))
+    found = series_of(posed(ARM, replace(motion, keep=keep)), 4000, np.ones(2), (np.zeros((2000, 2)),), (motion.tau,))
     assert (found.noise[0, :100, 1] > 99).all()
     assert (found.noise[0, :100, 0] == 1).all()
 
@@ -42,7 +43,7 @@ def test_torques_that_are_not_fitted_hardly_count():
 def test_too_short():
     short = known_motion(ARM, samples=2000).between(stop=0.03)
     with pytest.raises(InputError, match="at least 12"):
-        series_of(posed(ARM, short), 4000, np.ones(2), (np.zeros((2000, 2)),))
+        series_of(posed(ARM, short), 4000, np.ones(2), (np.zeros((2000, 2)),), (short.tau,))
 
 
 def test_a_sign_is_uncertain_where_it_may_change_within_a_step():

@@ -29,7 +29,7 @@ def test_errors_hold() -> None:
     assert inside >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / RUNS), inside
     spread = np.std([one.value for one in found], axis=0) / np.mean([one.std for one in found], axis=0)
     assert (spread > 0.4).all(), spread
-    assert all(one.robust and one.information is not None and one.converged for one in found)
+    assert all(one.residual.correlated and one.information is not None and one.converged for one in found)
 
 
 def test_an_arm_is_found_in_a_loop() -> None:
@@ -70,7 +70,7 @@ def test_physics_is_an_option() -> None:
     problem = posed(recorded(MOTION, CONTROLLER, 0))
     free, found = Didim()(problem), PhysicallyConsistent(fit=Didim())(problem)
     np.testing.assert_allclose(found.value, free.value, rtol=1e-6)
-    assert found.robust
+    assert found.residual.correlated
     bounded = PhysicallyConsistent(fit=Didim(), bounds={"M": (6.0, None)})(problem)
     assert bounded.value[0] == pytest.approx(6.0, rel=1e-6)
 

@@ -36,7 +36,7 @@ def test_errors_hold_in_a_loop() -> None:
     found = [OutputError()(posed(recorded(MOTION, CONTROLLER, seed))) for seed in range(RUNS)]
     inside = np.mean([np.abs(one.value - TRUTH) < 1.96 * one.std for one in found])
     assert inside >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / RUNS), inside
-    assert all(one.robust and one.converged for one in found)
+    assert all(one.residual.correlated and one.converged for one in found)
 
 
 def test_errors_hold_in_segments_that_the_torque_drives() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from dynident.identification import Identification, Recipe, identify, judge
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.gain import judged_log, points
 from dynident.identification.verdict.next_steps import next_steps
-from dynident.identification.verdict.parts import parts_of
+from dynident.identification.verdict.parts import Parts, parts_of
 from dynident.identification.verdict.steps import (
     Cover,
     ExcitingMotion,
@@ -26,6 +26,7 @@ from dynident.identification.verdict.steps import (
     SlowReversals,
     Step,
 )
+from dynident.identification.verdict.windows import _odd
 from dynident.log import Log
 from dynident.models.gallery import slider
 from dynident.smoothers import Difference
@@ -201,3 +202,10 @@ def test_a_held_out_motion_that_is_slow_is_to_be_faster() -> None:
     (reason,) = (one for one in judge(found).reasons if isinstance(one, why.SlowHoldOut))
     assert reason.remedy == HoldOutFaster(1.0 / reason.share)
     assert reason.remedy in judge(found).next
+
+
+def test_a_training_so_short_that_a_part_of_it_is_empty_has_no_odd_part() -> None:
+    some = np.ones((6, 1))
+    parts = Parts(("a",), np.zeros(6, dtype=np.intp), np.array([0, 0, 2, 2, 3, 3]), np.arange(6.0), some[..., None],
+                  some, np.ones(1))  # fmt: skip
+    assert list(_odd(parts, cast("Any", None), ["slider"])) == []

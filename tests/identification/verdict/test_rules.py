@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dynident.estimators import Ridge
 from dynident.identification import Identification, Use, Verdict, judge
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict import rules
@@ -145,6 +146,8 @@ def test_limits_of_what_physics_may_hold_back(
     assert judge(arm).reasons == (() if use is Use.SIMULATION else (why.HeldBack(growth, apart),))
     free = judge(replace(arm, estimate=replace(arm.estimate, consistency=None)))
     assert free.reasons == (why.InertiasFree(),)
+    drawn = judge(replace(arm, recipe=replace(arm.recipe, estimator=Ridge())))
+    assert [type(one) for one in drawn.reasons] == ([] if use is Use.SIMULATION else [why.DrawnBack])
 
 
 def test_a_friction_of_zero_is_physical(arm: Identification) -> None:

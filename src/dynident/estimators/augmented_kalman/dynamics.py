@@ -1,4 +1,8 @@
-"""The motion of an arm over one step, as the torque drives it, with its derivatives."""
+"""How an arm departs from its smoothed motion over one step, as the torque drives it.
+
+The measured motion is where friction and mass are evaluated, so that neither a joint that sticks nor stiff friction can
+make a prediction run away; what is stiff passes through the exact exponential.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +17,21 @@ from dynident.models import Model
 __all__ = ["Dynamics"]
 
 Array = NDArray[np.float64]
-ORDER = 4  # of the exponential's series, within a part of a step
+ORDER = 6  # of the exponential's series
+SMALL, MOST = 0.25, 40  # size of what is put into the series; doublings at most
 
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """A ``model`` with parameters theta = ``theta`` (p) + ``directions`` (p, r) a, in steps each in so many
-    ``parts``. A state (2 n + r) is q, dq and a, the ``step`` (B) of each in s. ``within`` is the noise of the
-    torque's first moment over a step, in step^2 times that of its mean: it moves q, not dq."""
+    """A ``model`` with parameters theta = ``theta`` (p) + ``directions`` (p, r) a.
+
+    A state (L = 2 n + r) is what q and dq differ from the smoothed ones by, and a. ``within`` is the noise of the
+    torque's first moment over a step, in step^2 times that of its mean: it moves q, not dq.
+    """
 
     model: Model
     theta: Array
     directions: Array
-    parts: int
     within: float
 
     __repr__ = brief
@@ -35,75 +41,67 @@ class Dynamics:
         """The number n of joints."""
         return len(self.model.joints)
 
-    def parameters(self, x: Array) -> Array:
-        """Return theta (B, p) of states (B, 2 n + r)."""
-        return np.asarray(self.theta + x[:, 2 * self.joints :] @ self.directions.T)
-
-    def moved(self, step: Array, x: Array, mean: Array, slope: Array) -> Array:
-        """Return the states (B, 2 n + r) after a step under the torque mean + slope (t - step / 2), (B, n), by the
-        classical Runge-Kutta method."""
-        n, h, theta = self.joints, step[:, None] / self.parts, self.parameters(x)
-        q, dq = x[:, :n], x[:, n : 2 * n]
-        for k in range(self.parts):
-            tau = [mean + slope * (h * (k + share) - step[:, None] / 2) for share in (0.0, 0.5, 1.0)]
-            a = self._rate(q, dq, tau[0], theta)
-            b = self._rate(q + h / 2 * dq, dq + h / 2 * a, tau[1], theta)
-            c = self._rate(q + h / 2 * (dq + h / 2 * a), dq + h / 2 * b, tau[1], theta)
-            d = self._rate(q + h * (dq + h / 2 * b), dq + h * c, tau[2], theta)
-            q, dq = q + h * dq + h * h / 6 * (a + b + c), dq + h / 6 * (a + 2 * b + 2 * c + d)
-        return np.concatenate([q, dq, x[:, 2 * n :]], axis=1)
-
-    def slopes(self, step: Array, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the state after a step by that before, (B, L, L), and by mean and moment of the
-        torque, (B, L, 2 n), with the model linearised at a motion (B, n) and ``theta``.
+    def linear(self, step: Array, motion: Array, left: Array) -> tuple[Array, Array, Array]:
+        """Return F (B, L, L), G (B, L, 2 n) and c (B, L): a state x is F x + c after a ``step`` (B) in s at the mean
+        ``motion`` (3, B, n), where theta leaves so much torque on average, (B, n). G are the derivatives by the mean
+        torque and by its moment.
 
         At the motion that the noisy torque makes, a regressor with noise would seem to tell more than it does.
         """
-        n, r, h = self.joints, self.directions.shape[1], step[:, None, None] / self.parts
-        mass = self.model.mass_matrix(q, self.theta)
-        by = self.model.partials(q, dq, ddq, self.theta)
-        by_a = self.model.regressor(q, dq, ddq) @ self.directions
-        sides = np.concatenate([-by.q, -by.dq, -by_a, np.broadcast_to(np.eye(n), mass.shape)], axis=2)
-        solved: Array = np.asarray(np.linalg.solve(mass, sides), dtype=np.float64)
-        A = np.zeros((len(q), 2 * n, 2 * n))
-        A[:, :n, n:], A[:, n:] = np.eye(n), solved[:, :, : 2 * n]
-        B = np.zeros((len(q), 2 * n, r + n))
-        B[:, n:] = solved[:, :, 2 * n :]
-        F, G = _discrete(A, B, h)
-        whole, pushed = F, G
-        for _ in range(self.parts - 1):
-            whole, pushed = F @ whole, F @ pushed + G
-        out = np.tile(np.eye(2 * n + r), (len(q), 1, 1))
-        out[:, : 2 * n, : 2 * n], out[:, : 2 * n, 2 * n :] = whole, pushed[:, :, :r]
-        push = np.concatenate([pushed[:, :, r:], np.zeros((len(q), r, n))], axis=1)
-        return out, np.concatenate([push, self._moment(step, solved[:, :, 2 * n + r :], 2 * n + r)], axis=2)
-
-    def push(self, step: Array, x: Array) -> Array:
-        """Return what mean and moment of the torque do to the state in a step, (B, L, 2 n), by the mass alone."""
-        n, h = self.joints, step[:, None, None]
-        inverse: Array = np.asarray(
-            np.linalg.inv(self.model.mass_and_bias(x[:, :n], x[:, n : 2 * n], self.parameters(x))[0]), dtype=np.float64
+        n, r = self.joints, self.directions.shape[1]
+        mass, by = (
+            self.model.mass_matrix(motion[0], self.theta),
+            self.model.partials(motion[0], motion[1], motion[2], self.theta),
         )
-        still = np.zeros((len(x), x.shape[1] - 2 * n, n))
-        push = np.concatenate([h * h / 2 * inverse, h * inverse, still], axis=1)
-        return np.concatenate([push, self._moment(step, inverse, x.shape[1])], axis=2)
+        by_a = self.model.regressor(*motion) @ self.directions
+        unit = np.broadcast_to(np.eye(n), mass.shape)
+        sides = np.concatenate([-by.q, -by.dq, -by_a, unit, left[..., None]], axis=2)
+        solved: Array = np.asarray(np.linalg.solve(mass, sides), dtype=np.float64)
+        whole, inner = _exponential(step, solved[:, :, : 2 * n])
+        pushed = inner[:, :, n:] @ solved[:, :, 2 * n :]
+        F = np.tile(np.eye(2 * n + r), (len(mass), 1, 1))
+        F[:, : 2 * n, : 2 * n], F[:, : 2 * n, 2 * n :] = whole, pushed[:, :, :r]
+        rest = np.concatenate([pushed[:, :, r:], np.zeros((len(mass), r, n + 1))], axis=1)
+        moment = np.zeros((len(mass), 2 * n + r, n))
+        moment[:, :n] = self.within * np.square(step)[:, None, None] * solved[:, :, 2 * n + r : -1]
+        return F, np.concatenate([rest[:, :, :n], moment], axis=2), rest[:, :, n]
 
-    def _moment(self, step: Array, inverse: Array, size: int) -> Array:
-        out = np.zeros((len(inverse), size, self.joints))
-        out[:, : self.joints] = self.within * np.square(step)[:, None, None] * inverse
+    def moved(self, step: Array, motion: Array, left: Array, x: Array) -> Array:
+        """Return states (B, C, L) after the step, by the model at each of them: the exponential Euler method."""
+        n, (size, count, _) = self.joints, x.shape
+        flat = x.reshape(size * count, -1)
+        q, dq, ddq, push = (
+            np.repeat(one, count, axis=0)
+            for one in (*motion, left + self.model.torque(motion[0], motion[1], motion[2], self.theta))
+        )
+        mass, bias = self.model.mass_and_bias(
+            q + flat[:, :n], dq + flat[:, n : 2 * n], self.theta + flat[:, 2 * n :] @ self.directions.T
+        )
+        rate = np.linalg.solve(mass, (push - bias)[..., None])[..., 0] - ddq
+        by = self.model.partials(motion[0], motion[1], motion[2], self.theta)
+        at = np.linalg.solve(self.model.mass_matrix(motion[0], self.theta), -np.concatenate([by.q, by.dq], axis=2))
+        _, inner = _exponential(step, np.asarray(at, dtype=np.float64))
+        change = np.concatenate([flat[:, n : 2 * n], rate], axis=1).reshape(size, count, 2 * n)
+        out = x.copy()
+        out[:, :, : 2 * n] += change @ np.swapaxes(inner, 1, 2)
         return out
 
-    def _rate(self, q: Array, dq: Array, tau: Array, theta: Array) -> Array:
-        mass, bias = self.model.mass_and_bias(q, dq, theta)
-        return np.asarray(np.linalg.solve(mass, (tau - bias)[..., None])[..., 0])
 
-
-def _discrete(A: Array, B: Array, h: Array) -> tuple[Array, Array]:
-    """Return exp(A h) and the integral of exp(A s) B over h."""
-    F = np.tile(np.eye(A.shape[1]), (len(A), 1, 1))
+def _exponential(step: Array, rates: Array) -> tuple[Array, Array]:
+    """Return exp(A h) and the integral of exp(A s) over h, (B, 2 n, 2 n); ``rates`` (B, n, 2 n) are the last rows of
+    A."""
+    n = rates.shape[1]
+    A = np.zeros((len(rates), 2 * n, 2 * n))
+    A[:, :n, n:], A[:, n:] = np.eye(n), rates
+    size = float((np.abs(A).sum(axis=2).max(axis=1) * step).max(initial=0.0))
+    doublings = int(np.clip(np.ceil(np.log2(max(size, SMALL) / SMALL)), 0, MOST)) if np.isfinite(size) else 0
+    h = (step / 2.0**doublings)[:, None, None]
+    F = np.tile(np.eye(2 * n), (len(A), 1, 1))
     inner, power = F.copy(), F.copy()
     for k in range(1, ORDER + 1):
         power = power @ A * (h / k)
-        F = F + power
-        inner = inner + power / (k + 1)
-    return F, inner @ B * h
+        F, inner = F + power, inner + power / (k + 1)
+    inner = inner * h
+    for _ in range(doublings):
+        F, inner = F @ F, inner + F @ inner
+    return F, inner

@@ -27,17 +27,15 @@ UNUSED = 100.0  # times the noise, of a torque that is not to be fitted
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """B pieces of K steps of ``step`` (B) s: ``q`` (B, K + 1, n) as measured, ``rate`` (B, n) the first velocity, the
-    torque as ``mean`` and ``slope`` (B, K, n) over each step, its standard deviation ``noise`` (B, K, n); ``used``
-    (B, K) is whether a step is there; ``sigma`` (n) is the noise of the positions. ``motion`` (3, B, K, n) is the mean
-    of the smoothed q, dq and ddq over each step.
+    """B pieces of K steps of ``step`` (B) s: what the measured positions differ from the smoothed ones by, ``off``
+    (B, K + 1, n), the ``mean`` torque (B, K, n) of each step that parameters leave, its standard deviation ``noise``
+    (B, K, n); ``used`` (B, K) is whether a step is there; ``sigma`` (n) is the noise of the positions. ``motion``
+    (3, B, K, n) is the mean of the smoothed q and dq over each step, and the change of dq over its time.
     """
 
     step: Array
-    q: Array
-    rate: Array
+    off: Array
     mean: Array
-    slope: Array
     noise: Array
     used: NDArray[np.bool_]
     sigma: Array
@@ -46,25 +44,30 @@ class Series:
     __repr__ = brief
 
 
-def series_of(problem: Problem, samples: int, torque: Array, uncertain: tuple[Array, ...]) -> Series:
+def series_of(
+    problem: Problem, samples: int, torque: Array, uncertain: tuple[Array, ...], left: tuple[Array, ...]
+) -> Series:
     """Return the pieces, at most ``samples`` steps of each motion. ``torque`` (n) is the noise of a sample,
-    ``uncertain`` (N, n), for each motion, what its torque is uncertain by besides.
+    ``uncertain`` (N, n), for each motion, what its torque is uncertain by besides, and ``left`` (N, n) what parameters
+    leave of it: taken at the samples, it is zero for exact data, however long a step is.
 
     Raises InputError where no piece is long enough.
     """
-    found = [one for k in range(len(problem.motions)) for one in _pieces(problem, k, samples, torque, uncertain[k])]
+    found = [
+        one for k in range(len(problem.motions)) for one in _pieces(problem, k, samples, torque, uncertain[k], left[k])
+    ]
     if not found:
         raise InputError(f"the Kalman filter needs a run of at least {FEWEST} usable samples; record longer.")
-    most = max(len(one[3]) for one in found)
-    step, q, rate, mean, slope, noise, *motion = zip(*found, strict=True)
+    most = max(len(one[2]) for one in found)
+    step, off, mean, noise, *motion = zip(*found, strict=True)
     used = np.stack([np.arange(most) < len(one) for one in mean])
 
     def padded(x: tuple[Array, ...], length: int) -> Array:
         return np.stack([np.pad(one, ((0, length - len(one)), (0, 0)), "edge") for one in x])
 
-    a, b, c = (padded(one, most) for one in (mean, slope, noise))
+    a, b = (padded(one, most) for one in (mean, noise))
     smooth = np.stack([padded(one, most) for one in motion])
-    return Series(np.array(step), padded(q, most + 1), np.stack(rate), a, b, c, used, _sigma(problem), smooth)
+    return Series(np.array(step), padded(off, most + 1), a, b, used, _sigma(problem), smooth)
 
 
 def grouping(motion: Motion, samples: int) -> int:
@@ -73,9 +76,10 @@ def grouping(motion: Motion, samples: int) -> int:
 
 
 def _sigma(problem: Problem) -> Array:
-    """Return the noise (n) of the measured positions."""
+    """Return the noise (n) of the measured positions, at least what the smoother took for it."""
     logs = problem.logs or tuple(Log(one.t, one.q, one.tau, one.joints) for one in problem.motions)
-    return usual_noise(logs)[0]
+    left = [(_measured(problem, k) - one.q)[one.mask] for k, one in enumerate(problem.motions)]
+    return np.asarray(np.maximum(usual_noise(logs)[0], np.sqrt(np.square(np.concatenate(left)).mean(axis=0))))
 
 
 def _measured(problem: Problem, k: int) -> Array:
@@ -91,9 +95,13 @@ def _measured(problem: Problem, k: int) -> Array:
     return np.asarray(motion.q + left[at])
 
 
-def _pieces(problem: Problem, k: int, samples: int, torque: Array, uncertain: Array) -> list[tuple[Any, ...]]:
-    """Return the step, q, the first dq, mean, slope and noise of the torque, and the smoothed motion, of each piece."""
-    motion, measured = problem.motions[k], _measured(problem, k)
+def _pieces(
+    problem: Problem, k: int, samples: int, torque: Array, uncertain: Array, left: Array
+) -> list[tuple[Any, ...]]:
+    """Return the step, the positions off the smoothed ones, mean and noise of the torque, and the smoothed motion, of
+    each piece."""
+    motion = problem.motions[k]
+    off = _measured(problem, k) - motion.q
     kept = fitted_rows(motion, problem.regression.min_speed)
     unused = np.zeros(motion.q.shape) if kept is None else UNUSED * torque * ~kept
     noise2 = np.square(torque) + np.square(uncertain) + np.square(unused)
@@ -106,12 +114,11 @@ def _pieces(problem: Problem, k: int, samples: int, torque: Array, uncertain: Ar
         for a, b in pairwise(edges):
             if (b - a) // group >= FEWEST:
                 rows, at = slice(a, b + 1), np.arange(0, b - a + 1, group)
-                bent = np.gradient(motion.tau[rows], axis=0)[at]
-                mean = _mean(motion.tau[rows], at, group) - np.diff(bent, axis=0) / (12 * group)
-                slope = np.gradient(mean, group * h, axis=0)
+                mean = _mean(left[rows], at, group)
                 noise = np.sqrt(_mean(noise2[rows], at, group) / group)
-                smooth = (_mean(one[rows], at, group) for one in (motion.q, motion.dq, motion.ddq))
-                out.append((group * h, measured[rows][at], motion.dq[a], mean, slope, noise, *smooth))
+                smooth = (_mean(one[rows], at, group) for one in (motion.q, motion.dq))
+                rate = np.diff(motion.dq[rows][at], axis=0) / (group * h)
+                out.append((group * h, off[rows][at], mean, noise, *smooth, rate))
     return out
 
 

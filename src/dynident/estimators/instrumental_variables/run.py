@@ -153,7 +153,7 @@ class Run:
             name = names[k] if np.isfinite(std[k]) else None
             used = InstrumentsUsed(kinds, weakest.correlation, max(lags, default=None), name, float(moved[k]))
             self.notes.insert(0, used)
-        return replace(fit, weights=self.weights, notes=tuple(self.notes), robust=True)
+        return replace(fit, weights=self.weights, notes=tuple(self.notes), correlated=True)
 
 
 def _repeats(one: Instruments, motion: Motion) -> bool:

@@ -45,4 +45,4 @@ def fitted(problem: Problem, shots: tuple[Shots, ...], iterations: int) -> Outpu
     back = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
     information = back.T @ found.information @ back
     fit = of_information(found.value, information, rank, found.samples, found.notes)
-    return OutputFit(found.value, replace(fit, weights=weights, robust=True))
+    return OutputFit(found.value, replace(fit, weights=weights, correlated=True))

@@ -189,7 +189,6 @@ class PhysicallyConsistent:
             provenance=provenance,
             consistency=Consistency(eigenvalues(bodies, value), costs, known.base),
             information=rows.information,
-            robust=rows.robust,
         )
 
     def _rows(self, problem: Problem) -> LinearFit:

@@ -28,7 +28,7 @@ from dynident.models import (
     WideCoulomb,
 )
 
-__all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
+__all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class", "these"]
 
 WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; others make up for coarser ones
 WIDE = tuple((0.1 * 1.25 ** np.arange(12)).tolist())  # likewise: beside the sign, over which friction still rises
@@ -108,6 +108,11 @@ def _power(seen: Seen) -> Sequence[Term]:
 
 def _spring(order: int, seen: Seen) -> Sequence[Term]:
     return (Spring(seen.joints, on=(seen.joint.name,), order=order),)
+
+
+def these(terms: tuple[Term, ...], _: Seen) -> tuple[Term, ...]:
+    """Return terms whatever is seen."""
+    return terms
 
 
 KINDS = (

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from dynident.errors import Step, brief
 from dynident.identification.terms.bodies import Normal, Prior, normal_matrices, others, prior_of
-from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
+from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen, these
 from dynident.identification.terms.choice import TermChoice, TooFewSamplesError, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
 from dynident.identification.terms.motors import motor_search, motors_of
 from dynident.identification.terms.ripple import Residual, peaks
 from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, correlation, samples_of
-from dynident.identification.terms.search import Division, Entered, Group, JointSearch, share
+from dynident.identification.terms.search import Division, Entered, Group, JointSearch, renumbered, share
 from dynident.log import Motion
 from dynident.models import CoupledMotor, Loads, Model, Ripple, Term
 
@@ -298,18 +298,18 @@ class _Choosing:
             terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,), delay=d) for k, d in lines)
             if not terms:
                 return
-            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True, reaches=True)
+            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(these, terms), strict=True, reaches=True)
             found = [columns[j][searches[j].columns]]
             group = self._group(kind, terms, j, self.samples.loads(None), found)
             columns[j] = np.concatenate(found)
-            entered = _renumbered(searches[j].entered)
+            entered = renumbered(searches[j].entered)
             grams = self._grams(rows, columns[j])
             searches[j] = one = replace(searches[j], grams=grams, groups=(group,), entered=list(entered), trials={})
             one.forward(self._rest(searches, j))
             self.trials[j] |= one.trials
             if len(one.entered) == len(entered):
                 return
-            self.ripples[j].append(replace(kind, sizes=partial(_these, (one.entered[-1].term,))))
+            self.ripples[j].append(replace(kind, sizes=partial(these, (one.entered[-1].term,))))
             residuals[:] = self._weighed(searches, columns)
 
     def _find_friction(self, searches: Sequence[JointSearch], columns: Sequence[Array], motor: CoupledMotor) -> None:
@@ -323,7 +323,7 @@ class _Choosing:
         one.forward(others([alone, *normals], 0, self._precision, one.grams.acts))
         self.trials[on[0]] |= one.trials
         for j in on:
-            self.ripples[j] += [replace(x.group.kind, sizes=partial(_these, (x.term,))) for x in one.entered[had:]]
+            self.ripples[j] += [replace(x.group.kind, sizes=partial(these, (x.term,))) for x in one.entered[had:]]
 
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out: one that predicts all samples better."""
@@ -344,18 +344,3 @@ class _Choosing:
         best = int(np.argmax([gain for gain, _ in gains]))
         gain, std = gains[best]
         return SPEEDS[best - 1] * self.seen[j].speed if best and gain > max(std, 0.5) else 0.0
-
-
-def _these(terms: tuple[Term, ...], _: Seen) -> tuple[Term, ...]:
-    """Return terms whatever is seen."""
-    return terms
-
-
-def _renumbered(entered: Sequence[Entered]) -> list[Entered]:
-    """Return what has entered with its columns one after the other."""
-    found, first = [], 0
-    for one in entered:
-        at = tuple(range(first, first + len(one.columns)))
-        found.append(Entered(Group(one.group.kind, (one.term,), (at,)), 0))
-        first += len(at)
-    return found

@@ -16,7 +16,7 @@ from dynident.identification.terms.choice import Outcome, Trial
 from dynident.identification.terms.grams import Fits, Folds, JointGrams, tried
 from dynident.models import JointTerm, Term
 
-__all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "share"]
+__all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "renumbered", "share"]
 
 Array = NDArray[np.float64]
 LEAST = 1.0  # %, of the squared error: what a term must remove
@@ -310,3 +310,13 @@ def _settings(term: Term) -> tuple[tuple[str, object], ...]:
     if isinstance(term, JointTerm):
         return tuple((name, term.constant(name, term.acts_on[0])) for name in term.constants)
     return tuple(getattr(term, "settings", ()))
+
+
+def renumbered(entered: Sequence[Entered]) -> list[Entered]:
+    """Return what has entered with its columns one after the other."""
+    found, first = [], 0
+    for one in entered:
+        at = tuple(range(first, first + len(one.columns)))
+        found.append(Entered(Group(one.group.kind, (one.term,), (at,)), 0))
+        first += len(at)
+    return found

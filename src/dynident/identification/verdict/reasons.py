@@ -172,6 +172,11 @@ class HeldBack(Reason):
 
 
 @dataclass(frozen=True)
+class DrawnBack(HeldBack):
+    """A prior holds them there, without any constraint."""
+
+
+@dataclass(frozen=True)
 class NegativeValues(Reason):
     """Parameters with ``names`` are negative, which is not physical."""
 

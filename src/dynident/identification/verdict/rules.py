@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from dynident.errors import Finding
+from dynident.estimators import Ridge
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.next_steps import next_steps
@@ -78,14 +79,16 @@ def _noted(found: Identification, use: Use) -> Iterator[Reason]:
 
 
 def _held_back(found: Identification) -> dict[Use, tuple[Reason, ...]]:
-    """Return what physical constraints hold back, under the use that it forbids: an effect that the model lacks, a gain
-    or a direction that is wrong. Least squares itself holds nothing back."""
+    """Return what physical constraints or a prior hold back, under the use that it forbids: an effect that the model
+    lacks, a gain or a direction that is wrong. Least squares itself holds nothing back."""
     if found.estimate.consistency is None:
         return {}
     held = held_back(found)
     if held.growth < GROWTH or held.apart < min(APART):
         return {}
-    return {Use.CONTROL if held.apart > max(APART) else Use.SIMULATION: (why.HeldBack(held.growth, held.apart),)}
+    kind = why.DrawnBack if isinstance(found.recipe.estimator, Ridge) else why.HeldBack
+    reason = kind(held.growth, held.apart)
+    return {Use.CONTROL if held.apart > max(APART) else Use.SIMULATION: (reason,)}
 
 
 def _against_use(found: Identification) -> Iterator[Reason]:

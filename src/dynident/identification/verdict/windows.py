@@ -38,7 +38,9 @@ def window_steps(found: Identification) -> Iterator[Step]:
 def _odd(parts: Parts, log: LogValidation, joints: list[str]) -> Iterator[LeaveOut]:
     """Yield the part of the training that the others contradict, with the odd ones beside it, if they fit better
     without it."""
-    size = np.bincount(parts.part)
+    size = np.bincount(parts.part, minlength=parts.count)
+    if not size.all():  # of so short a training that a part of it has no sample
+        return
     squares = parts.squares(parts.left).sum(axis=1) / size
     odd = squares > ODD * np.median(squares)
     if not odd.any() or odd.mean() > MOST:

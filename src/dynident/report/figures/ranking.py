@@ -33,24 +33,10 @@ def ranking_figure(found: Ranking) -> Drawing:
         rows = [one for one in found.ranked if one.combination.smoother == name]
         figure.add(_marks(name, k, rows, places, least, edge))
     reach = [-1.0, max(places.values()) + 1.0]
-    figure.add(
-        trace(
-            "scatter",
-            x=[least, least],
-            y=reach,
-            mode="lines",
-            name="best",
-            hoverinfo="skip",
-            meta="ink",
-            line={"color": INK, "width": 1.2, "dash": "dash"},
-            showlegend=False,
-        )
-    )
+    figure.add(_best(least, reach))
     figure.axes("y", tickvals=centres, ticktext=[plain(name) for name in names], range=reach[::-1], showgrid=False)
-    ends = [max(one.error + one.interval[1] - (one.error - least), one.error) for one in found.ranked]
-    most = min(max([end for end in ends if math.isfinite(end)] + [one.error for one in found.ranked]), edge)
-    lowest = min([least, *(least + one.interval[0] for one in found.ranked if math.isfinite(one.interval[0]))])
-    _scale(figure, "x", max(lowest, 0.5 * least) * 0.96, most * 1.06, "torque error, % (geometric mean over joints)")
+    low, high = _reached(found.ranked, edge)
+    _scale(figure, "x", low, high, "torque error, % (geometric mean over joints)")
     figure.layout.update(hovermode="closest", showlegend=True, shapes=_bands(centres, places))
     return figure
 
@@ -63,32 +49,12 @@ def cost_figure(found: Ranking) -> Drawing:
     edge = FAR * least
     if found.choice is not None:
         ring = {"color": "rgba(0, 0, 0, 0)", "size": 20, "line": {"width": 1.6, "color": INK}}
-        figure.add(
-            trace(
-                "scatter",
-                x=[found.choice.seconds],
-                y=[found.choice.error],
-                mode="markers",
-                name="to take",
-                marker=ring,
-                hoverinfo="skip",
-            )
-        )
+        at = {"x": [found.choice.seconds], "y": [found.choice.error]}
+        figure.add(trace("scatter", **at, mode="markers", name="to take", marker=ring, hoverinfo="skip"))
     for k, name in enumerate(_smoothers(found)):
         rows = [one for one in found.ranked if one.combination.smoother == name]
-        figure.add(
-            trace(
-                "scatter",
-                x=[one.seconds for one in rows],
-                y=[min(one.error, edge) for one in rows],
-                mode="markers",
-                name=plain(name),
-                marker=_marker(k, rows),
-                text=[_words(one) for one in rows],
-                hovertemplate="%{text}<extra></extra>",
-                meta="ink" if COLOURS[k % len(COLOURS)] == INK else None,
-            )
-        )
+        at = {"x": [one.seconds for one in rows], "y": [min(one.error, edge) for one in rows]}
+        figure.add(trace("scatter", **at, **_look(name, k, rows)))
     times = [one.seconds for one in found.ranked]
     _scale(figure, "x", min(times) / 1.3, max(times) * 1.3, "smoothing and estimate, s")
     most = min(max(one.error for one in found.ranked), edge)
@@ -123,6 +89,22 @@ def _places(found: Ranking) -> tuple[dict[str, float], list[str], list[float]]:
     return places, names, centres
 
 
+def _best(least: float, reach: Sequence[float]) -> Trace:
+    """Return the dashed line of the least error."""
+    line = {"color": INK, "width": 1.2, "dash": "dash"}
+    at = {"x": [least, least], "y": reach, "mode": "lines", "name": "best", "line": line}
+    return trace("scatter", **at, hoverinfo="skip", meta="ink", showlegend=False)
+
+
+def _reached(ranked: Sequence[Ranked], edge: float) -> tuple[float, float]:
+    """Return the ends of the axis that holds all marks and intervals, up to an ``edge``."""
+    least = ranked[0].error
+    ends = [one.error for one in ranked] + [least + one.interval[1] for one in ranked]
+    starts = [least] + [least + one.interval[0] for one in ranked]
+    low, most = min(filter(math.isfinite, starts)), min(max(filter(math.isfinite, ends)), edge)
+    return max(low, 0.5 * least) * 0.96, most * 1.06
+
+
 def _bands(centres: Sequence[float], places: dict[str, float]) -> list[dict[str, object]]:
     """Return a pale band behind every other estimator."""
     edges = sorted(places.values())
@@ -146,18 +128,16 @@ def _marks(name: str, k: int, rows: list[Ranked], places: dict[str, float], leas
         "type": "data", "symmetric": False, "array": [max(a, 0.0) for a, _ in ends],
         "arrayminus": [max(b, 0.0) for _, b in ends], "thickness": 1.2, "width": 0,
     }  # fmt: skip
-    return trace(
-        "scatter",
-        x=[min(one.error, edge) for one in rows],
-        y=[places[one.combination.name] for one in rows],
-        mode="markers",
-        name=plain(name),
-        marker=_marker(k, rows),
-        error_x=bars if known else None,
-        text=[_words(one) for one in rows],
-        hovertemplate="%{text}<extra></extra>",
-        meta="ink" if COLOURS[k % len(COLOURS)] == INK else None,
-    )
+    at = {"x": [min(one.error, edge) for one in rows], "y": [places[one.combination.name] for one in rows]}
+    return trace("scatter", **at, error_x=bars if known else None, **_look(name, k, rows))
+
+
+def _look(name: str, k: int, rows: list[Ranked]) -> Trace:
+    """Return how the marks of the k-th smoother look, and what they say."""
+    return {
+        "mode": "markers", "name": plain(name), "marker": _marker(k, rows), "text": [_words(one) for one in rows],
+        "hovertemplate": "%{text}<extra></extra>", "meta": "ink" if COLOURS[k % len(COLOURS)] == INK else None,
+    }  # fmt: skip
 
 
 def _marker(k: int, rows: list[Ranked]) -> Trace:

@@ -16,8 +16,8 @@ import numpy as np
 from estimators_study import Row, Study, listed, parts
 from scipy.signal import lfilter
 
-from dynident.demo.arm import JOINTS, true_model, true_values
-from dynident.demo.recording import DAYS, EVERY, NOISE, REMAINS, SEED, STEP, Day, fourier
+from dynident.demo.arm import JOINTS, STEP, true_model, true_values
+from dynident.demo.recording import DAYS, EVERY, NOISE, REMAINS, SEED, Day, fourier
 from dynident.estimators import Estimate, Estimator, IsLinear, LeastSquares, PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
 from dynident.io.families import ESTIMATORS, SMOOTHERS

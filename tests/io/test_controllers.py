@@ -205,3 +205,20 @@ def test_references_are_at_the_times_of_evenly_spaced_samples(tmp_path, simulati
     (log,) = read_logs(config.train[0], config, SLIDER).logs
     np.testing.assert_allclose(log.controller.t, log.t, atol=1e-12)
     assert np.ptp(np.diff(log.t)) < 1e-9
+
+
+def test_a_drive_may_be_faster_than_its_log_and_see_another_velocity(tmp_path):
+    recordings(tmp_path)
+    config = config_of(tmp_path, CASCADE.replace("cascade,", "cascade, period: 0.0025, velocity_steps: 2,"))
+    (log,) = read_logs(config.train[0], config, SLIDER).logs
+    drive = log.controller
+    assert drive.steps == 2
+    assert len(drive.t) == 401
+    between = 0.5 * (np.sin(0.5) + np.sin(0.51))
+    assert drive(0.505, np.array([between - 0.01]), np.zeros(1)) == pytest.approx(-2 * 3 * 20 * 0.01)
+    config = config_of(tmp_path, CASCADE.replace("cascade,", "cascade, period: 0.004,"))
+    with pytest.raises(ConfigError, match=r"simulation.period: .*a.npz: period = 0.004 s does not fit the 0.01 s"):
+        read_logs(config.train[0], config, SLIDER)
+    for wrong in ("period: 0", "period: fast", "velocity_steps: 0", "velocity_steps: 1.5"):
+        with pytest.raises(ConfigError, match=wrong.partition(":")[0]):
+            config_of(tmp_path, CASCADE.replace("cascade,", f"cascade, {wrong},"))

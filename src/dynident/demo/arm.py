@@ -16,13 +16,14 @@ from dynident.demo.shapes import Capsule
 from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous, to_physical
 
 __all__ = [
-    "BASE", "JOINTS", "LINKS", "TILT", "TIME_OFFSET", "DemoJoint", "DemoLink", "controller", "true_model",
+    "BASE", "JOINTS", "LINKS", "STEP", "TILT", "TIME_OFFSET", "DemoJoint", "DemoLink", "controller", "true_model",
     "true_values", "urdf",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 TILT = (0.021, -0.015)  # rad about the x and y axes of the base: 1.5 deg
+STEP = 1e-3  # s: the cycle of the drives
 TIME_OFFSET = -0.003  # s: torques are logged so much late
 Z, Y = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 
@@ -110,7 +111,8 @@ def controller() -> str:
     head = (
         "simulation:  # of the recordings, in the loop of the controller that the arm had: kp in 1/s, kv in N m s/rad"
     )
-    return "\n".join(("", head, "  kind: cascade", "  joints:", *lines)) + "\n"
+    drives = f"  period: {STEP:g}  # s: the drives are four times as fast as the log"
+    return "\n".join(("", head, "  kind: cascade", drives, "  joints:", *lines)) + "\n"
 
 
 def urdf() -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from dynident.demo.arm import JOINTS, TIME_OFFSET, true_model, true_values
+from dynident.demo.arm import JOINTS, STEP, TIME_OFFSET, true_model, true_values
 from dynident.log import Motion
 from dynident.simulation import CascadePD
 from dynident.validation import free_run
@@ -17,7 +17,7 @@ __all__ = ["DAYS", "SEED", "Day", "fourier", "recorded"]
 
 Array = NDArray[np.float64]
 SEED = 12
-STEP, EVERY = 1e-3, 4  # s: the cycle of the drives; of these samples, every fourth is logged
+EVERY = 4  # of the samples of the drives, every fourth is logged
 ENCODER = 2 * np.pi / 2**21  # rad
 TORQUE = 0.01  # N m: the torque is logged in such steps
 NOISE, REMAINS = 0.003, 0.8  # of the torque: share of the joint's limit, and how much of it is there 4 ms later

@@ -23,7 +23,7 @@ from dynident.io.simulation_settings import (
 from dynident.io.tables import DataTable
 from dynident.log import Controller
 from dynident.models import Joint
-from dynident.simulation import PD, PID, CascadePD, Function, HasTimes
+from dynident.simulation import PD, PID, CascadePD, Differenced, Function, HasTimes
 
 __all__ = ["controller"]
 
@@ -40,9 +40,10 @@ def controller(signals: RecordedSignals, settings: object, spec: LogSpec, joints
         return None
     found = _logged(signals, settings, spec, joints)
     try:
-        return found if settings.period is None else found.every(settings.period)
+        found = found if settings.period is None else found.every(settings.period)
     except InputError as error:
         raise ConfigError(f"simulation.period: {signals.table.source}: {error}") from error
+    return found if settings.velocity_steps == 1 else Differenced(found, settings.velocity_steps)
 
 
 def _logged(signals: RecordedSignals, settings: LoopSettings, spec: LogSpec, joints: Sequence[Joint]) -> HasTimes:

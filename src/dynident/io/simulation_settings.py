@@ -73,9 +73,10 @@ class FunctionJoint(LoopJoint):
 
 class LoopSettings(Section):
     """Free simulation in closed loop with the controllers of the drives, by joint, which work every ``period`` s, by
-    default once a sample."""
+    default once a sample, and see the difference of positions ``velocity_steps`` of these apart as velocity."""
 
     period: Positive | None = None
+    velocity_steps: Annotated[int, Field(ge=1, le=100)] = 1
     joints: Mapping[Name, LoopJoint] = Field(min_length=1)
 
 

@@ -1,6 +1,7 @@
 """Recordings simulated with a model: controllers, the steps, and their exact derivatives."""
 
 from dynident.simulation.controllers import PD, PID, CascadePD, Function, HasTimes
+from dynident.simulation.differenced import Differenced
 from dynident.simulation.failure import Broken, Failure, RunsAway, Singular
 from dynident.simulation.run import Simulated, simulated
 from dynident.simulation.sensitivity import Sensitivity, sensitivities
@@ -12,6 +13,7 @@ __all__ = [
     "PID",
     "Broken",
     "CascadePD",
+    "Differenced",
     "Failure",
     "Function",
     "HasSlopes",

@@ -32,7 +32,7 @@ class HasTimes(Controller, Protocol):
     def t(self) -> Array:
         """The times (N), s."""
 
-    def timed(self, t: Array, /) -> Controller:
+    def timed(self, t: Array, /) -> HasTimes:
         """Return the controller with other times (N) of its references."""
 
     def every(self, period: float, /) -> HasTimes:

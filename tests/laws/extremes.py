@@ -138,6 +138,8 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
             if kind == "fourier":
                 quick, pull = {"column": "quick", "unit": "m"}, {"column": "pull", "unit": "N"}
                 start = plain | {"position": {"slider": quick}, "torque": {"slider": pull}}
+            if kind == "didim":
+                start = plain | {"simulation": cascade}
             if kind == "consistent":
                 found["consistent robot"] = (section(family, family.get(kind)), (key,), robot | {key: given})
             found[kind] = (section(family, family.get(kind)), (key,), start | {key: given})

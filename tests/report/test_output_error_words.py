@@ -16,7 +16,7 @@ from dynident.report.wording import words
     [
         (
             notes.StartedElsewhere(notes.Start.INSTRUMENTS),
-            "least squares cannot be simulated; the iteration began with instrumental variables",
+            "simulated, least squares fails or is farther off: the iteration began with instrumental variables",
         ),
         (
             notes.StillSimulating(3, 12.345),

@@ -6,6 +6,7 @@ its gain.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self, runtime_checkable
@@ -19,7 +20,7 @@ from dynident.simulation.one_joint import Law
 from dynident.simulation.slopes import Seen, Slopes, diagonal
 from dynident.simulation.trace import gaps_of, instants
 
-__all__ = ["PD", "PID", "CascadePD", "Function", "HasTimes"]
+__all__ = ["PD", "PID", "Around", "CascadePD", "Function", "HasTimes"]
 
 Array = NDArray[np.float64]
 
@@ -88,17 +89,17 @@ class _Loop:
         return np.where(np.abs(wanted) < self.saturation, self.gain, 0.0)
 
 
-class _Linear(_Loop):
+class _Linear(_Loop, ABC):
     """A loop whose input is linear in the state."""
 
     @property
+    @abstractmethod
     def gains(self) -> tuple[Array, Array]:
         """By what (n) the input falls with q and with dq."""
-        raise NotImplementedError
 
+    @abstractmethod
     def wanted(self, k: Any, q: Array, dq: Array) -> Array:
         """Return the input before its limit, for the references of row k."""
-        raise NotImplementedError
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t."""
@@ -195,8 +196,36 @@ class PD(_Linear):
         return self.kp, self.kd
 
 
+class Around:
+    """What a controller that remembers has from its ``loop``."""
+
+    loop: HasTimes
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the n joints."""
+        return self.loop.joints
+
+    @property
+    def t(self) -> Array:
+        """The times (N) of the references, s."""
+        return self.loop.t
+
+    def timed(self, t: Array) -> Self:
+        """Return the controller with other times (N) of its references."""
+        return replace(self, loop=self.loop.timed(t))  # type: ignore[type-var]
+
+    def every(self, period: float) -> Self:
+        """Return the controller as it works every ``period`` s."""
+        return replace(self, loop=self.loop.every(period))  # type: ignore[type-var]
+
+    def __call__(self, t: float, q: Array, dq: Array) -> Array:
+        """Return the torque (n) for the state at time t, of the loop alone."""
+        return self.loop(t, q, dq)
+
+
 @dataclass(frozen=True, eq=False)
-class PID:
+class PID(Around):
     """A PD controller with an integral: its input has ki z more, z the sum of h (reference - q) over the samples.
 
     ``loop`` has everything else; ``ki`` (n) input per rad s or m s. The integral stands still at a sample where the
@@ -211,28 +240,6 @@ class PID:
     def __post_init__(self) -> None:
         if np.shape(self.ki) != (shape := (len(self.joints),)):
             raise InputError(f"controller: ki has shape {np.shape(self.ki)}, expected {shape}.")
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the n joints."""
-        return self.loop.joints
-
-    @property
-    def t(self) -> Array:
-        """The times (N) of the references, s."""
-        return self.loop.t
-
-    def timed(self, t: Array) -> PID:
-        """Return the controller with other times (N) of its references."""
-        return replace(self, loop=self.loop.timed(t))
-
-    def every(self, period: float) -> PID:
-        """Return the controller as it works every ``period`` s, as ``PD`` does."""
-        return replace(self, loop=self.loop.every(period))
-
-    def __call__(self, t: float, q: Array, dq: Array) -> Array:
-        """Return the torque (n) for the state at time t without what the integral has gathered."""
-        return self.loop(t, q, dq)
 
     def begin(self, t: float, h: float, q: Array, dq: Array, tau: Array) -> Array:
         """Return the integral (n), rad s or m s, before the first sample, where the torque tau (n) was measured."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, brief
 from dynident.log import HasState
-from dynident.simulation.controllers import HasTimes
+from dynident.simulation.controllers import Around, HasTimes
 from dynident.simulation.slopes import Seen, Slopes, slopes_of
 
 __all__ = ["Differenced"]
@@ -19,7 +19,7 @@ MOST = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Differenced:
+class Differenced(Around):
     """A ``loop`` that sees as velocity the difference of positions ``steps`` of its steps apart over their time.
 
     That is the mean of the last differences over one step, which it remembers; steps are of equal length. Before the
@@ -34,28 +34,6 @@ class Differenced:
     def __post_init__(self) -> None:
         if not 1 <= self.steps <= MOST:
             raise ConfigError(f"steps = {self.steps}; give a whole number from 1 to {MOST}.")
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the n joints."""
-        return self.loop.joints
-
-    @property
-    def t(self) -> Array:
-        """The times (N) of the references, s."""
-        return self.loop.t
-
-    def timed(self, t: Array) -> Differenced:
-        """Return the controller with other times (N) of its references."""
-        return replace(self, loop=self.loop.timed(t))
-
-    def every(self, period: float) -> Differenced:
-        """Return the controller as it works every ``period`` s."""
-        return replace(self, loop=self.loop.every(period))
-
-    def __call__(self, t: float, q: Array, dq: Array) -> Array:
-        """Return the torque (n) for the state at time t, of a velocity that stays."""
-        return self.loop(t, q, dq)
 
     def begin(self, t: float, h: float, q: Array, dq: Array, tau: Array) -> Array:
         """Return the last differences and the state of the loop before the first sample."""

@@ -15,6 +15,7 @@ from dynident.identification import Recipe, identify
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.models import Recording
 from dynident.models.gallery import two_link_arm
+from dynident.simulation import Seen, Slopes
 from dynident.studies import LEVELS, METHODS, SCENARIOS, ArmScenario, Method, SmoothAndFit
 from dynident.studies.article import PERIOD, SPLINE
 
@@ -35,6 +36,12 @@ class KnownTorque:
     def __call__(self, t: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:  # noqa: ARG002
         middle = t + PERIOD / 2
         return np.array([self.amplitudes[0] * np.sin(middle), self.amplitudes[1] * np.cos(middle)])
+
+    def slopes(self, seen: Seen) -> Slopes:
+        """Return the derivatives by q and dq: none."""
+        (rows, n), m = seen.q.shape, seen.state.shape[1]
+        by, then = np.zeros((rows, n, n)), np.zeros((rows, m, n))
+        return Slopes((by, by, np.zeros((rows, n, m))), (then, then, np.zeros((rows, m, m))))
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,17 @@ def test_regressor_of_the_article():
     )
 
 
+@pytest.mark.parametrize("rows", [1, 5])
+def test_mass_and_bias_are_those_of_the_regressor(rows):
+    arm, theta = article_arm(), np.arange(1.0, 6.0)
+    q, dq = np.random.default_rng(4).normal(size=(2, rows, 2))
+    still, units = np.zeros((rows, 2)), [np.tile(one, (rows, 1)) for one in np.eye(2)]
+    bias = arm.regressor(q, dq, still) @ theta
+    mass = np.stack([arm.regressor(q, dq, one) @ theta - bias for one in units], axis=2)
+    for found, expected in zip(arm.mass_and_bias(q, dq, theta), (mass, bias), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
 def test_order_of_declaration_does_not_move_the_groups():
     reference = article_arm()
     turned = article_arm(unknowns=reference.unknowns[::-1])
@@ -155,10 +166,11 @@ def test_pickled_copy_computes_the_same():
     """Also after the functions were compiled, which cannot be pickled themselves."""
     arm = article_arm()
     states, theta = np.random.default_rng(2).normal(size=(3, 4, 2)), np.arange(1.0, 6.0)
-    Y, slopes = arm.regressor(*states), arm.partials(*states, theta)
+    Y, slopes, mass = arm.regressor(*states), arm.partials(*states, theta), arm.mass_and_bias(*states[:2], theta)[0]
     copy = pickle.loads(pickle.dumps(arm))
     np.testing.assert_array_equal(copy.regressor(*states), Y)
     np.testing.assert_array_equal(copy.partials(*states, theta).q, slopes.q)
+    np.testing.assert_array_equal(copy.mass_and_bias(*states[:2], theta)[0], mass)
     assert copy.parameters == arm.parameters
 
 

@@ -129,6 +129,13 @@ class Lagrangian:
         flat = self._compiled(q.T, dq.T, ddq.T)
         return _stack(flat, (len(q), len(self.joints), len(self._lumps)))
 
+    def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
+        """Return the mass matrix (N, n, n) and the torque at ddq = 0 (N, n) for one theta (p): article, eq. (4)."""
+        n, one = len(self.joints), len(q) == 1  # a single state, as in a simulation, is faster in plain numbers
+        states = (q[0].tolist(), dq[0].tolist(), theta.tolist()) if one else (q.T, dq.T, theta)
+        both = _stack(self._compiled_mass(*states), (len(q), n + 1, n))
+        return both[:, 1:], both[:, 0]
+
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Z theta by q, dq and ddq, each (N, n, n); they are symbolic, compiled once."""
         flat = self._compiled_partials(q.T, dq.T, ddq.T, theta)
@@ -168,16 +175,30 @@ class Lagrangian:
     def _compiled_partials(self) -> Callable[..., Sequence[Any]]:
         import sympy as sp
 
-        theta = tuple(sp.Dummy(f"theta{k + 1}") for k in range(len(self._lumps)))
-        torques = [
-            sp.Add(*(s * each.torque[i] for s, each in zip(theta, self._lumps, strict=True)))
-            for i in range(len(self.q))
-        ]
+        theta, torques = self._weighted
         slopes = [sp.diff(tau, s) for by in (self.q, self.dq, self._ddq) for tau in torques for s in by]
         return compiled((self.q, self.dq, self._ddq, theta), slopes)
 
+    @cached_property
+    def _compiled_mass(self) -> Callable[..., Sequence[Any]]:
+        import sympy as sp
+
+        theta, torques = self._weighted
+        still = dict.fromkeys(self._ddq, 0)
+        mass = [sp.diff(tau, s) for tau in torques for s in self._ddq]
+        return compiled((self.q, self.dq, theta), [*(tau.subs(still) for tau in torques), *mass])
+
+    @property
+    def _weighted(self) -> tuple[tuple[Any, ...], list[Any]]:
+        """Symbols of the parameters (p), and the torques (n) in them."""
+        import sympy as sp
+
+        theta = tuple(sp.Dummy(f"theta{k + 1}") for k in range(len(self._lumps)))
+        pairs = [[(s, each.torque[i]) for s, each in zip(theta, self._lumps, strict=True)] for i in range(len(self.q))]
+        return theta, [sp.Add(*(s * torque for s, torque in one)) for one in pairs]
+
     def __getstate__(self) -> dict[str, Any]:
-        made_here = ("_compiled", "_compiled_partials")  # functions compiled at run time cannot be pickled
+        made_here = ("_compiled", "_compiled_mass", "_compiled_partials")  # such functions cannot be pickled
         return {name: value for name, value in self.__dict__.items() if name not in made_here}
 
 

@@ -292,14 +292,15 @@ class Model:
 
     def _linear(self, states: tuple[Array, ...], theta: Array) -> tuple[Array, Array]:
         """Return mass matrix and bias: of each term that has them, and of all others from one call of the torque."""
-        q, dq = states[:2]
-        rows, n = q.shape
+        (q, dq), (rows, n) = states[:2], states[0].shape
         direct = self._direct if theta.ndim == 1 else []
-        ddq = np.repeat(np.eye(n + 1, n, k=-1), rows, axis=0)
-        many = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
-        q_, dq_, *memory = (np.concatenate([one] * (n + 1)) for one in (q, dq, *states[3:]))
-        tau = self._torque((q_, dq_, ddq, *memory), many, without=direct).reshape(n + 1, rows, n)
-        mass, bias = (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
+        mass, bias = np.zeros((rows, n, n)), np.zeros((rows, n))
+        if len(direct) < len(self.terms):
+            ddq = np.repeat(np.eye(n + 1, n, k=-1), rows, axis=0)
+            many = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
+            q_, dq_, *memory = (np.concatenate([one] * (n + 1)) for one in (q, dq, *states[3:]))
+            tau = self._torque((q_, dq_, ddq, *memory), many, without=direct).reshape(n + 1, rows, n)
+            mass, bias = (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
         for k in direct:
             own = called(self, self.terms[k], "mass_and_bias", q, dq, theta[self._parts[k]])
             mass = mass + checked(self, self.terms[k], "mass matrix", own[0], (rows, n, n), states)
@@ -337,8 +338,7 @@ class Model:
         """Return the torque of all terms, or of some."""
         if theta.ndim == 2 or not (without or any(self._recursive)):
             return times(self._regressor(states), theta)
-        shape = states[0].shape
-        total = np.zeros(shape)
+        total = np.zeros(shape := states[0].shape)
         for k, part in enumerate(self._parts):
             if k in without:
                 continue

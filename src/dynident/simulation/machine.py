@@ -77,10 +77,13 @@ class Machine:
         self._path.go_on(h, middle, rate, ddq)
         mass, bias = self.mass_and_bias(middle, rate)
         push = tau - bias - dq @ self.V.T
-        sides = np.concatenate((push[..., None], np.broadcast_to(self.J.T, (len(q), *self.J.T.shape))), axis=2)
-        solved = np.linalg.solve(mass + 0.5 * h * self.V, sides)
-        free, response = dq + h * solved[..., 0], solved[..., 1:]
+        sides = push[..., None]
         if len(self.F):
+            sides = np.concatenate((sides, np.broadcast_to(self.J.T, (len(q), *self.J.T.shape))), axis=2)
+        solved = np.linalg.solve(mass + 0.5 * h * self.V, sides)
+        free = dq + h * solved[..., 0]
+        if len(self.F):
+            response = solved[..., 1:]
             impulse = self.impulse(free @ self.J.T, self.J @ response, h * self._levels(middle))
             free = free - (response @ impulse[..., None])[..., 0]
         return middle + 0.5 * h * free, free

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -52,30 +53,25 @@ def slopes_of(controller: Controller, seen: Seen) -> Slopes:
     """Return the derivatives of a controller, by central differences where it does not know them."""
     if isinstance(controller, HasSlopes):
         return controller.slopes(seen)
-    n, given = seen.q.shape[1], np.hstack((seen.q, seen.dq, seen.state))
+    n, given, called = seen.q.shape[1], np.hstack((seen.q, seen.dq, seen.state)), _function(controller)
     out = np.empty((len(given), n + seen.state.shape[1], given.shape[1]))
-    for k, row in enumerate(given):
-        for j, value in enumerate(row):
-            step = NEAR * max(abs(float(value)), 1.0)
-            ends = [_called(controller, seen, k, _moved(row, j, by)) for by in (step, -step)]
+    for k, (t, h, row) in enumerate(zip(seen.t.tolist(), seen.h.tolist(), given, strict=True)):
+        for j, value in enumerate(row.tolist()):
+            step, ends = NEAR * max(abs(value), 1.0), list[Array]()
+            for by in (step, -step):
+                moved = row.copy()
+                moved[j] += by
+                ends.append(called(t, h, moved[:n], moved[n : 2 * n], moved[2 * n :]))
             out[k, :, j] = (ends[0] - ends[1]) / (2 * step)
     tau, state = (np.split(part, [n, 2 * n], axis=2) for part in np.split(out, [n], axis=1))
     return Slopes((tau[0], tau[1], tau[2]), (state[0], state[1], state[2]))
 
 
-def _called(controller: Controller, seen: Seen, k: int, row: Array) -> Array:
-    """Return torque and next state (n + m) at a sample with another position, velocity and state (2 n + m)."""
-    n, t = seen.q.shape[1], float(seen.t[k])
-    q, dq, state = np.split(row, [n, 2 * n])
-    if not isinstance(controller, HasState):
-        return controller(t, q, dq)
-    return np.concatenate(controller.advance(t, float(seen.h[k]), q, dq, state))
-
-
-def _moved(row: Array, j: int, by: float) -> Array:
-    moved = row.copy()
-    moved[j] += by
-    return moved
+def _function(controller: Controller) -> Callable[[float, float, Array, Array, Array], Array]:
+    """Return torque and next state (n + m) as a function of t, h, q, dq and the state."""
+    if isinstance(controller, HasState):
+        return lambda t, h, q, dq, state: np.concatenate(controller.advance(t, h, q, dq, state))
+    return lambda t, _, q, dq, __: controller(t, q, dq)
 
 
 def diagonal(each: Array) -> Array:

@@ -51,7 +51,9 @@ class _Drive:
     """A controller in its loop: it sees the difference quotient of the positions, and may have a state."""
 
     def __init__(self, controller: Controller, motion: Motion, row: NDArray[np.intp]) -> None:
-        self._controller, t = controller, motion.t[row]
+        t = motion.t[row]
+        self._controller = controller
+        self._with_state = controller if isinstance(controller, HasState) else None  # asked once: that takes long
         self._t, self._gaps = t.tolist(), gaps_of(t).tolist()
         self._before = motion.q[row[0]] - motion.dq[row[0]] * self._gaps[0]
         self.states = np.zeros((len(row), len(start := begun(controller, motion, row))))
@@ -61,7 +63,7 @@ class _Drive:
         """Return the torque (n) from sample k on, at the positions q (n)."""
         self.states[k] = self._state
         rate, self._before = (q - self._before) / self._gaps[k], q
-        if not isinstance(self._controller, HasState):
+        if self._with_state is None:
             return self._controller(self._t[k], q, rate)
-        tau, self._state = self._controller.advance(self._t[k], self._gaps[k], q, rate, self._state)
+        tau, self._state = self._with_state.advance(self._t[k], self._gaps[k], q, rate, self._state)
         return tau

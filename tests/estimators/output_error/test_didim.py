@@ -81,7 +81,7 @@ def test_needs_a_controller_that_sees_the_positions() -> None:
         Didim()(posed((log, motion)))
     one, still = np.ones(1), np.zeros_like(log.q)
     blind = Function(("slider",), log.t, log.q, lambda t, q, dq, reference: [np.sin(2 * t)], one, np.inf * one, still)
-    with pytest.raises(InputError, match=r"log 0: no parameter of the model changes .* Use output_error"):
+    with pytest.raises(MissingInputError, match=r"log 0: no parameter of the model changes .* Use output_error"):
         Didim()(posed((replace(log, controller=blind), motion)))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, Note, Step, brief
+from dynident.errors import InputError, MissingInputError, Note, Step, brief
 from dynident.estimators.estimator import Problem
 from dynident.estimators.output_error.first import first_runs
 from dynident.estimators.output_error.linear import Linear, linearised, normal
@@ -163,12 +163,12 @@ def _solved(H: Array, g: Array, damping: float) -> Array:
 
 
 def _check(problem: Problem, H: Array) -> None:
-    """Raise InputError where no parameter changes what is simulated, or some without bounds."""
+    """Raise MissingInputError where no parameter changes what is simulated, InputError where some without bounds."""
     if np.isfinite(H).all() and H.any():
         return
     sources = ", ".join(one.source for one in problem.motions)
     if np.isfinite(H).all():
-        raise InputError(
+        raise MissingInputError(
             f"{sources}: no parameter of the model changes what is simulated: a controller that does not see the "
             "positions asks for the same torque whatever the robot is. Use output_error."
         )

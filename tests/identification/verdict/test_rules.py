@@ -142,6 +142,7 @@ def test_limits_of_what_physics_may_hold_back(
     arm: Identification, growth: float, apart: float, use: Use, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rules, "held_back", lambda found: Held(growth, apart))
+    arm = replace(arm)  # a verdict is found once
     assert judge(arm).use is use
     assert judge(arm).reasons == (() if use is Use.SIMULATION else (why.HeldBack(growth, apart),))
     free = judge(replace(arm, estimate=replace(arm.estimate, consistency=None)))

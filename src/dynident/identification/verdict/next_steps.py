@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,20 +31,17 @@ EFFECT = 1.0  # %, of the torque, that the standard error must be worth for that
 MOST = 5  # next steps on single parameters
 SAMPLES = 500  # of the training, and of the log that is judged
 RANK = 1e-6  # share of the largest singular value below which the training says nothing
-_KNOWN: WeakKeyDictionary[Identification, tuple[UnexcitedParameters | Step, ...]] = WeakKeyDictionary()
 
 
 def next_steps(found: Identification) -> tuple[UnexcitedParameters | Step, ...]:
-    """Return what to record or change next, beyond the remedies of the reasons; once, as each text of a result asks.
+    """Return what to record or change next, beyond the remedies of the reasons.
 
     Steps are ordered by their gain; those whose gain is not known come last, parameters that are not excited first of
     them.
     """
-    if found not in _KNOWN:
-        steps = (*_set_right(found), *window_steps(found), *_unsure(found), *_of_residuals(found))
-        known = sorted((one for one in steps if one.gain is not None), key=lambda one: -(one.gain or 0.0))
-        _KNOWN[found] = (*known, *found.base.unexcited, *(one for one in steps if one.gain is None))
-    return _KNOWN[found]
+    steps = (*_set_right(found), *window_steps(found), *_unsure(found), *_of_residuals(found))
+    known = sorted((one for one in steps if one.gain is not None), key=lambda one: -(one.gain or 0.0))
+    return (*known, *found.base.unexcited, *(one for one in steps if one.gain is None))
 
 
 def _set_right(found: Identification) -> Iterator[SetRight]:

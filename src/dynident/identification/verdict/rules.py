@@ -38,11 +38,21 @@ LOOP, WINDOW = 1.0, 25.0  # %, position error of the free simulation: with the c
 GROWTH = 5.0  # %, by which physical constraints may raise the residual
 APART = (7.0, 1.0)  # %, by which they may change the torque at twice the speed, for control and for simulation
 SLOW = 0.5  # share of the speed of the training that the fastest held-out motion must have
+_VERDICTS: WeakKeyDictionary[Identification, Verdict] = WeakKeyDictionary()
 _DIFFERENCES: WeakKeyDictionary[Motion, WeakKeyDictionary[Motion, float]] = WeakKeyDictionary()
 
 
 def judge(found: Identification) -> Verdict:
-    """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function."""
+    """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function.
+
+    It is evaluated once, as each text of a result asks for it.
+    """
+    if found not in _VERDICTS:
+        _VERDICTS[found] = _judged(found)
+    return _VERDICTS[found]
+
+
+def _judged(found: Identification) -> Verdict:
     held = _held_back(found)
     against_use = (*_noted(found, Use.CONTROL), *held.get(Use.CONTROL, ()), *_against_use(found))
     against_simulation = (*_noted(found, Use.SIMULATION), *held.get(Use.SIMULATION, ()), *_against_simulation(found))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -16,7 +15,6 @@ __all__ = ["FASTER", "Held", "held_back"]
 SAMPLES = 2000  # of all training motions
 FASTER = 2.0  # times the speed of the training, at which fits are compared
 RANK = 1e-5  # share of the largest singular value below which the data say nothing
-_KNOWN: WeakKeyDictionary[Identification, Held] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -29,14 +27,7 @@ class Held:
 
 
 def held_back(found: Identification) -> Held:
-    """Compare an estimate with least squares, each joint by its residual, from samples of the training motions; once,
-    as each text of a result judges it."""
-    if found not in _KNOWN:
-        _KNOWN[found] = _held_back(found)
-    return _KNOWN[found]
-
-
-def _held_back(found: Identification) -> Held:
+    """Compare an estimate with least squares, each joint by its residual, from samples of the training motions."""
     motions = [log.motion for log in found.validations if log.role == "train"]
     rows = subsample(motions, SAMPLES)
     states, tau = together(motions, rows), np.concatenate([one.tau[k] for one, k in zip(motions, rows, strict=True)])

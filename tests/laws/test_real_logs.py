@@ -281,6 +281,8 @@ def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> Non
     emps = check(folder, "emps")
     assert (emps["error"], emps["warning"]) == (set(), {("missing term", "slider")})
     assert {topic for topic, _ in emps["info"]} <= {"missing term"}
+    other = check(folder, "emps", ("velocity_steps: 2", "velocity_steps: 1"))
+    assert other["warning"] == {("missing term", "slider"), ("loop", None)}
     assert topics(warned(folder, "tx40")) == {"missing term"}
     assert warned(folder, "lwr4") - {("unexplained", "lwr_4_joint")} == {
         ("spread", "lwr_7_link"), ("repeat", None), ("missing term", "lwr_6_joint")

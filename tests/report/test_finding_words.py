@@ -266,6 +266,30 @@ SAID = [
         ),
     ),
     (
+        motion_notes.LoopVelocity(1, 2, 0.0324, 0.00264),
+        (
+            "with its velocity over 1 step, the controller asks for a torque that differs from the measured one by "
+            "3.24 %, over 2 by 0.264 %. Give `velocity_steps: 2`, or the drive's `period`. What is found by simulating "
+            "the loop is wrong by more than its errors say."
+        ),
+    ),
+    (
+        motion_notes.LoopGain(0.8, 0.25, 0.01),
+        (
+            "the measured torque is 0.8 times what the controller asks for (they differ by 25 %, with this factor by "
+            "1 %). Check its gains and that of the torque. What is found by simulating the loop is wrong by more than "
+            "its errors say."
+        ),
+    ),
+    (
+        motion_notes.LoopDiffers(0.75),
+        (
+            "the controller asks for a torque that differs from the measured one by 75 %. Check its gains and its "
+            "reference; or something else drives this joint, too. What is found by simulating the loop is wrong by "
+            "more than its errors say."
+        ),
+    ),
+    (
         motion_notes.FewReversals(1),
         (
             "the joint reverses only once: friction, offset and gravity are then strongly correlated. Record a "

@@ -14,6 +14,7 @@ from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.fit import compensation_findings, friction_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
+from dynident.checks.loop import loop_findings
 from dynident.checks.missing import tried_by
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
 from dynident.checks.motion_notes import Search, SearchLeftOut
@@ -118,6 +119,7 @@ def run_checks(
     with one_thread():
         whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
         findings += repeat_findings(logs)
+        findings += loop_findings(sound["train"])
         try:
             whole = _moving(whole, model, plain, sound, recipe, findings, motions, say) if sound["train"] else whole
         except DynidentError as error:

@@ -42,6 +42,7 @@ class Topic(StrEnum):
     LENGTH = "length"
     LIMBS = "limbs"
     LIMITS = "limits"
+    LOOP = "loop"
     LOST = "lost"
     MANY_OUTLIERS = "many outliers"
     MASSLESS = "massless"

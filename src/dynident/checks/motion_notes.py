@@ -12,6 +12,9 @@ __all__ = [
     "EffortAboveLimit",
     "EffortFarBelowLimit",
     "FewReversals",
+    "LoopDiffers",
+    "LoopGain",
+    "LoopVelocity",
     "PositionBeyondLimits",
     "Search",
     "SearchLeftOut",
@@ -24,6 +27,34 @@ class FewReversals(Note):
     """How often a joint reverses."""
 
     count: int
+
+
+@dataclass(frozen=True)
+class LoopDiffers(Note):
+    """The share of its torque by which a joint's controller, at the measured motion, asks for another one."""
+
+    error: float
+
+
+@dataclass(frozen=True)
+class LoopGain(Note):
+    """The measured torque is ``factor`` times what the controller asks for; ``error`` and ``left`` are the shares of it
+    by which the two differ without and with the factor."""
+
+    factor: float
+    error: float
+    left: float
+
+
+@dataclass(frozen=True)
+class LoopVelocity(Note):
+    """Over how many steps drives difference positions: as ``given``, and the number with which they ask for the
+    measured torque but for a share ``left``, instead of ``error``."""
+
+    given: int
+    steps: int
+    error: float
+    left: float
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["finding_words"]
 
+ASTRAY = "What is found by simulating the loop is wrong by more than its errors say."
 REMEDY = "Take it from CAD, or identify it with `kind: consistent`."
 
 
@@ -226,6 +227,32 @@ def _(note: motion_notes.FewReversals) -> str:
     return (
         f"the joint {often}: friction, offset and gravity are then strongly correlated. "
         "Record a motion that goes back and forth."
+    )
+
+
+@words.register
+def _(note: motion_notes.LoopVelocity) -> str:
+    return (
+        f"with its velocity over {count(note.given, 'step')}, the controller asks for a torque that differs from the "
+        f"measured one by {percent(100 * note.error)}, over {note.steps} by {percent(100 * note.left)}. Give "
+        f"`velocity_steps: {note.steps}`, or the drive's `period`. {ASTRAY}"
+    )
+
+
+@words.register
+def _(note: motion_notes.LoopGain) -> str:
+    return (
+        f"the measured torque is {short(note.factor, 3)} times what the controller asks for (they differ by "
+        f"{percent(100 * note.error)}, with this factor by {percent(100 * note.left)}). Check its gains and that of "
+        f"the torque. {ASTRAY}"
+    )
+
+
+@words.register
+def _(note: motion_notes.LoopDiffers) -> str:
+    return (
+        f"the controller asks for a torque that differs from the measured one by {percent(100 * note.error)}. Check "
+        f"its gains and its reference; or something else drives this joint, too. {ASTRAY}"
     )
 
 

@@ -86,6 +86,16 @@ def test_a_velocity_over_other_steps_is_found() -> None:
     assert notes(replace(log, controller=Differenced(c, 3))) == []
 
 
+def test_a_drive_that_is_faster_than_its_log_is_found() -> None:
+    """Its velocity is over 1 ms, the configuration knows the references of each fourth."""
+    log = record(c := cascade(T), every=4)
+    held = replace(c, t=T[::4], reference=c.reference[::4], feedforward=c.feedforward[::4])
+    ((joint, note),) = notes(replace(log, controller=held))
+    assert joint is None
+    assert isinstance(note, LoopVelocity)
+    assert (note.given, note.steps) == (1, 0)
+
+
 def test_a_factor_on_one_joint_is_found() -> None:
     c = cascade(T)
     ((joint, note),) = notes(record(c, replace(c, gain=np.array([2.0, 2.5]))))

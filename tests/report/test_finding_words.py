@@ -274,6 +274,14 @@ SAID = [
         ),
     ),
     (
+        motion_notes.LoopVelocity(1, 0, 0.094, 0.0054),
+        (
+            "with its velocity over 1 step, the controller asks for a torque that differs from the measured one by "
+            "9.4 %, with the velocity of the moment by 0.54 %. Give the drive's `period`. What is found by simulating "
+            "the loop is wrong by more than its errors say."
+        ),
+    ),
+    (
         motion_notes.LoopGain(0.8, 0.25, 0.01),
         (
             "the measured torque is 0.8 times what the controller asks for (they differ by 25 %, with this factor by "

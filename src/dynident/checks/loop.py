@@ -2,7 +2,7 @@
 
 A loop that is simulated is as right as its controller. A wrong one moves what estimators that simulate find by more
 than their errors say, and it shows: at the measured motion it asks for another torque than the measured one. Noise of
-positions and torque is in this difference, too, so that another setting is proposed only where it halves it.
+positions and torque is in this difference, too, so that another setting is named only where it takes much of it away.
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ from dynident.smoothers import Spline, motion_of
 __all__ = ["loop_findings"]
 
 Array = NDArray[np.float64]
-SAMPLES, ROWS = 2000, 10000  # of a log, at which a controller is asked; in a row, of one that remembers
-STEPS = range(1, 11)  # of a drive, over which its velocity may be a difference
-BETTER = 0.5  # of the error, which another setting must leave at most
-OFF = 0.05  # share by which a factor on the torque must differ from 1 to be reported
+SAMPLES, ROWS = 2000, 5000  # of a log, at which a controller is asked; in a row, of one that remembers
+STEPS = range(
+    11
+)  # of a drive, over which its velocity may be a difference; none where it is faster than it is said to be
+BETTER, SCALED = 0.65, 0.5  # of the error, which another velocity or factor must leave at most
+OFF, LEFT = 0.05, 0.2  # by how much a factor must differ from 1 to be named, and what it may leave of the torque
 FAR, NOISY = (
     0.5,
     3.0,
@@ -78,7 +80,7 @@ def _findings(log: Log, asked: _Asked, given: int) -> Iterator[Finding]:
     left = asked.error(best, factor)
     for j in np.flatnonzero(moved):
         name, share = log.joints[j], float(error[j] / size[j])
-        if abs(factor[j] - 1.0) > OFF and left[j] < BETTER * min(error[j], size[j]):
+        if abs(factor[j] - 1.0) > OFF and left[j] < min(SCALED * error[j], LEFT * size[j]):
             scaled = LoopGain(float(factor[j]), share, float(left[j] / size[j]))
             yield Finding(Severity.WARNING, name, scaled, Topic.LOOP, source=log.source)
         elif share > FAR and error[j] > NOISY * asked.noise[j]:

@@ -49,7 +49,8 @@ class LoopGain(Note):
 @dataclass(frozen=True)
 class LoopVelocity(Note):
     """Over how many steps drives difference positions: as ``given``, and the number with which they ask for the
-    measured torque but for a share ``left``, instead of ``error``."""
+    measured torque but for a share ``left``, instead of ``error``; none where they are faster than they are said to be.
+    """
 
     given: int
     steps: int

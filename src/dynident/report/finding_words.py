@@ -232,10 +232,11 @@ def _(note: motion_notes.FewReversals) -> str:
 
 @words.register
 def _(note: motion_notes.LoopVelocity) -> str:
+    other = f"over {note.steps}" if note.steps else "with the velocity of the moment"
+    setting = f"`velocity_steps: {note.steps}`, or the drive's `period`" if note.steps else "the drive's `period`"
     return (
         f"with its velocity over {count(note.given, 'step')}, the controller asks for a torque that differs from the "
-        f"measured one by {percent(100 * note.error)}, over {note.steps} by {percent(100 * note.left)}. Give "
-        f"`velocity_steps: {note.steps}`, or the drive's `period`. {ASTRAY}"
+        f"measured one by {percent(100 * note.error)}, {other} by {percent(100 * note.left)}. Give {setting}. {ASTRAY}"
     )
 
 

@@ -158,6 +158,15 @@ def test_long_names_are_shortened_and_stand_whole_in_a_title():
     assert pairs("file", [(long[0], "1")]).short == {}
 
 
+def test_names_that_are_somewhat_long_may_be_broken_at_their_underscores():
+    heads = (Column("estimator", numeric=False), Column("error"))
+    cells = ["weighted_least_<b>", "least_squares", "consistent + weighted_least_squares"]
+    page = render("t", "l", [PageSection("s", (PageTable(heads, tuple((one, "1") for one in cells)),))])
+    assert ">weighted_<wbr>least_<wbr>&lt;b&gt;</td>" in page
+    assert ">least_squares</td>" in page
+    assert ">consistent + weighted_<wbr>least_<wbr>squares</td>" in page
+
+
 def test_plotly_is_embedded_once_and_only_where_there_is_a_figure():
     with_two = render("t", "l", [PageSection("s", (figure(), PageSection("inner", (figure(),))))])
     assert with_two.count(get_plotlyjs()) == 1

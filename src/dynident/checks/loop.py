@@ -23,7 +23,7 @@ from dynident.smoothers import Spline, motion_of
 __all__ = ["loop_findings"]
 
 Array = NDArray[np.float64]
-SAMPLES, ROWS = 2000, 5000  # of a log, at which a controller is asked; in a row, of one that remembers
+SAMPLES, ROWS = 1000, 5000  # of a log, at which a controller is asked; in a row, of one that remembers
 STEPS = range(
     11
 )  # of a drive, over which its velocity may be a difference; none where it is faster than it is said to be

@@ -49,6 +49,7 @@ __all__ = [
     "stylesheet",
 ]
 
+BROKEN = 16  # letters of a word in a column of names, from which on it may be broken at its underscores
 NAME = 22  # letters of a word in a column of names: beside it there is room for numbers on a phone
 
 
@@ -293,12 +294,15 @@ def _has(block: PageBlock, kind: type[PageTable | Figure]) -> bool:
 
 def _names(cell: str, short: Mapping[str, str], shown: str) -> str:
     """Return a cell as it is ``shown``, or, where it has long names, with these shortened: they stand whole in a title,
-    and are copied whole."""
+    and are copied whole. Others that are long may be broken at their underscores."""
     from markupsafe import Markup, escape
 
     parts = re.split(r"(\s+)", cell)
-    if isinstance(cell, Markup) or not any(part in short for part in parts):  # a formula is no name
+    if isinstance(cell, Markup):  # a formula is no name
         return shown
+    if not any(part in short for part in parts):
+        long = any(len(part) > BROKEN for part in parts)
+        return escape(shown).replace("_", Markup("_<wbr>")) if long else shown
     whole = Markup('<abbr title="{}">{}</abbr>')
     joined = {name: cut.replace("…", "\u2060…\u2060") for name, cut in short.items()}  # no line breaks there
     return Markup("").join(whole.format(part, joined[part]) if part in short else escape(part) for part in parts)

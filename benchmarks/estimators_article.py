@@ -17,7 +17,7 @@ from dynident.models import Recording
 from dynident.models.gallery import two_link_arm
 from dynident.simulation import Seen, Slopes
 from dynident.studies import LEVELS, METHODS, SCENARIOS, ArmScenario, Method, SmoothAndFit
-from dynident.studies.article import PERIOD, SPLINE
+from dynident.studies.article import PERIOD, SPLINE, arm_to_identify
 
 KNOWN = 1e-3  # of the torque's noise: the bound of a torque that is known
 SHOWN = ("raw", "filtered", "spline", "spline-early", "ml")  # as the article has them, and better ones
@@ -71,7 +71,7 @@ class Whole:
         """Identify; the errors are those that allow for correlated residuals."""
         method = METHODS["spline-early"]
         recipe = Recipe(method.smoother_for(recording), rests="keep")
-        found = identify(two_link_arm(), [method.log(recording)], recipe=recipe)
+        found = identify(arm_to_identify(), [method.log(recording)], recipe=recipe)
         return replace(found.estimate, covariance=np.diag(np.square(found.errors.best)))
 
 

@@ -9,6 +9,7 @@ from dynident.report.words import short
 
 STARTS = {
     Start.SMOOTHED: "least squares of a smoothing spline",
+    Start.KALMAN: "least squares of a Kalman smoother",
     Start.CONSISTENT: "the physically consistent fit",
     Start.INSTRUMENTS: "instrumental variables",
     Start.NOMINAL: "the values of the robot file",

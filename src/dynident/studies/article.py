@@ -20,7 +20,7 @@ from dynident.io.parts import build
 from dynident.jobs import Limits, run_jobs
 from dynident.kernel import kernel
 from dynident.log import Log, Motion
-from dynident.models import Recording, record, simulate
+from dynident.models import Model, Recording, record, simulate
 from dynident.models.gallery import two_link_arm
 from dynident.regression import Regression
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
@@ -29,7 +29,8 @@ from dynident.studies.published_tables import PUBLISHED, Row
 from dynident.studies.study import generator, run_study, statistics
 
 __all__ = [
-    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "Reproduction", "SmoothAndFit", "method_of", "reproduce",
+    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "Reproduction", "SmoothAndFit", "arm_to_identify",
+    "method_of", "reproduce",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -63,6 +64,15 @@ class ArmScenario:
     def record(self, level: float, rng: np.random.Generator) -> Recording:
         """Return the recording with the noise of eqs. (44)-(46)."""
         return record(self.truth, np.sqrt(level), self.sigma_tau, rng, source=f"{self.name}, sigma_q^2 = {level:g}")
+
+
+@cache
+def arm_to_identify() -> Model:
+    """Return the arm without its values: they are the true ones, which no estimator may start from or draw to."""
+    terms: Any = two_link_arm().terms
+    links, friction = terms
+    unknowns = tuple(replace(one, value=None) for one in links.unknowns)
+    return Model((replace(links, unknowns=unknowns), replace(friction, values=None)), two_link_arm().name)
 
 
 def _simulated(amplitudes: tuple[float, float]) -> Motion:
@@ -145,7 +155,7 @@ class SmoothAndFit:
 
     def estimate(self, recording: Recording) -> Estimate:
         """Estimate the seven parameters."""
-        model = two_link_arm()
+        model = arm_to_identify()
         motions = (self.motion(recording),)
         return self.estimator(Problem(model, motions, Regression(model, motions), (self.log(recording),)))
 

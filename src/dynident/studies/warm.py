@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.models.gallery import two_link_arm
+from dynident.studies.article import arm_to_identify
 
 __all__: list[str] = []
 
-two_link_arm().regressor(*np.zeros((3, 1, 2)))  # SymPy finds its functions and compiles them
+arm_to_identify().regressor(*np.zeros((3, 1, 2)))  # SymPy finds its functions and compiles them

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, ModelError, Step, brief, changed, choices
+from dynident.errors import ConfigError, DynidentError, InputError, ModelError, Step, brief, changed, choices
 from dynident.estimators.augmented_kalman.dynamics import Dynamics
 from dynident.estimators.augmented_kalman.series import Series, grouping, series_of, smooth_model
 from dynident.estimators.augmented_kalman.square_root import corrected, lower, points
@@ -21,7 +21,9 @@ from dynident.estimators.linear import LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.measured import misfit
 from dynident.estimators.notes import SmoothSigns, StillMoving
 from dynident.estimators.physically_consistent import PhysicallyConsistent
+from dynident.estimators.resmoothed import resmoothed
 from dynident.regression import Rank
+from dynident.smoothers import KalmanSmoother
 
 __all__ = ["AugmentedKalman"]
 
@@ -106,8 +108,9 @@ class AugmentedKalman:
         start = LeastSquares(weights="per_joint")(problem)
         if bodies_of(problem.model.parameters):  # those of least squares may have no mass matrix
             start = replace(start, value=PhysicallyConsistent(costs=False)(problem).value)
-        run = _Run.begin(self, problem, start)
-        at, theta, moved, information = start.value, start.value, np.inf, np.zeros((0, 0))
+        run = self._begun(problem, start)
+        at = theta = run.dynamics.theta
+        moved, information = np.inf, np.zeros((0, 0))
         for k in range(self.passes):
             before = theta
             theta, information = run.passed(at, k)
@@ -119,6 +122,18 @@ class AugmentedKalman:
         rank, total = run.directions, problem.regression.triangular_factors.total
         fit = of_information(theta, information, rank, total, notes)
         return estimate_of(problem, replace(fit, weights=start.residual.weights))
+
+    def _begun(self, problem: Problem, start: Estimate) -> _Run:
+        """Return the run from a start, or from least squares of a Kalman smoother, whose acceleration has the least
+        noise, where that has no mass matrix."""
+        try:
+            return _Run.begin(self, problem, start)
+        except InputError as error:
+            try:
+                value = resmoothed(problem, KalmanSmoother())
+            except DynidentError:
+                raise error from None
+            return _Run.begin(self, problem, replace(start, value=value))
 
     def quick(self) -> LeastSquares:
         """Return least squares: a filter takes too long for a search."""

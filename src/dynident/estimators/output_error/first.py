@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -13,13 +12,12 @@ from numpy.typing import NDArray
 from dynident.errors import DynidentError
 from dynident.estimators.estimator import Estimator, Problem
 from dynident.estimators.instrumental_variables import InstrumentalVariables
-from dynident.estimators.least_squares import LeastSquares
-from dynident.estimators.loops import log_of, not_simulated
+from dynident.estimators.loops import not_simulated
 from dynident.estimators.output_error.notes import Start
 from dynident.estimators.physically_consistent import PhysicallyConsistent
-from dynident.log import Motion
+from dynident.estimators.resmoothed import resmoothed
 from dynident.simulation import Failure
-from dynident.smoothers import Spline
+from dynident.smoothers import KalmanSmoother, Spline
 
 __all__ = ["first_runs"]
 
@@ -36,8 +34,8 @@ def first_runs(
     A simulation has several minima. Noise that differentiation makes large biases least squares away from the right
     one: least squares of a smoothing spline, and instrumental variables, which white noise does not bias, are tried
     beside, and the one of least cost is taken. Where none of these can be simulated, as a mass matrix is not positive
-    definite, it is the physically consistent fit, or the values that the model has from its file. Raises InputError
-    where no one can.
+    definite, it is least squares of a Kalman smoother, whose acceleration has the least noise, the physically
+    consistent fit, or the values that the model has from its file. Raises InputError where no one can.
     """
     best: tuple[Array, T, Start | None] | None = None
     least, failure = np.inf, None
@@ -66,33 +64,17 @@ def _fits(problem: Problem, start: Array) -> Iterator[tuple[Start | None, Array]
     """Yield least squares, and other fits that differ from it."""
     yield None, start
     with suppress(DynidentError):
-        value = _smoothed(problem)
+        value = resmoothed(problem, Spline())
         if not np.allclose(value, start, rtol=1e-3):
             yield Start.SMOOTHED, value
     with suppress(DynidentError):
         yield Start.INSTRUMENTS, InstrumentalVariables(instruments="lagged")(problem).value
 
 
-def _smoothed(problem: Problem) -> Array:
-    """Return least squares (p) of the motion that a smoothing spline makes of the recordings."""
-    motions = tuple(_spline(problem, k) for k in range(len(problem.motions)))
-    regression = replace(problem.regression, motions=motions)
-    return LeastSquares(weights="per_joint")(replace(problem, motions=motions, regression=regression)).value
-
-
-def _spline(problem: Problem, k: int) -> Motion:
-    """Return the k-th motion, smoothed by a spline where its log is known; samples that are not used do not count."""
-    motion, log = problem.motions[k], log_of(problem, k)
-    if log is None:
-        return motion
-    stamped = motion.shifted(-motion.time_offset)
-    used = replace(log, q=np.where(motion.mask[:, None], log.q, stamped.q))
-    found = Spline()(used).shifted(motion.time_offset)
-    return replace(motion, q=found.q, dq=found.dq, ddq=found.ddq, mask=motion.mask & found.mask)
-
-
 def _others(problem: Problem) -> Iterator[tuple[Start, Array]]:
     """Yield parameters that can be simulated more often, those of the robot file last."""
+    with suppress(DynidentError):
+        yield Start.KALMAN, resmoothed(problem, KalmanSmoother())
     consistent: Estimator = PhysicallyConsistent(costs=False)
     with suppress(DynidentError):
         yield Start.CONSISTENT, consistent(problem).value

@@ -13,10 +13,11 @@ __all__ = ["Start", "StartedElsewhere", "StillSimulating"]
 
 
 class Start(StrEnum):
-    """With what a simulation began: least squares of a smoothing spline, instrumental variables, the physically
-    consistent fit, values of the robot file."""
+    """With what a simulation began: least squares of a smoothing spline or of a Kalman smoother, instrumental
+    variables, the physically consistent fit, values of the robot file."""
 
     SMOOTHED = "smoothed"
+    KALMAN = "kalman"
     CONSISTENT = "consistent"
     INSTRUMENTS = "instruments"
     NOMINAL = "nominal"

@@ -141,9 +141,11 @@ def applicable(study: Study, first: pl.DataFrame) -> Iterator[tuple[str, list[Sc
 
 
 def needs(rows: pl.DataFrame) -> str | None:
-    """What every log lacks for a method, None where it has what is needed."""
-    kinds = {kind(reason) for reason in rows["reason"]}
-    return str(rows["reason"][0]).partition(": ")[2] if kinds == {LACKS} else None
+    """What the logs lack for a method that gives nothing, None where it does or fails for another reason."""
+    lacking = [reason for reason in rows["reason"] if kind(reason) == LACKS]
+    if not lacking or rows["value"].list.len().fill_null(0).any():
+        return None
+    return str(lacking[0]).partition(": ")[2]
 
 
 def kind(reason: str) -> str:

@@ -79,6 +79,8 @@ def test_of_two_scenarios_that_give_the_same_one_is_run(load: Load) -> None:
         ("other", "a", "", [1.0]), ("other", "a, torque known", "", [2.0]),
         ("driven", "a", "MissingInputError: a: no controller", []), ("driven", "a, torque known", "", [1.0]),
         ("never", "a", "MissingInputError: no period", []), ("never", "a, torque known", "MissingInputError: no", []),
+        ("mostly", "a", "MissingInputError: no loop", []), ("mostly", "a, torque known", "InputError: no mass", []),
+        ("mostly", "a, torque known", "MissingInputError: no loop", []),
     ]  # fmt: skip
     columns = ("method", "scenario", "reason", "value")
     first = pl.DataFrame([dict(zip(columns, row, strict=True)) | {"level": 1.0, "run": 0} for row in rows])
@@ -88,11 +90,11 @@ def test_of_two_scenarios_that_give_the_same_one_is_run(load: Load) -> None:
             self.name = name
 
     one, two = Named("a"), Named("a, torque known")
-    names = dict.fromkeys(("same", "other", "driven", "never"))
+    names = dict.fromkeys(("same", "other", "driven", "never", "mostly"))
     study = frame.Study("s", [one], [1.0], names, np.ones(1), lambda *_: np.ones(1), {"a": two})
     todo = dict(frame.applicable(study, first))
     assert todo == {"same": [one], "other": [one, two], "driven": [two]}
-    assert frame.lacking(study, first, todo) == {"never": "no period"}
+    assert frame.lacking(study, first, todo) == {"never": "no period", "mostly": "no loop"}
 
 
 def test_the_arm_in_closed_loop_is_identified_from_a_short_log(load: Load) -> None:

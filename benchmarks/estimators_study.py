@@ -143,7 +143,7 @@ def applicable(study: Study, first: pl.DataFrame) -> Iterator[tuple[str, list[Sc
 def needs(rows: pl.DataFrame) -> str | None:
     """What the logs lack for a method that gives nothing, None where it does or fails for another reason."""
     lacking = [reason for reason in rows["reason"] if kind(reason) == LACKS]
-    if not lacking or rows["value"].list.len().fill_null(0).any():
+    if not lacking or rows["value"].list.len().sum():
         return None
     return str(lacking[0]).partition(": ")[2]
 

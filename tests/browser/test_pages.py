@@ -45,7 +45,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "report": report,
     "study": study,
     "fleet": lambda: fleet_page(fleet(3, 6, LONG[0])),
-    "ranking": lambda: ranking_page(ranking(6, 10, LONG[0])),
+    "ranking": lambda: ranking_page(ranking(4, 4, LONG[0])),
     "excitation": lambda: excitation_page(*designed()),
 }
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.identification import SourceFile, Sources
+from dynident.identification import Identification, SourceFile, Sources
+from dynident.io import project
 from dynident.io.folder import result_folder
 from dynident.io.robot import fingerprint
 from dynident.io.saved import model_files
@@ -291,8 +292,12 @@ def test_a_log_that_was_fitted_is_warned_of(tmp_path: Path) -> None:
 
 
 class TestWriteConfig:
-    def test_it_writes_what_repeats_the_result_and_advises_it(self, tmp_path: Path) -> None:
-        path = configuration(tmp_path / "arm")
+    def test_it_writes_what_repeats_the_result_and_advises_it(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        path, made = configuration(tmp_path / "arm"), list[Identification]()
+        fit = project.identify
+        monkeypatch.setattr(project, "identify", lambda *given, **how: made.append(fit(*given, **how)) or made[-1])
         done = run("identify", path, "--out", tmp_path / "a", "--write-config", tmp_path / "b" / "fixed.yaml")
         assert done.exit_code == 0, done.output
         assert "Terms chosen by the training logs" in done.output
@@ -306,6 +311,7 @@ class TestWriteConfig:
         assert errors[0] == errors[1]
         report = (tmp_path / "a" / "report.html").read_text()
         assert "Friction and other terms" in report
+        monkeypatch.setattr(project, "identify", lambda *_, **__: made[0])  # the same again, told without the option
         advised = run("identify", path)
         assert "To write out the terms that were chosen:" in advised.output
         assert "robot-explicit.yaml" in advised.output

@@ -94,14 +94,17 @@ class TestReproduce:
     @pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
     @pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), ("SIGKILL", -9)])
     def test_stopping_loses_nothing_and_leaves_no_process(self, tmp_path: Path, number: str, code: int) -> None:
-        command = [sys.executable, "-m", "dynident", "reproduce", "--runs", "1000", "--workers", "2"]
-        command += ["--out", str(tmp_path)]
+        script = (
+            "from dynident.cli import main\nfrom dynident.io import row_store\nrow_store.SAVE_EVERY = 0.01\n"
+            f"main(['reproduce', '--runs', '1000', '--workers', '2', '--out', {str(tmp_path)!r}])\n"
+        )
+        command = [sys.executable, "-c", script]
         # the pipe of standard error ends when the last process that holds it does, workers included
         with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
             deadline = time.monotonic() + HANGS
             table = tmp_path / "study.parquet"
             while not list(parts_folder(table).glob("*.parquet")) and time.monotonic() < deadline:
-                time.sleep(0.1)
+                time.sleep(0.02)
             process.send_signal(getattr(signal, number))
             _, told = process.communicate(timeout=HANGS)
         assert process.returncode == code

@@ -161,12 +161,12 @@ def changed(config: Mapping[str, Any], place: tuple[Any, ...], name: str, value:
     return out
 
 
-def trials() -> list[tuple[str, str, Any, dict[str, Any]]]:
-    """All trials: section, field, value, configuration."""
+def trials() -> list[tuple[str, str, Any]]:
+    """All trials: section, field, value."""
     values = [*(one for number in NUMBERS for one in wrapped(number)), *OTHERS]
     return [
-        (where, name, value, changed(config, place, name, value))
-        for where, (kind, place, config) in sections().items()
+        (where, name, value)
+        for where, (kind, _, _) in sections().items()
         for name in kind.model_fields
         for value in values
     ]

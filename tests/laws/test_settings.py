@@ -49,15 +49,19 @@ def test_every_section_is_tried(folder):
     every = [one for module in (settings, channels, loops) for one in vars(module).values()]
     own = {one for one in every if isinstance(one, type) and issubclass(one, BaseModel)}
     assert own - {Section, loops.LoopSettings, loops.LoopJoint} <= {kind for kind, _, _ in sections().values()}
+    done = []
     for where, (_, _, config) in sections().items():
-        code, output, caught, _ = tried(folder, config, "identify")
-        assert (code, caught) == (0, []), (where, output)
+        if config not in done:  # several sections are of one configuration
+            code, output, caught, _ = tried(folder, config, "identify")
+            assert (code, caught) == (0, []), (where, output)
+            done.append(config)
 
 
 def test_extreme_settings_end_in_a_sentence(folder):
-    every, wrong = trials(), []
+    every, known, wrong = trials(), sections(), []
     chosen = random.Random(SEED).sample(every, min(TRIALS, len(every)))
-    for where, name, value, config in chosen:
+    for where, name, value in chosen:
+        config = changed(known[where][2], known[where][1], name, value)
         for command in ("check", "identify"):
             code, output, caught, seconds = tried(folder, config, command)
             quiet = not caught and "Traceback" not in output

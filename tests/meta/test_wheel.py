@@ -14,7 +14,6 @@ from email.parser import HeaderParser
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from dynident import __version__
@@ -125,23 +124,9 @@ def test_the_installed_package_is_the_wheels(installed: Path, tmp_path: Path) ->
     assert __version__ in run(installed / "python", "-m", "dynident", "--version", folder=tmp_path)
 
 
-def test_the_installed_command_smooths_a_recording(installed: Path, tmp_path: Path) -> None:
-    t = np.arange(200) * 0.01
-    rows = np.column_stack([t, np.sin(t) + 1e-4 * np.random.default_rng(0).standard_normal(t.size)])
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,q1", comments="")
-    run(installed / "dynident", "smooth", "log.csv", "--time", "t", "--out", "out", folder=tmp_path)
-    made = {path.name for path in (tmp_path / "out").iterdir()}
-    assert any(name.endswith(".html") for name in made), made
-
-
-def test_the_installed_command_writes_a_report(installed: Path, tmp_path: Path) -> None:
-    """The page's templates are read from the wheel."""
-    run(installed / "dynident", "reproduce", "--runs", "1", "--methods", "spline", "--out", "out", folder=tmp_path)
-    assert "<html" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-
-
 def test_the_installed_demo_goes_the_whole_way(installed: Path, tmp_path: Path) -> None:
-    """In a folder whose name has a blank: its data come with the wheel, and the identified robot has its meshes."""
+    """In a folder whose name has a blank: its data and the templates of its report come with the wheel, and the
+    identified robot has its meshes."""
     place = tmp_path / "a first day"
     place.mkdir()
     shown = run(installed / "dynident", "demo", folder=place)
@@ -155,6 +140,7 @@ def test_the_installed_demo_goes_the_whole_way(installed: Path, tmp_path: Path) 
     assert {path.name for path in arm.iterdir()} >= {"arm.urdf", "meshes", "robot.yaml", "controller.yaml", "result"}
     result = arm / "result"
     assert {"result.json", "report.html", "model.py", "parameters.yaml"} <= {path.name for path in result.iterdir()}
+    assert "<html" in (result / "report.html").read_text(encoding="utf-8")
     names = re.findall(r'<mesh filename="(.*?)"', (result / "arm.identified.urdf").read_text(encoding="utf-8"))
     assert len(names) == 14
     assert all((result / name).is_file() for name in names)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.models import Coulomb, Dahl, LoadViscous, Power, Stribeck, Viscous
+from dynident.models import Coulomb, Dahl, LoadViscous, Offset, Power, RotorInertia, Stribeck, Viscous
 from dynident.models.gallery import pendulum
 from dynident.simulation.machine import Machine
 
@@ -26,3 +26,10 @@ def test_hysteresis_and_what_grows_with_the_load_stay_in_the_model():
     theta = np.array([0.0825, 0.25, 0.4, 0.1])
     machine = Machine(pendulum().with_terms(Dahl(JOINTS), LoadViscous(JOINTS)), theta)
     assert (len(machine.F), machine.V.any()) == (0, False)
+
+
+def test_what_is_the_same_at_all_states_is_part_of_mass_and_bias() -> None:
+    model = pendulum().with_terms(RotorInertia(JOINTS), Offset(JOINTS), Power(JOINTS, exponent=0.5))
+    theta, (q, dq) = np.array([0.1, 0.2, 0.4, 0.8, 1.6]), np.linspace(-2.0, 2.0, 10).reshape(2, 5, 1)
+    for one, other in zip(Machine(model, theta).mass_and_bias(q, dq), model.mass_and_bias(q, dq, theta), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.log import Motion
-from dynident.models import HasMemory, Model, remembered
+from dynident.models import HasMemory, Model, Offset, RotorInertia, remembered
 
 __all__ = ["Machine"]
 
 Array = NDArray[np.float64]
+CONSTANT = (Offset, RotorInertia)  # terms whose mass and bias are the same at all states
 
 
 class Machine:
@@ -47,6 +48,7 @@ class Machine:
                     self.V, self.slopes[k], left[k] = self.V + value * slope, slope, 0.0
         self.J, self.F = np.array(rows).reshape(len(rows), n), np.array(levels)
         self.model, self.theta = _without_zeros(model, left)
+        self._varying, self._value, self._mass, self._bias = _without_constants(self.model, self.theta)
         self._path = _Path(model)
 
     def begin(self, motion: Motion, rows: NDArray[np.intp]) -> None:
@@ -61,7 +63,8 @@ class Machine:
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Return M (B, n, n) and b (B, n), both without the friction that is separated, for q and dq (B, n)."""
-        return self.model.mass_and_bias(q, dq, self.theta, self._path.memory)
+        mass, bias = self._varying.mass_and_bias(q, dq, self._value, self._path.memory)
+        return mass + self._mass, bias + self._bias
 
     def _levels(self, q: Array) -> Array:
         """Return F (m) or, where friction depends on what is remembered, F (B, m)."""
@@ -76,10 +79,8 @@ class Machine:
         middle, rate = q + 0.5 * h * dq, dq + 0.5 * h * ddq
         self._path.go_on(h, middle, rate, ddq)
         mass, bias = self.mass_and_bias(middle, rate)
-        push = tau - bias - dq @ self.V.T
-        sides = push[..., None]
-        if len(self.F):
-            sides = np.concatenate((sides, np.broadcast_to(self.J.T, (len(q), *self.J.T.shape))), axis=2)
+        sides = np.empty((*q.shape, 1 + len(self.F)))
+        sides[..., 0], sides[..., 1:] = tau - bias - dq @ self.V.T, self.J.T
         solved = np.linalg.solve(mass + 0.5 * h * self.V, sides)
         free = dq + h * solved[..., 0]
         if len(self.F):
@@ -91,10 +92,10 @@ class Machine:
     @staticmethod
     def impulse(slide: Array, W: Array, most: Array) -> Array:
         """Return the friction impulses (B, m) that stop each sliding velocity, limited by the Coulomb friction."""
-        most = np.broadcast_to(most, slide.shape)
         impulse = most * np.sign(slide)
         if ((slide - (W @ impulse[..., None])[..., 0]) * impulse >= 0).all():  # all keep sliding
             return impulse
+        most = np.broadcast_to(most, slide.shape)
         for _ in range(50):  # projected Gauss-Seidel
             before = impulse.copy()
             for i in range(slide.shape[1]):
@@ -135,7 +136,29 @@ def _without_zeros(model: Model, theta: Array) -> tuple[Model, Array]:
     model with a memory, whose friction has levels that change."""
     if model.memory:
         return model, theta
-    ends = np.cumsum([len(term.parameters) for term in model.terms])
-    parts = np.split(theta, ends[:-1])
-    kept = [k for k, part in enumerate(parts) if part.any()] or [0]
+    parts = _parts(model, theta)
+    return _some(model, parts, [k for k, part in enumerate(parts) if part.any()] or [0])
+
+
+def _without_constants(model: Model, theta: Array) -> tuple[Model, Array, Array, Array]:
+    """Return what is left of a model without the terms that are the same at all states, its parameters, and mass
+    (n, n) and bias (n) of these terms: they are computed once in place of at each step."""
+    n = len(model.joints)
+    same = [k for k, term in enumerate(model.terms) if type(term) in CONSTANT]
+    varying = [k for k in range(len(model.terms)) if k not in same]
+    if model.memory or not same or not varying:
+        return model, theta, np.zeros((n, n)), np.zeros(n)
+    parts, rest = _parts(model, theta), np.zeros((1, n))
+    constant, value = _some(model, parts, same)
+    mass, bias = constant.mass_and_bias(rest, rest, value)
+    return *_some(model, parts, varying), mass[0], bias[0]
+
+
+def _parts(model: Model, theta: Array) -> list[Array]:
+    """Return the parameters of each term."""
+    return np.split(theta, np.cumsum([len(term.parameters) for term in model.terms])[:-1])
+
+
+def _some(model: Model, parts: list[Array], kept: list[int]) -> tuple[Model, Array]:
+    """Return a model of some of the terms, and their parameters."""
     return Model(tuple(model.terms[k] for k in kept), model.name), np.concatenate([parts[k] for k in kept])

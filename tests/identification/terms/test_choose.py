@@ -87,9 +87,13 @@ def test_the_rate_of_a_ripple_is_right_also_where_the_motion_did_not_go() -> Non
     assert rates == pytest.approx([32.0] * 3, rel=0.005)
 
 
-def test_the_choice_is_the_same_again() -> None:
-    again = choose_terms(Model((bodies(),)), [recorded(simulated.dahl, 1)])
+def test_the_choice_is_the_same_again_and_progress_counts_up() -> None:
+    steps: list[str] = []
+    again = choose_terms(Model((bodies(),)), [recorded(simulated.dahl, 1)], progress=steps.append)
     assert again == chosen("dahl", 1)
+    done = [one.done for one in steps if isinstance(one, Step)]
+    assert done == sorted(done)
+    assert len(done) > 3
 
 
 def test_what_was_tried_is_told_with_gain_and_error() -> None:
@@ -107,14 +111,6 @@ def test_the_minimum_speed_is_left_to_terms_that_describe_reversals() -> None:
     assert chosen("dahl", 1).min_speed == (0.0, 0.0, 0.0)
     given = choose_terms(Model((bodies(),)), [recorded(simulated.coulomb, 1)], (0.1, 0.1, 0.1))
     assert given.min_speed == (0.0, 0.0, 0.0)
-
-
-def test_progress_counts_up() -> None:
-    steps: list[str] = []
-    choose_terms(Model((bodies(),)), [recorded(simulated.none, 1)], progress=steps.append)
-    done = [one.done for one in steps if isinstance(one, Step)]
-    assert done == sorted(done)
-    assert len(done) > 3
 
 
 def test_a_term_that_the_model_has_is_not_tried() -> None:

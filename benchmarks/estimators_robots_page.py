@@ -19,6 +19,7 @@ Row = Mapping[str, Any]
 VALUE, STD = (95.1089, 203.5034, 20.3935, -3.1648), (0.1085, 1.1460, 0.1012, 0.0444)
 PUBLISHED = {"filtered": 4.083, "simulated": 0.0138}, {"filtered": 5.982, "simulated": 0.0080}
 NAMES = {"emps": "EMPS", "double_pendulum": "double pendulum", "lwr4": "LWR4", "panda": "Panda", "tx40": "TX40"}
+SAME = 1e-6  # relative difference of errors that are the same
 BEST = 3  # combinations that are shown of a robot
 PLAIN = ("spline", "least_squares")
 UNSETTLED = "unsettled"
@@ -96,6 +97,38 @@ def robots(part: Row) -> str:
     return "\n\n".join([markdown(head, lines), " ".join(notes)])
 
 
+def by_smoother(part: Row) -> str:
+    """Errors of each smoother with least squares, by robot."""
+    return by_robot(part, "smoother", "estimator", PLAIN[1])
+
+
+def by_estimator(part: Row) -> str:
+    """Errors of each estimator on the default spline, by robot."""
+    return by_robot(part, "estimator", "smoother", PLAIN[0])
+
+
+def by_robot(part: Row, varied: str, fixed: str, value: str) -> str:
+    """Errors held out (%), one column a robot, where one part is varied and the other fixed: the least first,
+    by the geometric mean over the robots to which it applies."""
+    there = [robot for robot in NAMES if robot in part]
+    found: dict[str, dict[str, float | None]] = {}
+    for robot in there:
+        for row in part[robot]["rows"]:
+            if row[fixed] == value and "(" not in row[varied]:  # those of the examples have settings
+                found.setdefault(row[varied], {})[robot] = row["error"]
+    least = {robot: min(one[robot] or np.inf for one in found.values() if robot in one) for robot in there}
+
+    def over(one: Row) -> float:
+        return float(np.mean([np.log((value or np.inf) / least[robot]) for robot, value in one.items()]))
+
+    def shown(one: Row, robot: str) -> str:
+        return "" if robot not in one else "failed" if one[robot] is None else f"{one[robot]:.4g}"
+
+    ordered = sorted(found, key=lambda name: (over(found[name]), -len(found[name])))
+    lines = [[name, *(shown(found[name], robot) for robot in there)] for name in ordered]
+    return markdown(["", *(NAMES[robot] for robot in there)], lines)
+
+
 def robot_lines(robot: str, found: Row) -> list[list[str]]:
     ranked = [row for row in found["rows"] if row["error"] is not None]
     shown: dict[int, str] = {place: "best" if not place else "" for place in range(min(BEST, len(ranked)))}
@@ -117,7 +150,8 @@ def figures_of(row: Row, place: int, told: bool) -> list[str]:
     """A combination and its figures; those of a difference where it is not the best."""
     errors = [f"{row[key]:.4g}" for key in ("error", "overall")]
     known = place and row["least"] is not None
-    apart = [f"{row['least']:.2g} to {row['most']:.2g}" if known else "", chance(row) if place and told else ""]
+    ends = [row[name] if known and abs(row[name]) > SAME * row["error"] else 0 for name in ("least", "most")]
+    apart = [f"{ends[0]:.2g} to {ends[1]:.2g}" if known else "", chance(row) if place and told else ""]
     return [*pair(row), *errors, *apart, f"{row['seconds']:.2g}"]
 
 
@@ -159,5 +193,7 @@ def peers(part: Row) -> str:
 TABLES: Mapping[str, tuple[str, Callable[[Row], str]]] = {
     "emps": ("emps", emps),
     "robots": ("robots", robots),
+    "robots_smoothers": ("robots", by_smoother),
+    "robots_estimators": ("robots", by_estimator),
     "peers": ("peers", peers),
 }

@@ -109,7 +109,12 @@ def groups(found: Identification) -> set[tuple[int, str]]:
 
 
 def study(
-    name: str, law: str, seed: int, noise: float = NOISE, duration: float = 20.0, strength: float | Literal["auto"] = "auto"
+    name: str,
+    law: str,
+    seed: int,
+    noise: float = NOISE,
+    duration: float = 20.0,
+    strength: float | Literal["auto"] = "auto",
 ) -> Row:
     """Simulate, identify by defaults and by the oracle, and compare; ``strength`` is that of the prior of both."""
     rng = np.random.default_rng([3, seed])

@@ -1,5 +1,6 @@
 """Settings of all tests."""
 
+import gc
 import os
 import signal
 import threading
@@ -17,6 +18,11 @@ def pytest_report_header() -> str:
     from dynident.kernel import kernel  # NumPy comes with the tests
 
     return f"kernel: {kernel()}"
+
+
+def pytest_collection_finish() -> None:
+    gc.collect()
+    gc.freeze()  # ten thousand tests and all modules, which no later collection need go through
 
 
 settings.register_profile("patient", deadline=None)  # a busy machine is no error

@@ -1,23 +1,28 @@
 """The noise that a smoothed motion has left, against the truth of simulated logs."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from dynident.estimators.motion_noise import motion_noise
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.models import record, simulate
 from dynident.models.gallery import pendulum
 from dynident.smoothers import Butterworth, Difference, Spline
 
 T = np.arange(2001) * 0.01
 ARM = pendulum()
-TRUE = simulate(ARM, ARM.values, lambda s: [0.4 * np.sin(5 * s)], T)
+
+
+@cache
+def exact() -> Motion:
+    return simulate(ARM, ARM.values, lambda s: [0.4 * np.sin(5 * s)], T)
 
 
 def recorded(sigma: float, seed: int = 0) -> Log:
-    return record(TRUE, sigma_q=sigma, sigma_tau=0.01, rng=np.random.default_rng(seed)).log
+    return record(exact(), sigma_q=sigma, sigma_tau=0.01, rng=np.random.default_rng(seed)).log
 
 
 @pytest.mark.parametrize("sigma", [5e-4, 2e-3])
@@ -30,7 +35,7 @@ def test_errors_that_are_drawn_are_as_large_as_the_true_ones(smoother, sigma):
     noise = motion_noise(log, motion)
     np.testing.assert_allclose(np.sqrt(noise.density / 0.02), sigma, rtol=0.05)
     again = noise.drawn(motion, np.random.default_rng(1))
-    clean = TRUE if smoother is Spline else part(replace(log, q=TRUE.q))
+    clean = exact() if smoother is Spline else part(replace(log, q=exact().q))
     for name in ("dq", "ddq"):
         made, true = (getattr(again, name) - getattr(motion, name)), (getattr(motion, name) - getattr(clean, name))
         near = 1.4 if smoother is Spline else 2.5  # another smoother has another shape than a spline's

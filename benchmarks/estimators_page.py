@@ -181,16 +181,15 @@ def of_arm(cell: Row) -> list[str]:
 
 
 def grid(level: float) -> Callable[[Row], str]:
-    """Return the error (%) held out of every smoother with every estimator."""
+    """Return the error (%) held out of every estimator on every smoother, where it has been tried on several."""
 
     def table(part: Row) -> str:
-        cells = {key[:2]: one for key, one in pairs(part).items() if key[2] == level}
-        smoothers, estimators = (list(dict.fromkeys(key[k] for key in cells)) for k in (0, 1))
-        lines = [
-            [name, *(figure(cells.get((name, fit), {}).get("error", float("nan"))) for fit in estimators)]
-            for name in smoothers
-        ]
-        return markdown([f"{level:g} bits", *estimators], lines)
+        errors = {key[:2]: one.get("error", np.nan) for key, one in pairs(part).items() if key[2] == level}
+        smoothers, estimators = (list(dict.fromkeys(key[k] for key in errors)) for k in (0, 1))
+        rows = {fit: [errors.get((name, fit), np.nan) for name in smoothers] for fit in estimators}
+        several = [name for name in estimators if np.isfinite(rows[name]).sum() > 1]
+        several.sort(key=lambda name: float(np.nanmean(np.log(rows[name]))))
+        return markdown([f"{level:g} bits", *smoothers], [[name, *map(figure, rows[name])] for name in several])
 
     return table
 

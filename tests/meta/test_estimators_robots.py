@@ -77,6 +77,7 @@ def test_each_conclusion_of_the_survey_is_decided_by_the_figures(load: Load) -> 
     assert all("| not measured" in line for line in of.survey({}, {}).splitlines()[2:])
     sizes = {
         "least_squares": 4.0,
+        of.WEIGHTED: 3.0,
         of.DIDIM: 1.0,
         of.INSTRUMENTS: 1.0,
         of.OUTPUT: 2.0,
@@ -94,6 +95,11 @@ def test_each_conclusion_of_the_survey_is_decided_by_the_figures(load: Load) -> 
     said = of.survey({"arm": {"cells": [*cells, raw]}}, {"emps": {"fits": fits}, "robots": robots})
     answers = [line.split(" | ")[1] for line in said.splitlines()[2:]]
     assert answers == ["yes", "yes", "no", *["yes"] * 8]
+    for cell in cells:
+        if cell["method"] == f"spline + {of.DIDIM}" and cell["level"] == of.LEVELS[1]:
+            cell["rms"] = [3.0]
+    said = of.survey({"arm": {"cells": [*cells, raw]}}, {})
+    assert [line.split(" | ")[1] for line in said.splitlines()[2:]][3:5] == ["in part", "in part"]
 
 
 def test_parameters_of_peers_are_judged_in_the_order_of_the_model(load: Load) -> None:

@@ -26,7 +26,7 @@ from dynident.report.page import (
 )
 
 EVIL = "</script><script>alert(1)</script><b>\u2028&"
-VOID = {"meta", "br", "hr", "img", "link", "input"}
+VOID = {"meta", "br", "hr", "img", "link", "input", "wbr"}
 
 
 class Outline(HTMLParser):

@@ -125,6 +125,21 @@ def test_nothing_is_said_without_a_controller_or_of_a_joint_that_is_silent() -> 
     assert notes(replace(log, tau=np.zeros_like(tau))) == []
 
 
+@pytest.mark.parametrize("kind", ["cascade", "pid"])
+def test_of_few_samples_or_gains_beyond_numbers_nothing_is_said(kind: str) -> None:
+    c = cascade(T)
+    pd = PD(JOINTS, T, c.reference, np.full(2, 200.0), np.full(2, 5.0), c.gain, c.saturation, c.feedforward)
+    one: Controller = c if kind == "cascade" else PID(pd, np.full(2, 50.0))
+    log = record(one)
+    excluded = np.ones(len(log.t), dtype=bool)
+    for kept in (0, 1, 5):
+        excluded[100 : 100 + kept] = False
+        assert notes(replace(log, excluded=excluded.copy())) == []
+    huge = np.full(2, 1e300)
+    beyond = replace(c, kp=huge, kv=huge, gain=huge, saturation=np.full(2, np.inf))
+    assert notes(replace(log, controller=beyond)) == []
+
+
 def test_a_function_that_fails_is_left_to_the_simulation() -> None:
     def law(t: float, q: np.ndarray, dq: np.ndarray, reference: np.ndarray) -> np.ndarray:
         raise ValueError(t)

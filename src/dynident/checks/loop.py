@@ -17,22 +17,19 @@ from dynident.checks.finding import Finding, Topic
 from dynident.checks.motion_notes import LoopDiffers, LoopGain, LoopVelocity
 from dynident.errors import DynidentError, Severity
 from dynident.log import Controller, HasState, Log, Motion
-from dynident.simulation import Differenced, HasTimes
+from dynident.simulation import Differenced, HasTimes, longest
 from dynident.smoothers import Spline, motion_of
 
 __all__ = ["loop_findings"]
 
 Array = NDArray[np.float64]
 SAMPLES, ROWS = 1000, 5000  # of a log, at which a controller is asked; in a row, of one that remembers
-STEPS = range(
-    11
-)  # of a drive, over which its velocity may be a difference; none where it is faster than it is said to be
+FEW = 10  # samples, of which nothing is told
+STEPS = range(11)  # of a drive, over which its velocity may be a difference; 0 where it is faster than is said
 BETTER, SCALED = 0.65, 0.5  # of the error, which another velocity or factor must leave at most
 OFF, LEFT = 0.05, 0.2  # by how much a factor must differ from 1 to be named, and what it may leave of the torque
-FAR, NOISY = (
-    0.5,
-    3.0,
-)  # share of the torque above which a controller is another; times what the positions' noise explains
+FAR = 0.5  # share of the torque above which a controller is another one
+NOISY = 3.0  # times what the noise of the positions explains of that
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +53,12 @@ def loop_findings(logs: Sequence[Log]) -> Iterator[Finding]:
         if log.controller is None or log.controller.joints != log.joints:
             continue
         try:
-            asked, given = _asked(log, log.controller), _steps(log.controller)
+            with np.errstate(all="ignore"):  # what is not finite is left to the simulation, too
+                asked, given = _asked(log, log.controller), _steps(log.controller)
         except DynidentError:  # the simulation says it
             continue
-        yield from _findings(log, asked, given)
+        if len(asked.tau) > FEW and all(np.isfinite(one).all() for one in asked.by_steps.values()):
+            yield from _findings(log, asked, given)
 
 
 def _findings(log: Log, asked: _Asked, given: int) -> Iterator[Finding]:
@@ -102,11 +101,13 @@ def _asked(log: Log, controller: Controller) -> _Asked:
     motion = motion_of(Spline(), log)
     times = controller.t if isinstance(controller, HasTimes) and len(controller.t) > 1 else log.t
     period = float(np.median(np.diff(times)))
-    if isinstance(loop, HasState):
-        rows = np.flatnonzero(motion.mask)[:ROWS]
+    if isinstance(loop, HasState):  # without gaps, over which its state would be unknown
+        rows = np.arange(len(motion))[longest(motion)][:ROWS]
     else:
         rows = np.flatnonzero(motion.mask)
         rows = rows[:: max(len(rows) // SAMPLES, 1)]
+    if len(rows) <= FEW:
+        return _Asked(motion.tau[rows], {}, np.zeros(len(log.joints)))
     by_steps = {steps: _torques(loop, motion, rows, motion.q[rows], steps * period) for steps in STEPS}
     noisy = _torques(loop, motion, rows, log.q[rows], period)
     noise = np.sqrt(np.mean(np.square(noisy - by_steps[1]), axis=0))

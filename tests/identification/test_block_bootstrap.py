@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
 from dynident.identification import Identification, Recipe, identify
 from dynident.identification.block_bootstrap import _Fit, _regression, _stretches
-from dynident.log import Log, Motion
+from dynident.log import Log
 from dynident.models import simulate
 from dynident.models.gallery import pendulum, two_link_arm
 from dynident.regression import ParallelFilter, factors_of_parts
@@ -23,20 +22,14 @@ from dynident.smoothers import Difference
 
 ARM, CORRELATION = pendulum(), 0.9  # of the torque's noise from sample to sample
 T = np.arange(2000) * 0.005
-
-
-@cache
-def motion() -> Motion:
-    return simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(9.0 * t) + np.sin(2.3 * t)], T)
-
-
+MOTION = simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(9.0 * t) + np.sin(2.3 * t)], T)
 RECIPE = Recipe(Difference("central"))
 
 
 def noisy(seed: int) -> Log:
     """The motion without noise, and torque with noise that correlates over a tenth of a second."""
     noise = lfilter([1.0], [1.0, -CORRELATION], np.random.default_rng(seed).standard_normal(len(T) + 200))[200:]
-    return Log(T, motion().q, motion().tau + 0.02 * noise[:, None], ("pivot",), f"log {seed}")
+    return Log(T, MOTION.q, MOTION.tau + 0.02 * noise[:, None], ("pivot",), f"log {seed}")
 
 
 def fitted(seed: int = 0, **changes) -> Identification:

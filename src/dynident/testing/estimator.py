@@ -111,7 +111,7 @@ def recovers_the_truth_from_noisy_data(estimator: Estimator, make: Callable[[], 
     assert (found.std < 0.2 * np.abs(truth(model))).all(), found.std
     left = problem.regression.triangular_factors  # with a controller, not only noise: it moves on between samples
     expected = np.sqrt(left.residual(truth(model)) / left.rows)
-    np.testing.assert_allclose(found.residual.sigma, expected, rtol=0.03)
+    np.testing.assert_allclose(found.residual.sigma, expected, rtol=0.05)
 
 
 def describes_what_it_estimates(estimator: Estimator, make: Callable[[], Model]) -> None:

@@ -57,10 +57,10 @@ class DaskCluster:
             client = distributed.Client(self.address, set_as_default=False)
         with client:
             deadline = time.monotonic() + HANGS
-            while len(client.nthreads()) != count and time.monotonic() < deadline:
+            while len(found := list(client.nthreads())) != count and time.monotonic() < deadline:
                 time.sleep(0.02)
-            assert len(client.nthreads()) == count, (self.folder / "log").read_text()
-            return list(client.nthreads())
+            assert len(found) == count, (self.folder / "log").read_text()
+            return found
 
     def _start(self, *words: str, **environment: str) -> subprocess.Popen[bytes]:
         paths = {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}

@@ -156,6 +156,7 @@ class TestChanges:
                 alone.address
             )
             alone.start_worker("--no-nanny")
+            alone.require_workers(2)  # before the other one ends: one alone could be either
             alone.workers[0].kill()
             alone.require_workers(1)
             with cluster_workers(alone.address) as executor:

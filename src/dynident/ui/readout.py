@@ -28,6 +28,10 @@ HELD_OUT = (
     "Choose by the cross-validated error: it is of the training, over what is fitted. Settings that are chosen by the "
     "held-out error make it one of training, too."
 )
+STAND_IN = (
+    "The errors are those of a faster estimator that stands in for the one chosen. So are the parameters, until the "
+    "whole identification has come, of which the verdict is."
+)
 
 
 def worst(logs: Sequence[LogFit]) -> LogFit | None:
@@ -66,7 +70,8 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
         ],
         className="facts",
     )
-    return [shown, *([html.P(HELD_OUT, className="muted")] if fit.held_out() else [])]
+    said = [*([] if fit.exact else [STAND_IN]), *([HELD_OUT] if fit.held_out() else [])]
+    return [shown, *(html.P(words, className="muted") for words in said)]
 
 
 def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -84,6 +84,7 @@ class AugmentedKalman:
     samples: Annotated[int, Ge(100), Le(MOST)] = 4000
     passes: Annotated[int, Ge(1), Le(20)] = 4
 
+    needs_samples: ClassVar[bool] = True
     __repr__ = changed
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, get_args
+from typing import Annotated, ClassVar, get_args
 
 from annotated_types import Ge, Gt, Le
 
@@ -60,6 +60,7 @@ class InstrumentalVariables:
     lag: Annotated[float, Gt(0), Le(LONGEST)] | None = None
     weights: Weights = "per_joint"
 
+    needs_samples: ClassVar[bool] = True
     __repr__ = changed
 
     def __post_init__(self) -> None:

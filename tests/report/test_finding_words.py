@@ -290,6 +290,14 @@ SAID = [
         ),
     ),
     (
+        motion_notes.LoopUnused(("q1_ref", "q2_ref", "q3_ref")),
+        (
+            "columns are named as reference positions ('q1_ref', 'q2_ref' and 1 more). With the gains of the drives, "
+            "in the section `simulation`, estimators that simulate the loop apply as well, and the model is judged in "
+            "it."
+        ),
+    ),
+    (
         motion_notes.LoopDiffers(0.75),
         (
             "the controller asks for a torque that differs from the measured one by 75 %. Check its gains and its "

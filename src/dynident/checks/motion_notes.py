@@ -14,6 +14,7 @@ __all__ = [
     "FewReversals",
     "LoopDiffers",
     "LoopGain",
+    "LoopUnused",
     "LoopVelocity",
     "PositionBeyondLimits",
     "Search",
@@ -44,6 +45,13 @@ class LoopGain(Note):
     factor: float
     error: float
     left: float
+
+
+@dataclass(frozen=True)
+class LoopUnused(Note):
+    """Columns that are named as reference positions, of which no controller makes use."""
+
+    columns: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -258,6 +258,15 @@ def _(note: motion_notes.LoopDiffers) -> str:
 
 
 @words.register
+def _(note: motion_notes.LoopUnused) -> str:
+    return (
+        f"columns are named as reference positions ({listed(map(repr, note.columns), 2)}). With the gains of the "
+        "drives, in the section `simulation`, estimators that simulate the loop apply as well, and the model is judged "
+        "in it."
+    )
+
+
+@words.register
 def _(note: motion_notes.PositionBeyondLimits) -> str:
     return (
         f"the position runs from {short(note.lower, 4)} to {short(note.upper, 4)}, the file allows "

@@ -79,9 +79,9 @@ def test_the_fit_is_shown_beside_that_of_the_last_setting(session: Session) -> N
     assert words(parameters) != words(shown[3])
     assert page.fit("?degree=x", last, "tab")[5] == "address: degree is 'x'; give a number."
     assert "make it one of training, too" in words(numbers)  # a held-out error by which settings are chosen
-    assert "stands in" not in words(numbers)
+    assert "faster estimator" not in words(numbers)
     fast = replace(page.bench.fitted(page.bench.start), exact=False)
-    assert "a faster estimator that stands in" in words(readout.numbers(fast, None))
+    assert "a faster estimator, in place of the one that is chosen" in words(readout.numbers(fast, None))
 
 
 def test_a_whole_identification_begins_when_a_person_pauses(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:

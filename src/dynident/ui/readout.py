@@ -29,8 +29,8 @@ HELD_OUT = (
     "held-out error make it one of training, too."
 )
 STAND_IN = (
-    "The errors are those of a faster estimator that stands in for the one chosen. So are the parameters, until the "
-    "whole identification has come, of which the verdict is."
+    "Errors and torque are those of a faster estimator, in place of the one that is chosen; the verdict, and the "
+    "parameters that come with it, are by the one chosen."
 )
 
 

@@ -20,11 +20,12 @@ from dynident.estimators import (
 from dynident.estimators.first_model import other_model
 from dynident.estimators.notes import Start, StartedElsewhere
 from dynident.log import Log, Motion
-from dynident.models import Joint, Lagrangian, Model, RotorInertia, Viscous
+from dynident.models import Lagrangian, Model
 from dynident.models.gallery import pendulum, two_link_arm
 from dynident.regression import Regression
 from dynident.simulation import PD, Failure, Singular, simulated
 from dynident.testing.estimator import known_motion, posed
+from tests.estimators.physically_consistent import arms
 
 ARM = two_link_arm()
 FIRST = Singular()
@@ -83,15 +84,22 @@ def test_a_mass_matrix_by_the_least_change_of_the_torque() -> None:
         assert 1.0 < weights @ left(found[0]) / 2.0 < weights @ left(np.array(ARM.values)) / 2.0
 
 
-def test_of_as_many_joints_as_there_are() -> None:
-    joints = tuple(map(Joint, "abc"))
-    model = Model((RotorInertia(joints, values=(0.1, 0.2, 0.3)), Viscous(joints, values=(1.0, 1.0, 1.0))))
-    problem = loud(model, 1, noise=40.0)
-    plain = LeastSquares(weights="per_joint")(problem).value
-    assert plain[:3].min() < 0
-    found = other_model(problem, FIRST, massive(problem))
-    assert not isinstance(found, Failure)
-    assert found[2] is Start.MASS  # the physically consistent fit has a mass of zero
+def test_a_mass_matrix_of_six_joints_with_bodies() -> None:
+    plain = arms.problem(arms.arm(inertias="none"), samples=200)
+    (motion,) = plain.motions
+    noise = 2.0 * motion.tau.std(axis=0) * np.random.default_rng(0).standard_normal(motion.tau.shape)
+    problem = posed(plain.model, replace(motion, tau=motion.tau + noise))
+    seen = [LeastSquares(weights="per_joint")(problem).value]
+    assert isinstance(massive(problem)(seen[0]), Failure)
+
+    def tried(theta: Array) -> Failure:
+        seen.append(theta)
+        return FIRST
+
+    other_model(problem, FIRST, tried)
+    assert isinstance(massive(problem)(seen[-1]), np.ndarray)
+    left = problem.regression.triangular_factors.residual
+    assert (left(seen[-1]) < 1.1 * left(seen[0])).all()
 
 
 def test_no_mass_is_invented_where_the_data_contradict_it() -> None:

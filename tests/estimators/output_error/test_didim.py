@@ -9,7 +9,8 @@ import pytest
 
 from dynident.errors import ConfigError, InputError, MissingInputError
 from dynident.estimators import Didim, LeastSquares, PhysicallyConsistent, quick
-from dynident.estimators.output_error.notes import Start, StartedElsewhere, StillSimulating
+from dynident.estimators.notes import Start, StartedElsewhere
+from dynident.estimators.output_error.notes import StillSimulating
 from dynident.models import Model
 from dynident.models.gallery import two_link_arm
 from dynident.simulation import PID, Function

@@ -92,7 +92,6 @@ class Descent:
 
     def begun(self, start: Array, shots: tuple[Shots, ...]) -> _State:
         """Return the first simulation."""
-        self.problem.progress("simulating")
         theta, runs, other = first_runs(self.problem, start, lambda value: self.simulated(shots, value), likely)
         if other is not None:
             self.notes.append(StartedElsewhere(other))

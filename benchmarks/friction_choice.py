@@ -23,7 +23,7 @@ from typing import Any, Literal
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from defaults import FIGURES, draw, laws, read, write
+from defaults_page import FIGURES, draw, laws, read, write
 from friction_laws import ARMS, LAWS, PLAIN, Arm, Effect, Moved, arm, course, needed
 from numpy.typing import NDArray
 

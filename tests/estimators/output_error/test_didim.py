@@ -18,7 +18,7 @@ from dynident.testing.estimator import posed as plain
 from dynident.testing.looped import in_loops
 from tests.estimators.instrumental_variables.looped import MODEL, TRUTH, driven, loop, posed, recorded
 
-RUNS = 10
+RUNS = 20
 MOTION, CONTROLLER = driven(600)
 
 

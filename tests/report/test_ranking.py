@@ -9,7 +9,7 @@ from rich.console import Console
 
 from dynident.errors import Finding, Severity
 from dynident.io.results import json_text
-from dynident.ranking import Outcome
+from dynident.ranking import Outcome, Ranked
 from dynident.report.ranking import ranking_dict, ranking_findings, ranking_heading, ranking_tables
 from dynident.report.terminal import terminal
 from tests.report.rankings import ranking, untold
@@ -61,6 +61,22 @@ def test_among_equals_nothing_is_changed() -> None:
     assert "as good within chance, and takes 0.15 s instead of 2.1 s." in text
     soon = replace(slow, seconds_estimate=0.4)
     assert "Take smoother0 with estimator0" in said(replace(found, rows=(soon, fast, *found.rows[2:])))
+
+
+def test_why_the_best_is_taken_though_another_is_faster() -> None:
+    found = ranking()
+    first, second = found.rows[:2]
+    best = replace(first, eigenvalue=0.1)
+
+    def why(one: Ranked, other: Ranked) -> str:
+        return said(replace(found, rows=(one, other, *found.rows[2:])))
+
+    slow, fast = replace(second, seconds_estimate=first.seconds_estimate), replace(second, seconds_estimate=0.05)
+    assert "estimator0, as the configuration does: none of these is much faster." in why(best, slow)
+    assert "bodies are possible, which those of faster ones are not." in why(best, replace(fast, eigenvalue=-1.0))
+    unsettled = Outcome.UNSETTLED
+    assert "converged, which those of faster ones did not" in why(best, replace(fast, outcome=unsettled))
+    assert "converged, which that of the best did not." in why(replace(best, outcome=unsettled), second)
 
 
 def test_the_configured_combination_has_its_place() -> None:

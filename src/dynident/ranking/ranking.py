@@ -87,6 +87,10 @@ class Ranked:
         """Seconds of the smoothing and the estimate."""
         return self.seconds_smoothing + self.seconds_estimate
 
+    def takes_longer(self, seconds: float) -> bool:
+        """Whether it takes more than twice so many seconds, and half a second more."""
+        return self.seconds > max(2.0 * seconds, seconds + SOON)
+
     def judged(self, basis: Basis) -> Mapping[str, float]:
         """Return the errors (%) by joint that combinations are ranked by."""
         return self.held_out if basis == "validation" else self.cross_validated
@@ -196,7 +200,7 @@ class Ranking:
         good = [one for one in within if one.physical and one.outcome is Outcome.OK]
         some = good or [one for one in within if one.physical] or within
         fast = min(one.seconds for one in some)
-        quick = [one for one in some if not one.seconds > max(2.0 * fast, fast + SOON)]
+        quick = [one for one in some if not one.takes_longer(fast)]
         return next((one for one in quick if one.combination.own), quick[0])
 
     @property

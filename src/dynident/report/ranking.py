@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dynident.ranking import mean_of
+from dynident.ranking import Outcome, mean_of
 from dynident.report.check import finding_groups, finding_row
 from dynident.report.page import Column, PageTable, number
 from dynident.report.part_words import part_words
@@ -136,8 +136,20 @@ def _rival_lines(found: Ranking) -> Iterator[str]:
 
 
 def _why_best(found: Ranking) -> str:
-    yours = ", as the configuration does" if found.best is found.own else ""
-    return (", as none of these is much faster" if len(found.within) > 1 else "") + yours
+    best, others = found.best, found.within[1:]
+    yours = ", as the configuration does" if best is found.own else ""
+    faster = [one for one in others if best is not None and best.takes_longer(one.seconds)]
+    if not others or best is None:
+        why = ""
+    elif not faster:
+        why = ": none of these is much faster"
+    elif not all(one.physical for one in faster):
+        why = ": all of its bodies are possible, which those of faster ones are not"
+    elif any(one.outcome is Outcome.UNSETTLED for one in faster):
+        why = ": its iteration converged, which those of faster ones did not"
+    else:
+        why = ": cross-validation contradicts faster ones"
+    return yours + why
 
 
 def _why(found: Ranking) -> str:
@@ -148,6 +160,8 @@ def _why(found: Ranking) -> str:
     faster = f"as good within chance, and takes {_time(choice.seconds)} instead of {_time(best.seconds)}"
     if not best.physical and choice.physical:
         faster = "as good within chance, and all of its bodies are possible, which those of the best are not"
+    elif best.outcome is Outcome.UNSETTLED and choice.outcome is not Outcome.UNSETTLED:
+        faster = "as good within chance, and its iteration converged, which that of the best did not"
     elif choice is found.own:
         return "as good within chance, and nothing is to be changed"
     elif found.rival is not None:

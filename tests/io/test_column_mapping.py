@@ -207,6 +207,14 @@ def test_recorded_joints_that_do_not_move_in_any_log_are_locked():
     assert len(rest.position) == 3
 
 
+def test_a_joint_that_its_controller_holds_is_locked():
+    wrist = JointFacts("wrist", "revolute", Limits(lower=-2, upper=2))
+    columns = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau")) | {"wrist_tau": wave(1.0)}
+    held = map_columns(table(**columns, wrist_q=0.7 + wave(2e-3)), (*ARM, wrist))
+    assert (held.still, list(held.position)) == (("wrist",), ["shoulder", "elbow"])
+    assert map_columns(table(**columns, wrist_q=0.7 + wave(0.05)), (*ARM, wrist)).still == ()
+
+
 def test_dates_are_the_time_whatever_their_column_is_called():
     columns = {"Datum": T + 43200, **signals()}
     found = map_columns(DataTable(columns, {}, "a.csv", units={"Datum": "s"}), NUMBERED).time

@@ -298,6 +298,14 @@ SAID = [
         ),
     ),
     (
+        motion_notes.HardlyMoves(0.0016, 4.4, 0.70012, "rad"),
+        (
+            "the joint hardly moves in training, by 0.0016 rad where others move by up to 4.4: nothing is seen of its "
+            "friction and rotor, and where it does move its torque is not to be relied on. Record a motion of it, or "
+            "hold it in the model: `lock` it at 0.7001, and leave it out of `joints`, `position` and `torque`."
+        ),
+    ),
+    (
         motion_notes.FewReversals(1),
         (
             "the joint reverses only once: friction, offset and gravity are then strongly correlated. Record a "

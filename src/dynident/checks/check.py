@@ -16,7 +16,15 @@ from dynident.checks.fit import compensation_findings, friction_findings, repeat
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.loop import loop_findings
 from dynident.checks.missing import tried_by
-from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
+from dynident.checks.motion import (
+    Excitation,
+    ExcitedRank,
+    excitation,
+    excited_rank,
+    held_findings,
+    limit_findings,
+    rank_findings,
+)
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
 from dynident.checks.robot import JointFacts, LinkFacts, check_robot, link_facts
@@ -223,6 +231,7 @@ def _moving(
     seen = excited_rank(model, fitted, recipe.unfitted)  # an error where few are usable
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
+    findings += held_findings(excitations, model)
     findings += _of_motion(model, motions, excitations, agreements)
     few = thin(model, motions, min_speed)
     for look in (radian_findings, compensation_findings, friction_findings, slow_findings):

@@ -11,12 +11,21 @@ from numpy.typing import NDArray
 from dynident.checks import motion_notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
+from dynident.identification import hardly_moving
 from dynident.log import Motion
 from dynident.models import Model
 from dynident.models.robot_file import Limits
 from dynident.regression import Regression, UnexcitedParameters, base_parameters, compare, structural_base_parameters
 
-__all__ = ["Excitation", "ExcitedRank", "excitation", "excited_rank", "limit_findings", "rank_findings"]
+__all__ = [
+    "Excitation",
+    "ExcitedRank",
+    "excitation",
+    "excited_rank",
+    "held_findings",
+    "limit_findings",
+    "rank_findings",
+]
 
 Array = NDArray[np.float64]
 
@@ -83,6 +92,17 @@ def _reversals(dq: Array, floor: float) -> int:
     """Return how often the velocity changes sign, speeds below ``floor`` ignored."""
     signs = np.sign(dq[np.abs(dq) > floor])
     return int(np.count_nonzero(np.diff(signs)))
+
+
+def held_findings(moved: Sequence[Excitation], model: Model) -> Iterator[Finding]:
+    """Yield the joints that only give way a little where controllers hold them: what is fitted is no friction."""
+    reach, kinds = np.array([one.upper - one.lower for one in moved]), [joint.kind for joint in model.joints]
+    for one, joint, held in zip(moved, model.joints, hardly_moving(reach, kinds), strict=True):
+        if held and one.upper > one.lower:  # of one that never moves, its log says so
+            largest = max(x for x, kind in zip(reach.tolist(), kinds, strict=True) if kind == joint.kind)
+            middle = (one.lower + one.upper) / 2
+            note = motion_notes.HardlyMoves(one.upper - one.lower, largest, middle, joint.unit)
+            yield Finding(Severity.WARNING, one.joint, note, Topic.STILL)
 
 
 def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ __all__ = [
     "EffortAboveLimit",
     "EffortFarBelowLimit",
     "FewReversals",
+    "HardlyMoves",
     "LoopDiffers",
     "LoopGain",
     "LoopVelocity",
@@ -27,6 +28,16 @@ class FewReversals(Note):
     """How often a joint reverses."""
 
     count: int
+
+
+@dataclass(frozen=True)
+class HardlyMoves(Note):
+    """How far a joint moves in all of the training, about ``near``, and the joint that moves the most (rad or m)."""
+
+    span: float
+    largest: float
+    near: float
+    unit: str
 
 
 @dataclass(frozen=True)

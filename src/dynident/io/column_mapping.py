@@ -10,6 +10,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.identification import hardly_moving
 from dynident.io.channels import POSITIONS, TORQUES
 from dynident.io.columns import ColumnFamily, families, read_name
 from dynident.io.fields import UNITS
@@ -103,11 +104,12 @@ def map_columns(
     time = time_column(table, found, rows, ros, nameless=nameless)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     left = _left(table, rows, time, matches.values())
+    locked = _lock(table, joints, names, signals)
     return ColumnMapping(
         time=time,
         position=_complete(signals, used),
         torque=_torques(table, used, torque, ros),
-        lock=_lock(table, joints, names, signals),
+        lock={name: (q, "" if name in still else why) for name, (q, why) in locked.items()},
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
         left=left,
         strangers=_strangers(left, position, joints),
@@ -119,8 +121,12 @@ def map_columns(
 def _still(
     tables: Sequence[DataTable], joints: Iterable[JointFacts], recorded: Mapping[str, Signal]
 ) -> tuple[str, ...]:
-    """Return the joints with a position that is the same in all recordings."""
-    return tuple(joint.name for joint in joints if _range(tables, joint, recorded.get(joint.name)) <= _STILL)
+    """Return the joints with a position that is the same in all recordings, or where their controllers hold them."""
+    joints = list(joints)
+    reach = np.array([_range(tables, joint, recorded.get(joint.name)) for joint in joints])
+    known = np.isfinite(reach)
+    held = known & hardly_moving(np.where(known, reach, 0.0), [joint.kind for joint in joints])
+    return tuple(joint.name for joint, one in zip(joints, held | (reach <= _STILL), strict=True) if one)
 
 
 def _range(tables: Sequence[DataTable], joint: JointFacts, signal: Signal | None) -> float:

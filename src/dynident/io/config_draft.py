@@ -91,8 +91,8 @@ def draft_config(
     strange = f"recorded, but not in the robot file, so left out: {_listed(mapping.strangers)}."
     faults = [f"{name!r} {fault}" for name, fault in sources[0].table.faults.items()] if page.blanks else []
     still = (
-        f"no motion in the logs, so locked where they stand (`model.lock`): {_listed(mapping.still)}; what they carry "
-        "is part of the body before them, and they have no friction of their own."
+        "no motion in the logs, or next to none, so locked where they stand (`model.lock`): "
+        f"{_listed(mapping.still)}; what they carry is part of the body before them, and they have no friction of their own."
     )
     notes = (*((still,) if mapping.still else ()), *((strange,) if mapping.strangers else ()), *faults)
     text = "\n".join(BREAKING.sub("?", line) for line in page.lines) + "\n"

@@ -22,7 +22,7 @@ from dynident.io.fields import unit_factor
 from dynident.io.settings import Config, check_joints
 from dynident.io.signals import column_names, joint_values
 from dynident.io.tables import DataTable
-from dynident.io.text import first_row, row_cells
+from dynident.io.text import first_row, row_cells, unit_row
 from dynident.models import Joint
 from dynident.online import BadLines
 
@@ -88,6 +88,7 @@ class SampleReader:
                 "write all columns to one file."
             )
         self._needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
+        self._labelled = {name.rpartition(" [")[0]: name for name in self._needed if name.endswith("]")}  # unit below
         time = self.config.time
         self._factor = unit_factor(time.unit, "time", "time.unit") if time.column else 1.0
 
@@ -136,8 +137,8 @@ class SampleReader:
         cells = row_cells(text, self.separator)
         if len(cells) == len(self.names) + 1 and not cells[-1]:
             cells = cells[:-1]
-        if cells == self.names:
-            return None  # who writes has begun again
+        if cells == self.names or unit_row(text, self.names, self.separator) is not None:
+            return None  # who writes has begun again, or the units are below the names
         if len(cells) != len(self.names):
             raise ValueError("another number of cells")
         return self._timed(dict(zip(self.names, cells, strict=True)))
@@ -145,6 +146,7 @@ class SampleReader:
     def _is_head(self, text: str) -> bool:
         """Take the names of the columns from the first line, and return whether that is all it holds."""
         names, head, separator = first_row(text, self.comments)
+        names = [self._labelled.get(name, name) for name in names] if head else names
         if self.names and not (head and set(self._needed) <= set(names)):
             return False  # the next file goes on without them
         self._require(names)

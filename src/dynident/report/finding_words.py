@@ -231,6 +231,16 @@ def _(note: motion_notes.FewReversals) -> str:
 
 
 @words.register
+def _(note: motion_notes.HardlyMoves) -> str:
+    return (
+        f"the joint hardly moves in training, by {short(note.span, 2)} {note.unit} where others move by up to "
+        f"{short(note.largest, 2)}: nothing is seen of its friction and rotor, and where it does move its torque is "
+        f"not to be relied on. Record a motion of it, or hold it in the model: `lock` it at {short(note.near, 4)}, "
+        "and leave it out of `joints`, `position` and `torque`."
+    )
+
+
+@words.register
 def _(note: motion_notes.LoopVelocity) -> str:
     other = f"over {note.steps}" if note.steps else "with the velocity of the moment"
     setting = f"`velocity_steps: {note.steps}`, or the drive's `period`" if note.steps else "the drive's `period`"

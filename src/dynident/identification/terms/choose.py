@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Step, brief
+from dynident.identification.rests import hardly_moving
 from dynident.identification.terms.bodies import Normal, Prior, normal_matrices, others, prior_of
 from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen, these
 from dynident.identification.terms.choice import TermChoice, TooFewSamplesError, Trial
@@ -276,7 +277,10 @@ class _Choosing:
     def _still(self, j: int) -> bool:
         """Return whether nothing is seen of the friction of a joint: it hardly moves, or its torque is not fitted."""
         slow = self.seen[j].speed < max(STILL * max(one.speed for one in self.seen), SLOWEST)
-        return slow or not self.rows[j].used.any()
+        held = hardly_moving(
+            np.array([one.reach for one in self.seen]), [one.kind for one in self.samples.model.joints]
+        )
+        return slow or bool(held[j]) or not self.rows[j].used.any()
 
     @staticmethod
     def _of_names(one: JointSearch, names: Sequence[str]) -> list[Entered]:

@@ -215,6 +215,18 @@ def test_a_joint_that_its_controller_holds_is_locked():
     assert map_columns(table(**columns, wrist_q=0.7 + wave(0.05)), (*ARM, wrist)).still == ()
 
 
+@pytest.mark.parametrize(("name", "size", "turn"), [("{}_q", 2 * np.pi, 2 * np.pi), ("{}_q [deg]", 360.0, 360.0)])
+def test_an_angle_that_starts_anew_is_seen(name, size, turn):
+    names = tuple(name.format(joint) for joint in ("shoulder", "elbow"))
+    columns = signals(names, ("shoulder_tau", "elbow_tau"))
+    columns[names[0]] = np.mod(wave(0.2 * size), size)
+    found = map_columns(table(**columns), ARM).position
+    assert found["shoulder"].wraps == pytest.approx(turn)
+    assert (found["shoulder"].question, found["elbow"].wraps) == ("", None)
+    columns[names[0]] = np.mod(wave(0.2 * size), 0.7 * size)  # a jump that is no turn
+    assert map_columns(table(**columns), ARM).position["shoulder"].wraps is None
+
+
 def test_dates_are_the_time_whatever_their_column_is_called():
     columns = {"Datum": T + 43200, **signals()}
     found = map_columns(DataTable(columns, {}, "a.csv", units={"Datum": "s"}), NUMBERED).time

@@ -105,8 +105,9 @@ def _(note: notes.EquallySpaced) -> str:
 def _(note: log_notes.WrappedPosition) -> str:
     times = "once" if note.count == 1 else f"{note.count} times"
     return (
-        f"the position wraps: it jumps {times} by {note.period:.5g}, its whole range, first after sample {note.row} "
-        f"(t = {note.time:.6g} s). Unwrap it in the file, for example with numpy.unwrap(q, period={note.period:.5g})."
+        f"the position wraps: it jumps {times} by {note.period:.5g} rad, its whole range, first after sample "
+        f"{note.row} (t = {note.time:.6g} s). Set `wraps` in its position channel: the value at which the column "
+        "starts anew, such as 360 for degrees or 6.283185307179586 for rad."
     )
 
 

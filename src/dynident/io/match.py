@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -10,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.io.columns import ColumnFamily, tokens
+from dynident.io.fields import UNITS
 from dynident.io.tables import DataTable
 from dynident.models.robot_file import Limits
 
-__all__ = ["JointFacts", "Match", "best_pair", "finite", "headerless", "increases", "rows_of"]
+__all__ = ["JointFacts", "Match", "best_pair", "finite", "headerless", "increases", "rows_of", "turn"]
 
 Array = NDArray[np.float64]
 _LARGEST = 1e100
+_JUMP, _WHOLE = 0.9, 0.97  # turns: the step of an angle that starts anew, and the range of its values
 
 
 @dataclass(frozen=True)
@@ -169,3 +172,15 @@ def increases(column: Array) -> bool:
 def finite(column: Array) -> Array:
     """Return the finite values; larger ones would overflow in a difference."""
     return column[np.abs(column) < _LARGEST]
+
+
+def turn(q: Array, unit: str) -> float | None:
+    """Return the turn after which an angle starts anew, in its unit (rad or degrees where it has none); None if not."""
+    known = UNITS["angle"]
+    sizes = [2 * math.pi / known[unit]] if unit in known else [2 * math.pi, 360.0]
+    steps, span = np.abs(np.diff(q)), float(np.ptp(q)) if len(q) else 0.0
+    for size in sizes:
+        jumps = steps > _JUMP * size
+        if jumps.any() and _WHOLE * size < span < size * (1 + 1e-6) and steps[~jumps].max(initial=0.0) < 0.25 * size:
+            return round(size, 12)
+    return None

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, choices
 from dynident.io.fields import unit_factor
 from dynident.io.settings import Config, check_joints
-from dynident.io.signals import column_names, joint_values
+from dynident.io.signals import column_names, joint_values, unwrapped
 from dynident.io.tables import DataTable
 from dynident.io.text import first_row, row_cells, unit_row
 from dynident.models import Joint
@@ -64,8 +64,9 @@ class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
     ``names`` and ``separator`` are those of a table, once its first line is known; ``line`` and ``row`` count what was
-    read, ``zero`` (s) is the midnight (UTC) from which dates are counted, ``fresh`` says that a file begins. Raises
-    ConfigError where the configuration does not fit the joints, or where a column is missing.
+    read, ``zero`` (s) is the midnight (UTC) from which dates are counted, ``fresh`` says that a file begins, ``turned``
+    are the last values of columns that wrap. Raises ConfigError where the configuration does not fit the joints, or
+    where a column is missing.
     """
 
     config: Config
@@ -78,6 +79,7 @@ class SampleReader:
     zero: float = math.nan
     fresh: bool = True
     comments: list[str] = field(default_factory=list)
+    turned: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_joints(self.config, self.joints)
@@ -88,6 +90,8 @@ class SampleReader:
                 "write all columns to one file."
             )
         self._needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
+        channels = (self.config.position[joint.name] for joint in self.joints)
+        self._wraps = {name: one.wraps for one in channels if one.wraps for name in one.terms}
         self._labelled = {name.rpartition(" [")[0]: name for name in self._needed if name.endswith("]")}  # unit below
         time = self.config.time
         self._factor = unit_factor(time.unit, "time", "time.unit") if time.column else 1.0
@@ -95,7 +99,7 @@ class SampleReader:
     @property
     def state(self) -> dict[str, Any]:
         """What it knows of the stream so far, in plain types."""
-        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh")}
+        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh", "turned")}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a saved state."""
@@ -194,9 +198,19 @@ class SampleReader:
         n = len(self.joints)
         if not len(values):
             return Samples(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)), bad)
-        columns = {name: values[:, k + 1].copy() for k, name in enumerate(self._needed)}
+        columns = {name: self._going_on(name, values[:, k + 1].copy()) for k, name in enumerate(self._needed)}
         q, tau = joint_values(DataTable(columns, {}, self.source), self.config, self.joints)
         return Samples(values[:, 0].copy(), q, tau, bad)
+
+    def _going_on(self, name: str, column: Array) -> Array:
+        """Return a column that starts anew somewhere as it goes on from the samples before."""
+        if (wraps := self._wraps.get(name)) is None:
+            return column
+        before = [self.turned[name]] if name in self.turned else []
+        column = unwrapped(np.array([*before, *column]), wraps)[len(before) :]
+        if np.isfinite(column).any():
+            self.turned[name] = float(column[np.isfinite(column)][-1])
+        return column
 
 
 def _number(cell: Any) -> float:

@@ -13,7 +13,8 @@ from dynident.models import HasRobotFile
 
 __all__ = ["CommonGain", "Ratios", "Unknown", "Zeros", "unknowns"]
 
-STATES, TURN, RATIO = 50, 0.3, 1.3  # random states; rad or m by which a zero is moved, and factor of a motion
+STATES, TURN = 50, 0.3  # random states; rad or m by which a zero is moved
+RATIO = 1.3  # times a motion
 SAME = 1e-6  # relative difference of torques below which other parameters give the same ones
 
 

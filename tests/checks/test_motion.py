@@ -68,6 +68,9 @@ def test_the_figures_are_those_of_the_motion_and_the_limits() -> None:
 
     low, high = (pytest.approx(x, rel=1e-3) for x in (-0.5, 0.5))
     assert note(motion(), replace(WIDE, upper=0.2)) == motion_notes.PositionBeyondLimits(low, high, -1, 0.2)
+    motor = note(motion(5.0), replace(WIDE, velocity=None))
+    assert isinstance(motor, motion_notes.PositionBeyondLimits)
+    assert motor.far
     assert note(motion(), replace(WIDE, velocity=0.5)) == motion_notes.VelocityAboveLimit(
         pytest.approx(1.0, rel=1e-3), 0.5
     )

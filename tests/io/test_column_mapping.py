@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -213,6 +214,20 @@ def test_a_joint_that_its_controller_holds_is_locked():
     held = map_columns(table(**columns, wrist_q=0.7 + wave(2e-3)), (*ARM, wrist))
     assert (held.still, list(held.position)) == (("wrist",), ["shoulder", "elbow"])
     assert map_columns(table(**columns, wrist_q=0.7 + wave(0.05)), (*ARM, wrist)).still == ()
+
+
+def test_joints_that_columns_of_text_name_are_not_matched_by_order():
+    columns = signals(("field.position0", "field.position1"), ("field.effort0", "field.effort1"))
+    named = replace(table(**columns), texts={"field.name0": "elbow", "field.name1": "shoulder", "field.frame": "base"})
+    found = map_columns(named, ARM)
+    assert {joint: one.column for joint, one in found.position.items()} == {
+        "shoulder": "field.position1",
+        "elbow": "field.position0",
+    }
+    assert found.torque["elbow"].column == "field.effort0"
+    assert not any(one.question for one in found.position.values())
+    twice = replace(named, texts={"field.name0": "elbow", "field.name1": "elbow"})
+    assert "is this order right" in map_columns(twice, ARM).position["elbow"].question
 
 
 @pytest.mark.parametrize(("name", "size", "turn"), [("{}_q", 2 * np.pi, 2 * np.pi), ("{}_q [deg]", 360.0, 360.0)])

@@ -51,6 +51,7 @@ def test_a_commented_header_holds_where_rows_have_texts(tmp_path):
     table = read_columns(written(tmp_path, "a.csv", "%time,name0,q0,q1\n0,elbow,0.0,0.0\n1,elbow,0.5,0.1\n"))
     assert list(table.columns) == ["time", "q0", "q1"]
     assert "elbow" in table.faults["name0"]
+    assert dict(table.texts) == {"name0": "elbow"}
     assert list(read_columns(written(tmp_path, "b.csv", "# a,b\nt,state\n0,up\n")).columns) == ["t"]
 
 

@@ -16,6 +16,13 @@ SAID = [
         "only 11 samples; at least 30 are needed: widen the window or record longer.",
     ),
     (
+        notes.TooFewSamples(20, 30, step=1.0),
+        (
+            "only 20 samples, 1 s apart; at least 30 are needed: is the `unit` of `time` right? Else widen the window "
+            "or record longer."
+        ),
+    ),
+    (
         notes.LongGap(0.102, 0.998, 51.0, 1),
         (
             "a gap of 0.102 s after t = 0.998 s (51 times the median step; the only one). Leave it out with "
@@ -317,6 +324,13 @@ SAID = [
         (
             "the position runs from -0.5 to 0.5, the file allows -1 to 0.2. Check the unit, the sign and `zero`, "
             "or the file's limits."
+        ),
+    ),
+    (
+        motion_notes.PositionBeyondLimits(-90.0, 110.0, -2.5, 2.5, far=True),
+        (
+            "the position runs from -90 to 110, the file allows -2.5 to 2.5. Is it in another unit, or of a motor "
+            "before its gear (see `transmission`)?"
         ),
     ),
     (

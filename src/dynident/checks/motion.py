@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 SLOW = 0.02  # of the peak speed: below, a joint hardly moves
 OVER = 1.02  # x the limit
 BEYOND = 0.02  # share of the range (or rad, m) past a limit of position
+FAR = 3.0  # times the range that the file allows
 MOVING = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
 FEW = 2  # reversals below which friction and offset are strongly correlated
 ILL = 1e4  # condition number of the base parameters above which they are strongly correlated
@@ -121,7 +122,8 @@ def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
         return
     slack = BEYOND * max(limits.upper - limits.lower, 1.0)
     if found.lower < limits.lower - slack or found.upper > limits.upper + slack:
-        note = motion_notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper)
+        far = found.upper - found.lower > FAR * (limits.upper - limits.lower)
+        note = motion_notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper, far)
         yield Finding(Severity.WARNING, found.joint, note, Topic.POSITION_LIMIT)
 
 

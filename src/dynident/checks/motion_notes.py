@@ -71,12 +71,13 @@ class LoopVelocity(Note):
 
 @dataclass(frozen=True)
 class PositionBeyondLimits(Note):
-    """The range of a position, and the one that the robot file allows (rad or m)."""
+    """The range of a position, and the one that the robot file allows (rad or m); ``far`` beyond it is a motor's."""
 
     lower: float
     upper: float
     least: float
     most: float
+    far: bool = False
 
 
 @dataclass(frozen=True)

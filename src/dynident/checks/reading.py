@@ -10,6 +10,8 @@ from dynident.errors import Note
 
 __all__ = ["reading_words"]
 
+SLOW = 0.15  # s: samples further apart may be stamped in another unit
+
 
 @singledispatch
 def reading_words(note: Note) -> str:
@@ -20,7 +22,10 @@ def reading_words(note: Note) -> str:
 @reading_words.register
 def _(note: notes.TooFewSamples) -> str:
     held = "one sample" if note.samples == 1 else f"{note.samples} samples"
-    return f"only {held}; at least {note.least} are needed: widen the window or record longer."
+    apart, remedy = "", "widen the window or record longer."
+    if note.step > SLOW:
+        apart, remedy = f", {note.step:.3g} s apart", f"is the `unit` of `time` right? Else {remedy}"
+    return f"only {held}{apart}; at least {note.least} are needed: {remedy}"
 
 
 @reading_words.register

@@ -89,7 +89,8 @@ def draft_config(
     page.line("")
     page.line("estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares")
     strange = f"recorded, but not in the robot file, so left out: {_listed(mapping.strangers)}."
-    faults = [f"{name!r} {fault}" for name, fault in sources[0].table.faults.items()] if page.blanks else []
+    table = sources[0].table
+    faults = [f"{name!r} {fault}" for name, fault in table.faults.items() if page.blanks and name not in table.texts]
     still = (
         "no motion in the logs, or next to none, so locked where they stand (`model.lock`): "
         f"{_listed(mapping.still)}; what they carry is part of the body before them, and they have no "

@@ -254,7 +254,7 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
     if len(rows) < 2:
         raise InputError(
             f"{source}: the window {interval_words(window)} holds {len(rows)} samples; "
-            f"the recording runs from {t[0]:.9g} to {t[-1]:.9g} s."
+            f"the recording runs from {t[0]:.9g} to {t[-1]:.9g} s. Correct the window, or the `unit` of `time`."
         )
     part = slice(int(rows[0]), int(rows[-1]) + 1)  # the stamps increase
     for column, values in found.used.items():

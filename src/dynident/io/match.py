@@ -69,7 +69,8 @@ def best_pair(
 
     Commanded quantities are never used, currents only where there are no torques.
     """
-    sound = [one for one in (assign(family, joints) for family in found if family.rank > -2) if one.columns]
+    said = _said(table, joints)
+    sound = [one for one in (assign(family, joints, said) for family in found if family.rank > -2) if one.columns]
     positions, torques = (_of_role(sound, *roles) for roles in (("position",), ("torque", "current")))
     pairs = (pair for pair in product([*positions, None], [*torques, None]) if _alike(table, pair))
     position, torque = max(pairs, key=_merit, default=(None, None))
@@ -113,14 +114,25 @@ def _rivals(table: DataTable, chosen: Match | None, others: Iterable[Match]) -> 
     return replace(chosen, question="; ".join(filter(None, (chosen.question, asked))))
 
 
-def assign(family: ColumnFamily, joints: Sequence[JointFacts]) -> Match:
-    """Match the columns of a family to joints: by name, by the number in the joints' names, else by order."""
+def _said(table: DataTable, joints: Sequence[JointFacts]) -> dict[int, str]:
+    """Return the joints that columns of text name in all rows, by the number in the names of these columns."""
+    names = {joint.name for joint in joints}
+    known = {column: joint for column, joint in table.texts.items() if joint in names}
+    found = {int(words[-1]): joint for column, joint in known.items() if (words := tokens(column))[-1].isdecimal()}
+    return found if len(set(found.values())) == len(known) else {}
+
+
+def assign(family: ColumnFamily, joints: Sequence[JointFacts], said: Mapping[int, str] | None = None) -> Match:
+    """Match the columns of a family to joints: by name, by what the file has ``said`` of numbers, by the number in the
+    joints' names, else by order."""
     if any(isinstance(key, str) for key in family.columns):
         columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
         return Match(family, columns, "the columns have the names of the joints")
     if None in family.columns:
         return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
     numbers = sorted(key for key in family.columns if isinstance(key, int))
+    if said and set(said) <= set(numbers):
+        return Match(family, {joint: family.columns[k] for k, joint in said.items()}, "the file names the joints")
     return _by_number(family, {key: family.columns[key] for key in numbers}, joints)
 
 

@@ -33,9 +33,11 @@ _PART = 1 << 20
 _EMPTY = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
 
 
-def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, str], list[int], tuple[str, ...]]:
-    """Return the columns of a text, the faults of those that are not numbers, the line of each row, and the columns
-    that hold dates with times, in seconds.
+def parse_text(
+    data: bytes, source: str
+) -> tuple[dict[str, Array], dict[str, str], list[int], tuple[str, ...], dict[str, str]]:
+    """Return the columns of a text, the faults of those that are not numbers, the line of each row, the columns that
+    hold dates with times, in seconds, and what is in columns with the same text in each row.
 
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
     start with # or % are comments. Raises InputError for truncated rows and for ambiguous numbers.
@@ -51,8 +53,11 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     numbers, rows = [k for k, _ in body], [row for _, row in body]
     names, rows = _trimmed(names, [row.replace('"', "") for row in rows] if b'"' in data else rows, separator)
     _check_rows(rows, numbers, len(names), separator, source)
-    columns, faults, stamps = _parsed(_cells(rows, separator), _distinct(names, source), numbers, source)
-    return columns, faults, numbers, stamps
+    cells, names = _cells(rows, separator), _distinct(names, source)
+    columns, faults, stamps = _parsed(cells, names, numbers, source)
+    every = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}
+    texts = {name: str(column[0]) for name, column in every.items() if column.n_unique() == 1}
+    return columns, faults, numbers, stamps, texts
 
 
 def weight(data: bytes) -> int:

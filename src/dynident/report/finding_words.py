@@ -272,7 +272,12 @@ def _(note: motion_notes.PositionBeyondLimits) -> str:
     return (
         f"the position runs from {short(note.lower, 4)} to {short(note.upper, 4)}, the file allows "
         f"{short(note.least, 4)} to "
-        f"{short(note.most, 4)}. Check the unit, the sign and `zero`, or the file's limits."
+        f"{short(note.most, 4)}. "
+        + (
+            "Is it in another unit, or of a motor before its gear (see `transmission`)?"
+            if note.far
+            else "Check the unit, the sign and `zero`, or the file's limits."
+        )
     )
 
 

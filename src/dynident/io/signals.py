@@ -237,9 +237,9 @@ def _times(table: DataTable, config: Config, rows: int) -> Array:
     back = np.flatnonzero(np.diff(t) <= 0)
     if len(back):
         k = back[0]
-        what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.9g} s"
+        what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.15g} s"
         raise InputError(
-            f"{table.source}: column {name!r}: the time {t[k + 1]:.9g} s at {table.place(k + 1)} {what} "
+            f"{table.source}: column {name!r}: the time {t[k + 1]:.15g} s at {table.place(k + 1)} {what} "
             f"({len(back)} such rows); {_episodes(table)}sort the rows by time and keep the first of equal stamps "
             "(`close_stamps: drop`)."
         )

@@ -230,6 +230,14 @@ def test_joints_that_columns_of_text_name_are_not_matched_by_order():
     assert "is this order right" in map_columns(twice, ARM).position["elbow"].question
 
 
+def test_stamps_of_rows_written_twice_are_not_asked_about():
+    twice = np.sort(np.append(T, T[50:200:50]))
+    columns = {name: np.resize(values, len(twice)) for name, values in signals().items()}
+    assert map_columns(table(time=twice, **columns), NUMBERED).time.question == ""
+    swapped = np.append(twice[:-2], twice[:-3:-1])
+    assert "do not increase" in map_columns(table(time=swapped, **columns), NUMBERED).time.question
+
+
 @pytest.mark.parametrize(("name", "size", "turn"), [("{}_q", 2 * np.pi, 2 * np.pi), ("{}_q [deg]", 360.0, 360.0)])
 def test_an_angle_that_starts_anew_is_seen(name, size, turn):
     names = tuple(name.format(joint) for joint in ("shoulder", "elbow"))

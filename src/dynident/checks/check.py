@@ -28,6 +28,7 @@ from dynident.checks.motion import (
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
 from dynident.checks.robot import JointFacts, LinkFacts, check_robot, link_facts
+from dynident.checks.robot_notes import MissingTerm
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.checks.units import radian_findings, thin
@@ -310,6 +311,8 @@ def _faults(
         findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
     silent = {one.joint for one in findings if one.topic in SILENT}
     found = [one for one in found if one.topic is not Topic.UNEXPLAINED or one.joint not in silent]
+    held = {one.joint for one in findings if one.topic is Topic.STILL}  # what a wobble shows is no term
+    found = [one for one in found if one.joint not in held or not isinstance(one.message, MissingTerm)]
     return [*findings, *found, *pairs]
 
 

@@ -144,7 +144,8 @@ def test_a_joint_that_is_held_shows_no_friction() -> None:
     moves = np.array([1.0, 1e-3, 1.0])
     held = replace(motion, q=moves * motion.q, dq=moves * motion.dq, ddq=moves * motion.ddq)
     choice = choose_terms(Model((bodies(),)), [held])
-    assert (choice.of("j2"), classes(choice, "j2")) == ((), {"Offset", "RotorInertia", "Viscous", "Coulomb"})
+    assert (choice.of("j2"), classes(choice, "j2")) == ((), {"Offset"})
+    assert classes(choice, "j1") >= {"Offset", "RotorInertia", "Viscous", "Coulomb"}
 
 
 def test_a_joint_whose_torque_is_not_fitted_keeps_the_plain_set() -> None:

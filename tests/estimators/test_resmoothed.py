@@ -74,6 +74,8 @@ def test_what_simulates_starts_there_where_the_first_model_has_no_mass(noisy: Pr
 
 
 def test_where_that_fails_too_the_first_error_stands(noisy: Problem) -> None:
-    without = replace(noisy, logs=())
+    (motion,) = noisy.motions
+    wrong = replace(motion, tau=-motion.tau)
+    without = replace(noisy, logs=(), motions=(wrong,), regression=Regression(noisy.model, (wrong,)))
     with pytest.raises(InputError, match="the Kalman filter diverged"):
         AugmentedKalman()(without)

@@ -9,7 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
-from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, WeightedLeastSquares
+from dynident.estimators import (
+    Estimator,
+    LeastSquares,
+    MaximumLikelihood,
+    PhysicallyConsistent,
+    RobustLeastSquares,
+    TotalLeastSquares,
+)
 from dynident.identification import (
     Division,
     Identification,
@@ -164,9 +171,13 @@ def test_excerpts_are_where_the_arm_moves_and_rests_are_not_fitted() -> None:
 def test_what_needs_all_samples_at_once_is_refused() -> None:
     short = Held(LOG.rows(slice(0, 1500), "short"))
     recipe = Recipe(Spline(sigma=1e-5), MaximumLikelihood())
-    with pytest.raises(ConfigError, match="MaximumLikelihood needs all samples at once"):
-        prepared(ARM, [short], recipe, replace(SMALL, excerpt=300))
-    with pytest.raises(ConfigError, match="WeightedLeastSquares needs all samples at once"):
-        prepared(ARM, [short], replace(recipe, estimator=WeightedLeastSquares()), replace(SMALL, excerpt=300))
+    steps: list[str] = []
+    for estimator in (MaximumLikelihood(), PhysicallyConsistent(fit=RobustLeastSquares())):
+        with pytest.raises(ConfigError, match=f"{type(estimator).__name__} needs all samples at once"):
+            prepared(ARM, [short], replace(recipe, estimator=estimator), SMALL, steps.append)
+    assert not steps  # before anything is fitted
+    known = TotalLeastSquares(errors={ARM.names[0]: 1e-3})
+    with pytest.raises(ConfigError, match="TotalLeastSquares needs all samples at once"):
+        prepared(ARM, [short], replace(recipe, estimator=known), replace(SMALL, excerpt=300))
     with pytest.raises(ConfigError, match=r"smooths over .* no piece of 60 samples"):
         prepared(ARM, [Held(LOG, tuple(range(60, 12_000, 60)))], Recipe(Spline(sigma=1e-5)), SMALL)

@@ -12,9 +12,11 @@ import pytest
 import yaml
 
 from dynident.errors import ConfigError
+from dynident.estimators import PhysicallyConsistent, RobustLeastSquares
 from dynident.identification import Identification, identify
 from dynident.io.config import read_config
-from dynident.io.explicit_config import explicit_config, explicit_settings
+from dynident.io.explicit_config import explicit_config, explicit_settings, part_settings
+from dynident.io.families import ESTIMATORS
 from dynident.io.project import run
 from dynident.io.saved import load
 from dynident.io.settings import RobotSettings
@@ -117,6 +119,12 @@ def test_settings_that_are_as_by_default_are_left_out(chosen: Identification, tm
     terms = explicit_settings(chosen, tmp_path)["model"]["terms"]
     assert all("names" not in one and "dead_band" not in one for one in terms)
     assert {"kind", "on"} <= terms[0].keys()
+
+
+def test_settings_of_a_part_inside_another_are_left_out_likewise(tmp_path: Path) -> None:
+    within = PhysicallyConsistent(total_mass=12.0, fit=RobustLeastSquares("tukey"))
+    wanted = {"kind": "consistent", "total_mass": 12.0, "fit": {"kind": "robust", "loss": "tukey"}}
+    assert part_settings(ESTIMATORS, within, tmp_path) == wanted
 
 
 def test_a_term_of_the_user_beside_those_chosen_is_found_from_another_folder(tmp_path: Path) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import textwrap
 
 import numpy as np
+import polars as pl
 import pytest
 
-from dynident.errors import ConfigError, InputError
+from dynident.checks.motion_notes import LoopUnused
+from dynident.errors import ConfigError, InputError, Severity
 from dynident.io import logs
 from dynident.io.config import parse_config
 from dynident.io.logs import read_logs
@@ -271,6 +273,18 @@ def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monk
     roles, _ = logs.read_found(config, (Joint("a"),))
     assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
     assert len(read) == 1
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_reference_positions_that_no_controller_uses_are_named_once(tmp_path, kind):
+    q = np.sin(0.02 * np.arange(200))
+    table = pl.DataFrame({"t": 0.01 * np.arange(200), "q": q, "tau": q, "q_ref": q, "tau_cmd": q, "dq_ref": q})
+    getattr(table, f"write_{kind}")(tmp_path / f"a.{kind}")
+    text = f"{HEAD}train: [{{file: a.{kind}}}]\nvalidation: [{{file: a.{kind}, window: [0, 1]}}]\n"
+    (found,) = logs.read_found(parse_config(text, tmp_path), ELBOW)[1]
+    assert (found.message, found.severity) == (LoopUnused(("q_ref",)), Severity.INFO)
+    loop = "simulation: {kind: pd, joints: {elbow: {reference: {column: q_ref, unit: rad}, kp: 9, kd: 1}}}"
+    assert logs.read_found(parse_config(text + loop, tmp_path), ELBOW)[1] == ()
 
 
 def test_samples_are_excluded_that_the_configuration_names(tmp_path):

@@ -110,6 +110,14 @@ def test_what_there_is_to_choose_from(bench: Bench) -> None:
     assert {"viscous", "stribeck", "dahl"} <= set(bench.kinds)
 
 
+def test_an_estimator_goes_by_the_kind_of_the_configuration(folder: Path) -> None:
+    data = settings(estimator={"kind": "robust", "loss": "tukey"}, validation=[])
+    data["train"] = [{"file": "monday.npz", "window": [2, 4]}]
+    on = bench_of(project_of(folder, data, "robust.yaml"))
+    assert on.estimators == ("robust", "least_squares", "consistent")
+    assert not on.fitted(on.start).exact
+
+
 def test_training_too_long_for_the_memory_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Project, "long", True)
     with pytest.raises(ConfigError, match="too long for the memory"):

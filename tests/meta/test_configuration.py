@@ -115,7 +115,7 @@ def test_configuration_has_every_section_and_unit() -> None:
     }
     parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
     own = {FleetSettings, RobotChanges, BoxSettings, CylinderSettings, JointLimitSettings}
-    bases = {Section, loops.LoopSettings, loops.LoopJoint}
+    bases = {Section, channels.Angle, loops.LoopSettings, loops.LoopJoint}
     assert set(SECTIONS.values()) == (sections - bases) | parts | own
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])

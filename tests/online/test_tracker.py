@@ -129,7 +129,7 @@ def test_a_result_read_from_a_file_does(tmp_path) -> None:
 def test_other_smoothers_and_samples_are_refused() -> None:
     log = recorded()
     butter = identified({"smoother": Butterworth()}, log)
-    with pytest.raises(ConfigError, match=r"a stream needs a spline, and the result has Butterworth"):
+    with pytest.raises(ConfigError, match=r"smoothed by a cubic spline, and the result by Butterworth; identify again"):
         Tracker(butter, 0.005, [0.01] * 3)
     tracker = Tracker(plain(), *smoothing_of(plain(), log))
     with pytest.raises(InputError, match="does not follow that before it"):

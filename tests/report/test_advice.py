@@ -9,7 +9,7 @@ from dynident.errors import Severity
 from dynident.identification import HeldOut, Use, Verdict
 from dynident.identification.verdict import LargestResidual, WorstRun
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.unknown import CommonGain, Zeros
+from dynident.identification.verdict.unknown import CommonGain, Ratios, Zeros
 from dynident.report.advice import sentences
 from dynident.report.wording import words
 from dynident.validation import Driver, Reversals, Ripple
@@ -46,10 +46,11 @@ def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None
     plain = Verdict(Use.SIMULATION, (), (), HeldOut(4.0, 3.0, None), RUN, LargestResidual("elbow", "fast", ()))
     assert len(sentences(plain)) == 3
     assert sentences(plain)[2] == "The torque residual is largest in elbow (fast) and has no clear cause."
-    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")))})
+    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")), Ratios(("rail",)))})
     assert sentences(unknown)[3] == (
         "No data can show a factor that all torques share (wrong gains), which masses and friction take up, or a wrong "
-        "zero of turn, wrist: make sure of that by other means."
+        "zero of turn, wrist, or a wrong gear ratio, lead or unit of the position of rail: make sure of that by other "
+        "means."
     )
 
 

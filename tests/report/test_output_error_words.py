@@ -6,7 +6,8 @@ import pytest
 
 from dynident.errors import Note
 from dynident.estimators import Didim, OutputError
-from dynident.estimators.output_error import notes
+from dynident.estimators.notes import Start, StartedElsewhere
+from dynident.estimators.output_error.notes import StillSimulating
 from dynident.report.part_words import part_words
 from dynident.report.wording import words
 
@@ -15,11 +16,11 @@ from dynident.report.wording import words
     ("note", "said"),
     [
         (
-            notes.StartedElsewhere(notes.Start.INSTRUMENTS),
+            StartedElsewhere(Start.INSTRUMENTS),
             "simulated, least squares fails or is farther off: the iteration began with instrumental variables",
         ),
         (
-            notes.StillSimulating(3, 12.345),
+            StillSimulating(3, 12.345),
             "not converged: after 3 simulations the parameters still move, by 12 standard errors",
         ),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ pytest.importorskip("dash")
 
 from dynident.tuning import Bench
 from dynident.ui import page as module
+from dynident.ui import readout
 from dynident.ui.app import made
 from dynident.ui.page import Page
 from dynident.ui.session import Session
@@ -77,6 +79,9 @@ def test_the_fit_is_shown_beside_that_of_the_last_setting(session: Session) -> N
     assert words(parameters) != words(shown[3])
     assert page.fit("?degree=x", last, "tab")[5] == "address: degree is 'x'; give a number."
     assert "make it one of training, too" in words(numbers)  # a held-out error by which settings are chosen
+    assert "faster estimator" not in words(numbers)
+    fast = replace(page.bench.fitted(page.bench.start), exact=False)
+    assert "a faster estimator, in place of the one that is chosen" in words(readout.numbers(fast, None))
 
 
 def test_a_whole_identification_begins_when_a_person_pauses(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:

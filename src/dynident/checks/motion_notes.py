@@ -12,8 +12,10 @@ __all__ = [
     "EffortAboveLimit",
     "EffortFarBelowLimit",
     "FewReversals",
+    "HardlyMoves",
     "LoopDiffers",
     "LoopGain",
+    "LoopUnused",
     "LoopVelocity",
     "PositionBeyondLimits",
     "Search",
@@ -27,6 +29,16 @@ class FewReversals(Note):
     """How often a joint reverses."""
 
     count: int
+
+
+@dataclass(frozen=True)
+class HardlyMoves(Note):
+    """How far a joint moves in all of the training, about ``near``, and the joint that moves the most (rad or m)."""
+
+    span: float
+    largest: float
+    near: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -47,6 +59,13 @@ class LoopGain(Note):
 
 
 @dataclass(frozen=True)
+class LoopUnused(Note):
+    """Columns that are named as reference positions, of which no controller makes use."""
+
+    columns: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class LoopVelocity(Note):
     """Over how many steps drives difference positions: as ``given``, and the number with which they ask for the
     measured torque but for a share ``left``, instead of ``error``; none where they are faster than they are said to be.
@@ -60,12 +79,13 @@ class LoopVelocity(Note):
 
 @dataclass(frozen=True)
 class PositionBeyondLimits(Note):
-    """The range of a position, and the one that the robot file allows (rad or m)."""
+    """The range of a position, and the one that the robot file allows (rad or m); ``far`` beyond it is a motor's."""
 
     lower: float
     upper: float
     least: float
     most: float
+    far: bool = False
 
 
 @dataclass(frozen=True)

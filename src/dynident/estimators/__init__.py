@@ -7,11 +7,13 @@ from dynident.estimators.estimator import (
     Estimate,
     Estimator,
     NamesParameters,
+    NeedsSamples,
     Pieces,
     Problem,
     Provenance,
     Residual,
     among,
+    needs_samples,
     quick,
 )
 from dynident.estimators.generalised_least_squares import GeneralisedLeastSquares
@@ -40,6 +42,7 @@ __all__ = [
     "LinearFit",
     "MaximumLikelihood",
     "NamesParameters",
+    "NeedsSamples",
     "OutputError",
     "PhysicallyConsistent",
     "Pieces",
@@ -52,6 +55,7 @@ __all__ = [
     "WeightedLeastSquares",
     "among",
     "estimate_of",
+    "needs_samples",
     "of_information",
     "quick",
 ]

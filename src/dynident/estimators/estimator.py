@@ -23,9 +23,11 @@ __all__ = [
     "Estimate",
     "Estimator",
     "HasQuick",
+    "NeedsSamples",
     "Problem",
     "Provenance",
     "Residual",
+    "needs_samples",
     "quick",
 ]
 
@@ -240,6 +242,15 @@ class HasQuick(Protocol):
 
 
 @runtime_checkable
+class NeedsSamples(Protocol):
+    """An estimator that may need the samples of the motions, and not only the triangular factors of their rows."""
+
+    @property
+    def needs_samples(self) -> bool:
+        """Whether it does."""
+
+
+@runtime_checkable
 class NamesParameters(Protocol):
     """An estimator whose settings name parameters."""
 
@@ -254,6 +265,11 @@ class NamesParameters(Protocol):
 def among(estimator: Estimator, names: Collection[str]) -> Estimator:
     """Return an estimator without what its settings say of other parameters than these."""
     return estimator.among(names) if isinstance(estimator, NamesParameters) else estimator
+
+
+def needs_samples(estimator: Estimator) -> bool:
+    """Return whether an estimator needs more of the samples than the triangular factors of their rows."""
+    return isinstance(estimator, NeedsSamples) and estimator.needs_samples
 
 
 def quick(estimator: Estimator) -> Estimator:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from annotated_types import Ge, Gt, Le
 
@@ -53,6 +53,7 @@ class GeneralisedLeastSquares:
     tolerance: Annotated[float, Gt(0), Le(COARSEST)] | None = None
     iterations: Annotated[int, Ge(1), Le(MOST)] = 10
 
+    needs_samples: ClassVar[bool] = True
     __repr__ = changed
 
     def __post_init__(self) -> None:

@@ -57,9 +57,11 @@ def reason_of(failure: Failure) -> str:
     return failure.reason if isinstance(failure, Broken) else "its mass matrix is singular"
 
 
-def not_simulated(motions: Sequence[Motion], what: str, failure: Failure, instead: str) -> InputError:
-    """Return the error where ``what`` failed with all first models; ``instead`` is what else can be used."""
+def not_simulated(motions: Sequence[Motion], failure: Failure, instead: str) -> InputError:
+    """Return the error where no first model can be simulated; ``instead`` is what else can be used."""
     return InputError(
-        f"{', '.join(one.source for one in motions)}: {what} ({reason_of(failure)}). Check gains, units and reference "
-        f"of the controller and the terms of the model, or use {instead}."
+        f"{', '.join(one.source for one in motions)}: no first model can be simulated, neither that of least squares "
+        "nor one of a Kalman smoother, a physically consistent one, that of the robot file, or one whose mass matrix "
+        f"is made positive definite ({reason_of(failure)}). Check gains, units and reference of the controller and the "
+        f"terms of the model, or use {instead}."
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import ClassVar
 
 from dynident.errors import Note, Severity, Use
@@ -29,6 +30,8 @@ __all__ = [
     "RankDeficient",
     "ScatterLarger",
     "SmoothSigns",
+    "Start",
+    "StartedElsewhere",
     "StillColoured",
     "StillMoving",
     "Undetermined",
@@ -37,6 +40,19 @@ __all__ = [
 ]
 
 HALF = 50.0  # %
+
+
+class Start(StrEnum):
+    """With what a simulation or a filter began: least squares of a smoothing spline or of a Kalman smoother,
+    instrumental variables, the physically consistent fit, values of the robot file, least squares with a positive
+    definite mass matrix."""
+
+    SMOOTHED = "smoothed"
+    KALMAN = "kalman"
+    CONSISTENT = "consistent"
+    INSTRUMENTS = "instruments"
+    NOMINAL = "nominal"
+    MASS = "mass"
 
 
 @dataclass(frozen=True)
@@ -234,6 +250,14 @@ class SmoothSigns(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     widths: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class StartedElsewhere(Note):
+    """The iteration began with other values, as with those of least squares the simulation fails, or is farther off."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    start: Start
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,11 @@ class TotalLeastSquares:
         """The parameters of which the columns' errors are given."""
         return tuple(self._given)
 
+    @property
+    def needs_samples(self) -> bool:
+        """Whether it repeats the smoothing of the samples."""
+        return self.errors == "motion"
+
     def among(self, names: Collection[str]) -> TotalLeastSquares:
         """Return the estimator without the errors of other columns than these."""
         if isinstance(self.errors, str):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, Note, Severity, brief, called
-from dynident.estimators import Estimate, Pieces, Problem
+from dynident.estimators import Estimate, Pieces, Problem, needs_samples
 from dynident.estimators.notes import MotionCorrected, MotionLimits, MotionTooNoisy
 from dynident.identification.division import USUAL, Division, LongRecording, Span, excerpts_of, spans_of
 from dynident.identification.identify import FAR, identify, judged, warnings_of
@@ -90,13 +90,12 @@ def prepared(
     Raises the errors of ``identify``, and ConfigError for an estimator that needs all samples at once or a smoother to
     which samples matter that are far away.
     """
+    if needs_samples(recipe.estimator):
+        raise _all_at_once(recipe)
     logs = {log.source: log for log in excerpts_of(recordings, division, progress)}
     chosen = identify(model, logs, (), recipe, progress=progress)
     if chosen.estimate.needs_samples:
-        raise ConfigError(
-            f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the "
-            "memory; take least squares or the physically consistent fit, or a shorter part."
-        )
+        raise _all_at_once(recipe)
     smoother, log, motion = _fixed(chosen, logs)
     step = float(np.median(np.diff(log.t)))
     around = overlap(smoother, log, motion)
@@ -112,6 +111,13 @@ def prepared(
         raise InputError(f"{recordings[0].label}: no stretch without a gap is long enough to be smoothed.")
     reducer = Reducer(chosen.model, used, tuple(recordings), leave, chosen.estimate.value, _credible(chosen, logs))
     return Prepared(chosen, logs, reducer, spans, lost)
+
+
+def _all_at_once(recipe: Recipe) -> ConfigError:
+    return ConfigError(
+        f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the memory; "
+        "take least_squares, ridge, or consistent without such a `fit`, or a shorter part."
+    )
 
 
 def finished(

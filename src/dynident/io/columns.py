@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from dynident.io.fields import UNITS
 
-__all__ = ["ColumnFamily", "Named", "families", "is_commanded", "read_name", "tokens"]
+__all__ = ["ColumnFamily", "Named", "families", "is_commanded", "is_reference", "read_name", "tokens"]
 
 
 def _words(text: str) -> frozenset[str]:
@@ -209,6 +209,11 @@ def _without(words: tuple[str, ...], some: tuple[str, ...]) -> tuple[str, ...]:
 def is_commanded(column: str) -> bool:
     """Return whether a column is named as what a controller was given, such as a reference."""
     return bool(set(tokens(column)) & _COMMANDED)
+
+
+def is_reference(column: str, joints: Iterable[str]) -> bool:
+    """Return whether a column is named as the position that a controller was to follow."""
+    return is_commanded(column) and read_name(column, joints).role == "position"
 
 
 def _rank(words: set[str]) -> int:

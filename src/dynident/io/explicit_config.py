@@ -123,11 +123,11 @@ def part_settings(family: Family, part: Any, folder: Path) -> Any:
 
 
 def _short(described: dict[str, Any], part: Any) -> dict[str, Any]:
-    """Return the settings of a part without those that are as they are by default."""
+    """Return the settings of a part, and of parts inside it, without those that are as they are by default."""
     own = getattr(type(part), "Settings", type(part))
     plain = {one.name: one.default for one in (*fields(part), *fields(own)) if one.init}
     return {
-        key: value
+        key: _short(value, getattr(part, key)) if isinstance(value, dict) and "kind" in value else value
         for key, value in described.items()
         if key == "kind" or not (value is None or _is_plain(value, plain.get(key, MISSING)))
     }
@@ -135,7 +135,9 @@ def _short(described: dict[str, Any], part: Any) -> dict[str, Any]:
 
 def _is_plain(value: Any, default: Any) -> bool:
     """Whether a setting, or that of each joint, is as it is by default."""
-    return all(one == default for one in value.values()) if isinstance(value, dict) and value else value == default
+    if isinstance(value, dict | list) and not value:
+        return not default
+    return all(one == default for one in value.values()) if isinstance(value, dict) else value == default
 
 
 def _files(given: Any, was: Path, folder: Path) -> Any:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dynident.checks import (
     MINIMUM_SAMPLES,
     Finding,
+    Topic,
     check_log,
     reading_line,
     reading_words,
@@ -21,11 +22,14 @@ from dynident.checks import (
     rest,
     split_gaps,
 )
+from dynident.checks.motion_notes import LoopUnused
 from dynident.errors import ConfigError, InputError, Note, Severity, brief
+from dynident.io.columns import is_reference
 from dynident.io.controllers import controller
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
 from dynident.io.signals import RecordedSignals, bad_values, column_names, has_torques, signals
+from dynident.io.simulation_settings import LoopSettings
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
 from dynident.models import Joint
@@ -50,7 +54,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Reading:
-    """The logs of a recording, one per window or uninterrupted piece, and warnings.
+    """The logs of a recording, one per window or uninterrupted piece, warnings, and the ``unused`` columns.
 
     Where it is not ``measured``, there are no torques, and those of the logs are zero.
     """
@@ -58,6 +62,7 @@ class Reading:
     logs: tuple[Log, ...]
     warnings: tuple[str, ...] = ()
     measured: bool = True
+    unused: tuple[str, ...] = ()
 
     __repr__ = brief
 
@@ -142,6 +147,7 @@ def read_found(
     check_joints(config, joints)
     logs: dict[str, dict[str, Log]] = {"train": {}, "validation": {}}
     findings: list[Finding] = []
+    references: list[str] = []
     read = _Recordings([*config.train, *config.validation])
     for role, found in logs.items():
         for spec in getattr(config, role):
@@ -153,6 +159,9 @@ def read_found(
                 continue
             found.update({log.source: log for log in reading.logs})
             findings += [Finding(Severity.WARNING, None, words) for words in reading.warnings]
+            references += [name for name in reading.unused if is_reference(name, config.position)]
+    if references and not isinstance(config.simulation, LoopSettings):
+        findings.append(Finding(Severity.INFO, None, LoopUnused(tuple(dict.fromkeys(references))), Topic.LOOP))
     return logs, tuple(findings)
 
 
@@ -181,7 +190,8 @@ def _read(
             logs.append(without_excluded(spaced, spec))
             warnings += [] if note is None else [f"{piece.source}: {reading_words(note)}"]
     warnings += _excluded_nothing(spec, logs)
-    return Reading(tuple(logs), tuple(warnings), found.measured)
+    unused = tuple(name for name in (*table.columns, *table.unread) if name not in column_names(config, spec))
+    return Reading(tuple(logs), tuple(warnings), found.measured, unused)
 
 
 def without_excluded(log: Log, spec: LogSpec) -> Log:
@@ -254,7 +264,7 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
     if len(rows) < 2:
         raise InputError(
             f"{source}: the window {interval_words(window)} holds {len(rows)} samples; "
-            f"the recording runs from {t[0]:.9g} to {t[-1]:.9g} s."
+            f"the recording runs from {t[0]:.12g} to {t[-1]:.12g} s. Correct the window, or the `unit` of `time`."
         )
     part = slice(int(rows[0]), int(rows[-1]) + 1)  # the stamps increase
     for column, values in found.used.items():
@@ -262,7 +272,7 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
         if len(bad):
             if len(bad) == len(rows):
                 raise InputError(
-                    f"{source}: column {column!r} holds no number from {t[rows[0]]:.9g} to {t[rows[-1]]:.9g} s. "
+                    f"{source}: column {column!r} holds no number from {t[rows[0]]:.15g} to {t[rows[-1]]:.15g} s. "
                     "Is the right column named, and was it recorded? A joint whose torque was not can be fitted "
                     "around: write zeros in its place."
                 )

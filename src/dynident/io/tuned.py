@@ -9,6 +9,7 @@ from pathlib import Path
 from dynident.checks import with_findings
 from dynident.errors import ConfigError, Remark
 from dynident.identification import identify
+from dynident.io.families import ESTIMATORS
 from dynident.io.logs import turning_joints
 from dynident.io.project import Project, read_project
 from dynident.io.settings import RobotSettings
@@ -42,4 +43,6 @@ def bench_of(project: Project, progress: Callable[[str], None] = lambda _: None)
     said = map(Remark, (*project.warnings, *model.notes, *remarks))
     found = replace(found, warnings=(*said, *found.warnings), provenance=known)
     switchable = isinstance(project.config.model, RobotSettings)
-    return Bench.of(model, logs, found, switchable=switchable, multi_turn=turning)
+    kind = ESTIMATORS.kind_of(found.recipe.estimator)
+    kind = kind if kind in ESTIMATORS.kinds() else ""  # a class of the user goes by its name
+    return Bench.of(model, logs, found, switchable=switchable, multi_turn=turning, estimator=kind)

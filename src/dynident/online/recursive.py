@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ConfigError, InputError, called
-from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, Problem, Residual
+from dynident.estimators import Estimate, Estimator, LeastSquares, Problem, Residual, needs_samples
 from dynident.models import Model
 from dynident.regression import (
     GroupKind,
@@ -175,9 +175,10 @@ class RecursiveLeastSquares:
         the samples themselves, and InputError for any but least squares before the first sample.
         """
         chosen = LeastSquares() if estimator is None else estimator
-        if isinstance(chosen, MaximumLikelihood):
+        if needs_samples(chosen):
             raise ConfigError(
-                "estimator: maximum likelihood needs all samples; take least squares or the consistent fit."
+                f"estimator: {type(chosen).__name__} needs all samples, of which none is kept; take LeastSquares, "
+                "Ridge, or PhysicallyConsistent without such a `fit`."
             )
         if not self.rows and not isinstance(chosen, LeastSquares):
             raise InputError(f"{type(chosen).__name__} needs samples, and none was taken yet; ask later.")

@@ -197,6 +197,7 @@ def _smoother_of(result: Identification) -> tuple[Spline, float]:
     spline = unshifted(given)
     if not isinstance(spline, Spline):
         raise ConfigError(
-            f"smoother: a stream needs a spline, and the result has {spline!r}; identify with `Spline()`."
+            f"smoother: a stream is smoothed by a cubic spline, and the result by {type(spline).__name__}; identify "
+            "again with `smoother: { kind: spline }` (in Python, Spline())."
         )
     return spline, given.time_offset if isinstance(given, TimeShifted) else 0.0

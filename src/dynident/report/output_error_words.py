@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dynident.estimators.notes import Start, StartedElsewhere
 from dynident.estimators.output_error import notes
-from dynident.estimators.output_error.notes import Start
 from dynident.report.wording import words
 from dynident.report.words import short
 
@@ -13,11 +13,12 @@ STARTS = {
     Start.CONSISTENT: "the physically consistent fit",
     Start.INSTRUMENTS: "instrumental variables",
     Start.NOMINAL: "the values of the robot file",
+    Start.MASS: "least squares with a positive definite mass matrix",
 }
 
 
 @words.register
-def _(note: notes.StartedElsewhere) -> str:
+def _(note: StartedElsewhere) -> str:
     return f"simulated, least squares fails or is farther off: the iteration began with {STARTS[note.start]}"
 
 

@@ -102,12 +102,14 @@ class Bench:
         *,
         switchable: bool = True,
         multi_turn: frozenset[str] = frozenset(),
+        estimator: str = "",
     ) -> Bench:
         """Return the bench of a model as a configuration builds it (terms that are chosen are not in it, its base is
         level), logs by role and name as they are read, and their identification.
 
         ``switchable`` says whether terms can be switched: those of a model that is built of a robot file can.
-        ``multi_turn`` are joints that may make any number of turns.
+        ``multi_turn`` are joints that may make any number of turns; ``estimator`` is the kind of the estimator, by
+        default the name of its class.
         """
         joints = tuple(joint.name for joint in model.joints)
         read = {role: {name: log.select(joints) for name, log in some.items()} for role, some in logs.items()}
@@ -115,7 +117,7 @@ class Bench:
         offers = Offers.of(found.model, found.estimate.value, motions) if switchable else None
         whole = replace(model, terms=(*model.terms, *found.model.terms[len(model.terms) :]))
         switches = Switches.of(whole, offers)
-        kind, estimators = estimators_of(found.recipe.estimator)
+        kind, estimators = estimators_of(found.recipe.estimator, estimator)
         plain = {role: {name: log.including() for name, log in some.items()} for role, some in read.items()}
         return cls(switches, plain, found, start_of(found, switches.start, read, kind), estimators, multi_turn)
 

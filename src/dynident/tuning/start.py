@@ -75,8 +75,9 @@ def _excluded(logs: Mapping[str, Mapping[str, Log]]) -> list[Window]:
     return found
 
 
-def estimators_of(configured: Estimator) -> tuple[str, dict[str, Estimator]]:
-    """Return the kind of an estimator, and all that can be chosen by kind: it first."""
+def estimators_of(configured: Estimator, kind: str = "") -> tuple[str, dict[str, Estimator]]:
+    """Return the ``kind`` of an estimator, if not given the name of its class, and all that can be chosen: it first."""
     offered: dict[str, Estimator] = {LEAST_SQUARES: LeastSquares(), CONSISTENT: PhysicallyConsistent(strength=0.0)}
-    kind = next((name for name, one in offered.items() if type(one) is type(configured)), type(configured).__name__)
+    kind = kind or type(configured).__name__
+    kind = next((name for name, one in offered.items() if type(one) is type(configured)), kind)
     return kind, {kind: configured} | {name: one for name, one in offered.items() if name != kind}

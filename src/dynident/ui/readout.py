@@ -28,6 +28,10 @@ HELD_OUT = (
     "Choose by the cross-validated error: it is of the training, over what is fitted. Settings that are chosen by the "
     "held-out error make it one of training, too."
 )
+STAND_IN = (
+    "Errors and torque are those of a faster estimator, in place of the one that is chosen; the verdict, and the "
+    "parameters that come with it, are by the one chosen."
+)
 
 
 def worst(logs: Sequence[LogFit]) -> LogFit | None:
@@ -66,7 +70,8 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
         ],
         className="facts",
     )
-    return [shown, *([html.P(HELD_OUT, className="muted")] if fit.held_out() else [])]
+    said = [*([] if fit.exact else [STAND_IN]), *([HELD_OUT] if fit.held_out() else [])]
+    return [shown, *(html.P(words, className="muted") for words in said)]
 
 
 def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:

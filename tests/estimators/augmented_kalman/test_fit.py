@@ -12,6 +12,7 @@ from dynident.models import Dahl, RotorInertia, record, simulate
 from dynident.models.gallery import pendulum, two_link_arm
 from dynident.regression import Regression
 from dynident.smoothers import Spline
+from dynident.studies.article import arm_to_identify
 from dynident.testing.estimator import known_motion, posed, truth
 
 ARM = two_link_arm()
@@ -74,7 +75,7 @@ def test_divergence_is_said():
     motion = known_motion(ARM, 0.01, samples=400)
     wrong = replace(motion, tau=0 * motion.tau)  # so that least squares finds no mass
     with pytest.raises(InputError, match="Kalman filter diverged"):
-        AugmentedKalman()(posed(ARM, wrong))
+        AugmentedKalman()(posed(arm_to_identify(), wrong))
 
 
 def test_terms_that_remember_are_refused():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.estimators.constraints import Constraints, PsdConstraint, interval, physics
+from dynident.estimators.constraints import Constraints, PsdConstraint, interval, physics, with_mass
 from dynident.estimators.constraints.constraints import bodies_of
 from dynident.models import INERTIAL, Parameter
 from dynident.models.gallery import two_link_arm
@@ -38,6 +38,8 @@ def test_a_model_without_bodies_has_a_mass_matrix() -> None:
     assert worst > 0
     assert found.violation(turned) == pytest.approx(worst)
     assert found.only("viscous friction").matrices == ()
+    bodies = with_mass(single(None), np.zeros((1, 6)))
+    assert (bodies.bodies, len(bodies.matrices)) == ((), 1)
 
 
 def test_sides_of_limits_are_numbers_that_must_be_positive() -> None:

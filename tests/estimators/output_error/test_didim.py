@@ -16,7 +16,8 @@ from dynident.estimators import (
     PhysicallyConsistent,
     quick,
 )
-from dynident.estimators.output_error.notes import Start, StartedElsewhere, StillSimulating
+from dynident.estimators.notes import Start, StartedElsewhere
+from dynident.estimators.output_error.notes import StillSimulating
 from dynident.models import Model
 from dynident.models.gallery import two_link_arm
 from dynident.simulation import PID, Function, simulated

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.estimators import LeastSquares, OutputError, Problem
-from dynident.estimators.output_error.notes import Start, StartedElsewhere
+from dynident.estimators.notes import Start, StartedElsewhere
 from dynident.models import record, simulate
 from dynident.models.gallery import pendulum
 from dynident.regression import Regression

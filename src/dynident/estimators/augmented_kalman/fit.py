@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, DynidentError, InputError, ModelError, Step, brief, changed, choices
+from dynident.errors import ConfigError, InputError, ModelError, Note, Step, brief, changed, choices
 from dynident.estimators.augmented_kalman.dynamics import Dynamics
 from dynident.estimators.augmented_kalman.series import Series, grouping, series_of, smooth_model
 from dynident.estimators.augmented_kalman.square_root import corrected, lower, points
 from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.first_model import other_model
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.linear import LinearFit, estimate_of, of_information
 from dynident.estimators.maximum_likelihood.measured import misfit
-from dynident.estimators.notes import SmoothSigns, StillMoving
+from dynident.estimators.notes import SmoothSigns, StartedElsewhere, StillMoving
 from dynident.estimators.physically_consistent import PhysicallyConsistent
-from dynident.estimators.resmoothed import resmoothed
 from dynident.regression import Rank
-from dynident.smoothers import KalmanSmoother
+from dynident.simulation import Failure, Singular
 
 __all__ = ["AugmentedKalman"]
 
@@ -84,6 +84,7 @@ class AugmentedKalman:
     samples: Annotated[int, Ge(100), Le(MOST)] = 4000
     passes: Annotated[int, Ge(1), Le(20)] = 4
 
+    needs_samples: ClassVar[bool] = True
     __repr__ = changed
 
     def __post_init__(self) -> None:
@@ -124,16 +125,22 @@ class AugmentedKalman:
         return estimate_of(problem, replace(fit, weights=start.residual.weights))
 
     def _begun(self, problem: Problem, start: Estimate) -> _Run:
-        """Return the run from a start, or from least squares of a Kalman smoother, whose acceleration has the least
-        noise, where that has no mass matrix."""
+        """Return the run from a start, or from another one where that has no mass matrix."""
+
+        def tried(value: Array) -> _Run | Failure:
+            try:
+                return _Run.begin(self, problem, replace(start, value=value))
+            except InputError:
+                return Singular()
+
         try:
             return _Run.begin(self, problem, start)
         except InputError as error:
-            try:
-                value = resmoothed(problem, KalmanSmoother())
-            except DynidentError:
+            other = other_model(problem, Singular(), tried)
+            if isinstance(other, Failure):
                 raise error from None
-            return _Run.begin(self, problem, replace(start, value=value))
+            _, run, kind = other
+            return replace(run, notes=(StartedElsewhere(kind), *run.notes))
 
     def quick(self) -> LeastSquares:
         """Return least squares: a filter takes too long for a search."""
@@ -167,7 +174,7 @@ class _Run:
     series: Series
     dynamics: Dynamics
     directions: Rank
-    notes: tuple[SmoothSigns, ...]
+    notes: tuple[Note, ...]
     means: Callable[[Array], Array]
 
     __repr__ = brief

@@ -16,6 +16,7 @@ from dynident.estimators.constraints.constraints import (
     scales,
     signs,
     total,
+    with_mass,
 )
 from dynident.estimators.constraints.sizes import sized
 
@@ -37,4 +38,5 @@ __all__ = [
     "signs",
     "sized",
     "total",
+    "with_mass",
 ]  # fmt: skip

@@ -33,6 +33,7 @@ __all__ = [
     "scales",
     "signs",
     "total",
+    "with_mass",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -182,8 +183,12 @@ def physics(model: Model, q: Array) -> Constraints:
     zero.
     """
     bodies = bodies_of(model.parameters)
-    if bodies:
-        return Constraints(signs(model.parameters), bodies)
+    return Constraints(signs(model.parameters), bodies) if bodies else with_mass(model, q)
+
+
+def with_mass(model: Model, q: Array) -> Constraints:
+    """Return the signs of friction and rotor inertia, and a positive definite mass matrix at the configurations q (K,
+    n), unless that of a joint is zero."""
     slopes = np.stack([model.mass_matrix(q, one) for one in np.eye(len(model.parameters))], axis=-1)
     seen = bool((np.abs(slopes).sum(axis=(0, 2, 3)) > 0).all())
     matrices = (PsdConstraint(slopes, label="a positive definite mass matrix"),) if seen else ()

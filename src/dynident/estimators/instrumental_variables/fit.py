@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, get_args
+from typing import Annotated, ClassVar, get_args
 
 from annotated_types import Ge, Gt, Le
 
@@ -32,9 +32,9 @@ class InstrumentalVariables:
     a bias of the last two, and coloured noise one of the last. "auto" takes for each recording the first that it has;
     another pass must then share half of its samples, with the same speeds to 30 %.
 
-    Where the model of least squares fails in the loop, the physically consistent one is tried. The covariance allows
-    for residuals that are correlated in time and between joints, and counts the errors of the motion. A note says which
-    instruments were used and how much they explain of the regressor.
+    Where the model of least squares fails in the loop, the simulation begins with another one, and a note says with
+    which. The covariance allows for residuals that are correlated in time and between joints, and counts the errors of
+    the motion. A note says which instruments were used and how much they explain of the regressor.
 
     Calling it with a ``Problem`` gives an ``Estimate``. Raises MissingInputError where a recording lacks what the
     instruments need, InputError where the model fails in the loop, ConfigError for bad settings. Reference: Janot,
@@ -60,6 +60,7 @@ class InstrumentalVariables:
     lag: Annotated[float, Gt(0), Le(LONGEST)] | None = None
     weights: Weights = "per_joint"
 
+    needs_samples: ClassVar[bool] = True
     __repr__ = changed
 
     def __post_init__(self) -> None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import DynidentError, Note, Step
+from dynident.errors import Note, Step
 from dynident.estimators.estimator import Problem
+from dynident.estimators.first_model import other_model
 from dynident.estimators.instrumental_variables.instruments import Instruments, paired
 from dynident.estimators.instrumental_variables.lagged import lagged_instruments
 from dynident.estimators.instrumental_variables.moments import Moments, moments_of
@@ -31,12 +31,10 @@ from dynident.estimators.instrumental_variables.simulated import (
 )
 from dynident.estimators.linear import LinearFit, of_information
 from dynident.estimators.loops import controller_of, log_of, reason_of
-from dynident.estimators.physically_consistent import PhysicallyConsistent
-from dynident.estimators.resmoothed import resmoothed
+from dynident.estimators.notes import StartedElsewhere
 from dynident.log import Motion
 from dynident.regression import Rank, Regression
 from dynident.simulation import Failure
-from dynident.smoothers import KalmanSmoother
 
 __all__ = ["Run", "Source"]
 
@@ -107,28 +105,27 @@ class Run:
 
     def first(self, given: Sequence[Instruments | None]) -> list[Instruments]:
         """Return the first instruments of all recordings: where the model of least squares fails in a loop, those of
-        the physically consistent one, or of a Kalman smoother's least squares; where these fail, too, measured ones,
-        or InputError if they must be simulated."""
+        another one; where all fail, measured ones, or InputError if they must be simulated."""
         loops = [k for k, one in enumerate(given) if one is None]
         found: dict[int, Instruments] | Failure = {}
         if loops:
             self.problem.progress("simulating instruments")
             found = self.simulated(self.start, loops)
-        for value in self.others() if isinstance(found, Failure) else ():
-            if not isinstance(found := self.simulated(value, loops), Failure):
-                break
-        if isinstance(found, Failure) and self.source == "simulated":
-            raise failed(self.problem.motions[loops[0]], found)
         if isinstance(found, Failure):
-            self.notes.append(NotSimulated(reason_of(found)))
-            found = {k: self.measured(k) for k in loops}
+            found = self.rescued(found, loops)
         return [found[k] if one is None else one for k, one in enumerate(given)]
 
-    def others(self) -> Iterator[Array]:
-        """Yield other first parameters (p)."""
-        yield PhysicallyConsistent(costs=False)(self.problem).value
-        with suppress(DynidentError):
-            yield resmoothed(self.problem, KalmanSmoother())
+    def rescued(self, failure: Failure, loops: Sequence[int]) -> dict[int, Instruments]:
+        """Return the instruments of these recordings where those of least squares cannot be simulated."""
+        other = other_model(self.problem, failure, lambda value: self.simulated(value, loops))
+        if not isinstance(other, Failure):
+            _, found, kind = other
+            self.notes.append(StartedElsewhere(kind))
+            return found
+        if self.source == "simulated":
+            raise failed(self.problem.motions[loops[0]], other)
+        self.notes.append(NotSimulated(reason_of(other)))
+        return {k: self.measured(k) for k in loops}
 
     def simulated(self, theta: Array, loops: Sequence[int]) -> dict[int, Instruments] | Failure:
         """Return the simulated instruments of these recordings, or the first failure."""

@@ -53,8 +53,4 @@ def missing(motion: Motion) -> MissingInputError:
 
 def failed(motion: Motion, failure: Failure) -> InputError:
     """Return the error where the first model fails in the loop, whatever made it."""
-    what = (
-        "instruments cannot be simulated: in the loop of the controller the first model fails, that of least squares, "
-        "the physically consistent one and that of a Kalman smoother alike"
-    )
-    return not_simulated([motion], what, failure, "instruments `repeated` or `lagged`")
+    return not_simulated([motion], failure, "instruments `repeated` or `lagged`")

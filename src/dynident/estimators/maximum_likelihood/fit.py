@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -85,6 +85,7 @@ class MaximumLikelihood:
     iterations: Annotated[int, Ge(1), Le(MOST)] = 60
     rate: Annotated[float, Ge(SLOWEST)] | None = 1100.0
 
+    needs_samples: ClassVar[bool] = True
     __repr__ = changed
 
     def __post_init__(self) -> None:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, MissingInputError, Note, Step, brief
 from dynident.estimators.estimator import Problem
+from dynident.estimators.notes import StartedElsewhere
 from dynident.estimators.output_error.first import first_runs
 from dynident.estimators.output_error.linear import Linear, linearised, normal
-from dynident.estimators.output_error.notes import StartedElsewhere, StillSimulating
+from dynident.estimators.output_error.notes import StillSimulating
 from dynident.estimators.output_error.shots import Shots, Simulation
 from dynident.estimators.output_error.spread import information_of
 from dynident.simulation import Failure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from annotated_types import Ge, Gt, Le
 
@@ -68,6 +68,7 @@ class OutputError:
     segment: Annotated[float, Gt(0), Le(LONGEST)] | None = None
     iterations: Annotated[int, Ge(1), Le(MOST)] = 30
 
+    needs_samples: ClassVar[bool] = True
     __repr__ = changed
 
     def __post_init__(self) -> None:

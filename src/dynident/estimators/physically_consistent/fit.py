@@ -29,7 +29,7 @@ from dynident.estimators.constraints import (
     sized,
     total,
 )
-from dynident.estimators.estimator import Consistency, Determined, Estimate, Estimator, Problem
+from dynident.estimators.estimator import Consistency, Determined, Estimate, Estimator, Problem, needs_samples
 from dynident.estimators.least_squares import COARSEST, MOST, Weights, check_weights, joint_weights, weighted
 from dynident.estimators.linear import IsLinear, LinearFit
 from dynident.estimators.physically_consistent.findings import (
@@ -205,6 +205,11 @@ class PhysicallyConsistent:
     def quick(self) -> PhysicallyConsistent:
         """Return a fit of the same torque, without the cost of each constraint and with any prior."""
         return replace(self, costs=False, prior="any", strength=0.0, fit=None)
+
+    @property
+    def needs_samples(self) -> bool:
+        """Whether the fit of which it takes the rows does."""
+        return self.fit is not None and needs_samples(self.fit)
 
     @property
     def named(self) -> tuple[str, ...]:

@@ -1,0 +1,133 @@
+"""What is tried where least squares cannot be simulated, and the last of it: least squares with a mass matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators import (
+    AugmentedKalman,
+    Didim,
+    Estimator,
+    InstrumentalVariables,
+    LeastSquares,
+    OutputError,
+    Problem,
+)
+from dynident.estimators.first_model import other_model
+from dynident.estimators.notes import Start, StartedElsewhere
+from dynident.log import Log, Motion
+from dynident.models import Lagrangian, Model
+from dynident.models.gallery import pendulum, two_link_arm
+from dynident.regression import Regression
+from dynident.simulation import PD, Failure, Singular, simulated
+from dynident.testing.estimator import known_motion, posed
+from tests.estimators.physically_consistent import arms
+
+ARM = two_link_arm()
+FIRST = Singular()
+Array = np.ndarray
+
+
+def unknown(model: Model) -> Model:
+    """The model without its values, which may not be a start."""
+    known = (
+        replace(one, unknowns=tuple(replace(each, value=None) for each in one.unknowns))
+        if isinstance(one, Lagrangian)
+        else replace(one, values=None)
+        for one in model.terms
+    )
+    return replace(model, terms=tuple(known))
+
+
+def loud(model: Model, seed: int, noise: float = 1.0, samples: int = 200) -> Problem:
+    """A problem of exact motion with so much noise of the torque (N m) that least squares may find no mass."""
+    return posed(unknown(model), known_motion(model, noise, seed, samples))
+
+
+def massive(problem: Problem) -> Callable[[Array], Array | Failure]:
+    """Try the mass matrix everywhere."""
+    return lambda theta: theta if problem.model.check_mass_matrix(problem.motions[0].q, theta).positive else Singular()
+
+
+def test_all_are_tried_in_turn_and_the_first_that_works_is_taken() -> None:
+    problem = posed(ARM, known_motion(ARM, 0.01, samples=200))
+    every = [Start.KALMAN, Start.CONSISTENT, Start.NOMINAL, Start.MASS]
+    for count, kind in enumerate(every):
+        seen: list[Array] = []
+
+        def tried(theta: Array, seen: list[Array] = seen, count: int = count) -> str | Failure:
+            seen.append(theta)
+            return "done" if len(seen) > count else Singular()
+
+        found = other_model(problem, FIRST, tried)
+        assert not isinstance(found, Failure)
+        assert found[1:] == ("done", kind)
+        np.testing.assert_array_equal(found[0], seen[-1])
+    assert other_model(problem, FIRST, lambda _: Singular()) is FIRST
+
+
+def test_a_mass_matrix_by_the_least_change_of_the_torque() -> None:
+    """Where least squares has none, the truth, which has one, leaves more of the torque."""
+    for seed in (0, 4):
+        problem = loud(ARM, seed)
+        plain = LeastSquares(weights="per_joint")(problem).value
+        assert isinstance(massive(problem)(plain), Failure)
+        found = other_model(problem, FIRST, massive(problem))
+        assert not isinstance(found, Failure)
+        assert found[2] is Start.MASS
+        left = problem.regression.triangular_factors.residual
+        weights = 1.0 / left(plain)
+        assert 1.0 < weights @ left(found[0]) / 2.0 < weights @ left(np.array(ARM.values)) / 2.0
+
+
+def test_a_mass_matrix_of_six_joints_with_bodies() -> None:
+    plain = arms.problem(arms.arm(inertias="none"), samples=200)
+    (motion,) = plain.motions
+    noise = 2.0 * motion.tau.std(axis=0) * np.random.default_rng(0).standard_normal(motion.tau.shape)
+    problem = posed(plain.model, replace(motion, tau=motion.tau + noise))
+    seen = [LeastSquares(weights="per_joint")(problem).value]
+    assert isinstance(massive(problem)(seen[0]), Failure)
+
+    def tried(theta: Array) -> Failure:
+        seen.append(theta)
+        return FIRST
+
+    other_model(problem, FIRST, tried)
+    assert isinstance(massive(problem)(seen[-1]), np.ndarray)
+    left = problem.regression.triangular_factors.residual
+    assert (left(seen[-1]) < 1.1 * left(seen[0])).all()
+
+
+def test_no_mass_is_invented_where_the_data_contradict_it() -> None:
+    problem = loud(ARM, 0, noise=0.01)
+    (motion,) = problem.motions
+    for wrong in (-motion.tau, 0 * motion.tau):
+        against = posed(problem.model, replace(motion, tau=wrong))
+        assert other_model(against, FIRST, massive(against)) is FIRST
+
+
+def swung(seed: int, noise: float = 1.5) -> Problem:
+    """A pendulum in a loop, with so much noise of the torque (N m) that least squares finds an inertia below zero."""
+    arm, t = pendulum(), np.arange(501) * 0.01
+    path, still, one = 0.5 * np.sin(2 * t[:, None]), np.zeros((501, 1)), np.ones(1)
+    loop = PD(("pivot",), t, path, 4 * one, 0.4 * one, one, np.inf * one, still)
+    begin = Motion(t, still, still, still, still, ("pivot",), np.ones(501, dtype=bool), "swing")
+    run = simulated(arm, np.array(arm.values), begin, loop)
+    tau = run.tau + noise * np.random.default_rng(seed).standard_normal(still.shape)
+    motion, model = replace(begin, q=run.q, dq=run.dq, ddq=run.ddq, tau=tau), unknown(arm)
+    log = Log(t, run.q, tau, motion.joints, controller=loop)
+    return Problem(model, (motion,), Regression(model, (motion,)), (log,))
+
+
+@pytest.mark.parametrize("estimator", [AugmentedKalman(), Didim(2), InstrumentalVariables("simulated"), OutputError()])
+def test_all_that_simulate_begin_there_and_say_so(estimator: Estimator) -> None:
+    problem = swung(0)
+    assert LeastSquares()(problem).value[0] < 0
+    found = estimator(problem)
+    assert StartedElsewhere(Start.MASS) in found.notes
+    if isinstance(estimator, OutputError):  # what is known of the loop is exact, and so are the positions
+        np.testing.assert_allclose(found.value, pendulum().values, rtol=1e-4)

@@ -63,6 +63,27 @@ def test_among_equals_nothing_is_changed() -> None:
     assert "Take smoother0 with estimator0" in said(replace(found, rows=(soon, fast, *found.rows[2:])))
 
 
+def test_what_is_surely_less_than_a_percent_worse_is_as_good() -> None:
+    found = ranking()
+    first, second, *others = found.rows
+    best = replace(first, combination=replace(first.combination, own=False), eigenvalue=0.1, seconds_estimate=0.7)
+    own = replace(second.combination, own=True)
+    near = replace(second, combination=own, error=3.02, interval=(0.01, 0.029), p_value=0.001, seconds_estimate=0.6)
+    hardly = replace(found, rows=(best, near, *others))
+    text = said(hardly)
+    assert "All others are worse by more than chance." in text
+    assert "Of those that are worse, 1 is so by less than 1 % of the error, which makes no difference in use." in text
+    assert "Take smoother1 with estimator0 (3.02 %): less than 1 % worse, and nothing is to be changed." in text
+    assert "is number 2 of 5 with 3.02 %, worse by more than chance, but by less than 1 % of the error." in text
+    assert [row[-1] for row in next(ranking_tables(hardly)).rows[:3]] == ["", "take, yours, hardly worse", "worse"]
+    assert ranking_dict(hardly)["as_good"] == [["smoother0", "estimator0"], ["smoother1", "estimator0"]]
+    far = replace(hardly, rows=(best, replace(near, interval=(0.01, 0.031)), *others))  # perhaps by more
+    assert far.choice is best
+    assert "makes no difference" not in said(far)
+    short = untold(hardly)
+    assert short.choice is short.best
+
+
 def test_why_the_best_is_taken_though_another_is_faster() -> None:
     found = ranking()
     first, second = found.rows[:2]

@@ -24,6 +24,7 @@ __all__ = ["Absent", "Ranked", "Ranking", "TruthFigures", "mean_of"]
 Array = NDArray[np.float64]
 CONTRARY = 1.1  # times the error of another in cross-validation, from which on the best is contradicted
 Basis = Literal["validation", "train"]
+SLIGHT = 0.01  # of the least error: a difference that no use of a model shows
 SOON = 0.5  # s that make no difference: the first of a process takes longer by this
 
 
@@ -173,6 +174,15 @@ class Ranking:
         """Those that are not worse than the best by more than chance; the best alone where that is not known."""
         return tuple(one for one in self.ranked if not one.worse) if self.told else self.ranked[:1]
 
+    def hardly_worse(self, one: Ranked) -> bool:
+        """Whether a combination is worse by more than chance, but its error surely by less than 1 % of the least."""
+        return self.told and one.worse and one.interval[1] < SLIGHT * self.ranked[0].error
+
+    @cached_property
+    def as_good(self) -> tuple[Ranked, ...]:
+        """Those that are as good for any use: ``within`` chance of the best, and those hardly worse."""
+        return tuple(one for one in self.ranked if one in self.within or self.hardly_worse(one))
+
     @cached_property
     def rival(self) -> Ranked | None:
         """The best in cross-validation, where that contradicts the held-out logs: there the best on these is worse, by
@@ -187,18 +197,18 @@ class Ranking:
 
     @cached_property
     def choice(self) -> Ranked | None:
-        """Which to take of those within chance of the best: one whose bodies are possible and which converged, where
+        """Which to take of those that are as good as the best: one whose bodies are possible and which converged, where
         there is any, and of these the fastest; times within a factor of two, or half a second, count as equal: of
         those it is that of the configuration, or else the one with the least error. Where there is a ``rival``,
         only those count that cross-validation does not contradict: there may be none."""
-        within = list(self.within)
+        some = list(self.as_good)
         if self.rival is not None:
             most = CONTRARY * mean_of(self.rival.cross_validated)
-            within = [one for one in within if mean_of(one.cross_validated) <= most]
-        if not within:
+            some = [one for one in some if mean_of(one.cross_validated) <= most]
+        if not some:
             return None
-        good = [one for one in within if one.physical and one.outcome is Outcome.OK]
-        some = good or [one for one in within if one.physical] or within
+        good = [one for one in some if one.physical and one.outcome is Outcome.OK]
+        some = good or [one for one in some if one.physical] or some
         fast = min(one.seconds for one in some)
         quick = [one for one in some if not one.takes_longer(fast)]
         return next((one for one in quick if one.combination.own), quick[0])

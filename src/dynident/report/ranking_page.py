@@ -70,7 +70,7 @@ def _badge(found: Ranking) -> Badge | None:
         return Badge("correct first what was found", "bad")
     if found.rival is not None:
         return Badge("contradicted by cross-validation", "fair")
-    if own in found.within:
+    if own in found.as_good:
         return Badge("yours is among the best", "good")
     return Badge("others are better", "fair") if found.told else None
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
+from dynident.checks.motion_notes import LoopDiffers
 from dynident.errors import Finding, Severity
 from dynident.io.results import json_text
 from dynident.ranking import Outcome, Ranked
@@ -137,6 +138,9 @@ def test_what_forbids_any_model_comes_first() -> None:
     finding = Finding(Severity.ERROR, "elbow", "turns <b>the other way</b>", source="monday")
     first = ranking_findings(replace(ranking(), findings=(finding,)))[0]
     assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>"
+    loop = replace(finding, severity=Severity.WARNING, message=LoopDiffers(0.7))
+    first = ranking_findings(replace(ranking(), findings=(loop,)))[0]
+    assert first.startswith("What simulates is as right as its controller: monday: elbow: ")
 
 
 def test_what_is_not_known_is_not_claimed() -> None:

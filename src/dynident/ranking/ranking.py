@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Finding, brief, listed
+from dynident.errors import Finding, Use, brief, listed
 from dynident.ranking.candidates import Candidate, Combination
 from dynident.ranking.differences import EXACT, LEVEL
 from dynident.ranking.rows import Outcome
@@ -127,7 +127,8 @@ class Ranking:
     these are enough. ``parameters`` are base parameters whose truth is known, with their ``units``. ``smoothers`` are
     as used, ``estimators`` as given. ``computed`` is the number of new rows; others were known. ``repeats`` are
     held-out logs, each with one of the training whose motion it repeats. ``findings`` of the checks forbid the use of
-    any model of these logs, whichever is ahead. ``offsets`` are the time offsets (s) by smoother.
+    any model of these logs, whichever is ahead, or are about the controllers with which some estimators simulate.
+    ``offsets`` are the time offsets (s) by smoother.
     """
 
     name: str
@@ -153,6 +154,11 @@ class Ranking:
     def __repr__(self) -> str:
         few = listed((f"{one.combination.name} {one.error:.3g} %" for one in self.ranked), 3)
         return f"<Ranking of {len(self.ranked)} combinations on {self.name}: {few or 'none has an estimate'}>"
+
+    @property
+    def forbidding(self) -> tuple[Finding, ...]:
+        """The findings that forbid the use of any model."""
+        return tuple(one for one in self.findings if one.forbids is Use.CONTROL)
 
     @cached_property
     def ranked(self) -> tuple[Ranked, ...]:

@@ -58,11 +58,13 @@ def ranking_findings(found: Ranking) -> tuple[str, ...]:
 
 def _checked(found: Ranking) -> Iterator[str]:
     """Yield what the checks have found that no ranking shows: a wrong robot file or log fits all combinations alike."""
-    groups = finding_groups(found.findings)
+    groups = finding_groups(found.forbidding)
     for group in groups[:NAMED]:
         yield f"Before any of them is used: {_found(group)}"
     if len(groups) > NAMED:
         yield f"{len(groups) - NAMED} more such findings: see `dynident check`."
+    for group in finding_groups([one for one in found.findings if one not in found.forbidding])[:NAMED]:
+        yield f"What simulates is as right as its controller: {_found(group)}"
 
 
 def _found(group: Sequence[Finding]) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from page_tables import filled, markdown
 
 __all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables", "written"]
 
@@ -33,10 +34,7 @@ def draw(kept: Row) -> None:
 
 def page(text: str, kept: Row) -> str:
     """Return the page with its tables anew, as far as there are figures."""
-    for name, body in tables(kept).items():
-        before, _, rest = text.partition(f"<!-- {name} -->")
-        text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
-    return text
+    return filled(text, tables(kept))
 
 
 def tables(kept: Row) -> dict[str, str]:
@@ -47,11 +45,6 @@ def tables(kept: Row) -> dict[str, str]:
 def written(kept: Row) -> str:
     """Return the figures as JSON, a line for each cell."""
     return json.dumps(kept).replace('{"scenario"', '\n{"scenario"') + "\n"
-
-
-def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def measured(part: Row) -> str:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from estimators_page import DOCS, PAGE, figure, markdown
+from estimators_page import DOCS, PAGE, figure
 from estimators_page import FIGURES as STUDY
 from estimators_survey import survey
+from page_tables import filled, markdown
 
 __all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables", "written"]
 
@@ -33,10 +34,7 @@ def draw(kept: Row) -> None:
 
 def page(text: str, kept: Row) -> str:
     """Return the page with its tables anew, as far as there are figures."""
-    for name, body in tables(kept).items():
-        before, _, rest = text.partition(f"<!-- {name} -->")
-        text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
-    return text
+    return filled(text, tables(kept))
 
 
 def tables(kept: Row) -> dict[str, str]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from estimators_page import figure, markdown, mean_square
+from estimators_page import figure, mean_square
+from page_tables import markdown
 
 __all__ = ["CONCLUSIONS", "survey"]
 

@@ -18,12 +18,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from defaults import FIGURES, draw, laws, read, write
+from defaults_page import FIGURES, draw, laws, read, write
 from friction_laws import ARMS, LAWS, PLAIN, Arm, Effect, Moved, arm, course, needed
 from numpy.typing import NDArray
 
@@ -108,15 +108,8 @@ def groups(found: Identification) -> set[tuple[int, str]]:
     return out
 
 
-def study(
-    name: str,
-    law: str,
-    seed: int,
-    noise: float = NOISE,
-    duration: float = 20.0,
-    strength: float | Literal["auto"] = "auto",
-) -> Row:
-    """Simulate, identify by defaults and by the oracle, and compare; ``strength`` is that of the prior of both."""
+def study(name: str, law: str, seed: int, noise: float = NOISE, duration: float = 20.0) -> Row:
+    """Simulate, identify by defaults and by the oracle, and compare."""
     rng = np.random.default_rng([3, seed])
     n = len(ARMS[name])
     motions = {role: course(n, rng, speed, duration) for role, speed in (("train", 1.0), ("same", 1.0), ("fast", FAST))}
@@ -124,7 +117,7 @@ def study(
     logs = {role: one.record(motion, noise, rng, role) for role, motion in motions.items()}
     true = {role: one.torque(motion) for role, motion in motions.items()}
     effects = needed(one, motions["train"], noise)
-    recipe = Recipe(estimator=PhysicallyConsistent(strength=strength))
+    recipe = Recipe(estimator=PhysicallyConsistent())
     row: Row = {"arm": name, "law": law, "seed": seed}
     for way, how in (("auto", by_defaults), ("oracle", by_oracle)):
         began = time.process_time()

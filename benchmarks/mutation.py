@@ -24,83 +24,14 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from mutation_parts import EVERY, OPERATORS, PARTS, Part
+
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = Path("src/dynident")
 EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
 MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
 SLOWER, AT_LEAST = 5.0, 30.0  # a mutant is given this many times the time of its tests, and these seconds more
 SKIPPED = (".git", ".venv", "*-out", "site", "dist", "__pycache__", ".*_cache", ".hypothesis")
-RANK = ("tests/regression", "tests/laws/test_certified.py", "tests/estimators/test_least_squares.py")
-FITS = ("tests/estimators/constraints", "tests/estimators/physically_consistent")
-ESTIMATORS = (
-    "tests/estimators/test_least_squares.py",
-    *FITS,
-    "tests/laws/test_estimators.py",
-    "tests/laws/test_rank.py",
-)
-EVERY = ("tests/meta/test_nouns.py",)
-TERMS = ("tests/models/test_model.py", "tests/laws/test_rigid_bodies.py", "tests/laws/test_models.py")
-OPERATORS = tuple(
-    f"core/{name}"
-    for name in (
-        *("ReplaceBinaryOperator_" + pair for pair in ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Mul")),
-        *("ReplaceBinaryOperator_" + pair for pair in ("Mod_Mul", "Pow_Mul", "BitAnd_BitOr", "BitOr_BitAnd")),
-        *("ReplaceComparisonOperator_" + pair for pair in ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt")),
-        *("ReplaceComparisonOperator_" + pair for pair in ("Lt_GtE", "LtE_Gt", "Gt_LtE", "GtE_Lt", "Eq_NotEq")),
-        *("ReplaceComparisonOperator_" + pair for pair in ("NotEq_Eq", "Is_IsNot", "IsNot_Is")),
-        *("ReplaceUnaryOperator_" + pair for pair in ("Delete_USub", "Delete_Not", "Delete_Invert")),
-        *("ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr", "ReplaceOrWithAnd", "AddNot"),
-        *("ReplaceBreakWithContinue", "ReplaceContinueWithBreak", "ZeroIterationForLoop"),
-        *("NumberReplacer", "ExceptionReplacer"),
-    )
-)
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of the core: files below src/dynident, and tests that run after those that mirror a file."""
-
-    files: tuple[str, ...]
-    tests: tuple[str, ...]
-
-
-PARTS = {
-    "splines": Part(
-        tuple(
-            f"splines/{name}.py"
-            for name in ("banded", "bspline", "compiled", "noise", "rules", "search", "series", "spline")
-        ),
-        ("tests/splines/test_spline.py", "tests/splines/test_rules.py", "tests/smoothers/test_spline.py"),
-    ),
-    "spikes": Part(("splines/spikes.py",), ("tests/checks/test_channels.py",)),
-    "regression": Part(("regression/linear_problem.py", "regression/rank.py"), (*RANK, "tests/laws/test_rank.py")),
-    "base parameters": Part(("regression/base_parameters.py",), (*RANK, "tests/laws/test_rank.py")),
-    "estimators": Part(
-        ("estimators/least_squares.py", "estimators/physically_consistent/*.py", "estimators/constraints/*.py"),
-        ESTIMATORS,
-    ),
-    "maximum likelihood": Part(
-        ("estimators/maximum_likelihood/*.py",),
-        ("tests/estimators/maximum_likelihood", "tests/laws/test_estimators.py"),
-    ),
-    "calibration": Part(
-        ("identification/time_offset.py", "identification/base_tilt.py"),
-        ("tests/identification/test_time_offset.py", "tests/identification/test_base_tilt.py"),
-    ),
-    "hac": Part(("validation/hac.py",), ("tests/estimators/test_least_squares.py",)),
-    "verdict": Part(
-        ("identification/verdict/*.py", "report/verdict.py", "report/advice.py"),
-        ("tests/identification/test_verdict.py", "tests/report/test_wording.py", "tests/report/test_verdict.py"),
-    ),
-    "terms": Part(
-        tuple(
-            f"models/{name}.py"
-            for name in ("term", "model", "friction/*", "motor", "rigid_bodies", "lagrangian", "lumping")
-        ),
-        TERMS,
-    ),
-    "inertia": Part(("models/inertia.py",), ("tests/models/test_rigid_bodies.py", *FITS)),
-}
 
 
 @dataclass(frozen=True)

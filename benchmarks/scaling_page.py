@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from page_tables import filled, markdown
 
 from dynident.jobs.pace import SHARE, SLOWEST
 
@@ -45,21 +47,15 @@ def draw(kept: Figures) -> None:
 
 def page(text: str, kept: Figures) -> str:
     """Return the page with its tables anew, as far as there are figures."""
-    for name, table in TABLES.items():
-        if set(NEEDED.get(name, (name,))) <= set(kept):
-            before, _, rest = text.partition(f"<!-- {name} -->")
-            body = f"{table(kept)}\n\n{measured(kept[name])}" if name in kept else table(kept)
-            text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
-    return text
+    return filled(text, {
+        name: f"{table(kept)}\n\n{measured(kept[name])}" if name in kept else table(kept)
+        for name, table in TABLES.items()
+        if set(NEEDED.get(name, (name,))) <= set(kept)
+    })  # fmt: skip
 
 
 def measured(part: Figures) -> str:
     return f"Measured on {part['cores']} cores, at a load of {part['load']:g} by others."
-
-
-def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def stages(kept: Figures) -> str:

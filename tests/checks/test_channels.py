@@ -76,7 +76,7 @@ def test_torques_in_steps_are_only_coarse(step):
 def test_too_few_samples(count, errors):
     found = check_log(log().window(stop=T[count - 1]), {"elbow": "revolute"})
     assert [finding.message for finding in found if finding.topic == "samples"] == [
-        notes.TooFewSamples(count, 30)
+        notes.TooFewSamples(count, 30, pytest.approx(T[1]))
     ] * errors
 
 

@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, Topic, notes, run_checks, with_findings
+from dynident.checks import Finding, Topic, motion_notes, notes, robot_notes, run_checks, with_findings
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.errors import Severity
 from dynident.identification import Recipe, identify
 from dynident.log import Log, Motion
 from dynident.models import HasRobotFile, Model, RigidBodies
-from dynident.models.gallery import slider
+from dynident.models.gallery import slider, two_link_arm
 from dynident.report.finding_words import finding_words
 from dynident.smoothers import Butterworth, Difference, Spline
 from tests.checks import moving_arm
@@ -204,3 +204,16 @@ def test_a_dead_torque_explains_itself_and_spoils_nothing_of_the_others(dead: in
     assert {(one.topic, one.joint) for one in set(found.findings) - set(sound.findings)} == {
         (Topic.DEAD, moved.joints[dead])
     }
+
+
+def test_what_a_held_joint_shows_is_no_missing_term() -> None:
+    """Its wobble follows the torque, as if there were a spring."""
+    arm, rate, size = two_link_arm(), np.array([2.0, 3.0]), np.array([1.5, 1e-3])
+    x = rate * T[:, None]
+    q, dq, ddq = size * np.sin(x), size * rate * np.cos(x), -size * rate**2 * np.sin(x)
+    rng = np.random.default_rng(0)
+    tau = arm.torque(q, dq, ddq, arm.values) + q * [0, 2000] + 1e-3 * rng.standard_normal(q.shape)
+    names = tuple(joint.name for joint in arm.joints)
+    found = run_checks(arm, {"train": {"held": Log(T, q + 1e-6 * rng.standard_normal(q.shape), tau, names)}}).findings
+    assert [one.topic for one in found if isinstance(one.message, motion_notes.HardlyMoves)] == [Topic.STILL]
+    assert not [one for one in found if isinstance(one.message, robot_notes.MissingTerm) and one.joint == names[1]]

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from dynident.checks import ExcitedRank, motion_notes
-from dynident.checks.motion import excitation, excited_rank, limit_findings, rank_findings
+from dynident.checks.finding import Topic
+from dynident.checks.motion import excitation, excited_rank, held_findings, limit_findings, rank_findings
 from dynident.errors import Note
 from dynident.log import Motion
+from dynident.models import Joint, Model, Offset
 from dynident.models.gallery import slider, two_link_arm
 from dynident.models.robot_file import Limits
 from dynident.regression import Regression
@@ -66,10 +68,25 @@ def test_the_figures_are_those_of_the_motion_and_the_limits() -> None:
 
     low, high = (pytest.approx(x, rel=1e-3) for x in (-0.5, 0.5))
     assert note(motion(), replace(WIDE, upper=0.2)) == motion_notes.PositionBeyondLimits(low, high, -1, 0.2)
+    motor = note(motion(5.0), replace(WIDE, velocity=None))
+    assert isinstance(motor, motion_notes.PositionBeyondLimits)
+    assert motor.far
     assert note(motion(), replace(WIDE, velocity=0.5)) == motion_notes.VelocityAboveLimit(
         pytest.approx(1.0, rel=1e-3), 0.5
     )
     assert note(motion(0.5, 0.2), WIDE) == motion_notes.FewReversals(1)
+
+
+def test_a_joint_that_its_controller_holds_is_named() -> None:
+    t = np.arange(1001) * 0.01
+    q = np.column_stack([np.sin(t), 0.7 + 1e-3 * np.sin(9 * t), 0.02 * np.sin(3 * t), np.full(t.shape, 0.1)])
+    model = Model((Offset(tuple(map(Joint, "abcd"))),))
+    moved = Motion(t, q, np.gradient(q, t, axis=0), np.zeros(q.shape), np.ones(q.shape), tuple("abcd"), t >= 0)
+    (found,) = held_findings([excitation([moved], joint) for joint in "abcd"], model)
+    assert (found.joint, found.topic) == ("b", Topic.STILL)
+    assert found.message == motion_notes.HardlyMoves(
+        pytest.approx(2e-3, rel=0.01), pytest.approx(2.0, rel=0.01), pytest.approx(0.7), "rad"
+    )
 
 
 def test_a_current_is_suspected_only_far_beyond_the_limit() -> None:

@@ -14,9 +14,9 @@ from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
 from dynident.identification.verdict.unconstrained import held_back
-from dynident.identification.verdict.unknown import CommonGain, Zeros, unknowns
+from dynident.identification.verdict.unknown import CommonGain, Ratios, Zeros, unknowns
 from dynident.log import Log
-from dynident.models import Model, RigidBodies
+from dynident.models import Model, Offset, RigidBodies
 from dynident.models.gallery import slider
 from dynident.simulation import RunsAway
 from dynident.smoothers import Difference
@@ -351,3 +351,15 @@ def test_zeros_that_parameters_take_up_are_unknown(good: Identification) -> None
     model = Model((RigidBodies(urdf(*links, *bodies)),))
     found = replace(good, model=model, estimate=replace(good.estimate, value=np.asarray(model.values)))
     assert tuple(unknowns(found)) == (CommonGain(), Zeros(("turn", "wrist")))
+
+
+def test_the_lead_of_an_axis_that_acts_on_no_other_is_unknown(good: Identification) -> None:
+    bodies = [
+        joint("arm", "revolute", "base", "upper", axis=(0, 0, 1)),
+        joint("quill", "prismatic", "upper", "hand", (0.3, 0.0, 0.0), axis=(0, 0, 1)),
+    ]
+    file = RigidBodies(urdf(*(link(name, 2.0, (0.1, 0.02, 0.05)) for name in ("base", "upper", "hand")), *bodies))
+    for model, taken in ((Model((file,)), ("arm",)), (Model((file, Offset(file.joints))), ("arm", "quill"))):
+        values = np.append(np.asarray(Model((file,)).values), np.zeros(len(model.names) - len(file.parameters)))
+        found = replace(good, model=model, estimate=replace(good.estimate, value=values))
+        assert Ratios(taken) in tuple(unknowns(found)), "gravity tells the mass where no offset is beside it"

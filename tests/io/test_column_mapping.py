@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -205,6 +206,48 @@ def test_recorded_joints_that_do_not_move_in_any_log_are_locked():
     rest = map_columns(table(**{name: np.full(N, 0.1) for name in first}), (*ARM, finger))
     assert rest.still == ()  # a log at rest has no joint to identify at all
     assert len(rest.position) == 3
+
+
+def test_a_joint_that_its_controller_holds_is_locked():
+    wrist = JointFacts("wrist", "revolute", Limits(lower=-2, upper=2))
+    columns = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau")) | {"wrist_tau": wave(1.0)}
+    held = map_columns(table(**columns, wrist_q=0.7 + wave(2e-3)), (*ARM, wrist))
+    assert (held.still, list(held.position)) == (("wrist",), ["shoulder", "elbow"])
+    assert map_columns(table(**columns, wrist_q=0.7 + wave(0.05)), (*ARM, wrist)).still == ()
+
+
+def test_joints_that_columns_of_text_name_are_not_matched_by_order():
+    columns = signals(("field.position0", "field.position1"), ("field.effort0", "field.effort1"))
+    named = replace(table(**columns), texts={"field.name0": "elbow", "field.name1": "shoulder", "field.frame": "base"})
+    found = map_columns(named, ARM)
+    assert {joint: one.column for joint, one in found.position.items()} == {
+        "shoulder": "field.position1",
+        "elbow": "field.position0",
+    }
+    assert found.torque["elbow"].column == "field.effort0"
+    assert not any(one.question for one in found.position.values())
+    twice = replace(named, texts={"field.name0": "elbow", "field.name1": "elbow"})
+    assert "is this order right" in map_columns(twice, ARM).position["elbow"].question
+
+
+def test_stamps_of_rows_written_twice_are_not_asked_about():
+    twice = np.sort(np.append(T, T[50:200:50]))
+    columns = {name: np.resize(values, len(twice)) for name, values in signals().items()}
+    assert map_columns(table(time=twice, **columns), NUMBERED).time.question == ""
+    swapped = np.append(twice[:-2], twice[:-3:-1])
+    assert "do not increase" in map_columns(table(time=swapped, **columns), NUMBERED).time.question
+
+
+@pytest.mark.parametrize(("name", "size", "turn"), [("{}_q", 2 * np.pi, 2 * np.pi), ("{}_q [deg]", 360.0, 360.0)])
+def test_an_angle_that_starts_anew_is_seen(name, size, turn):
+    names = tuple(name.format(joint) for joint in ("shoulder", "elbow"))
+    columns = signals(names, ("shoulder_tau", "elbow_tau"))
+    columns[names[0]] = np.mod(wave(0.2 * size), size)
+    found = map_columns(table(**columns), ARM).position
+    assert found["shoulder"].wraps == pytest.approx(turn)
+    assert (found["shoulder"].question, found["elbow"].wraps) == ("", None)
+    columns[names[0]] = np.mod(wave(0.2 * size), 0.7 * size)  # a jump that is no turn
+    assert map_columns(table(**columns), ARM).position["shoulder"].wraps is None
 
 
 def test_dates_are_the_time_whatever_their_column_is_called():

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag1 import reader
+from rosbags.rosbag2 import storage_mcap
 
 from dynident.errors import InputError
 from dynident.io.bag_files import chunks_within_budget
@@ -194,7 +195,8 @@ FUZZ = settings(max_examples=60, deadline=None, suppress_health_check=[HealthChe
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    return {kind: write_bag(tmp_path_factory.mktemp("bags"), kind, ramp(20)).read_bytes() for kind in KINDS}
+    bags = {kind: write_bag(tmp_path_factory.mktemp("bags"), kind, ramp(20)).read_bytes() for kind in KINDS}
+    return bags.__getitem__  # Hypothesis shows it with an example that fails
 
 
 @FUZZ
@@ -205,11 +207,23 @@ def sound(tmp_path_factory):
     cut=st.booleans(),
 )
 def test_damaged_bags_are_explained(tmp_path, sound, kind, place, junk, cut):
-    data = sound[kind]
+    data = sound(kind)
     at = int(place * len(data))
     path = tmp_path / f"fuzz.{kind}"
     path.write_bytes(data[:at] + junk + (b"" if cut else data[at + len(junk) :]))
     reads_or_explains(path)
+
+
+def test_a_length_beyond_the_memory_is_damage(tmp_path, sound, monkeypatch):
+    path = tmp_path / "arm.mcap"
+    path.write_bytes(sound("mcap"))
+
+    def read(*_):
+        raise MemoryError  # of bytes that no file of this size holds
+
+    monkeypatch.setattr(storage_mcap, "read_sized", read)
+    with pytest.raises(InputError, match=r"arm\.mcap: a part of it is longer than the memory, .* record again"):
+        read_columns(path)
 
 
 @FUZZ

@@ -60,6 +60,21 @@ def test_other_separators_and_decimal_commas(tmp_path: Path) -> None:
     )
 
 
+def test_units_below_the_names_are_no_sample(tmp_path: Path) -> None:
+    one = reader(tmp_path, **{"column: t, unit": 'column: "t [ms]", unit:', "column: b, unit": "column: b, unit:"})
+    check(one, [HEAD, "[ms],-,-,[A],A,", *ROWS])
+
+
+def test_a_position_goes_on_where_its_column_starts_anew(tmp_path: Path) -> None:
+    one = reader(tmp_path, **{"column: a, unit": "column: a, wraps: 360, unit:"})
+    found = [one.push([HEAD, "0,350,1,1,1,"]), one.push(["1,5,1,1,1,", "2,nan,1,1,1,"])]
+    other = reader(tmp_path, **{"column: a, unit": "column: a, wraps: 360, unit:"})
+    other.restore(json.loads(json.dumps(one.state)))
+    found.append(other.push(["3,20,1,1,1,", "4,10,1,1,1,"]))
+    degrees = np.rad2deg(np.concatenate([part.q[:, 0] for part in found]))
+    np.testing.assert_allclose(degrees, [350, 365, np.nan, 380, 370])
+
+
 def test_objects_may_be_nested(tmp_path: Path) -> None:
     rows = [{"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]}, {"t": 10, "a": 90, "b": 1.5, "m": [1.0, 2.5], "note": None}]
     check(reader(tmp_path), [json.dumps(row) for row in rows])

@@ -30,6 +30,10 @@ TEXTS = {
     "a separator at the end": ("t,q,\n0,1,\n1,2,\n", {"t": [0, 1], "q": [1, 2]}),
     "an unnamed first column": (",q\n0,1\n", {"0": [0], "q": [1]}),
     "missing cells": ("t,q\n0,\n1,NaN\n2,NA\n3,inf\n", {"t": [0, 1, 2, 3], "q": [np.nan, np.nan, np.nan, np.inf]}),
+    "units below the names": (
+        "t;q;n\n[s];deg;-\n0;1.5;2\n1;2;3\n",
+        {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
+    ),
     "an empty column": ("t,q\n0,\n1,\n", {"t": [0, 1], "q": [np.nan, np.nan]}),
 }
 
@@ -41,6 +45,14 @@ def test_texts_are_read(tmp_path, text, expected):
     for name, values in expected.items():
         np.testing.assert_array_equal(table.column(name), values)
         assert not table.column(name).flags.writeable
+
+
+def test_a_commented_header_holds_where_rows_have_texts(tmp_path):
+    table = read_columns(written(tmp_path, "a.csv", "%time,name0,q0,q1\n0,elbow,0.0,0.0\n1,elbow,0.5,0.1\n"))
+    assert list(table.columns) == ["time", "q0", "q1"]
+    assert "elbow" in table.faults["name0"]
+    assert dict(table.texts) == {"name0": "elbow"}
+    assert list(read_columns(written(tmp_path, "b.csv", "# a,b\nt,state\n0,up\n")).columns) == ["t"]
 
 
 def test_other_encodings_of_the_header_are_read(tmp_path):

@@ -71,10 +71,10 @@ TRIED = ("none", "stribeck", "load", "dahl", "ripple", "asymmetric", "power")
 
 @pytest.fixture(scope="module")
 def rows(benchmarks: Path) -> list[dict[str, Any]]:
-    """Each law on an arm of three joints, the same noise in every run; neither fit has a prior to choose."""
+    """Each law on an arm of three joints, the same noise in every run."""
     assert benchmarks.is_dir()
     choice = import_module("friction_choice")
-    return [choice.study("three", law, seed=8, duration=14.0, strength=0.0) for law in TRIED]
+    return [choice.study("three", law, seed=8) for law in TRIED]
 
 
 def test_the_right_groups_are_found(rows: list[dict[str, Any]]) -> None:

@@ -22,7 +22,7 @@ from dynident.io.fields import Section
 from tests.cli.commands import run
 from tests.laws.extremes import as_yaml, base, changed, sections, trials, write_inputs
 
-TRIALS, SEED = int(os.environ.get("DYNIDENT_TRIALS", "70")), int(os.environ.get("DYNIDENT_SEED", "0"))
+TRIALS, SEED = int(os.environ.get("DYNIDENT_TRIALS", "120")), int(os.environ.get("DYNIDENT_SEED", "0"))
 LONGEST = 10.0  # s of processor time
 
 

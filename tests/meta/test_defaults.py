@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_page_shows_the_figures_that_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    defaults = importlib.import_module("defaults")
-    text = defaults.PAGE.read_text(encoding="utf-8")
-    assert defaults.page(text, defaults.read(defaults.FIGURES)) == text
-    assert text.count(", before |") == len(defaults.ROBOTS)
+    shown = importlib.import_module("defaults_page")
+    text = shown.PAGE.read_text(encoding="utf-8")
+    assert shown.page(text, shown.read(shown.FIGURES)) == text
+    assert text.count(", before |") == len(shown.ROBOTS)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import runpy
+import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-RUN = runpy.run_path(str(ROOT / "benchmarks" / "mutation.py"))
+with patch.object(sys, "path", [str(ROOT / "benchmarks"), *sys.path]):
+    RUN = runpy.run_path(str(ROOT / "benchmarks" / "mutation.py"))
 
 
 def test_parts_name_files_and_tests_that_exist() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dynident as dy
+from dynident.checks import Topic
 from dynident.errors import ConfigError, InputError, Step
 from dynident.ranking import Outcome, Ranking, run_comparison
 from dynident.report.ranking import ranking_findings
@@ -60,6 +61,13 @@ def test_each_smoother_has_its_own_time_offset(tmp_path: Path) -> None:
     assert second == own
     assert own == pytest.approx(-0.01, abs=3e-3)
     assert abs(first - own) > 1e-3
+
+
+def test_a_controller_that_did_not_run_is_said(tmp_path: Path) -> None:
+    loop = "simulation: { kind: pd, joints: { slider: { reference: { column: x, unit: m }, kp: 10, kd: 1 } } }\n"
+    found = run_comparison(make_project(tmp_path, more=loop), smoothers=[], estimators=[], folds=0)
+    assert [(one.source, one.joint, one.topic) for one in found.findings] == [("monday", "slider", Topic.LOOP)]
+    assert found.forbidding == ()
 
 
 def test_combinations_are_ranked_and_worse_ones_told(found: Ranking) -> None:

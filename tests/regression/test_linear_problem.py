@@ -1,18 +1,16 @@
-"""The streamed linear problem: blocks, masks, several motions, and the parallel filter."""
+"""The streamed linear problem: blocks, masks, and several motions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import InputError
 from dynident.estimators.linear import solve
 from dynident.log import Motion
 from dynident.models import Joint, Model, Parameter, Partials, Viscous
-from dynident.models.gallery import two_link_arm
 from dynident.regression import (
     ParallelFilter,
     Regression,
@@ -22,43 +20,16 @@ from dynident.regression import (
     stretches,
     triangularise,
 )
+from tests.regression.random_motion import ARM, THETA, drawn, holes, motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-ARM = two_link_arm()
-assert ARM.values is not None
-THETA = ARM.values
-RATE = 100.0
-
-
-def motion(
-    samples: int = 1000, noise: float = 0.1, mask: Mask | None = None, seed: int = 0, source: str = "made"
-) -> Motion:
-    """Random states, so that no column is smooth, with noise on the torque."""
-    rng = np.random.default_rng(seed)
-    q, dq, ddq = rng.normal(size=(3, samples, 2)) * np.array([1.0, 2.0, 10.0])[:, None, None]
-    tau = ARM.torque(q, dq, ddq, THETA) + noise * rng.normal(size=(samples, 2))
-    mask = np.ones(samples, dtype=bool) if mask is None else mask
-    return Motion(np.arange(samples) / RATE, q, dq, ddq, tau, ("joint1", "joint2"), mask, source)
-
-
-def holes(samples: int = 1000) -> Mask:
-    """Usable runs of 1, 96, 299 and all further samples; the first sample is not usable."""
-    mask = np.ones(samples, dtype=bool)
-    mask[[0, 2, 499]] = mask[99:200] = False
-    return mask
 
 
 def rows(motions: Sequence[Motion]) -> Array:
     """The whole matrix [Y_j | tau_j] of each joint, (n, N, p + 1), in one piece."""
     parts = [np.concatenate((ARM.regressor(m.q, m.dq, m.ddq), m.tau[:, :, None]), axis=2)[m.mask] for m in motions]
     return np.concatenate(parts).transpose(1, 0, 2)
-
-
-def drawn(found: Sequence[Motion], parallel_filter: ParallelFilter | None = None) -> tuple[Array, Array]:
-    """All blocks in one."""
-    blocks = list(Regression(ARM, tuple(found), parallel_filter).blocks())
-    return np.concatenate([block.Y for block in blocks]), np.concatenate([block.tau for block in blocks])
 
 
 @pytest.mark.parametrize("size", [1, 37, 512, 100_000])
@@ -210,115 +181,6 @@ def test_memory_does_not_grow_with_the_samples(
     assert found.samples == (5000 if parallel_filter is None else len(range(0, 5000, parallel_filter.decimate)))
     assert len(term.asked) > 5
     assert max(term.asked) <= most
-
-
-FILTERS = [
-    ParallelFilter(cutoff=20.0, order=2),
-    ParallelFilter(cutoff=45.0, order=3),
-    ParallelFilter(cutoff=25.0, order=1),
-    ParallelFilter(decimate=3),
-    ParallelFilter(decimate=7, cutoff=6.0),
-]
-every_filter = pytest.mark.parametrize("parallel_filter", FILTERS, ids=repr)
-
-
-@every_filter
-@pytest.mark.parametrize("size", [1, 64, 301])
-def test_filtered_pieces_fit_together(
-    monkeypatch: pytest.MonkeyPatch, parallel_filter: ParallelFilter, size: int
-) -> None:
-    """Pieces with overlap are what filtering each stretch at once gives, on one grid of decimation."""
-    monkeypatch.setattr(linear_problem, "BLOCK", size)
-    made = motion(3000, mask=holes(3000))
-    Y, tau = drawn((made,), parallel_filter)
-    sections = parallel_filter.sections(made)
-    whole = ARM.regressor(made.q, made.dq, made.ddq)
-    kept = [part for part in stretches(made.mask) if part.stop - part.start > 1]
-    for found, x in ((Y, whole), (tau, made.tau)):
-        direct = np.concatenate(
-            [parallel_filter.apply(sections, x[part])[:: parallel_filter.decimate] for part in kept]
-        )
-        np.testing.assert_allclose(found, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
-
-
-@every_filter
-def test_the_relation_survives_filter_and_decimation(parallel_filter: ParallelFilter) -> None:
-    made = motion(2000, noise=0.0, mask=holes(2000))
-    Y, tau = drawn((made,), parallel_filter)
-    np.testing.assert_allclose(tau, Y @ THETA, rtol=0, atol=1e-12 * np.abs(tau).max())
-    found = solve(Regression(ARM, (made,), parallel_filter).triangular_factors.stacked())
-    np.testing.assert_allclose(found.value, THETA, rtol=1e-9)
-
-
-@pytest.mark.parametrize(("pole", "samples"), [(0.0, 12), (0.5, 40), (-0.9, 263)])
-def test_memory_of_the_filter(pole: float, samples: int) -> None:
-    """The slowest pole's power falls to 1e-12; one at zero forgets at once."""
-    sections = np.array([[1.0, 1.0, 0.0, 1.0, -pole, 0.0]])
-    assert ParallelFilter(2).pad(sections) == samples
-    assert abs(pole) ** samples <= 1e-12
-
-
-def test_several_motions_are_filtered_one_by_one() -> None:
-    motions, parallel_filter = (motion(400, seed=1), motion(333, seed=2)), ParallelFilter(decimate=4)
-    apart = [drawn((one,), parallel_filter) for one in motions]
-    for together, parts in zip(drawn(motions, parallel_filter), zip(*apart, strict=True), strict=True):
-        np.testing.assert_array_equal(together, np.concatenate(parts))
-
-
-@pytest.mark.parametrize("frequency", [1.0, 5.0, 12.0])
-def test_gain_of_the_filter(frequency: float) -> None:
-    """Forward and backward: without phase, gain 1 / (1 + r^(2 order)), r the ratio of the warped frequencies."""
-    parallel_filter, samples = ParallelFilter(cutoff=5.0, order=2), 4000
-    made = motion(samples)
-    x = np.cos(2 * np.pi * frequency * made.t)
-    ratio = np.tan(np.pi * frequency / RATE) / np.tan(np.pi * 5.0 / RATE)
-    found = parallel_filter.apply(parallel_filter.sections(made), x)[500:-500]
-    np.testing.assert_allclose(found, x[500:-500] / (1 + ratio**4), atol=1e-6)
-
-
-def test_default_cutoff_is_four_fifths_of_half_the_remaining_rate() -> None:
-    made = motion()
-    stated = ParallelFilter(decimate=5, cutoff=0.8 * 0.5 * RATE / 5)
-    np.testing.assert_allclose(ParallelFilter(decimate=5).sections(made), stated.sections(made), rtol=1e-9)
-
-
-@pytest.mark.parametrize("used", [1, 2, 5])
-def test_stretches_shorter_than_the_filter(used: int) -> None:
-    """A single sample cannot be filtered; more give finite numbers."""
-    mask = np.zeros(100, dtype=bool)
-    mask[10 : 10 + used] = mask[40:] = True
-    Y, tau = drawn((motion(100, mask=mask),), ParallelFilter(cutoff=10.0))
-    assert len(tau) == 60 + (used if used > 1 else 0)
-    assert np.isfinite(Y).all()
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({}, "give decimate > 1, a cutoff in Hz, or both"),
-        ({"decimate": 0}, "decimate = 0"),
-        ({"decimate": 2.5}, "decimate = 2.5"),
-        ({"decimate": 2, "order": 0}, "order = 0"),
-        ({"decimate": 2, "order": 1.5}, "order = 1.5"),
-        ({"cutoff": 0.0}, "cutoff = 0.0 positive"),
-        ({"cutoff": -3.0}, "cutoff = -3.0 positive"),
-        ({"cutoff": float("nan")}, "cutoff = nan positive"),
-    ],
-)
-def test_wrong_settings_of_the_filter(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        ParallelFilter(**settings)
-
-
-def test_any_positive_cutoff_is_a_setting() -> None:
-    assert ParallelFilter(cutoff=1e-3).cutoff == 1e-3
-    assert ParallelFilter(cutoff=1.0, order=1).order == 1
-
-
-@pytest.mark.parametrize("cutoff", [50.0, 80.0, float("inf")])
-def test_cutoff_above_half_the_sampling_rate(cutoff: float) -> None:
-    with pytest.raises(ConfigError, match=rf"made: .* {cutoff:g} Hz does not lie below half .* \(50 Hz\)"):
-        _ = Regression(ARM, (motion(),), ParallelFilter(cutoff=cutoff)).triangular_factors
 
 
 def test_block_of_a_wrong_width_is_an_error() -> None:

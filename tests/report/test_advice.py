@@ -9,10 +9,10 @@ from dynident.errors import Severity
 from dynident.identification import HeldOut, Use, Verdict
 from dynident.identification.verdict import LargestResidual, WorstRun
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.unknown import CommonGain, Zeros
+from dynident.identification.verdict.unknown import CommonGain, Ratios, Zeros
 from dynident.report.advice import sentences
 from dynident.report.wording import words
-from dynident.validation import Driver
+from dynident.validation import Driver, Reversals, Ripple
 
 RUN = WorstRun("fast", "elbow", 2.54)
 
@@ -46,10 +46,11 @@ def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None
     plain = Verdict(Use.SIMULATION, (), (), HeldOut(4.0, 3.0, None), RUN, LargestResidual("elbow", "fast", ()))
     assert len(sentences(plain)) == 3
     assert sentences(plain)[2] == "The torque residual is largest in elbow (fast) and has no clear cause."
-    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")))})
+    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")), Ratios(("rail",)))})
     assert sentences(unknown)[3] == (
         "No data can show a factor that all torques share (wrong gains), which masses and friction take up, or a wrong "
-        "zero of turn, wrist: make sure of that by other means."
+        "zero of turn, wrist, or a wrong gear ratio, lead or unit of the position of rail: make sure of that by other "
+        "means."
     )
 
 
@@ -78,3 +79,43 @@ def test_reasons_hold_their_figures(reason: why.Reason, figures: tuple[str, ...]
         assert one in words(reason)
     if "more" not in figures[0]:
         assert "more" not in words(reason)
+
+
+def verdict(use: Use = Use.SIMULATION, *reasons: why.Reason, unfiltered: tuple[float, float] | None = None) -> Verdict:
+    residual = LargestResidual("a", "fast", (Reversals(), Ripple(26.0)))
+    return Verdict(use, reasons, (), HeldOut(4.0, 3.0, unfiltered), WorstRun("fast", "a", 2.5), residual)
+
+
+def test_a_good_model_in_three_sentences() -> None:
+    first, second, third = sentences(verdict())
+    assert first == (
+        "Good for simulation and control on motions like these: on held-out motion it leaves 4 % of the torque "
+        "unexplained, in training 3 %."
+    )
+    assert second == (
+        "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at most "
+        "2.5 % "
+        "of the motion (a, fast)."
+    )
+    assert third == (
+        "The torque residual is largest in a (fast) and points to friction around reversals and a ripple at 26 Hz."
+    )
+
+
+def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
+    given = (why.NoFreeRun(), why.InertiasFree(), why.NegativeValues(("Fv",)))
+    first, second, _ = sentences(verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)))
+    assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
+    assert second == (
+        "Not for simulation: no free simulation was run; the bodies' inertias were not constrained to be physically "
+        "consistent; and 1 more."
+    )
+
+
+def test_what_is_not_known_is_said() -> None:
+    nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
+    assert sentences(nothing) == (
+        "Do not use this model yet: no log was held out.",
+        "Against its use: no log was held out, so the error on unseen motion is not known.",
+        "The torque residual could not be tested.",
+    )

@@ -16,6 +16,13 @@ SAID = [
         "only 11 samples; at least 30 are needed: widen the window or record longer.",
     ),
     (
+        notes.TooFewSamples(20, 30, step=1.0),
+        (
+            "only 20 samples, 1 s apart; at least 30 are needed: is the `unit` of `time` right? Else widen the window "
+            "or record longer."
+        ),
+    ),
+    (
         notes.LongGap(0.102, 0.998, 51.0, 1),
         (
             "a gap of 0.102 s after t = 0.998 s (51 times the median step; the only one). Leave it out with "
@@ -306,6 +313,14 @@ SAID = [
         ),
     ),
     (
+        motion_notes.HardlyMoves(0.0016, 4.4, 0.70012, "rad"),
+        (
+            "the joint hardly moves in training, by 0.0016 rad where others move by up to 4.4: nothing is seen of its "
+            "friction and rotor, and where it does move its torque is not to be relied on. Record a motion of it, or "
+            "hold it in the model: `lock` it at 0.7001, and leave it out of `joints`, `position` and `torque`."
+        ),
+    ),
+    (
         motion_notes.FewReversals(1),
         (
             "the joint reverses only once: friction, offset and gravity are then strongly correlated. Record a "
@@ -317,6 +332,13 @@ SAID = [
         (
             "the position runs from -0.5 to 0.5, the file allows -1 to 0.2. Check the unit, the sign and `zero`, "
             "or the file's limits."
+        ),
+    ),
+    (
+        motion_notes.PositionBeyondLimits(-90.0, 110.0, -2.5, 2.5, far=True),
+        (
+            "the position runs from -90 to 110, the file allows -2.5 to 2.5. Is it in another unit, or of a motor "
+            "before its gear (see `transmission`)?"
         ),
     ),
     (

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from rich.console import Console
 
+from dynident.checks.motion_notes import LoopDiffers
 from dynident.errors import Finding, Severity
 from dynident.io.results import json_text
-from dynident.ranking import Outcome
+from dynident.ranking import Outcome, Ranked
 from dynident.report.ranking import ranking_dict, ranking_findings, ranking_heading, ranking_tables
 from dynident.report.terminal import terminal
 from tests.report.rankings import ranking, untold
@@ -63,6 +64,43 @@ def test_among_equals_nothing_is_changed() -> None:
     assert "Take smoother0 with estimator0" in said(replace(found, rows=(soon, fast, *found.rows[2:])))
 
 
+def test_what_is_surely_less_than_a_percent_worse_is_as_good() -> None:
+    found = ranking()
+    first, second, *others = found.rows
+    best = replace(first, combination=replace(first.combination, own=False), eigenvalue=0.1, seconds_estimate=0.7)
+    own = replace(second.combination, own=True)
+    near = replace(second, combination=own, error=3.02, interval=(0.01, 0.029), p_value=0.001, seconds_estimate=0.6)
+    hardly = replace(found, rows=(best, near, *others))
+    text = said(hardly)
+    assert "All others are worse by more than chance." in text
+    assert "Of those that are worse, 1 is so by less than 1 % of the error, which makes no difference in use." in text
+    assert "Take smoother1 with estimator0 (3.02 %): less than 1 % worse, and nothing is to be changed." in text
+    assert "is number 2 of 5 with 3.02 %, worse by more than chance, but by less than 1 % of the error." in text
+    assert [row[-1] for row in next(ranking_tables(hardly)).rows[:3]] == ["", "take, yours, hardly worse", "worse"]
+    assert ranking_dict(hardly)["as_good"] == [["smoother0", "estimator0"], ["smoother1", "estimator0"]]
+    far = replace(hardly, rows=(best, replace(near, interval=(0.01, 0.031)), *others))  # perhaps by more
+    assert far.choice is best
+    assert "makes no difference" not in said(far)
+    short = untold(hardly)
+    assert short.choice is short.best
+
+
+def test_why_the_best_is_taken_though_another_is_faster() -> None:
+    found = ranking()
+    first, second = found.rows[:2]
+    best = replace(first, eigenvalue=0.1)
+
+    def why(one: Ranked, other: Ranked) -> str:
+        return said(replace(found, rows=(one, other, *found.rows[2:])))
+
+    slow, fast = replace(second, seconds_estimate=first.seconds_estimate), replace(second, seconds_estimate=0.05)
+    assert "estimator0, as the configuration does: none of these is much faster." in why(best, slow)
+    assert "bodies are possible, which those of faster ones are not." in why(best, replace(fast, eigenvalue=-1.0))
+    unsettled = Outcome.UNSETTLED
+    assert "converged, which those of faster ones did not" in why(best, replace(fast, outcome=unsettled))
+    assert "converged, which that of the best did not." in why(replace(best, outcome=unsettled), second)
+
+
 def test_the_configured_combination_has_its_place() -> None:
     found = ranking()
     own = replace(found.rows[3], combination=replace(found.rows[3].combination, own=True))
@@ -100,6 +138,9 @@ def test_what_forbids_any_model_comes_first() -> None:
     finding = Finding(Severity.ERROR, "elbow", "turns <b>the other way</b>", source="monday")
     first = ranking_findings(replace(ranking(), findings=(finding,)))[0]
     assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>"
+    loop = replace(finding, severity=Severity.WARNING, message=LoopDiffers(0.7))
+    first = ranking_findings(replace(ranking(), findings=(loop,)))[0]
+    assert first.startswith("What simulates is as right as its controller: monday: elbow: ")
 
 
 def test_what_is_not_known_is_not_claimed() -> None:

@@ -11,32 +11,20 @@ from dynident.checks import notes as findings
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
 from dynident.identification import (
-    BaseTilt,
-    Choice,
-    Gain,
-    HeldOut,
-    LargestResidual,
     Reason,
     Remedy,
-    Rests,
     Step,
-    TimeOffset,
-    Use,
-    Verdict,
-    WorstRun,
 )
-from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict import steps
 from dynident.models.gallery import two_link_arm
 from dynident.regression import UnexcitedParameters
-from dynident.report import advice, excitation_words
+from dynident.report import excitation_words
 from dynident.report import payload as payload_report
 from dynident.report.finding_words import finding_words
 from dynident.report.wording import Line, note_lines, words
 from dynident.report.words import percent
 from dynident.simulation import Broken, Failure, RunsAway, Singular
-from dynident.smoothers import Difference, Spline
-from dynident.validation import Cause, Driver, FrictionLevel, HighFrequency, LowFrequency, Reversals, Ripple
+from dynident.validation import Cause, FrictionLevel, HighFrequency, LowFrequency, Reversals, Ripple
 
 
 def kinds(base: type) -> list[type]:
@@ -175,23 +163,6 @@ def test_a_noun_without_words_is_an_error() -> None:
         (Singular(), "the mass matrix is singular"),
         (Broken("no torque"), "no torque"),
         (
-            TimeOffset(0.005, 4.0, 2.0),
-            "positions are stamped 5 ms later than torques; with it, the training error is 2 % instead of 4 %",
-        ),
-        (
-            TimeOffset(-0.005, 4.0, 2.0),
-            "torques are stamped 5 ms later than positions; with it, the training error is 2 % instead of 4 %",
-        ),
-        (TimeOffset(0.0, 4.0, 4.0), "none, as none lowers the training error (4 %)"),
-        (
-            TimeOffset(0.0, 4.0, 4.0, 1e-4),
-            "none, as none lowers the training error (4 %) significantly; its standard error would be 0.1 ms",
-        ),
-        (
-            TimeOffset(0.0021, 4.0, 2.0, 2e-4),
-            "positions are stamped 2.1 +- 0.2 ms later than torques; with it, the training error is 2 % instead of 4 %",
-        ),
-        (
             notes.MotionCorrected("Izz1 + Ia1", 3.21),
             (
                 "smoothing and the noise left in the motion bias least squares, Izz1 + Ia1 by 3.2 standard errors; "
@@ -212,95 +183,10 @@ def test_a_noun_without_words_is_an_error() -> None:
                 "3.2 of them, too much to be corrected; use the estimator maximum_likelihood"
             ),
         ),
-        (
-            BaseTilt(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0),
-            (
-                "the base is tilted by 1.15 deg about x and -2.01 deg about y (+- 0.06 and 0.11); with it, the "
-                "training error is 2 % instead of 4 %"
-            ),
-        ),
-        (
-            BaseTilt(0.0, 0.0, (1e-3, 2e-3), 4.0, 4.0, Gain(31.2, 4.1), (1.57, 0.0)),
-            (
-                "the base is taken as level (+- 0.06 and 0.11 deg about x and y): the best tilt would gain 31 +- 4.1 % "
-                "of the squared cross-validated error, but is 90.0 deg about x and 0.0 deg about y, more than a "
-                "mounting error"
-            ),
-        ),
-        (
-            TimeOffset(0.0, 2.0, 2.0, 1e-3, Gain(-9.94, 12.2)),
-            (
-                "none, as the best one does not predict left-out stretches better: -9.9 +- 12 % of the squared "
-                "cross-validated error"
-            ),
-        ),
-        (
-            Rests("a", 4.7, 0.52, 0.0),
-            "a: 4.7 s at its start and 0.52 s at its end, where the arm is at rest, are left out of fit and errors",
-        ),
-        (
-            Rests("a", 0.0, 1.2, 2.5, Gain(12.3, 1.2)),
-            (
-                "a: 1.2 s at its end, where the arm is at rest, are left out of fit and errors; rests of 2.5 s within "
-                "are left out of the fit, which gains 12 +- 1.2 % of the squared cross-validated error in motion"
-            ),
-        ),
-        (
-            Rests("a", 0.0, 0.0, 2.5, Gain(1.0, 2.0)),
-            (
-                "a: rests of 2.5 s within are fitted: without them 1 +- 2 % of the squared cross-validated error in "
-                "motion would be gained"
-            ),
-        ),
-        (Rests("a", 0.0, 0.0, 2.5), "a: rests of 2.5 s within are counted in its errors"),
-        (
-            Choice(Difference(), (Difference(), Spline()), (1.5, np.inf)),
-            (
-                "forward differences, by the cross-validated torque error on the training logs (forward differences: "
-                "1.5 %; smoothing spline, S = n: cannot smooth these logs)"
-            ),
-        ),
         (Origin(Measure.RESIDUAL), "residual of the fit"),
         (Origin(Measure.SCATTER), "scatter between neighbouring samples"),
         (Origin(None, ("a",)), "as given"),
         (Origin(Measure.SCATTER, ("a",)), "as given for a; else scatter between neighbouring samples"),
-        (why.NegativeValues(tuple("abcdefg")), "negative values, which are not physical: a, b, c, d, e and 2 more"),
-        (
-            why.JointErrorsTooLarge("fast", (("a", 40.0), ("b", 26.4)), 25.0),
-            "on fast some joints have a torque error above 25 %: a 40 %, b 26.4 %",
-        ),
-        (
-            why.UnfilteredErrorTooLarge("fast", 26.0, 25.0),
-            "unfiltered, the torque error on fast is 26 %, above 25 %",
-        ),
-        (why.TorqueErrorTooLarge("fast", 11.0, 10.0), "the torque error on fast is 11 %, above 10 %"),
-        (
-            why.NotCarriedOver("fast", 2.51),
-            "the error on fast is 2.5 times the training error: the model does not generalise",
-        ),
-        (
-            why.Repeats((("b", "a"),)),
-            "b repeats the motion of a: the error on another motion is not known",
-        ),
-        (
-            why.SilentTorque(("a", "b")),
-            "the torque of a, b does not change in any training log",
-        ),
-        (why.MassMatrixNotPositive(-0.1), "the mass matrix is not positive definite (eigenvalue -0.1)"),
-        (why.MostlyUnexcited(3, 7), "the data do not excite 3 of 7 base parameters"),
-        (
-            why.PartlyUnexcited(1, 7),
-            "the data do not excite 1 of 7 base parameters: motions that do are not predicted",
-        ),
-        (why.FreeRunFails(("a", "b"), Singular()), "the free simulation of a, b fails: the mass matrix is singular"),
-        (
-            why.FreeRunAstray("fast", "a", 30.0, Driver.TORQUE, 0.5),
-            "the free simulation of fast has an error of 30 % of the motion of a within 0.5 s of the measured torque",
-        ),
-        (
-            why.FreeRunAstray("fast", "a", 2.0, Driver.CONTROLLER, None),
-            "the free simulation of fast has an error of 2 % of the motion of a in the controller's loop",
-        ),
         (
             steps.Sharpen("M", 5.0, 4.0, 43.2, steps.ExcitingMotion.ACCELERATE, "a"),
             (
@@ -389,46 +275,6 @@ def test_lines_say_how_serious_a_note_is() -> None:
         Line("Warning: stale.", Severity.WARNING),
         Line("Note: each 3 neighbouring samples were averaged", Severity.INFO),
     ]
-
-
-def verdict(use: Use = Use.SIMULATION, *reasons: Reason, unfiltered: tuple[float, float] | None = None) -> Verdict:
-    residual = LargestResidual("a", "fast", (Reversals(), Ripple(26.0)))
-    return Verdict(use, reasons, (), HeldOut(4.0, 3.0, unfiltered), WorstRun("fast", "a", 2.5), residual)
-
-
-def test_a_good_model_in_three_sentences() -> None:
-    first, second, third = advice.sentences(verdict())
-    assert first == (
-        "Good for simulation and control on motions like these: on held-out motion it leaves 4 % of the torque "
-        "unexplained, in training 3 %."
-    )
-    assert second == (
-        "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at most "
-        "2.5 % "
-        "of the motion (a, fast)."
-    )
-    assert third == (
-        "The torque residual is largest in a (fast) and points to friction around reversals and a ripple at 26 Hz."
-    )
-
-
-def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
-    given = (why.NoFreeRun(), why.InertiasFree(), why.NegativeValues(("Fv",)))
-    first, second, _ = advice.sentences(verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)))
-    assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
-    assert second == (
-        "Not for simulation: no free simulation was run; the bodies' inertias were not constrained to be physically "
-        "consistent; and 1 more."
-    )
-
-
-def test_what_is_not_known_is_said() -> None:
-    nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
-    assert advice.sentences(nothing) == (
-        "Do not use this model yet: no log was held out.",
-        "Against its use: no log was held out, so the error on unseen motion is not known.",
-        "The torque residual could not be tested.",
-    )
 
 
 def test_shares_are_no_powers_of_ten() -> None:

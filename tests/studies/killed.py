@@ -22,7 +22,7 @@ from dynident.studies import run_study
 from dynident.studies.table import study_table
 from tests.studies.work import LEVELS, Mean, Still
 
-KILLS, RUNS, STEP = 11, 160, 16
+KILLS, RUNS, STEP = 22, 320, 32
 
 
 class Slow(Mean):
@@ -73,7 +73,7 @@ def main(seed: int, path: Path) -> None:
     whole, rng = time.monotonic() - began, np.random.default_rng(seed)
     for _ in range(KILLS):
         child = forked(path)
-        time.sleep(rng.uniform(0.0, whole / 6))
+        time.sleep(rng.uniform(0.0, whole / 12))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
     os.waitpid(forked(path), 0)

@@ -10,6 +10,7 @@ from dynident.checks.beside import with_findings
 from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, rest
 from dynident.checks.check import CheckResult, run_checks
 from dynident.checks.finding import Finding, Topic, reading_line, require
+from dynident.checks.loop import loop_findings
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words
 from dynident.checks.relative_gains import relative_gains
@@ -36,6 +37,7 @@ __all__ = [
     "check_robot",
     "joint_facts",
     "link_facts",
+    "loop_findings",
     "notes",
     "reading_line",
     "reading_words",

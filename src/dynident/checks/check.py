@@ -16,10 +16,19 @@ from dynident.checks.fit import compensation_findings, friction_findings, repeat
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.loop import loop_findings
 from dynident.checks.missing import tried_by
-from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
+from dynident.checks.motion import (
+    Excitation,
+    ExcitedRank,
+    excitation,
+    excited_rank,
+    held_findings,
+    limit_findings,
+    rank_findings,
+)
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
 from dynident.checks.robot import JointFacts, LinkFacts, check_robot, link_facts
+from dynident.checks.robot_notes import MissingTerm
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.checks.units import radian_findings, thin
@@ -223,6 +232,7 @@ def _moving(
     seen = excited_rank(model, fitted, recipe.unfitted)  # an error where few are usable
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
+    findings += held_findings(excitations, model)
     findings += _of_motion(model, motions, excitations, agreements)
     few = thin(model, motions, min_speed)
     for look in (radian_findings, compensation_findings, friction_findings, slow_findings):
@@ -304,6 +314,8 @@ def _faults(
         findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
     silent = {one.joint for one in findings if one.topic in SILENT}
     found = [one for one in found if one.topic is not Topic.UNEXPLAINED or one.joint not in silent]
+    held = {one.joint for one in findings if one.topic is Topic.STILL}  # what a wobble shows is no term
+    found = [one for one in found if one.joint not in held or not isinstance(one.message, MissingTerm)]
     return [*findings, *found, *pairs]
 
 

@@ -11,18 +11,28 @@ from numpy.typing import NDArray
 from dynident.checks import motion_notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
+from dynident.identification import hardly_moving
 from dynident.log import Motion
 from dynident.models import Model
 from dynident.models.robot_file import Limits
 from dynident.regression import Regression, UnexcitedParameters, base_parameters, compare, structural_base_parameters
 
-__all__ = ["Excitation", "ExcitedRank", "excitation", "excited_rank", "limit_findings", "rank_findings"]
+__all__ = [
+    "Excitation",
+    "ExcitedRank",
+    "excitation",
+    "excited_rank",
+    "held_findings",
+    "limit_findings",
+    "rank_findings",
+]
 
 Array = NDArray[np.float64]
 
 SLOW = 0.02  # of the peak speed: below, a joint hardly moves
 OVER = 1.02  # x the limit
 BEYOND = 0.02  # share of the range (or rad, m) past a limit of position
+FAR = 3.0  # times the range that the file allows
 MOVING = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
 FEW = 2  # reversals below which friction and offset are strongly correlated
 ILL = 1e4  # condition number of the base parameters above which they are strongly correlated
@@ -85,6 +95,17 @@ def _reversals(dq: Array, floor: float) -> int:
     return int(np.count_nonzero(np.diff(signs)))
 
 
+def held_findings(moved: Sequence[Excitation], model: Model) -> Iterator[Finding]:
+    """Yield the joints that only give way a little where controllers hold them: what is fitted is no friction."""
+    reach, kinds = np.array([one.upper - one.lower for one in moved]), [joint.kind for joint in model.joints]
+    for one, joint, held in zip(moved, model.joints, hardly_moving(reach, kinds), strict=True):
+        if held and one.upper > one.lower:  # of one that never moves, its log says so
+            largest = max(x for x, kind in zip(reach.tolist(), kinds, strict=True) if kind == joint.kind)
+            middle = (one.lower + one.upper) / 2
+            note = motion_notes.HardlyMoves(one.upper - one.lower, largest, middle, joint.unit)
+            yield Finding(Severity.WARNING, one.joint, note, Topic.STILL)
+
+
 def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Iterator[Finding]:
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
     joint = found.joint
@@ -101,7 +122,8 @@ def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
         return
     slack = BEYOND * max(limits.upper - limits.lower, 1.0)
     if found.lower < limits.lower - slack or found.upper > limits.upper + slack:
-        note = motion_notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper)
+        far = found.upper - found.lower > FAR * (limits.upper - limits.lower)
+        note = motion_notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper, far)
         yield Finding(Severity.WARNING, found.joint, note, Topic.POSITION_LIMIT)
 
 

@@ -12,6 +12,7 @@ __all__ = [
     "EffortAboveLimit",
     "EffortFarBelowLimit",
     "FewReversals",
+    "HardlyMoves",
     "LoopDiffers",
     "LoopGain",
     "LoopUnused",
@@ -28,6 +29,16 @@ class FewReversals(Note):
     """How often a joint reverses."""
 
     count: int
+
+
+@dataclass(frozen=True)
+class HardlyMoves(Note):
+    """How far a joint moves in all of the training, about ``near``, and the joint that moves the most (rad or m)."""
+
+    span: float
+    largest: float
+    near: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -68,12 +79,13 @@ class LoopVelocity(Note):
 
 @dataclass(frozen=True)
 class PositionBeyondLimits(Note):
-    """The range of a position, and the one that the robot file allows (rad or m)."""
+    """The range of a position, and the one that the robot file allows (rad or m); ``far`` beyond it is a motor's."""
 
     lower: float
     upper: float
     least: float
     most: float
+    far: bool = False
 
 
 @dataclass(frozen=True)

@@ -38,10 +38,11 @@ class ReadingNote(Note):
 
 @dataclass(frozen=True)
 class TooFewSamples(ReadingNote):
-    """A log has fewer samples than ``least``, which can be smoothed."""
+    """A log has fewer samples than ``least``, which can be smoothed; ``step`` (s) is what they are apart."""
 
     samples: int
     least: int
+    step: float = 0.0
 
 
 @dataclass(frozen=True)

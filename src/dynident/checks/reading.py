@@ -10,6 +10,8 @@ from dynident.errors import Note
 
 __all__ = ["reading_words"]
 
+SLOW = 0.15  # s: samples further apart may be stamped in another unit
+
 
 @singledispatch
 def reading_words(note: Note) -> str:
@@ -17,17 +19,25 @@ def reading_words(note: Note) -> str:
     raise TypeError(f"there is no text for {type(note).__name__}")
 
 
+def _instant(t: float) -> str:
+    """Return a time to 0.1 ms, also of a clock that began long ago."""
+    return f"{round(t, 4):.15g}"
+
+
 @reading_words.register
 def _(note: notes.TooFewSamples) -> str:
     held = "one sample" if note.samples == 1 else f"{note.samples} samples"
-    return f"only {held}; at least {note.least} are needed: widen the window or record longer."
+    apart, remedy = "", "widen the window or record longer."
+    if note.step > SLOW:
+        apart, remedy = f", {note.step:.3g} s apart", f"is the `unit` of `time` right? Else {remedy}"
+    return f"only {held}{apart}; at least {note.least} are needed: {remedy}"
 
 
 @reading_words.register
 def _(note: notes.LongGap) -> str:
     every = "the only one" if note.count == 1 else f"{note.count} such gaps in all"
     return (
-        f"a gap of {note.length:.4g} s after t = {note.after:.6g} s "
+        f"a gap of {note.length:.4g} s after t = {_instant(note.after)} s "
         f"({note.ratio:.0f} times the median step; {every}). "
         "Leave it out with a window, or set `gaps: split` to smooth each piece separately."
     )
@@ -105,8 +115,9 @@ def _(note: notes.EquallySpaced) -> str:
 def _(note: log_notes.WrappedPosition) -> str:
     times = "once" if note.count == 1 else f"{note.count} times"
     return (
-        f"the position wraps: it jumps {times} by {note.period:.5g}, its whole range, first after sample {note.row} "
-        f"(t = {note.time:.6g} s). Unwrap it in the file, for example with numpy.unwrap(q, period={note.period:.5g})."
+        f"the position wraps: it jumps {times} by {note.period:.5g} rad, its whole range, first after sample "
+        f"{note.row} (t = {_instant(note.time)} s). Set `wraps` in its position channel: the value at which the column "
+        "starts anew, such as 360 for degrees or 6.283185307179586 for rad."
     )
 
 

@@ -173,7 +173,8 @@ def _long_steps(log: Log) -> NDArray[np.intp]:
 def samples(log: Log) -> Iterator[Finding]:
     """Yield an error where the log is too short."""
     if len(log) < MINIMUM_SAMPLES:
-        yield Finding(Severity.ERROR, None, notes.TooFewSamples(len(log), MINIMUM_SAMPLES), Topic.SAMPLES)
+        step = float(np.median(np.diff(log.t))) if len(log) > 1 else 0.0
+        yield Finding(Severity.ERROR, None, notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step), Topic.SAMPLES)
 
 
 def gaps(log: Log) -> Iterator[Finding]:

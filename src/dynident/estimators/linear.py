@@ -80,7 +80,8 @@ class LinearFit:
     ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``, and ``whitening``. Where errors of
     the motion count in the fit, ``information`` (p, p) is that of all; with residuals that are ``correlated`` it
     allows for that. ``sigma`` (n) is the standard deviation of each joint's residual where that is not its rms.
-    ``notes`` say what was not as it should be.
+    Where a prior draws it, ``plain`` is the fit without: what the prior moves that by may be an error. ``notes`` say
+    what was not as it should be.
     """
 
     factor: Array
@@ -94,6 +95,7 @@ class LinearFit:
     whitening: Whitening | None = None
     sigma: Array | None = None
     correlated: bool = False
+    plain: LinearFit | None = None
 
     __repr__ = brief
 
@@ -106,6 +108,11 @@ class LinearFit:
     def variance(self) -> float:
         """The variance of the weighted residual."""
         return self.solution.rss / max(self.total - self.directions.rank, 1)
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance (p, p) of the solution without constraints and without a prior."""
+        return self.directions.covariance(self.variance) if self.plain is None else self.plain.covariance
 
     def residual(self, problem: Problem, value: Array) -> Residual:
         """Return what ``value`` (p) leaves of the torque of a problem."""
@@ -130,7 +137,7 @@ def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
     return Estimate(
         parameters=parameters,
         value=found.value,
-        covariance=fit.directions.covariance(fit.variance),
+        covariance=fit.covariance,
         determined=Determined(found.rank, found.condition, fit.directions),
         residual=fit.residual(problem, found.value),
         notes=(*_notes(fit.directions, problem.model.names), *fit.notes),

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynident.errors import InputError, MissingInputError
 from dynident.estimators.estimator import Problem
 from dynident.log import Controller, Log, Motion
-from dynident.simulation import Broken, Failure, RunsAway
+from dynident.simulation import Broken, Failure, RunsAway, Simulated
 
-__all__ = ["controller_of", "log_of", "no_controller", "not_simulated", "reason_of"]
+__all__ = ["controller_of", "failure_of", "log_of", "no_controller", "not_simulated", "reason_of"]
+
+AWAY, LEAST = 30.0, 0.1  # times the range of the recorded motion; of the widest range, what counts as that of a joint
 
 
 def log_of(problem: Problem, k: int) -> Log | None:
@@ -32,6 +37,17 @@ def no_controller(motion: Motion, what: str, instead: str) -> MissingInputError:
         "and reference in the section `simulation` (kinds cascade, pd, pid, file.py:function; in Python "
         f"Log.controller), or {instead}."
     )
+
+
+def failure_of(run: Simulated, q: NDArray[np.float64]) -> Failure | None:
+    """Return why a simulated loop is of no use beside the recorded positions q (N, n): it failed, or a joint is many
+    times the range of its motion away, which limits of the drives may keep finite; None where it is of use."""
+    if run.failure is not None:
+        return run.failure
+    span = np.ptp(q, axis=0)
+    size = np.where(span.max(initial=0.0) > 0, np.maximum(span, LEAST * span.max(initial=0.0)), np.inf)
+    far = np.flatnonzero((np.abs(run.q - q) > AWAY * size).any(axis=1))
+    return RunsAway(float(run.t[far[0]] - run.t[0])) if len(far) else None
 
 
 def reason_of(failure: Failure) -> str:

@@ -44,9 +44,10 @@ class Ridge:
     the others (ten blocks), and 0 unless that gains more than one standard error and 1 %. Joints are weighted by
     their residuals. What the data do not determine is at the prior, whatever the strength.
 
-    A penalty biases the estimate, towards the prior: what it moves a value by counts as an error in the covariance, so
-    that intervals hold wherever those of least squares do. What the data hardly determine gains; what they determine
-    well cannot. A. E. Hoerl and R. W. Kennard (1970), "Ridge regression: biased estimation for nonorthogonal problems".
+    A penalty biases the estimate, towards the prior. The covariance is that of least squares, and the square of what
+    the prior moves a value by, which may be an error: intervals hold wherever those of least squares do, whatever the
+    prior, and are too wide where it is right. What the data hardly determine gains; what they determine well cannot.
+    A. E. Hoerl and R. W. Kennard (1970), "Ridge regression: biased estimation for nonorthogonal problems".
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -59,7 +60,7 @@ class Ridge:
     >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
     ...     print(f"{name} = {value:.4f} +- {std:.5f}")
     J = 0.0855 +- 0.00308
-    h = 0.2585 +- 0.00866
+    h = 0.2585 +- 0.00867
     """
 
     prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
@@ -133,7 +134,9 @@ class Ridge:
             strength = _chosen(problem, prior, weights, scale, self.tolerance)
             notes = (DrawnToPrior(strength),) if strength else ()
         leaning = drawn(known, prior, strength)
-        return known, leaning, _rows(leaning, problem, triangular.total, weights, notes)
+        plain = _rows(known, problem, triangular.total, weights)
+        rows = _rows(leaning, problem, triangular.total, weights)
+        return known, leaning, replace(rows, notes=notes, plain=plain)
 
     def _prior(self, model: Model) -> Array:
         """Return the prior (p), nan where a parameter has none."""
@@ -166,7 +169,7 @@ def _known(
     return read(factor, scale, rank, triangular.total)
 
 
-def _rows(leaning: Information, problem: Problem, total: int, weights: Array, notes: tuple[Note, ...]) -> LinearFit:
+def _rows(leaning: Information, problem: Problem, total: int, weights: Array) -> LinearFit:
     """Return rows of which the solution is the base and the covariance that of the informed directions."""
     p, k = len(leaning.base), leaning.rank
     turned = np.linalg.inv(np.concatenate([leaning.informed, leaning.free], axis=1) / leaning.scale[:, None])
@@ -175,7 +178,7 @@ def _rows(leaning: Information, problem: Problem, total: int, weights: Array, no
     factor[:k, p] = factor[:k, :p] @ leaning.base
     factor[p, p] = np.sqrt(max(total - k, 1))  # the variance of a row is one
     rank = rank_of(factor, problem.model.parameters, None, leaning.directions)
-    return LinearFit(factor, rank, total, weights, notes=notes)
+    return LinearFit(factor, rank, total, weights)
 
 
 def _chosen(problem: Problem, prior: Array, weights: Array, scale: Array, tolerance: float | None) -> float:

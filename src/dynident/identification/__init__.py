@@ -18,7 +18,7 @@ from dynident.identification.long import InPieces, Prepared, finished, prepared
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength
 from dynident.identification.recipe import Recipe
 from dynident.identification.reducer import Reduced
-from dynident.identification.rests import Rests, moving_span, resting, whole_rests
+from dynident.identification.rests import Rests, hardly_moving, moving_span, resting, whole_rests
 from dynident.identification.result import (
     Calibration,
     Identifiability,
@@ -97,6 +97,7 @@ __all__ = [
     "find_prior_strength",
     "find_time_offset",
     "finished",
+    "hardly_moving",
     "has_gravity",
     "identify",
     "judge",

@@ -6,7 +6,7 @@ predicts the torque in motion better.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 from weakref import WeakKeyDictionary
@@ -21,7 +21,7 @@ from dynident.models import Model
 from dynident.smoothers import position_noise, repaired
 from dynident.splines import stretches
 
-__all__ = ["Rests", "moving_span", "resting", "trimmed", "whole_rests", "without_rests"]
+__all__ = ["Rests", "hardly_moving", "moving_span", "resting", "trimmed", "whole_rests", "without_rests"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,6 +30,8 @@ NOISE, PACE = 8.0, 0.01  # times the noise, share of the usual pace: what a join
 CREEP, FAR = 0.01, 0.05  # shares of the range of a joint that it may creep in a rest, and may not whatever its noise
 SHORTEST, CROSSING = 0.5, 0.1  # s, and share of the time in which the fastest joint crosses its range
 MARGIN = 3  # blocks of a rest that stay at an end, for the smoother
+HELD = 5e-3  # of the largest range of a joint of its kind: a joint whose range is less is held by its controller
+HELD_WITHIN = {"revolute": 0.02, "prismatic": 1e-3}  # rad, m: likewise, a joint whose range is more does move
 FEWEST = 200  # samples that must be left of a log
 ROWS = 10_000  # samples with which it is decided on the rests within
 
@@ -106,6 +108,17 @@ def _moving(log: Log) -> tuple[int, int]:
     rests = whole_rests(log)
     first = rests[0].stop if rests and rests[0].start == 0 else 0
     return first, rests[-1].start if rests and rests[-1].stop == len(log) else len(log)
+
+
+def hardly_moving(reach: Array, kinds: Sequence[str]) -> Mask:
+    """Return which joints (n) are held while others move, by how far they move (n) in all recordings, in rad or m.
+
+    A controller that holds a joint lets it give way a little; nothing is seen there of its friction. ``kinds`` are
+    "revolute" or "prismatic".
+    """
+    of_kind = np.asarray(kinds)
+    largest = np.array([reach[of_kind == kind].max() for kind in kinds])
+    return np.asarray((reach < HELD * largest) & (reach < [HELD_WITHIN[kind] for kind in kinds]))
 
 
 def moving_span(log: Log) -> tuple[float, float]:

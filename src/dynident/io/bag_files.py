@@ -52,7 +52,7 @@ def chunks_within_budget(path: Path) -> Iterator[None]:
     """Let the library rosbags decompress within a budget: a 32nd of a file's, and 100 times what is compressed.
 
     One bag at a time, as rosbags holds its decompressors in tables of its modules; they are put back. Raises InputError
-    inside where a chunk holds more.
+    where a chunk holds more, and where a length is beyond the memory.
     """
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import reader as ros2
@@ -70,6 +70,11 @@ def chunks_within_budget(path: Path) -> Iterator[None]:
             for table, replaced in tables:
                 table |= {name: replaced[name] for name in replaced if name in table}
             yield
+        except MemoryError as error:  # rosbags takes any length that a bag gives for true
+            raise InputError(
+                f"{path}: a part of it is longer than the memory, as where a length in it is damaged; record again, or "
+                "write what you need to another bag."
+            ) from error
         finally:
             for (table, replaced), old in zip(tables, before, strict=True):
                 table |= {name: old[name] for name in replaced if name in old}

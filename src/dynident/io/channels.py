@@ -8,10 +8,10 @@ from typing import Self
 from pydantic import Field, StrictBool, model_validator
 
 from dynident.errors import ConfigError, choices
-from dynident.io.fields import Amount, Gain, Name, Section
+from dynident.io.fields import Amount, Gain, Name, Positive, Section
 from dynident.models import Joint
 
-__all__ = ["POSITIONS", "TORQUES", "VELOCITIES", "Channel", "PositionChannel", "known_names", "same_names"]
+__all__ = ["POSITIONS", "TORQUES", "VELOCITIES", "Angle", "Channel", "PositionChannel", "known_names", "same_names"]
 
 POSITIONS = {"revolute": "angle", "prismatic": "length"}
 VELOCITIES = {"revolute": "angular velocity", "prismatic": "velocity"}
@@ -39,7 +39,13 @@ class Channel(Section):
         return {self.column: 1.0} if self.column is not None else self.sum or {}
 
 
-class PositionChannel(Channel):
+class Angle(Channel):
+    """A position as a robot gives it, whose columns start anew at ``wraps``, in the unit of the columns."""
+
+    wraps: Positive | None = None
+
+
+class PositionChannel(Angle):
     """A position; with ``multi_turn`` a revolute joint may make any number of turns."""
 
     multi_turn: StrictBool = False

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.identification import hardly_moving
 from dynident.io.channels import POSITIONS, TORQUES
 from dynident.io.columns import ColumnFamily, families, read_name
 from dynident.io.fields import UNITS
-from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, rows_of
+from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, rows_of, turn
 from dynident.io.shape_match import match_by_shape
+from dynident.io.signals import unwrapped
 from dynident.io.tables import DataTable
 from dynident.io.time_column import TimeColumn, has_gaps, time_column
 
@@ -33,7 +35,7 @@ class Signal:
     """A channel of a joint: its column (None: not found), its unit, and a question to confirm.
 
     ``gain`` says what the gain is, where the column is no torque yet; ``factor`` is an estimate of it and its standard
-    error, where the motion shows it.
+    error, where the motion shows it. ``wraps`` is the turn after which a position starts anew, in the column's unit.
     """
 
     column: str | None
@@ -41,6 +43,7 @@ class Signal:
     question: str = ""
     gain: str = ""
     factor: tuple[float, float] | None = None
+    wraps: float | None = None
 
 
 @dataclass(frozen=True)
@@ -103,11 +106,12 @@ def map_columns(
     time = time_column(table, found, rows, ros, nameless=nameless)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     left = _left(table, rows, time, matches.values())
+    locked = _lock(table, joints, names, signals)
     return ColumnMapping(
         time=time,
         position=_complete(signals, used),
         torque=_torques(table, used, torque, ros),
-        lock=_lock(table, joints, names, signals),
+        lock={name: (q, "" if name in still else why) for name, (q, why) in locked.items()},
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
         left=left,
         strangers=_strangers(left, position, joints),
@@ -119,8 +123,12 @@ def map_columns(
 def _still(
     tables: Sequence[DataTable], joints: Iterable[JointFacts], recorded: Mapping[str, Signal]
 ) -> tuple[str, ...]:
-    """Return the joints with a position that is the same in all recordings."""
-    return tuple(joint.name for joint in joints if _range(tables, joint, recorded.get(joint.name)) <= _STILL)
+    """Return the joints with a position that is the same in all recordings, or where their controllers hold them."""
+    joints = list(joints)
+    reach = np.array([_range(tables, joint, recorded.get(joint.name)) for joint in joints])
+    known = np.isfinite(reach)
+    held = known & hardly_moving(np.where(known, reach, 0.0), [joint.kind for joint in joints])
+    return tuple(joint.name for joint, one in zip(joints, held | (reach <= _STILL), strict=True) if one)
 
 
 def _range(tables: Sequence[DataTable], joint: JointFacts, signal: Signal | None) -> float:
@@ -165,8 +173,15 @@ def _positions(table: DataTable, joints: Sequence[JointFacts], match: Match | No
         return {}
     joints = [joint for joint in joints if joint.name in match.columns]
     values = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
+    units = match.family.units
+    turns = {joint.name: turn(values[joint.name], units.get(match.columns[joint.name], "")) for joint in joints
+             if joint.kind == "revolute"}  # fmt: skip
+    values = {name: unwrapped(q, turns.get(name)) for name, q in values.items()}
     degrees = "" if ros else _degrees([(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"])
-    return {joint.name: _position(joint, values[joint.name], match, degrees) for joint in joints}
+    return {
+        joint.name: replace(_position(joint, values[joint.name], match, degrees), wraps=turns.get(joint.name))
+        for joint in joints
+    }
 
 
 def _degrees(turning: Sequence[tuple[JointFacts, Array]]) -> str:

@@ -89,10 +89,12 @@ def draft_config(
     page.line("")
     page.line("estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares")
     strange = f"recorded, but not in the robot file, so left out: {_listed(mapping.strangers)}."
-    faults = [f"{name!r} {fault}" for name, fault in sources[0].table.faults.items()] if page.blanks else []
+    table = sources[0].table
+    faults = [f"{name!r} {fault}" for name, fault in table.faults.items() if page.blanks and name not in table.texts]
     still = (
-        f"no motion in the logs, so locked where they stand (`model.lock`): {_listed(mapping.still)}; what they carry "
-        "is part of the body before them, and they have no friction of their own."
+        "no motion in the logs, or next to none, so locked where they stand (`model.lock`): "
+        f"{_listed(mapping.still)}; what they carry is part of the body before them, and they have no "
+        "friction of their own."
     )
     notes = (*((still,) if mapping.still else ()), *((strange,) if mapping.strangers else ()), *faults)
     text = "\n".join(BREAKING.sub("?", line) for line in page.lines) + "\n"
@@ -201,6 +203,7 @@ def _channel(name: str, signal: Signal) -> str:
     if signal.column is None:
         return f"  # {_scalar(name)}: {{ column: , unit: {signal.unit} }}"
     gain = f" gain: {signal.factor[0]:.4g}," if signal.factor else " gain: ," if signal.gain else ""
+    gain += f" wraps: {signal.wraps!r}," if signal.wraps else ""
     start = "  # " if _blank(signal) else "  "
     return f"{start}{_scalar(name)}: {{ column: {_scalar(signal.column)},{gain} unit: {signal.unit} }}"
 

@@ -264,7 +264,7 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
     if len(rows) < 2:
         raise InputError(
             f"{source}: the window {interval_words(window)} holds {len(rows)} samples; "
-            f"the recording runs from {t[0]:.9g} to {t[-1]:.9g} s."
+            f"the recording runs from {t[0]:.12g} to {t[-1]:.12g} s. Correct the window, or the `unit` of `time`."
         )
     part = slice(int(rows[0]), int(rows[-1]) + 1)  # the stamps increase
     for column, values in found.used.items():
@@ -272,7 +272,7 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
         if len(bad):
             if len(bad) == len(rows):
                 raise InputError(
-                    f"{source}: column {column!r} holds no number from {t[rows[0]]:.9g} to {t[rows[-1]]:.9g} s. "
+                    f"{source}: column {column!r} holds no number from {t[rows[0]]:.15g} to {t[rows[-1]]:.15g} s. "
                     "Is the right column named, and was it recorded? A joint whose torque was not can be fitted "
                     "around: write zeros in its place."
                 )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import GAP, MINIMUM_SAMPLES
-from dynident.errors import InputError, Step, brief, memory
+from dynident.errors import ConfigError, InputError, Step, brief, memory
 from dynident.identification import Stretch
 from dynident.io.fields import Interval, unit_factor
 from dynident.io.logs import log_of, without_excluded
@@ -236,6 +236,11 @@ def _opened(spec: LogSpec, config: Config, joints: tuple[Joint, ...], progress: 
             f"{spec.label}: the recordings of `train` are too long for the memory, and {other or 'this one'} cannot be "
             "read in pieces: write all of its columns to Parquet files, choose a shorter `window` of a shorter file, "
             "or raise the memory by --memory."
+        )
+    if any(config.position[joint.name].wraps for joint in joints):
+        raise ConfigError(
+            "position: `wraps` is not known to recordings that are read in pieces, which would not agree on the turn: "
+            "write the positions as they go on, for example by numpy.unwrap."
         )
     channels = config.model_copy(
         update={

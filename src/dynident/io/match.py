@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -10,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.io.columns import ColumnFamily, tokens
+from dynident.io.fields import UNITS
 from dynident.io.tables import DataTable
 from dynident.models.robot_file import Limits
 
-__all__ = ["JointFacts", "Match", "best_pair", "finite", "headerless", "increases", "rows_of"]
+__all__ = ["JointFacts", "Match", "best_pair", "finite", "headerless", "increases", "rows_of", "turn"]
 
 Array = NDArray[np.float64]
 _LARGEST = 1e100
+_JUMP, _WHOLE = 0.9, 0.97  # turns: the step of an angle that starts anew, and the range of its values
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,8 @@ def best_pair(
 
     Commanded quantities are never used, currents only where there are no torques.
     """
-    sound = [one for one in (assign(family, joints) for family in found if family.rank > -2) if one.columns]
+    said = _said(table, joints)
+    sound = [one for one in (assign(family, joints, said) for family in found if family.rank > -2) if one.columns]
     positions, torques = (_of_role(sound, *roles) for roles in (("position",), ("torque", "current")))
     pairs = (pair for pair in product([*positions, None], [*torques, None]) if _alike(table, pair))
     position, torque = max(pairs, key=_merit, default=(None, None))
@@ -110,14 +114,25 @@ def _rivals(table: DataTable, chosen: Match | None, others: Iterable[Match]) -> 
     return replace(chosen, question="; ".join(filter(None, (chosen.question, asked))))
 
 
-def assign(family: ColumnFamily, joints: Sequence[JointFacts]) -> Match:
-    """Match the columns of a family to joints: by name, by the number in the joints' names, else by order."""
+def _said(table: DataTable, joints: Sequence[JointFacts]) -> dict[int, str]:
+    """Return the joints that columns of text name in all rows, by the number in the names of these columns."""
+    names = {joint.name for joint in joints}
+    known = {column: joint for column, joint in table.texts.items() if joint in names}
+    found = {int(words[-1]): joint for column, joint in known.items() if (words := tokens(column))[-1].isdecimal()}
+    return found if len(set(found.values())) == len(known) else {}
+
+
+def assign(family: ColumnFamily, joints: Sequence[JointFacts], said: Mapping[int, str] | None = None) -> Match:
+    """Match the columns of a family to joints: by name, by what the file has ``said`` of numbers, by the number in the
+    joints' names, else by order."""
     if any(isinstance(key, str) for key in family.columns):
         columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
         return Match(family, columns, "the columns have the names of the joints")
     if None in family.columns:
         return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
     numbers = sorted(key for key in family.columns if isinstance(key, int))
+    if said and set(said) <= set(numbers):
+        return Match(family, {joint: family.columns[k] for k, joint in said.items()}, "the file names the joints")
     return _by_number(family, {key: family.columns[key] for key in numbers}, joints)
 
 
@@ -169,3 +184,15 @@ def increases(column: Array) -> bool:
 def finite(column: Array) -> Array:
     """Return the finite values; larger ones would overflow in a difference."""
     return column[np.abs(column) < _LARGEST]
+
+
+def turn(q: Array, unit: str) -> float | None:
+    """Return the turn after which an angle starts anew, in its unit (rad or degrees where it has none); None if not."""
+    known = UNITS["angle"]
+    sizes = [2 * math.pi / known[unit]] if unit in known else [2 * math.pi, 360.0]
+    steps, span = np.abs(np.diff(q)), float(np.ptp(q)) if len(q) else 0.0
+    for size in sizes:
+        jumps = steps > _JUMP * size
+        if jumps.any() and _WHOLE * size < span < size * (1 + 1e-6) and steps[~jumps].max(initial=0.0) < 0.25 * size:
+            return round(size, 12)
+    return None

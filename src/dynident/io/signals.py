@@ -9,14 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError
-from dynident.io.channels import POSITIONS, TORQUES, Channel
+from dynident.io.channels import POSITIONS, TORQUES, Angle, Channel
 from dynident.io.fields import unit_factor
 from dynident.io.settings import Config, LogSpec
 from dynident.io.simulation_settings import LoopSettings, PDJoint
 from dynident.io.tables import DataTable
 from dynident.models import Joint
 
-__all__ = ["RecordedSignals", "bad_values", "channel_values", "column_names", "has_torques", "joint_values", "signals"]
+__all__ = [
+    "RecordedSignals",
+    "bad_values",
+    "channel_values",
+    "column_names",
+    "has_torques",
+    "joint_values",
+    "signals",
+    "unwrapped",
+]
 
 Array = NDArray[np.float64]
 
@@ -190,11 +199,20 @@ def channel_values(
 
 def _linear(table: DataTable, channel: Channel, where: str) -> Array:
     """Return gain * (sum of columns times coefficients) + offset, in the channel's unit."""
-    total = sum(
-        (table.constant(gain, where) * table.column(name, where) for name, gain in channel.terms.items()),
-        start=np.zeros(1),
-    )
+    wraps = channel.wraps if isinstance(channel, Angle) else None
+    total = np.zeros(1)
+    for name, gain in channel.terms.items():
+        total = total + table.constant(gain, where) * unwrapped(table.column(name, where), wraps)
     return table.constant(channel.gain, where) * total + table.constant(channel.offset, where)
+
+
+def unwrapped(values: Array, wraps: float | None) -> Array:
+    """Return values (N) that start anew at ``wraps`` as they go on: no step is larger than half of it."""
+    if wraps is None:
+        return values
+    known, found = np.abs(values) < _LARGEST, values.copy()
+    found[known] = np.unwrap(values[known], period=wraps)
+    return found
 
 
 def _times(table: DataTable, config: Config, rows: int) -> Array:
@@ -219,9 +237,9 @@ def _times(table: DataTable, config: Config, rows: int) -> Array:
     back = np.flatnonzero(np.diff(t) <= 0)
     if len(back):
         k = back[0]
-        what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.9g} s"
+        what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.15g} s"
         raise InputError(
-            f"{table.source}: column {name!r}: the time {t[k + 1]:.9g} s at {table.place(k + 1)} {what} "
+            f"{table.source}: column {name!r}: the time {t[k + 1]:.15g} s at {table.place(k + 1)} {what} "
             f"({len(back)} such rows); {_episodes(table)}sort the rows by time and keep the first of equal stamps "
             "(`close_stamps: drop`)."
         )

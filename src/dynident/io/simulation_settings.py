@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationInfo, WrapValidator, model_validator
 
 from dynident.errors import ConfigError, choices
-from dynident.io.channels import POSITIONS, VELOCITIES, Channel, same_names
+from dynident.io.channels import POSITIONS, VELOCITIES, Angle, Channel, same_names
 from dynident.io.fields import Amount, Gain, Name, Number, Positive, Section, by_kind, unit_factor
 from dynident.io.python_file import CODE, FileFunction, from_file, located
 from dynident.models import Joint
@@ -36,7 +36,7 @@ class LoopJoint(Section):
     ``feedforward`` is a column, in units of the input, or by the name of a recording the column of those that have one.
     """
 
-    reference: Channel
+    reference: Angle
     gain: Gain = 1.0
     saturation: Amount | None = None
     feedforward: Name | Mapping[Name, Name] | None = None

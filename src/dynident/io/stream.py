@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, choices
 from dynident.io.fields import unit_factor
 from dynident.io.settings import Config, check_joints
-from dynident.io.signals import column_names, joint_values
+from dynident.io.signals import column_names, joint_values, unwrapped
 from dynident.io.tables import DataTable
-from dynident.io.text import first_row, row_cells
+from dynident.io.text import first_row, row_cells, unit_row
 from dynident.models import Joint
 from dynident.online import BadLines
 
@@ -64,8 +64,9 @@ class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
     ``names`` and ``separator`` are those of a table, once its first line is known; ``line`` and ``row`` count what was
-    read, ``zero`` (s) is the midnight (UTC) from which dates are counted, ``fresh`` says that a file begins. Raises
-    ConfigError where the configuration does not fit the joints, or where a column is missing.
+    read, ``zero`` (s) is the midnight (UTC) from which dates are counted, ``fresh`` says that a file begins, ``turned``
+    are the last values of columns that wrap. Raises ConfigError where the configuration does not fit the joints, or
+    where a column is missing.
     """
 
     config: Config
@@ -78,6 +79,7 @@ class SampleReader:
     zero: float = math.nan
     fresh: bool = True
     comments: list[str] = field(default_factory=list)
+    turned: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_joints(self.config, self.joints)
@@ -88,13 +90,16 @@ class SampleReader:
                 "write all columns to one file."
             )
         self._needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
+        channels = (self.config.position[joint.name] for joint in self.joints)
+        self._wraps = {name: one.wraps for one in channels if one.wraps for name in one.terms}
+        self._labelled = {name.rpartition(" [")[0]: name for name in self._needed if name.endswith("]")}  # unit below
         time = self.config.time
         self._factor = unit_factor(time.unit, "time", "time.unit") if time.column else 1.0
 
     @property
     def state(self) -> dict[str, Any]:
         """What it knows of the stream so far, in plain types."""
-        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh")}
+        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh", "turned")}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a saved state."""
@@ -136,8 +141,8 @@ class SampleReader:
         cells = row_cells(text, self.separator)
         if len(cells) == len(self.names) + 1 and not cells[-1]:
             cells = cells[:-1]
-        if cells == self.names:
-            return None  # who writes has begun again
+        if cells == self.names or unit_row(text, self.names, self.separator) is not None:
+            return None  # who writes has begun again, or the units are below the names
         if len(cells) != len(self.names):
             raise ValueError("another number of cells")
         return self._timed(dict(zip(self.names, cells, strict=True)))
@@ -145,6 +150,7 @@ class SampleReader:
     def _is_head(self, text: str) -> bool:
         """Take the names of the columns from the first line, and return whether that is all it holds."""
         names, head, separator = first_row(text, self.comments)
+        names = [self._labelled.get(name, name) for name in names] if head else names
         if self.names and not (head and set(self._needed) <= set(names)):
             return False  # the next file goes on without them
         self._require(names)
@@ -192,9 +198,19 @@ class SampleReader:
         n = len(self.joints)
         if not len(values):
             return Samples(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)), bad)
-        columns = {name: values[:, k + 1].copy() for k, name in enumerate(self._needed)}
+        columns = {name: self._going_on(name, values[:, k + 1].copy()) for k, name in enumerate(self._needed)}
         q, tau = joint_values(DataTable(columns, {}, self.source), self.config, self.joints)
         return Samples(values[:, 0].copy(), q, tau, bad)
+
+    def _going_on(self, name: str, column: Array) -> Array:
+        """Return a column that starts anew somewhere as it goes on from the samples before."""
+        if (wraps := self._wraps.get(name)) is None:
+            return column
+        before = [self.turned[name]] if name in self.turned else []
+        column = unwrapped(np.array([*before, *column]), wraps)[len(before) :]
+        if np.isfinite(column).any():
+            self.turned[name] = float(column[np.isfinite(column)][-1])
+        return column
 
 
 def _number(cell: Any) -> float:

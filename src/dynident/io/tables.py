@@ -52,8 +52,8 @@ class DataTable:
     ``faults`` says why a column of the file cannot be used, ``lines`` are the line numbers of its rows (text files
     only), ``rows`` the indices kept where some were dropped, ``notes`` the corrections made in reading, ``unread`` the
     columns that were not asked for, ``units`` the unit of columns whose type has one: s for dates and times,
-    ``guesses`` those of the notes that a user should confirm. Columns may differ in length: a file may hold more than
-    one log.
+    ``guesses`` those of the notes that a user should confirm, ``texts`` what columns with one text in all rows say.
+    Columns may differ in length: a file may hold more than one log.
     """
 
     columns: Mapping[str, Array]
@@ -66,13 +66,14 @@ class DataTable:
     unread: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     guesses: tuple[str, ...] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         for column in self.columns.values():
             column.flags.writeable = False
-        for name in ("columns", "constants", "faults", "units"):
+        for name in ("columns", "constants", "faults", "units", "texts"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def column(self, name: str, where: str = "") -> Array:
@@ -225,8 +226,8 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     """Read a table of text."""
     data, source = _content_of(path)
     afford(weight(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
-    columns, faults, lines, stamps = parse_text(data, source)
-    return DataTable(columns, {}, source, faults, lines, units=dict.fromkeys(stamps, "s"))
+    columns, faults, lines, stamps, texts = parse_text(data, source)
+    return DataTable(columns, {}, source, faults, lines, units=dict.fromkeys(stamps, "s"), texts=texts)
 
 
 def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable:

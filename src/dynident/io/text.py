@@ -19,22 +19,25 @@ from dynident.io.stamps import is_stamp, parse_stamps
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["first_row", "parse_text", "row_cells", "unpanicked", "weight"]
+__all__ = ["first_row", "parse_text", "row_cells", "unit_row", "unpanicked", "weight"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
 _READING = Lock()  # the descriptors belong to all threads
 
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
+_UNIT = re.compile(r"-|[\[(][^\d\])]{0,12}[\])]|(?!(?i:nan?|null|none|inf)$)[^\W\d_][\w/^*·%°²-]{0,11}|[%°µ]\w{0,3}")
 _ENDS = list(b"\n\r\v\f\x1c\x1d\x1e\x85\xa8\xa9")  # bytes that end a line, in any encoding
 _SEPARATORS = list(b",;\t ")
 _PART = 1 << 20
 _EMPTY = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
 
 
-def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, str], list[int], tuple[str, ...]]:
-    """Return the columns of a text, the faults of those that are not numbers, the line of each row, and the columns
-    that hold dates with times, in seconds.
+def parse_text(
+    data: bytes, source: str
+) -> tuple[dict[str, Array], dict[str, str], list[int], tuple[str, ...], dict[str, str]]:
+    """Return the columns of a text, the faults of those that are not numbers, the line of each row, the columns that
+    hold dates with times, in seconds, and what is in columns with the same text in each row.
 
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
     start with # or % are comments. Raises InputError for truncated rows and for ambiguous numbers.
@@ -43,13 +46,18 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     separator = _separator(body[min(1, len(body) - 1)][1])
     names, header = _header(body[0][1], [line for k, line in lines if k < body[0][0]], separator)
     body = body[header:]
+    if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
+        names, body = units, body[1:]
     if not body:
         raise InputError(f"{source}: holds a header, but no row of numbers.")
     numbers, rows = [k for k, _ in body], [row for _, row in body]
     names, rows = _trimmed(names, [row.replace('"', "") for row in rows] if b'"' in data else rows, separator)
     _check_rows(rows, numbers, len(names), separator, source)
-    columns, faults, stamps = _parsed(_cells(rows, separator), _distinct(names, source), numbers, source)
-    return columns, faults, numbers, stamps
+    cells, names = _cells(rows, separator), _distinct(names, source)
+    columns, faults, stamps = _parsed(cells, names, numbers, source)
+    every = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}
+    texts = {name: str(column[0]) for name, column in every.items() if column.n_unique() == 1}
+    return columns, faults, numbers, stamps, texts
 
 
 def weight(data: bytes) -> int:
@@ -74,11 +82,23 @@ def _lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[tuple[
 def _header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
     """Return the names of the columns, and whether the first line has them; else the last comment may, or nothing."""
     first = _fields(line, separator)
-    if not all(_is_number(cell) or is_stamp(cell) for cell in first):
+    numbers = [_is_number(cell) or is_stamp(cell) for cell in first]
+    said = _fields(comments[-1].strip().lstrip("#% "), separator) if comments else []
+    named = len(said) == len(first) and not any(_NUMBER.fullmatch(cell) for cell in said)
+    if not all(numbers) and not (named and separator and any(numbers)):  # a row may have texts, as names of joints
         return first, True
-    if comments and len(said := _fields(comments[-1].strip().lstrip("#% "), separator)) == len(first):
-        return said, False
-    return [str(k) for k in range(len(first))], False
+    return (said if len(said) == len(first) else [str(k) for k in range(len(first))]), False
+
+
+def unit_row(line: str, names: list[str], separator: str | None) -> list[str] | None:
+    """Return the names with the units in the line below them, as ``name [unit]``; None where it is no such line."""
+    cells = _fields(line, separator)
+    if len(cells) != len(names) or not any(_UNIT.fullmatch(cell) for cell in cells):
+        return None
+    if any(cell and not _UNIT.fullmatch(cell) for cell in cells):
+        return None
+    bare = [cell.strip("[]()- ") for cell in cells]
+    return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, bare, strict=True)]
 
 
 def first_row(line: str, comments: list[str]) -> tuple[list[str], bool, str | None]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Finding, brief, listed
+from dynident.errors import Finding, Use, brief, listed
 from dynident.identification import SubstituteUsed
 from dynident.ranking.candidates import Candidate, Combination
 from dynident.ranking.differences import EXACT, LEVEL
@@ -25,6 +25,7 @@ __all__ = ["Absent", "Ranked", "Ranking", "TruthFigures", "mean_of"]
 Array = NDArray[np.float64]
 CONTRARY = 1.1  # times the error of another in cross-validation, from which on the best is contradicted
 Basis = Literal["validation", "train"]
+SLIGHT = 0.01  # of the least error: a difference that no use of a model shows
 SOON = 0.5  # s that make no difference: the first of a process takes longer by this
 
 
@@ -88,6 +89,10 @@ class Ranked:
         """Seconds of the smoothing and the estimate."""
         return self.seconds_smoothing + self.seconds_estimate
 
+    def takes_longer(self, seconds: float) -> bool:
+        """Whether it takes more than twice so many seconds, and half a second more."""
+        return self.seconds > max(2.0 * seconds, seconds + SOON)
+
     def judged(self, basis: Basis) -> Mapping[str, float]:
         """Return the errors (%) by joint that combinations are ranked by."""
         return self.held_out if basis == "validation" else self.cross_validated
@@ -123,7 +128,8 @@ class Ranking:
     these are enough. ``parameters`` are base parameters whose truth is known, with their ``units``. ``smoothers`` are
     as used, ``estimators`` as given. ``computed`` is the number of new rows; others were known. ``repeats`` are
     held-out logs, each with one of the training whose motion it repeats. ``findings`` of the checks forbid the use of
-    any model of these logs, whichever is ahead. ``offsets`` are the time offsets (s) by smoother.
+    any model of these logs, whichever is ahead, or are about the controllers with which some estimators simulate.
+    ``offsets`` are the time offsets (s) by smoother.
     """
 
     name: str
@@ -149,6 +155,11 @@ class Ranking:
     def __repr__(self) -> str:
         few = listed((f"{one.combination.name} {one.error:.3g} %" for one in self.ranked), 3)
         return f"<Ranking of {len(self.ranked)} combinations on {self.name}: {few or 'none has an estimate'}>"
+
+    @property
+    def forbidding(self) -> tuple[Finding, ...]:
+        """The findings that forbid the use of any model."""
+        return tuple(one for one in self.findings if one.forbids is Use.CONTROL)
 
     @cached_property
     def ranked(self) -> tuple[Ranked, ...]:
@@ -176,6 +187,15 @@ class Ranking:
         """Those that are not worse than the best by more than chance; the best alone where that is not known."""
         return tuple(one for one in self.ranked if not one.worse) if self.told else self.ranked[:1]
 
+    def hardly_worse(self, one: Ranked) -> bool:
+        """Whether a combination is worse by more than chance, but its error surely by less than 1 % of the least."""
+        return self.told and one.worse and one.interval[1] < SLIGHT * self.ranked[0].error
+
+    @cached_property
+    def as_good(self) -> tuple[Ranked, ...]:
+        """Those that are as good for any use: ``within`` chance of the best, and those hardly worse."""
+        return tuple(one for one in self.ranked if one in self.within or self.hardly_worse(one))
+
     @cached_property
     def rival(self) -> Ranked | None:
         """The best in cross-validation, where that contradicts the held-out logs: there the best on these is worse, by
@@ -190,20 +210,20 @@ class Ranking:
 
     @cached_property
     def choice(self) -> Ranked | None:
-        """Which to take of those within chance of the best: one whose bodies are possible and which converged, where
+        """Which to take of those that are as good as the best: one whose bodies are possible and which converged, where
         there is any, and of these the fastest; times within a factor of two, or half a second, count as equal: of
         those it is that of the configuration, or else the one with the least error. Where there is a ``rival``,
         only those count that cross-validation does not contradict: there may be none."""
-        within = list(self.within)
+        some = list(self.as_good)
         if self.rival is not None:
             most = CONTRARY * mean_of(self.rival.cross_validated)
-            within = [one for one in within if mean_of(one.cross_validated) <= most]
-        if not within:
+            some = [one for one in some if mean_of(one.cross_validated) <= most]
+        if not some:
             return None
-        good = [one for one in within if one.physical and one.outcome is Outcome.OK]
-        some = good or [one for one in within if one.physical] or within
+        good = [one for one in some if one.physical and one.outcome is Outcome.OK]
+        some = good or [one for one in some if one.physical] or some
         fast = min(one.seconds for one in some)
-        quick = [one for one in some if not one.seconds > max(2.0 * fast, fast + SOON)]
+        quick = [one for one in some if not one.takes_longer(fast)]
         return next((one for one in quick if one.combination.own), quick[0])
 
     @property

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import with_findings
+from dynident.checks import loop_findings, with_findings
 from dynident.errors import Finding, InputError, Use, brief
 from dynident.estimators import Estimator, LeastSquares, quick
 from dynident.estimators.estimator import HasQuick
@@ -45,7 +45,8 @@ class Task:
     ``model`` and ``recipe`` are as the configuration's own recipe has made them: terms, tilt of the base, time
     ``offset``. ``logs`` are by role and name; ``motions`` those of the configured smoother, of which the torque and
     what is ``kept`` for the fit hold for all. ``folds`` are those of the cross-validation. ``digest`` tells a task from
-    others. ``truth``, where it is known. ``findings`` of the checks forbid the use of any model of these logs.
+    others. ``truth``, where it is known. ``findings`` of the checks forbid the use of any model of these logs, or are
+    about the controllers with which some estimators simulate.
     """
 
     model: Model
@@ -137,7 +138,8 @@ def task_of(project: Project, folds: int, truth: Truth | None, progress: Progres
     found = identify(project.model, plain["train"], plain["validation"], first, progress=progress)
     turning = turning_joints(project.config)
     checked = with_findings(found, project.model, plain, project.recipe, multi_turn=turning, progress=progress)
-    findings = tuple(one for one in checked.findings if one.forbids is Use.CONTROL)
+    forbidding = (one for one in checked.findings if one.forbids is Use.CONTROL)
+    findings = (*forbidding, *loop_findings(list(read["train"].values())))
     joints = tuple(joint.name for joint in found.model.joints)
     logs = RoleLogs.of(read["train"], read["validation"], found.recipe, joints)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in ROLES}

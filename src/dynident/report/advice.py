@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from dynident.identification import Remedy, Use
 from dynident.identification.verdict import steps
-from dynident.identification.verdict.unknown import CommonGain, Zeros
+from dynident.identification.verdict.unknown import CommonGain, Ratios, Zeros
 from dynident.regression import UnexcitedParameters
 from dynident.report import reason_words  # noqa: F401  # registers its words
 from dynident.report.page import number
@@ -161,6 +161,11 @@ def _(unknown: CommonGain) -> str:  # noqa: ARG001
 @words.register
 def _(unknown: Zeros) -> str:
     return f"a wrong zero of {', '.join(unknown.joints)}"
+
+
+@words.register
+def _(unknown: Ratios) -> str:
+    return f"a wrong gear ratio, lead or unit of the position of {', '.join(unknown.joints)}"
 
 
 @words.register

@@ -231,6 +231,16 @@ def _(note: motion_notes.FewReversals) -> str:
 
 
 @words.register
+def _(note: motion_notes.HardlyMoves) -> str:
+    return (
+        f"the joint hardly moves in training, by {short(note.span, 2)} {note.unit} where others move by up to "
+        f"{short(note.largest, 2)}: nothing is seen of its friction and rotor, and where it does move its torque is "
+        f"not to be relied on. Record a motion of it, or hold it in the model: `lock` it at {short(note.near, 4)}, "
+        "and leave it out of `joints`, `position` and `torque`."
+    )
+
+
+@words.register
 def _(note: motion_notes.LoopVelocity) -> str:
     other = f"over {note.steps}" if note.steps else "with the velocity of the moment"
     setting = f"`velocity_steps: {note.steps}`, or the drive's `period`" if note.steps else "the drive's `period`"
@@ -271,7 +281,12 @@ def _(note: motion_notes.PositionBeyondLimits) -> str:
     return (
         f"the position runs from {short(note.lower, 4)} to {short(note.upper, 4)}, the file allows "
         f"{short(note.least, 4)} to "
-        f"{short(note.most, 4)}. Check the unit, the sign and `zero`, or the file's limits."
+        f"{short(note.most, 4)}. "
+        + (
+            "Is it in another unit, or of a motor before its gear (see `transmission`)?"
+            if note.far
+            else "Check the unit, the sign and `zero`, or the file's limits."
+        )
     )
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dynident.ranking import mean_of
+from dynident.ranking import Outcome, mean_of
 from dynident.report.check import finding_groups, finding_row
 from dynident.report.page import Column, PageTable, number
 from dynident.report.part_words import part_words
@@ -58,11 +58,13 @@ def ranking_findings(found: Ranking) -> tuple[str, ...]:
 
 def _checked(found: Ranking) -> Iterator[str]:
     """Yield what the checks have found that no ranking shows: a wrong robot file or log fits all combinations alike."""
-    groups = finding_groups(found.findings)
+    groups = finding_groups(found.forbidding)
     for group in groups[:NAMED]:
         yield f"Before any of them is used: {_found(group)}"
     if len(groups) > NAMED:
         yield f"{len(groups) - NAMED} more such findings: see `dynident check`."
+    for group in finding_groups([one for one in found.findings if one not in found.forbidding])[:NAMED]:
+        yield f"What simulates is as right as its controller: {_found(group)}"
 
 
 def _found(group: Sequence[Finding]) -> str:
@@ -101,6 +103,11 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
             f"{count(len(others), 'other')} of {len(found.ranked) - 1} {'is' if len(others) == 1 else 'are'} as good "
             f"within chance: {listed(others, NAMED)}."
         )
+    if hardly := len(found.as_good) - len(found.within):
+        yield (
+            f"Of those that are worse, {hardly} {'is' if hardly == 1 else 'are'} so by less than 1 % of the error, "
+            "which makes no difference in use."
+        )
     if choice is None:
         return
     if choice is best:
@@ -109,8 +116,8 @@ def _chance_lines(found: Ranking) -> Iterator[str]:
         yield f"Take {with_words(choice.combination)} ({percent(choice.error)}): {_why(found)}."
     if not choice.physical:
         yield (
-            "Its bodies are physically impossible (an eigenvalue below zero), as are those of all others within "
-            "chance: take a consistent estimator for simulation and control."
+            "Its bodies are physically impossible (an eigenvalue below zero), as are those of all others as "
+            "good: take a consistent estimator for simulation and control."
         )
 
 
@@ -136,8 +143,20 @@ def _rival_lines(found: Ranking) -> Iterator[str]:
 
 
 def _why_best(found: Ranking) -> str:
-    yours = ", as the configuration does" if found.best is found.own else ""
-    return (", as none of these is much faster" if len(found.within) > 1 else "") + yours
+    best, others = found.best, found.as_good[1:]
+    yours = ", as the configuration does" if best is found.own else ""
+    faster = [one for one in others if best is not None and best.takes_longer(one.seconds)]
+    if not others or best is None:
+        why = ""
+    elif not faster:
+        why = ": none of these is much faster"
+    elif not all(one.physical for one in faster):
+        why = ": all of its bodies are possible, which those of faster ones are not"
+    elif any(one.outcome is Outcome.UNSETTLED for one in faster):
+        why = ": its iteration converged, which those of faster ones did not"
+    else:
+        why = ": cross-validation contradicts faster ones"
+    return yours + why
 
 
 def _why(found: Ranking) -> str:
@@ -145,14 +164,16 @@ def _why(found: Ranking) -> str:
     best, choice = found.best, found.choice
     if best is None or choice is None:
         return ""
-    faster = f"as good within chance, and takes {_time(choice.seconds)} instead of {_time(best.seconds)}"
+    good = "less than 1 % worse" if found.hardly_worse(choice) else "as good within chance"
     if not best.physical and choice.physical:
-        faster = "as good within chance, and all of its bodies are possible, which those of the best are not"
-    elif choice is found.own:
-        return "as good within chance, and nothing is to be changed"
-    elif found.rival is not None:
-        return "as good within chance, and not contradicted by cross-validation"
-    return faster
+        return f"{good}, and all of its bodies are possible, which those of the best are not"
+    if best.outcome is Outcome.UNSETTLED and choice.outcome is not Outcome.UNSETTLED:
+        return f"{good}, and its iteration converged, which that of the best did not"
+    if choice is found.own:
+        return f"{good}, and nothing is to be changed"
+    if found.rival is not None:
+        return f"{good}, and not contradicted by cross-validation"
+    return f"{good}, and takes {_time(choice.seconds)} instead of {_time(best.seconds)}"
 
 
 def _time(seconds: float) -> str:
@@ -169,6 +190,7 @@ def _own_lines(found: Ranking) -> Iterator[str]:
         return
     place = found.ranked.index(own) + 1
     word = "worse by more than chance" if own.worse else "within chance of the best"
+    word += ", but by less than 1 % of the error" if found.hardly_worse(own) else ""
     end = f", {word}" if found.told else ""
     yield f"{name}, is number {place} of {len(found.ranked)} with {percent(own.error)}{end}."
 
@@ -256,7 +278,7 @@ def ends_of(found: Ranking, one: Ranked) -> tuple[str, str]:
 def mark_of(found: Ranking, one: Ranked) -> str:
     """Return what there is to say of a combination in a word or two: whether it is the one to take, yours, worse."""
     words = ["take" if one is found.choice else "", "yours" if one.combination.own else ""]
-    words.append("worse" if one.worse else "")
+    words.append(("hardly worse" if found.hardly_worse(one) else "worse") if one.worse else "")
     return ", ".join(filter(None, words))
 
 
@@ -286,6 +308,7 @@ def ranking_dict(found: Ranking) -> dict[str, Any]:
         "take": _pair(found.choice),
         "contradicted_by": _pair(found.rival),
         "within_chance": [_pair(one) for one in found.within],
+        "as_good": [_pair(one) for one in found.as_good],
         "parts": {
             family: [{"name": one.name, "own": one.own, "settings": part_words(one.part)} for one in parts]
             for family, parts in (("smoothers", found.smoothers), ("estimators", found.estimators))

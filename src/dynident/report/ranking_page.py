@@ -66,11 +66,11 @@ def _badge(found: Ranking) -> Badge | None:
     own = found.own
     if own is None or not found.ranked:
         return Badge("no estimate", "bad") if not found.ranked else None
-    if found.findings:
+    if found.forbidding:
         return Badge("correct first what was found", "bad")
     if found.rival is not None:
         return Badge("contradicted by cross-validation", "fair")
-    if own in found.within:
+    if own in found.as_good:
         return Badge("yours is among the best", "good")
     return Badge("others are better", "fair") if found.told else None
 

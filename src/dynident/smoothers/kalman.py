@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
-from dynident.smoothers.rest import at_rest
+from dynident.smoothers.rest import at_rest, with_rest
 from dynident.smoothers.smoother import BY_JOINT, ends_mask
 from dynident.splines import Order, WienerFit, posterior_errors, wiener
 
@@ -95,10 +95,7 @@ class KalmanSmoother:
         step = length / (len(log) - 1)
         reach = max(step, min(self.ends * float(widths.max(initial=0.0)) + step, length / 4))
         mask = ends_mask(log, reach, reach)
-        q, dq, ddq = fit.values, fit.first, fit.second
-        if rests.any():
-            rest = np.where(rests, 0.0, 1.0)
-            q, dq, ddq = np.where(rests, log.q.mean(axis=0), q), dq * rest, ddq * rest
+        q, dq, ddq = with_rest(rests, log.q, (fit.values, fit.first, fit.second))
         for x in (q, dq, ddq):
             x.flags.writeable = False  # no copy is made then
         return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, self._said(fit))

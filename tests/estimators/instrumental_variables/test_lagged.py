@@ -10,6 +10,8 @@ from dynident.filters import butterworth, zero_phase
 from dynident.log import Log, Motion
 from dynident.models.gallery import slider
 from dynident.regression import ParallelFilter
+from dynident.smoothers import Spline
+from dynident.splines import Fixed
 
 STEP = 0.01
 T = STEP * np.arange(400)
@@ -59,3 +61,16 @@ def test_the_lag_grows_with_smoothing_and_filter() -> None:
     assert slow > 1.5 * lag_of(motion, None, ParallelFilter(cutoff=10.0)) > 4 * STEP
     noisy = Log(T, motion.q + 1e-3 * rng.standard_normal(motion.q.shape), motion.tau, motion.joints)
     assert lag_of(motion, noisy, None) > lag_of(motion, None, None)
+
+
+def test_errors_of_accelerations_are_no_longer_correlated_from_the_lag_on() -> None:
+    """Those that a spline makes of white noise, of which chance leaves correlations of 0.02."""
+    t, smoother = STEP * np.arange(20_000), Spline(Fixed(lam=1e-6))
+    true, noise = np.sin(2 * t) + 0.3 * np.sin(7 * t), 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    log, clean = (Log(t, one[:, None], 0 * one[:, None], ("slider",)) for one in (true + noise, true))
+    motion, exact = smoother(log), smoother(clean)
+    k = round(lag_of(motion, log, None) / STEP)
+    e = (motion.ddq - exact.ddq)[motion.mask, 0]
+    correlation = np.array([e[lag:] @ e[: len(e) - lag] for lag in range(200)]) / (e @ e)
+    assert np.abs(correlation[k:]).max() < 0.03
+    assert np.abs(correlation[k // 2 : k]).max() > 0.05

@@ -8,18 +8,25 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError, MissingInputError
-from dynident.estimators import Didim, LeastSquares, PhysicallyConsistent, quick
+from dynident.estimators import (
+    Didim,
+    InstrumentalVariables,
+    LeastSquares,
+    OutputError,
+    PhysicallyConsistent,
+    quick,
+)
 from dynident.estimators.notes import Start, StartedElsewhere
 from dynident.estimators.output_error.notes import StillSimulating
 from dynident.models import Model
 from dynident.models.gallery import two_link_arm
-from dynident.simulation import PID, Function
+from dynident.simulation import PID, Function, simulated
 from dynident.testing.estimator import known_motion
 from dynident.testing.estimator import posed as plain
 from dynident.testing.looped import in_loops
 from tests.estimators.instrumental_variables.looped import MODEL, TRUTH, driven, loop, posed, recorded
 
-RUNS = 10
+RUNS = 20
 MOTION, CONTROLLER = driven(600)
 
 
@@ -87,9 +94,18 @@ def test_needs_a_controller_that_sees_the_positions() -> None:
 
 
 def test_a_loop_that_runs_away_is_said() -> None:
+    """Also where the drive's limit keeps the position finite."""
     log, motion = recorded(MOTION, None, 0)
-    with pytest.raises(InputError, match=r"log 0: no first model can be simulated, .*\(it runs away after .* s\)"):
-        Didim()(posed((replace(log, controller=loop(600, -4000.0, -80.0)), motion)))
+    wrong = loop(600, -4000.0, -80.0)
+    limited = replace(wrong, saturation=np.array([300.0]))
+    run = simulated(MODEL, TRUTH, motion, limited)
+    assert run.failure is None
+    assert 30 * np.ptp(motion.q) < np.abs(run.q).max() < 1e4
+    for controller in (wrong, limited):
+        problem = posed((replace(log, controller=controller), motion))
+        for estimator in (Didim(), OutputError(), InstrumentalVariables("simulated")):
+            with pytest.raises(InputError, match=r"log 0: .*\(it runs away after .* s\)"):
+                estimator(problem)
 
 
 def test_begins_elsewhere_where_least_squares_cannot_be_simulated() -> None:

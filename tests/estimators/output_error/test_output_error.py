@@ -13,7 +13,7 @@ from dynident.log import Log, Motion
 from dynident.models.gallery import slider
 from tests.estimators.instrumental_variables.looped import MODEL, STEP, TRUTH, driven, posed, recorded
 
-RUNS = 10
+RUNS = 20
 MOTION, CONTROLLER = driven(600)
 
 

@@ -94,11 +94,12 @@ def test_no_possible_body_fits_better(seed: int, noise: float, rod: bool) -> Non
     assert smallest(found.value) > 0
     assert min(found.consistency.costs.values()) >= 0
     best = error(posed, found.value)
+    rest = 1e-10 * np.square(posed.regression.triangular_factors.factors[:, :, -1]).sum()  # margin and solver
     floor = from_pseudo(np.diag([1e-7, 1e-7, 1e-7, 1e-5]))
     for other in (truth, truth + 0.01 * random_body(rng), random_body(rng)):
         for share in (1.0, 0.1):
             rival = (1 - share) * found.value + share * (other + floor)
-            assert best <= error(posed, rival) * (1 + 1e-6) + 1e-12
+            assert best <= error(posed, rival) * (1 + 1e-6) + rest
 
 
 def test_threshold_leaves_weak_directions_to_the_prior() -> None:

@@ -139,6 +139,15 @@ def test_a_joint_at_rest_keeps_the_plain_set(resting: tuple[int, ...]) -> None:
         assert choice.of(f"j{j + 1}") == ()
 
 
+def test_a_joint_that_is_held_shows_no_friction() -> None:
+    motion = recorded(simulated.coulomb, 1)
+    moves = np.array([1.0, 1e-3, 1.0])
+    held = replace(motion, q=moves * motion.q, dq=moves * motion.dq, ddq=moves * motion.ddq)
+    choice = choose_terms(Model((bodies(),)), [held])
+    assert (choice.of("j2"), classes(choice, "j2")) == ((), {"Offset"})
+    assert classes(choice, "j1") >= {"Offset", "RotorInertia", "Viscous", "Coulomb"}
+
+
 def test_a_joint_whose_torque_is_not_fitted_keeps_the_plain_set() -> None:
     motion = recorded(simulated.ripple, 1)
     kept = replace(motion, keep=np.broadcast_to([False, True, True], motion.q.shape))

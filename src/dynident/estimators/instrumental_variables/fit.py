@@ -52,7 +52,7 @@ class InstrumentalVariables:
     ...     found = dy.identify(arm, log, recipe=dy.Recipe(smoother=dy.Difference(), estimator=estimator)).estimate
     ...     print(f"J = {found.value[0]:.3f} +- {found.std[0]:.3f}, is {arm.values[0]:.3f}")
     J = 0.016 +- 0.001, is 0.083
-    J = 0.085 +- 0.005, is 0.083
+    J = 0.085 +- 0.006, is 0.083
     """
 
     instruments: Source = "auto"

@@ -11,7 +11,7 @@ from dynident.errors import InputError, MissingInputError
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrumental_variables.instruments import Instruments
 from dynident.estimators.instrumental_variables.notes import InstrumentKind
-from dynident.estimators.loops import controller_of, no_controller, not_simulated
+from dynident.estimators.loops import controller_of, failure_of, no_controller, not_simulated
 from dynident.log import Motion
 from dynident.simulation import Failure, simulated, ticks
 
@@ -35,8 +35,9 @@ def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments
     controller = controller_of(problem, k)
     fast = ticks(stamped, controller, rows)
     run = simulated(model, theta, fast.motion, controller, rows=fast.rows)
-    if run.failure is not None:
-        return run.failure
+    failure = failure_of(run, fast.motion.q[fast.rows])
+    if failure is not None:
+        return failure
     mask = np.zeros(len(motion), dtype=bool)
     mask[rows] = True
     q, dq, ddq = (one.copy() for one in (stamped.q, stamped.dq, stamped.ddq))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.estimators.loops import failure_of
 from dynident.log import Controller, Motion
 from dynident.models import Model
 from dynident.simulation import Failure, Sensitivity, Simulated, sensitivities, simulated
@@ -72,8 +73,9 @@ class Shots:
     def simulated(self, model: Model, theta: Array) -> Simulation | Failure:
         """Simulate with the parameters theta (p)."""
         run = simulated(model, theta, self.motion, self.controller, rows=self.rows, restart=self.restart)
-        if run.failure is not None:
-            return run.failure
+        failure = run.failure if self.controller is None else failure_of(run, self.motion.q[self.rows])
+        if failure is not None:
+            return failure
         count = self.count[run.rows]
         count[:-1, -1] = 0.0  # the first of the next piece
         if self.output == "tau":

@@ -173,11 +173,12 @@ class PhysicallyConsistent:
         value = _clipped_to_limits(value, constraints)
         provenance = provenance_of(value, known, constraints, ~np.isnan(prior))
         costs = costs_of(leaning, constraints, start, excess) if self.costs else {}
-        moved = np.where(directions.undetermined, 0.0, value - known.base)
+        free = known.base if rows.plain is None else rows.plain.solution.value
+        moved = np.where(directions.undetermined, 0.0, value - free)
         return Estimate(
             parameters=model.parameters,
             value=value,
-            covariance=directions.covariance(known.variance) + np.outer(moved, moved),
+            covariance=rows.covariance + np.outer(moved, moved),
             determined=Determined(known.rank, directions.condition, directions),
             residual=rows.residual(problem, value),
             notes=(
@@ -187,7 +188,7 @@ class PhysicallyConsistent:
                 *held(known, value, model.parameters),
             ),
             provenance=provenance,
-            consistency=Consistency(eigenvalues(bodies, value), costs, known.base),
+            consistency=Consistency(eigenvalues(bodies, value), costs, free),
             information=rows.information,
         )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Step, brief
+from dynident.identification.rests import hardly_moving
 from dynident.identification.terms.bodies import Normal, Prior, normal_matrices, others, prior_of
 from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen, these
 from dynident.identification.terms.choice import TermChoice, TooFewSamplesError, Trial
@@ -25,12 +26,11 @@ from dynident.models import CoupledMotor, Loads, Model, Ripple, Term
 __all__ = ["choose_terms"]
 
 Array = NDArray[np.float64]
-PASSES = 3  # of the search: the load of each is that of the terms found by the one before
-RIPPLES = 3  # rates of one joint
+PASSES, RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
 SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 MEMORIES = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
 STILL = 1e-4  # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
-SLOWEST = 1e-6  # rad/s, m/s: likewise, of an arm that is all at rest
+LEAST, SLOWEST = 1e-9, 1e-6  # rad, m: range of a joint that never moves; rad/s, m/s: as STILL, of an arm at rest
 FEWEST = 50  # samples in a block
 
 
@@ -103,7 +103,7 @@ class _Choosing:
         reach, speed = np.ptp(samples.states["q"], axis=0), np.sqrt(np.mean(samples.states["dq"] ** 2, axis=0))
         duration = max(float(np.ptp(one.t)) for one in samples.motions)
         seen = tuple(
-            Seen(model.joints, joint, max(float(v), 1e-9), max(float(r), 1e-9), duration)
+            Seen(model.joints, joint, max(float(v), 1e-9), max(float(r), LEAST), duration)
             for joint, v, r in zip(model.joints, speed, reach, strict=True)
         )
         division = Division.of(samples.of_block)
@@ -238,7 +238,7 @@ class _Choosing:
         for j, rows in enumerate(self.rows):
             groups: list[Group] = []
             found: list[Array] = []
-            every = [one for one in self.kinds if one.name in PLAIN] if self._still(j) else self.kinds
+            every = [x for x in self.kinds if not self._still(j) or x.name in PLAIN[: 1 if self._held(j) else None]]
             for kind in (*every, *self.ripples[j]):
                 terms = () if kind.needs_load and not self._has_load else tuple(kind.sizes(self.seen[j]))
                 names = {one.name for term in terms for one in term.parameters}
@@ -276,7 +276,11 @@ class _Choosing:
     def _still(self, j: int) -> bool:
         """Return whether nothing is seen of the friction of a joint: it hardly moves, or its torque is not fitted."""
         slow = self.seen[j].speed < max(STILL * max(one.speed for one in self.seen), SLOWEST)
-        return slow or not self.rows[j].used.any()
+        return slow or self._held(j) or not self.rows[j].used.any()
+
+    def _held(self, j: int) -> bool:  # a controller holds it, so that it gives way a little: that is no friction
+        kinds, reach = [one.kind for one in self.samples.model.joints], np.array([one.reach for one in self.seen])
+        return bool(reach[j] > LEAST and hardly_moving(reach, kinds)[j])
 
     @staticmethod
     def _of_names(one: JointSearch, names: Sequence[str]) -> list[Entered]:

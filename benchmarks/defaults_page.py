@@ -1,0 +1,82 @@
+"""The tables of docs/defaults.md, from the figures that benchmarks/defaults.py and friction_choice.py have measured."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from defaults_robots import ROBOTS, Robot
+from page_tables import filled
+
+__all__ = ["FIGURES", "PAGE", "draw", "laws", "page", "read", "worded", "write"]
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE, FIGURES = DOCS / "defaults.md", DOCS / "defaults.json"
+Row = dict[str, Any]
+
+
+def read(file: Path) -> Row:
+    return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
+
+
+def write(kept: Row, file: Path) -> None:
+    file.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+
+
+def draw() -> None:
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), read(FIGURES)), encoding="utf-8")
+
+
+def page(text: str, kept: Row) -> str:
+    """Return the page with its tables anew."""
+    return filled(text, {"robots": table(kept.get("robots", {})), "laws": laws(kept.get("laws", {}))})
+
+
+def table(rows: Mapping[str, Mapping[str, Row]]) -> str:
+    """Return the rows, those of a robot together, as Markdown."""
+    head = "| | held out, % | reported, % | by joint, % | train, % | terms | s of CPU | mark | noise | oracle |"
+    lines = [head, "|" + "---|" * 10]
+    for name, robot in ROBOTS.items():
+        for label, own in rows.items():
+            if (row := own.get(name)) is not None:
+                lines.append("| " + " | ".join([f"{robot.title}, {label}", *cells(robot, row)]) + " |")
+                others = [f"{one['error']:.3g}" for one in row.get("logs", []) if one["role"] == "validation"][1:]
+                if others:
+                    lines.append(f"| the same on {len(others)} other recordings | {', '.join(others)} |" + " |" * 8)
+    return "\n".join(lines)
+
+
+def laws(rows: Mapping[str, Row]) -> str:
+    """Return the scores of the laws of friction as Markdown."""
+    lines = ["| | found | wrong | same speed | twice as fast | missed | entered |", "|" + "---|" * 7]
+    for law, one in rows.items():
+        found = f"{one['found']} of {one['needed']}" if one["needed"] else ""
+        figures = [law, found, f"{one['wrong']} of {one['joints']}", f"{one['same']:.3f}", f"{one['fast']:.3f}"]
+        named = [", ".join(f"{kind} {count}" for kind, count in one[key].items()) for key in ("missed", "entered")]
+        lines.append("| " + " | ".join([*figures, *named]) + " |")
+    return "\n".join(lines)
+
+
+def cells(robot: Robot, row: Row) -> list[str]:
+    one = held_out(row)
+    if one is None:
+        return [f"refused: {row['refused']}", *[""] * 8]
+    train = next(log for log in row["logs"] if log["role"] == "train")
+    mark = "" if robot.mark is None else f"{robot.mark:g}: {'met' if one['error'] <= robot.mark else '**not met**'}"
+    joints = ", ".join(f"{value:.3g}" for value in one["joints"].values())
+    terms = worded(row["chosen"]["terms"], len(one["joints"]))
+    figures = one["error"], one["as_validated"], train["error"], row["seconds"]
+    held, reported, trained, seconds = (f"{value:.3g}" for value in figures)
+    return [held, reported, joints, trained, terms, seconds, mark, robot.floor, robot.oracle]
+
+
+def held_out(row: Row) -> Row | None:
+    return next((one for one in row.get("logs", []) if one["role"] == "validation"), None)
+
+
+def worded(groups: Mapping[str, list[str]], joints: int) -> str:
+    """The terms beside the bodies, with the number of joints where these are not all."""
+    counts = {kind: len(set(on)) for kind, on in groups.items() if kind != "RigidBodies"}
+    return ", ".join(kind if count == joints else f"{kind} {count}" for kind, count in counts.items())

@@ -1,0 +1,145 @@
+"""The page of the configuration has every key with its default, and configurations that are shown are valid."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import TypeAdapter
+
+from dynident.fleets.settings import FleetSettings, RobotChanges
+from dynident.io import channels, settings
+from dynident.io import simulation_settings as loops
+from dynident.io.config import parse_config
+from dynident.io.excitation_settings import BoxSettings, CylinderSettings, JointLimitSettings
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
+from dynident.io.fields import UNITS, Section
+from dynident.io.parts import built, section
+from tests.meta.test_docs import PAGES, ROOT, blocks, title
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.yaml"))
+SECTIONS: dict[str, type[Section]] = {
+    "Top level": settings.Config,
+    "Time": settings.Time,
+    "Position": channels.PositionChannel,
+    "Torque": channels.Channel,
+    "Logs": settings.LogSpec,
+    "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
+    "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
+    "Smoother butterworth": section(SMOOTHERS, SMOOTHERS.get("butterworth")),
+    "Smoother kalman": section(SMOOTHERS, SMOOTHERS.get("kalman")),
+    "Smoother savitzky golay": section(SMOOTHERS, SMOOTHERS.get("savitzky_golay")),
+    "Smoother fourier": section(SMOOTHERS, SMOOTHERS.get("fourier")),
+    "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
+    "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
+    "Estimator weighted least squares": section(ESTIMATORS, ESTIMATORS.get("weighted_least_squares")),
+    "Estimator generalised least squares": section(ESTIMATORS, ESTIMATORS.get("generalised_least_squares")),
+    "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
+    "Estimator instrumental variables": section(ESTIMATORS, ESTIMATORS.get("instrumental_variables")),
+    "Estimator didim": section(ESTIMATORS, ESTIMATORS.get("didim")),
+    "Estimator output error": section(ESTIMATORS, ESTIMATORS.get("output_error")),
+    "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
+    "Estimator robust": section(ESTIMATORS, ESTIMATORS.get("robust")),
+    "Estimator ridge": section(ESTIMATORS, ESTIMATORS.get("ridge")),
+    "Estimator total least squares": section(ESTIMATORS, ESTIMATORS.get("total_least_squares")),
+    "Estimator augmented Kalman": section(ESTIMATORS, ESTIMATORS.get("augmented_kalman")),
+    "Robot": settings.RobotSettings,
+    "Coupling": settings.CouplingSettings,
+    "Filter": settings.FilterSettings,
+    "Simulation cascade": loops.CascadeSettings,
+    "Drive": loops.CascadeJoint,
+    "Simulation pd": loops.PDSettings,
+    "Drive pd": loops.PDJoint,
+    "Simulation pid": loops.PIDSettings,
+    "Drive pid": loops.PIDJoint,
+    "Simulation by a function": loops.FunctionSettings,
+    "Drive by a function": loops.FunctionJoint,
+    "Simulation from torque": loops.TorqueInputSettings,
+    "Excitation": settings.ExcitationSettings,
+    "Compare": settings.CompareSettings,
+    "Joint limits": JointLimitSettings,
+    "Box": BoxSettings,
+    "Cylinder": CylinderSettings,
+    "Fleet": FleetSettings,
+    "Robot of a fleet": RobotChanges,
+}
+FAMILIES = {"smoother": SMOOTHERS, "estimator": ESTIMATORS}
+MAPPINGS = {SECTIONS["Estimator consistent"]: ("bounds", "centre_of_mass")}  # kept as pairs
+
+
+def rows(heading: str) -> list[list[str]]:
+    """The cells of the table below a heading of configuration.md, without its head."""
+    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    part = re.split(r"^## ", text.partition(f"## {heading}\n")[2], flags=re.MULTILINE)[0]
+    table = [line for line in part.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
+
+
+def default(section: type[Section], key: str) -> Any:
+    """The default of a setting, as YAML would give it."""
+    field = section.model_fields[key]
+    value = "required" if field.is_required() else field.get_default(call_default_factory=True)
+    if section is settings.Config and key in FAMILIES:
+        return {"kind": FAMILIES[key].kind_of(built(value)[0] if key == "smoother" else built(value))}
+    if section in MAPPINGS and key in MAPPINGS[section]:
+        value = dict(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+@pytest.mark.parametrize("heading", SECTIONS)
+def test_configuration_keys_and_defaults(heading: str) -> None:
+    section = SECTIONS[heading]
+    told = {key.strip("`"): yaml.safe_load(shown.strip("`")) for key, shown, *_ in rows(heading)}
+    assert told == {key: default(section, key) for key in section.model_fields}
+
+
+def test_configuration_lists_every_term_with_its_settings() -> None:
+    told = {}
+    for kind, given, *_ in rows("Terms"):
+        pairs = re.findall(r"`(\w+)` (required|`[^`]*`)", given)
+        told[kind.strip("`")] = {key: yaml.safe_load(shown.strip("`")) for key, shown in pairs}
+    common = {"kind", "on", "names", "expressions", "values"}
+    parts = {kind: section(TERMS, TERMS.get(kind)) for kind in TERMS.table}
+    own = {kind: [key for key in part.model_fields if key not in common] for kind, part in parts.items()}
+    assert told == {kind: {key: default(parts[kind], key) for key in keys} for kind, keys in own.items()}
+
+
+def test_configuration_has_every_section_and_unit() -> None:
+    sections = {
+        value
+        for module in (settings, channels, loops)
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Section)
+    }
+    parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
+    own = {FleetSettings, RobotChanges, BoxSettings, CylinderSettings, JointLimitSettings}
+    bases = {Section, channels.Angle, loops.LoopSettings, loops.LoopJoint}
+    assert set(SECTIONS.values()) == (sections - bases) | parts | own
+    for dimension, units in rows("Units"):
+        assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
+    assert len(rows("Units")) == len(UNITS)
+
+
+def configurations() -> list[Any]:
+    return [
+        pytest.param(block["body"], id=title(page))
+        for page in PAGES
+        for block in blocks(page)
+        if block["kind"] == "yaml"
+    ] + [pytest.param(path.read_text(encoding="utf-8"), id=title(path)) for path in EXAMPLES]
+
+
+@pytest.mark.parametrize("text", configurations())
+def test_configurations_shown_are_valid(text: str) -> None:
+    if "recipe" in (given := yaml.safe_load(text)):
+        FleetSettings.model_validate(given)
+    elif "compare" in given and "model" not in given:
+        settings.CompareSettings.model_validate(given["compare"])
+    elif given.keys() == {"simulation"}:
+        TypeAdapter(loops.Simulation).validate_python(given["simulation"])
+    elif "model" not in given:
+        settings.ExcitationSettings.model_validate(given)
+    else:
+        assert parse_config(text).train

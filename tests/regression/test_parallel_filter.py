@@ -1,0 +1,119 @@
+"""The parallel filter: pieces that fit together, its gain, decimation, and short stretches."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError
+from dynident.estimators.linear import solve
+from dynident.regression import ParallelFilter, Regression, linear_problem, stretches
+from tests.regression.random_motion import ARM, RATE, THETA, drawn, holes, motion
+
+FILTERS = [
+    ParallelFilter(cutoff=20.0, order=2),
+    ParallelFilter(cutoff=45.0, order=3),
+    ParallelFilter(cutoff=25.0, order=1),
+    ParallelFilter(decimate=3),
+    ParallelFilter(decimate=7, cutoff=6.0),
+]
+every_filter = pytest.mark.parametrize("parallel_filter", FILTERS, ids=repr)
+
+
+@every_filter
+@pytest.mark.parametrize("size", [1, 64, 301])
+def test_filtered_pieces_fit_together(
+    monkeypatch: pytest.MonkeyPatch, parallel_filter: ParallelFilter, size: int
+) -> None:
+    """Pieces with overlap are what filtering each stretch at once gives, on one grid of decimation."""
+    monkeypatch.setattr(linear_problem, "BLOCK", size)
+    made = motion(3000, mask=holes(3000))
+    Y, tau = drawn((made,), parallel_filter)
+    sections = parallel_filter.sections(made)
+    whole = ARM.regressor(made.q, made.dq, made.ddq)
+    kept = [part for part in stretches(made.mask) if part.stop - part.start > 1]
+    for found, x in ((Y, whole), (tau, made.tau)):
+        direct = np.concatenate(
+            [parallel_filter.apply(sections, x[part])[:: parallel_filter.decimate] for part in kept]
+        )
+        np.testing.assert_allclose(found, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
+
+
+@every_filter
+def test_the_relation_survives_filter_and_decimation(parallel_filter: ParallelFilter) -> None:
+    made = motion(2000, noise=0.0, mask=holes(2000))
+    Y, tau = drawn((made,), parallel_filter)
+    np.testing.assert_allclose(tau, Y @ THETA, rtol=0, atol=1e-12 * np.abs(tau).max())
+    found = solve(Regression(ARM, (made,), parallel_filter).triangular_factors.stacked())
+    np.testing.assert_allclose(found.value, THETA, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("pole", "samples"), [(0.0, 12), (0.5, 40), (-0.9, 263)])
+def test_memory_of_the_filter(pole: float, samples: int) -> None:
+    """The slowest pole's power falls to 1e-12; one at zero forgets at once."""
+    sections = np.array([[1.0, 1.0, 0.0, 1.0, -pole, 0.0]])
+    assert ParallelFilter(2).pad(sections) == samples
+    assert abs(pole) ** samples <= 1e-12
+
+
+def test_several_motions_are_filtered_one_by_one() -> None:
+    motions, parallel_filter = (motion(400, seed=1), motion(333, seed=2)), ParallelFilter(decimate=4)
+    apart = [drawn((one,), parallel_filter) for one in motions]
+    for together, parts in zip(drawn(motions, parallel_filter), zip(*apart, strict=True), strict=True):
+        np.testing.assert_array_equal(together, np.concatenate(parts))
+
+
+@pytest.mark.parametrize("frequency", [1.0, 5.0, 12.0])
+def test_gain_of_the_filter(frequency: float) -> None:
+    """Forward and backward: without phase, gain 1 / (1 + r^(2 order)), r the ratio of the warped frequencies."""
+    parallel_filter, samples = ParallelFilter(cutoff=5.0, order=2), 4000
+    made = motion(samples)
+    x = np.cos(2 * np.pi * frequency * made.t)
+    ratio = np.tan(np.pi * frequency / RATE) / np.tan(np.pi * 5.0 / RATE)
+    found = parallel_filter.apply(parallel_filter.sections(made), x)[500:-500]
+    np.testing.assert_allclose(found, x[500:-500] / (1 + ratio**4), atol=1e-6)
+
+
+def test_default_cutoff_is_four_fifths_of_half_the_remaining_rate() -> None:
+    made = motion()
+    stated = ParallelFilter(decimate=5, cutoff=0.8 * 0.5 * RATE / 5)
+    np.testing.assert_allclose(ParallelFilter(decimate=5).sections(made), stated.sections(made), rtol=1e-9)
+
+
+@pytest.mark.parametrize("used", [1, 2, 5])
+def test_stretches_shorter_than_the_filter(used: int) -> None:
+    """A single sample cannot be filtered; more give finite numbers."""
+    mask = np.zeros(100, dtype=bool)
+    mask[10 : 10 + used] = mask[40:] = True
+    Y, tau = drawn((motion(100, mask=mask),), ParallelFilter(cutoff=10.0))
+    assert len(tau) == 60 + (used if used > 1 else 0)
+    assert np.isfinite(Y).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "give decimate > 1, a cutoff in Hz, or both"),
+        ({"decimate": 0}, "decimate = 0"),
+        ({"decimate": 2.5}, "decimate = 2.5"),
+        ({"decimate": 2, "order": 0}, "order = 0"),
+        ({"decimate": 2, "order": 1.5}, "order = 1.5"),
+        ({"cutoff": 0.0}, "cutoff = 0.0 positive"),
+        ({"cutoff": -3.0}, "cutoff = -3.0 positive"),
+        ({"cutoff": float("nan")}, "cutoff = nan positive"),
+    ],
+)
+def test_wrong_settings_of_the_filter(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        ParallelFilter(**settings)
+
+
+def test_any_positive_cutoff_is_a_setting() -> None:
+    assert ParallelFilter(cutoff=1e-3).cutoff == 1e-3
+    assert ParallelFilter(cutoff=1.0, order=1).order == 1
+
+
+@pytest.mark.parametrize("cutoff", [50.0, 80.0, float("inf")])
+def test_cutoff_above_half_the_sampling_rate(cutoff: float) -> None:
+    with pytest.raises(ConfigError, match=rf"made: .* {cutoff:g} Hz does not lie below half .* \(50 Hz\)"):
+        _ = Regression(ARM, (motion(),), ParallelFilter(cutoff=cutoff)).triangular_factors

@@ -64,7 +64,7 @@ def most_accurate(of: Figures) -> Answer:
     own = [[of.rms(name, level) for name in (DIDIM, INSTRUMENTS)] for level in LEVELS]
     said = [f"{level:g} bits: {figure(a)} and {figure(b)}, the best of the others {figure(c)}"
             for level, (a, b), c in zip(LEVELS, own, best, strict=True)]  # fmt: skip
-    return [max(pair) < one for pair, one in zip(own, best, strict=True)], f"rms at {'; '.join(said)}"
+    return [each < one for pair, one in zip(own, best, strict=True) for each in pair], f"rms at {'; '.join(said)}"
 
 
 def filtering_helps(of: Figures) -> Answer:

@@ -171,8 +171,8 @@ def test_stamps_that_increase_are_preferred():
     found = map_columns(table(**{"header.stamp.sec": np.floor(T), "clock": T + 5}, time=None, **signals()), NUMBERED)
     assert found.time.column == "clock"
     assert map_columns(table(time=None, **signals()), NUMBERED).time.column is None
-    stuck = map_columns(table(time=np.floor(T), **signals()), NUMBERED)
-    assert "do not increase" in stuck.time.question
+    for times in (np.floor(T), np.full(len(T), np.inf), np.where(T > 1, np.nan, T)):
+        assert "do not increase" in map_columns(table(time=times, **signals()), NUMBERED).time.question
 
 
 def test_joints_that_are_not_identified_are_locked():

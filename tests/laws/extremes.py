@@ -124,7 +124,7 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
         "excitation": (settings.ExcitationSettings, ("excitation",), plain | {"excitation": {"duration": 12}}),
         "compare": (CompareSettings, ("compare",), plain | {"compare": {"smoothers": ["spline"]}}),
         "reference": (
-            channels.Channel, ("simulation", "joints", "slider", "reference"), plain | {"simulation": cascade},
+            channels.Angle, ("simulation", "joints", "slider", "reference"), plain | {"simulation": cascade},
         ),
     }  # fmt: skip
     for family, key in ((SMOOTHERS, "smoother"), (ESTIMATORS, "estimator")):

@@ -62,8 +62,9 @@ def _stamps(
     if not stamps:
         return _clock(table, rows, nameless)
     name, unit = min(stamps, key=lambda stamp: not increases(table.columns[stamp[0]]))
-    steps = np.diff(table.columns[name])  # equal ones are rows written twice, or reading says what to do with them
-    sound = bool((steps >= 0).all() and np.median(steps) > 0) if len(steps) else False
+    column = finite(table.columns[name])
+    steps = np.diff(column)  # equal ones are rows written twice, or reading says what to do with them
+    sound = len(column) == rows > 1 and bool((steps >= 0).all() and np.median(steps) > 0)
     return name, unit, "" if sound else "the stamps do not increase everywhere: is there a better column?"
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli.voice import LOG_HEAD
+from dynident.cli.voice import EVERY, LOG_HEAD, Voice
+from dynident.errors import Step
 from tests.cli.commands import configure, run, write_log
 from tests.robots import ARM
 
@@ -27,6 +28,19 @@ def test_steps_are_printed_with_times_wherever_the_option_stands(tmp_path: Path,
     assert steps[:2] == ["building the model", "reading log 0-3 s"]
     assert len(steps) == len(set(steps))
     assert " s  " not in done.stdout.splitlines()[0]
+
+
+def test_a_long_step_says_each_half_minute_how_much_is_done() -> None:
+    own = Voice(verbose=True)
+    assert own.step(Step("simulating", 0, 30)).endswith(" s  simulating")
+    assert own.step(Step("simulating", 1, 30)) == ""
+    for done in (7, 8):
+        own.began -= EVERY
+        assert own.step(Step("simulating", done, 30)).endswith(f" s  simulating ({done} of 30)")
+        assert own.step(Step("simulating", done + 1, 30)) == ""
+    own.began -= EVERY
+    assert own.step(Step("simulating")) == ""  # nothing to add
+    assert own.step(Step("validating", 0, 2)).endswith(" s  validating")
 
 
 def test_a_quiet_run_prints_results_and_what_was_written(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError
+from dynident.errors import ConfigError, Use
 from dynident.estimators import (
     GeneralisedLeastSquares,
     LeastSquares,
@@ -68,6 +68,7 @@ def test_an_error_of_the_model_is_said_and_does_little_harm() -> None:
     found = GeneralisedLeastSquares()(posed(ARM, lacking))
     plain = LeastSquares(weights="per_joint")(posed(ARM, lacking))
     assert [type(note) for note in found.notes] == [StillColoured, WhiteningCostly]
+    assert [note.forbidden for note in found.notes] == [None, Use.SIMULATION]
     assert (found.residual.sigma < 4 * plain.residual.sigma).all()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import ConfigError, InputError, MissingInputError
 from dynident.estimators import GeneralisedLeastSquares, LeastSquares, MaximumLikelihood
 from dynident.estimators.maximum_likelihood import newton
 from dynident.estimators.notes import (
@@ -18,12 +18,21 @@ from dynident.estimators.notes import (
     WhiteningCostly,
 )
 from dynident.filters import one_pole
-from dynident.identification import Identification, NotFitted, NotJudged, Recipe, identify, versions
+from dynident.identification import (
+    Identification,
+    NotFitted,
+    NotJudged,
+    Recipe,
+    SubstituteUsed,
+    identify,
+    substituted,
+    versions,
+)
 from dynident.log import Log
 from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
 from dynident.models.gallery import two_link_arm
 from dynident.regression import ParallelFilter, UnexcitedParameters, informed_std
-from dynident.smoothers import Difference, Spline
+from dynident.smoothers import Difference, FourierSeries, Spline
 from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
@@ -248,6 +257,29 @@ def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
     assert error(found) < 1e-3
     assert [one.errors.relative_error < 0.1 for one in found.validations] == [True, True]
     assert found.estimate.residual.samples == found.validations[0].motion.mask.sum()
+
+
+def test_motion_that_a_smoother_is_not_made_for_is_judged_by_its_substitute(log: Log) -> None:
+    """The smoother is for motion that repeats: with a time offset, and without; what is fitted must repeat."""
+    assert ARM.values is not None
+    t, w = np.linspace(0, 10, 1001), np.array([1.5, 3.0])
+    q, dq, ddq = np.sin(w * t[:, None]), w * np.cos(w * t[:, None]), -(w**2) * np.sin(w * t[:, None])
+    twice = Log(t, q, ARM.torque(q, dq, ddq, ARM.values), log.joints, "twice")
+    once = replace(log.window(0.0, 5.0), source="once")
+    for late in (0.0, 0.005):
+        found = identify(ARM, [twice], [once], Recipe(FourierSeries(), time_offset=late))
+        (note,) = (one for one in found.notes if isinstance(one, SubstituteUsed))
+        assert note == SubstituteUsed("once", "FourierSeries", Spline().method)
+        held = found.validations[1]
+        assert held.errors.relative_error < (5.0 if late else 0.1)
+        again = found.predict(once)
+        assert [one.log for one in substituted([again])] == ["once"]
+        assert again.errors.relative_error == pytest.approx(held.errors.relative_error)
+        assert not list(substituted([found.predict(twice)]))
+    with pytest.raises(MissingInputError, match="once: no two periods"):
+        identify(ARM, [once], [twice], Recipe(FourierSeries()))
+    known = identify(ARM, [twice], recipe=Recipe(FourierSeries(4 * np.pi / 3)))
+    assert known.predict(once.window(0.0, 3.0)).errors.relative_error < 0.1  # less than a period
 
 
 def test_excluded_torques_do_not_count_in_the_likelihood() -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 import dynident as dy
-from dynident.errors import ConfigError, DynidentError, InputError, ModelError
+from dynident.errors import MEMORY, ConfigError, DynidentError, InputError, ModelError, memory
 from dynident.io.config import read_config
-from dynident.io.opener import MEMORY, content, memory, opened, real, refuse_inputs, set_memory, watched
+from dynident.io.opener import content, opened, real, refuse_inputs, set_memory, watched
 from dynident.io.results import read_table, write_text
 from dynident.io.robot import robot_text
 from dynident.io.saved import load

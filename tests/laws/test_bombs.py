@@ -16,10 +16,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.errors import ConfigError, InputError, ModelError
+from dynident.errors import MEMORY, ConfigError, InputError, ModelError
 from dynident.io.bag_files import chunks_within_budget
 from dynident.io.config import parse_config
-from dynident.io.opener import MEMORY, watched
+from dynident.io.opener import watched
 from dynident.io.saved import load
 from dynident.io.tables import DataTable, read_columns
 from dynident.io.yaml_text import MOST_NODES

@@ -87,6 +87,20 @@ class Greedy:
 
 
 @dataclass(frozen=True)
+class OnMonday:
+    """A smoother that is made for one day only."""
+
+    def __call__(self, log: Log) -> Motion:
+        if log.source != "monday":
+            raise MissingInputError(f"{log.source} is another day.")
+        return Difference("central")(log)
+
+    def substitute(self) -> Difference:
+        """Forward differences, for all other days."""
+        return Difference()
+
+
+@dataclass(frozen=True)
 class Stuck:
     """A smoother that cannot smooth."""
 

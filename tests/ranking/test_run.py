@@ -13,7 +13,8 @@ import dynident as dy
 from dynident.checks import Topic
 from dynident.errors import ConfigError, InputError, Step
 from dynident.ranking import Outcome, Ranking, run_comparison
-from tests.ranking.made import Greedy, Halved, Lacking, Raising, Stuck, Whole, make_project
+from dynident.report.ranking import ranking_findings
+from tests.ranking.made import Greedy, Halved, Lacking, OnMonday, Raising, Stuck, Whole, make_project
 
 TIMES = ("seconds",)
 FEW: dict[str, Any] = {"smoothers": [dy.Difference("central")], "estimators": ["least_squares", Halved()], "folds": 2}
@@ -110,6 +111,17 @@ def test_a_smoother_that_leaves_out_nearly_all_takes_nothing_from_the_others(pro
     left = [one for one in more.failed if one.combination.smoother == "Greedy"]
     assert {one.outcome for one in left} == {Outcome.TOO_FEW}
     assert left[0].reason.startswith("monday: keeps 20 samples, where most smoothers keep 7")
+
+
+def test_a_substitute_of_a_smoother_is_told_and_has_the_same_parameters(project: Path, found: Ranking) -> None:
+    more = run_comparison(project, smoothers=[OnMonday()], estimators=["least_squares"], folds=0)
+    assert found.substituted == ()
+    assert more.substituted == ("OnMonday",)
+    assert any(one.startswith("OnMonday does not apply to all motion") for one in ranking_findings(more))
+    one = next(one for one in more.ranked if one.combination.smoother == "OnMonday")
+    central = found.ranked[0]
+    assert one.same_motion["slider"] == pytest.approx(central.same_motion["slider"], rel=1e-2)
+    assert one.error > 1.1 * central.error
 
 
 def test_where_nothing_works_there_is_no_best(project: Path) -> None:

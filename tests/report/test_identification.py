@@ -12,7 +12,7 @@ from plotly.offline import get_plotlyjs
 from dynident.checks import Finding, Topic, log_notes
 from dynident.errors import Severity
 from dynident.estimators import Consistency, Determined, Provenance
-from dynident.estimators.notes import RankDeficient
+from dynident.estimators.notes import RankDeficient, WhiteningCostly
 from dynident.identification import Identifiability, SourceFile, Sources, StandardErrors
 from dynident.log import Log, Motion
 from dynident.models import INERTIAL, Parameter
@@ -298,3 +298,12 @@ def test_errors_stand_beside_what_the_sensors_allow(identification):
     identification.validations[1].floors = {}
     (_, said, *_) = identification_notes(identification)
     assert said.text.startswith("The sensors' noise is not known of elbow: the torque was filtered")
+
+
+def test_a_note_that_stands_against_a_use_is_said_once(monkeypatch, identification):
+    monkeypatch.setattr("dynident.report.identification.IN_SENTENCES", 0)
+    note = WhiteningCostly("elbow", 1.3)
+    identification.findings = (Finding(Severity.WARNING, None, note),)
+    identification.notes = (*identification.notes, note)
+    said = [line.text for line in identification_notes(identification) if "whitened rows" in line.text]
+    assert len(said) == 1

@@ -133,8 +133,9 @@ def test_a_noun_without_words_is_an_error() -> None:
         (
             notes.WhiteningCostly("elbow", 1.239),
             (
-                "the fit to whitened rows leaves 1.24 times as much of the torque of elbow as least squares: what "
-                "counts as noise there is what the model lacks; least squares predicts better"
+                "the fit to whitened rows leaves 1.24 times as much of the torque of elbow as least squares, which "
+                "such noise alone does not: it is what the model lacks, so that parameters may be many standard "
+                "errors off, and least squares predicts better"
             ),
         ),
         (

@@ -256,7 +256,10 @@ def _smoothed(
     pairing = pair(model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
     if pairing.time_offset is not None:
         findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
-    return {role: {log.source: motion_of(pairing.smoother, log) for log in part} for role, part in clean.items()}
+    return {
+        role: {log.source: motion_of(pairing.smoother, log, judged=role != "train") for log in part}
+        for role, part in clean.items()
+    }
 
 
 def _of_motion(

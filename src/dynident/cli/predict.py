@@ -69,13 +69,16 @@ def _predicted(
 ) -> tuple[list[tuple[LogValidation, bool]], list[Line]]:
     """Return the prediction of every log, and whether its torques are known; and what reading warns of."""
     from dynident.errors import Severity
+    from dynident.identification import substituted
     from dynident.io.saved import read_log_like
-    from dynident.report.wording import Line
+    from dynident.report.wording import Line, note_lines
 
     found, warnings = [], []
     for text in logs:
         say(f"predicting {text}")
         reading = read_log_like(saved, text, allow_code=allow_code)
         warnings += [Line(f"Warning: {words}", Severity.WARNING) for words in reading.warnings]
-        found += [(saved.predict(log), reading.measured) for log in reading.logs]
+        made = [saved.predict(log) for log in reading.logs]
+        warnings += note_lines(substituted(made))
+        found += [(one, reading.measured) for one in made]
     return found, warnings

@@ -73,9 +73,9 @@ def status() -> Iterator[Callable[[str], None]]:
         def say(step: str) -> None:
             one, shown = _escaped(step), progress.tasks[0]
             shown.total = one.total  # to ``update`` and ``reset``, None is no change
+            if line := own.step(one):
+                progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
             if shown.description != one.words:
-                if line := own.step(one):
-                    progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
                 progress.reset(task, description=one.words, first=one.done)
             progress.update(task, completed=one.done, at=shown.elapsed or 0.0)
 

@@ -24,12 +24,16 @@ from dynident.errors import Step
 
 __all__ = ["LOG_HEAD", "Voice", "complain", "speaking", "voice"]
 
+EVERY = 30.0  # s after which it is said again how much of a step is done
 LOG_HEAD = "# Log of dynident."  # the first words of every log file: no other file is appended to
 
 
 @dataclass
 class Voice:
-    """How much a command says; ``log`` takes all of it, and ``began`` (s) is when the run did."""
+    """How much a command says; ``log`` takes all of it, and ``began`` (s) is when the run did.
+
+    ``last`` are the words of the last step, and ``said`` (s) when that was said, counted from the begin.
+    """
 
     verbose: bool = False
     quiet: bool = False
@@ -37,6 +41,7 @@ class Voice:
     log: IO[str] | None = None
     began: float = field(default_factory=time.monotonic)
     last: str = ""
+    said: float = 0.0
 
     @property
     def elapsed(self) -> float:
@@ -56,12 +61,14 @@ class Voice:
             click.echo(f"Warning: {name}: the log ends here, it cannot be written: {error.strerror}.", err=True)
 
     def step(self, step: Step) -> str:
-        """Write a step that is new to the log; return the line to print of it, if any."""
-        if step.words == self.last:
+        """Write a step that is new, or each half minute how much of it is done, to the log; return the line to print
+        of it, if any."""
+        known, now = step.words == self.last, self.elapsed
+        if known and (now - self.said < EVERY or step == step.words):
             return ""
-        self.last = step.words
-        self.keep(step.words)
-        return f"{self.elapsed:7.1f} s  {step.words}" if self.verbose else ""
+        self.last, self.said, text = step.words, now, str(step) if known else step.words
+        self.keep(text)
+        return f"{now:7.1f} s  {text}" if self.verbose else ""
 
     def open(self) -> None:
         """Begin the log, if one is wanted; InputError where its file is another's, or cannot be written."""

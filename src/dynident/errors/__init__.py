@@ -1,6 +1,7 @@
 """Errors that a user can cause, and notes on a result, as data."""
 
 from dynident.errors.brief import brief, changed, listed, shortened
+from dynident.errors.budget import GIGABYTE, MEMORY, amount, budgeted, give, memory
 from dynident.errors.errors import ConfigError, DynidentError, InputError, MissingInputError, ModelError, choices
 from dynident.errors.finding import Finding
 from dynident.errors.install import install_command
@@ -9,6 +10,8 @@ from dynident.errors.part import called
 from dynident.errors.step import Step
 
 __all__ = [
+    "GIGABYTE",
+    "MEMORY",
     "ConfigError",
     "DynidentError",
     "Finding",
@@ -20,11 +23,15 @@ __all__ = [
     "Severity",
     "Step",
     "Use",
+    "amount",
     "brief",
+    "budgeted",
     "called",
     "changed",
     "choices",
+    "give",
     "install_command",
     "listed",
+    "memory",
     "shortened",
 ]

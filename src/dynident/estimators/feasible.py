@@ -18,6 +18,7 @@ from dynident.estimators.least_squares import COARSEST, MOST, joint_weights, wei
 from dynident.estimators.linear import LinearFit, solve
 from dynident.estimators.noise import Residuals, Series
 from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
+from dynident.estimators.specification import Apart
 from dynident.models import Parameter
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
 
@@ -46,9 +47,9 @@ def feasible(problem: Problem, most: int, iterations: int, tolerance: float | No
     """Return the rows of a problem, whitened by autoregressions of at most the order ``most`` and the covariance of
     their innovations, which are those of the fit itself.
 
-    It ends, with a note, where the fit leaves much more of the torque than least squares, which no noise explains: from
-    there the parameters would move on, to explain what whitening has left. Raises ConfigError for a regression that
-    holds factors alone.
+    It ends, with a note, where the fit leaves much more of the torque than least squares, and such noise does not
+    explain that: from there the parameters would move on, to explain what whitening has left. Raises ConfigError for a
+    regression that holds factors alone.
     """
     if not problem.regression.motions:
         raise ConfigError("estimator: whitening needs all samples; take least squares or the consistent fit.")
@@ -57,6 +58,7 @@ def feasible(problem: Problem, most: int, iterations: int, tolerance: float | No
     weights = joint_weights(triangular, "per_joint", START, parameters, tolerance)
     first, shown = weighted(triangular, weights, parameters, tolerance)
     start = value = solve(first, shown).value
+    apart = Apart(plain, weights, first, shown)
     floor, names = _floor(triangular), [joint.name for joint in problem.model.joints]
     orders: Sequence[int] | None = None
     costly: tuple[Note, ...] = ()
@@ -67,6 +69,8 @@ def feasible(problem: Problem, most: int, iterations: int, tolerance: float | No
         factor, rank = _whitened(plain, noise, shown, parameters, tolerance)
         step, value = _step(factor, rank, value, triangular.total)
         costly = _costly(triangular, value, start, floor, names)
+        if costly and apart.chance(value - start, noise, rank, problem.progress):
+            costly = ()
         if step < CLOSE or costly:
             break
     unsettled = step >= CLOSE and not costly

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import DynidentError, ModelError
+from dynident.errors import DynidentError, ModelError, Step
 from dynident.estimators.constraints import with_mass
 from dynident.estimators.estimator import Estimator, Problem
 from dynident.estimators.least_squares import LeastSquares
@@ -24,6 +24,7 @@ __all__ = ["other_model"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+OTHERS = 4  # that are tried
 POSES = 32  # at which the mass matrix must be positive definite
 COSTLY = 1.1  # residual of a joint over that of least squares: noise alone does not leave so much more
 
@@ -37,7 +38,8 @@ def other_model(
     the values that the model has from its file; and at last least squares under the constraint that the mass matrix is
     positive definite where the robot was. Where none can, it is the ``failure`` of least squares.
     """
-    for kind, value in _others(problem):
+    for k, (kind, value) in enumerate(_others(problem)):
+        problem.progress(Step("trying other first models", k, OTHERS))
         found = tried(value)
         if not isinstance(found, Failure):
             return value, found, kind

@@ -270,8 +270,10 @@ class StillColoured(Note):
 
 @dataclass(frozen=True)
 class WhiteningCostly(Note):
-    """The fit to whitened rows leaves ``ratio`` times as much of the torque of a ``joint`` as least squares: what
-    counts as noise there follows the motion, and is what the model lacks."""
+    """The fit to whitened rows leaves ``ratio`` times as much of the torque of a ``joint`` as least squares, and such
+    noise alone does not: what counts as noise there follows the motion, and is what the model lacks. The parameters
+    may be many standard errors off."""
 
+    forbids: ClassVar[Use | None] = Use.SIMULATION
     joint: str
     ratio: float

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.errors import InputError, Step, listed
+from dynident.errors import GIGABYTE, InputError, Step, listed, memory
 from dynident.fleets.doubts import doubts
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
@@ -26,7 +26,7 @@ from dynident.fleets.rows import KEY, histories_of, residuals_of, schema
 from dynident.fleets.settings import read_fleet_settings
 from dynident.identification import Identification
 from dynident.io.folder import result_folder
-from dynident.io.opener import GIGABYTE, memory, watched
+from dynident.io.opener import watched
 from dynident.io.results import as_path
 from dynident.io.row_store import RowStore
 from dynident.jobs import Done, Limits, Status, run_jobs

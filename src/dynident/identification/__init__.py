@@ -29,7 +29,7 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
-from dynident.identification.role_logs import NotFitted, NotJudged
+from dynident.identification.role_logs import NotFitted, NotJudged, SubstituteUsed, substituted
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
 from dynident.identification.terms import Kind, NotChosen, Outcome, PlainTerms, TermChoice, Trial, choose_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
@@ -79,6 +79,7 @@ __all__ = [
     "SteepBase",
     "Step",
     "Stretch",
+    "SubstituteUsed",
     "TermChoice",
     "TimeOffset",
     "Trial",
@@ -105,6 +106,7 @@ __all__ = [
     "pair",
     "prepared",
     "resting",
+    "substituted",
     "versions",
     "whole_rests",
 ]

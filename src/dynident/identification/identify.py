@@ -26,7 +26,7 @@ from dynident.identification.result import (
     Sources,
     versions,
 )
-from dynident.identification.role_logs import NotFitted, RoleLogs, not_judged
+from dynident.identification.role_logs import NotFitted, RoleLogs, not_judged, substituted
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.identification.terms import PlainTerms
 from dynident.identification.terms.added import chosen, first, with_choice
@@ -37,7 +37,7 @@ from dynident.regression import (
     Regression,
     one_thread,
 )
-from dynident.smoothers import unshifted
+from dynident.smoothers import motion_of, unshifted
 from dynident.validation import (
     FreeRun,
     LogValidation,
@@ -132,6 +132,7 @@ def _identify(
             *resting,
             *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
             *not_judged(validations),
+            *substituted(validations),
             *_steep(tilt),
             *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
@@ -247,5 +248,5 @@ def _run(
     if log.controller is None and recipe.restart is None:
         return None
     if log.controller is not None and motion.time_offset:  # a controller sees the positions when they were stamped
-        motion = unshifted(recipe.smoothers[0])(log)
+        motion = motion_of(unshifted(recipe.smoothers[0]), log, judged=True)
     return free_run(model, estimate.value, motion, log.controller, recipe.restart, name=name)

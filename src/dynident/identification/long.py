@@ -27,7 +27,7 @@ from dynident.identification.reducer import Reduced, Reducer
 from dynident.identification.repetition import credible_share, pieces_of
 from dynident.identification.rests import Rests
 from dynident.identification.result import Identification, Sources, versions
-from dynident.identification.role_logs import NotFitted, RoleLogs, not_judged
+from dynident.identification.role_logs import NotFitted, RoleLogs, not_judged, substituted
 from dynident.identification.sampled_bias import sampled_bias
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.log import Log, Motion
@@ -176,6 +176,7 @@ def _finished(
             *resting,
             *((NotFitted(recipe.unfitted),) if recipe.unfitted else ()),
             *not_judged(validations),
+            *substituted(validations),
             *smoothed_away(validations),
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),

@@ -141,13 +141,13 @@ class Recipe:
         return self.smoother if isinstance(self.smoother, tuple) else (self.smoother,)
 
     def motion(self, log: Log) -> Motion:
-        """Return the motion of a log by the smoother; ConfigError where it is still to be chosen among several.
+        """Return the motion of a log that is judged, by the smoother, or its substitute where that does not apply.
 
-        Raises the errors of the smoother.
+        Raises the errors of the smoother, and ConfigError where it is still to be chosen among several.
         """
         if len(self.smoothers) != 1:
             raise ConfigError(f"the recipe has {len(self.smoothers)} smoothers to choose from; name one, or identify.")
-        return motion_of(self.smoothers[0], self.repaired(log))
+        return motion_of(self.smoothers[0], self.repaired(log), judged=True)
 
     def trimmed(self, log: Log) -> Log:
         """Return the log without long rests of the whole arm at its ends."""

@@ -12,10 +12,10 @@ from dynident.identification.recipe import Recipe
 from dynident.identification.rests import Rests, without_rests
 from dynident.log import Log, Motion
 from dynident.models import Model
-from dynident.smoothers import Smoother, motion_of
+from dynident.smoothers import SUBSTITUTE, Smoother, motion_of
 from dynident.validation import LogValidation
 
-__all__ = ["NotFitted", "NotJudged", "RoleLogs", "not_judged"]
+__all__ = ["NotFitted", "NotJudged", "RoleLogs", "SubstituteUsed", "not_judged", "substituted"]
 
 Logs = Mapping[str, Mapping[str, Log]]
 Motions = dict[str, dict[str, Motion]]
@@ -44,6 +44,25 @@ def not_judged(validations: Sequence[LogValidation]) -> Iterator[NotJudged]:
         gone = None if one.recorded is None else one.recorded.excluded
         if one.role == "validation" and gone is not None and gone.mean() > MUCH:
             yield NotJudged(one.name, 100.0 * float(gone.mean()))
+
+
+@dataclass(frozen=True)
+class SubstituteUsed(Note):
+    """The ``log``, which is judged and not fitted, has not the motion that the smoother is made for, whose class is
+    ``smoother``; it is smoothed by another ``method``."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    log: str
+    smoother: str
+    method: str
+
+
+def substituted(validations: Sequence[LogValidation]) -> Iterator[SubstituteUsed]:
+    """Yield which logs, with signals, a substitute of the smoother has smoothed."""
+    for one in validations:
+        how = {} if one.signals is None else one.motion.smoothing
+        if SUBSTITUTE in how:
+            yield SubstituteUsed(one.name, how[SUBSTITUTE], how["method"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +110,13 @@ class RoleLogs:
         return self.kept(model, self.smoothed(smoother, progress), recipe)
 
     def smoothed(self, smoother: Smoother, progress: Callable[[str], None] = lambda _: None) -> Motions:
-        """Return the motions by role and name. Raises the errors of the smoother."""
+        """Return the motions by role and name, those that are only judged by a substitute where the smoother does not
+        apply. Raises the errors of the smoother."""
         motions: Motions = {role: {} for role in self.repaired}
         every = [(role, *one) for role, logs in self.repaired.items() for one in logs.items()]
         for k, (role, name, log) in enumerate(every):
             progress(Step("smoothing the logs", k, len(every)))
-            motions[role][name] = motion_of(smoother, log)
+            motions[role][name] = motion_of(smoother, log, judged=role != "train")
         return motions
 
     def kept(self, model: Model, smoothed: Motions, recipe: Recipe) -> tuple[Motions, tuple[Rests, ...]]:

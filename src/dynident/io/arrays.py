@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.io.opener import afford, memory
+from dynident.errors import memory
+from dynident.io.opener import afford
 
 __all__ = ["Columns", "Found", "StoredArray", "columns_of", "held"]
 

@@ -13,8 +13,8 @@ from types import SimpleNamespace
 from typing import Any, BinaryIO
 from urllib.parse import quote
 
-from dynident.errors import InputError
-from dynident.io.opener import MEMORY, memory, opened, text
+from dynident.errors import MEMORY, InputError, memory
+from dynident.io.opener import opened, text
 from dynident.io.yaml_text import load_yaml
 
 __all__ = ["chunks_within_budget", "examine_files"]

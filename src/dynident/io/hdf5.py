@@ -14,10 +14,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, install_command
+from dynident.errors import InputError, install_command, memory
 from dynident.io.arrays import Found, StoredArray, held
 from dynident.io.matlab import described
-from dynident.io.opener import memory
 
 __all__ = ["is_hdf5", "opened_hdf5"]
 

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import GAP, MINIMUM_SAMPLES
-from dynident.errors import ConfigError, InputError, Step, brief
+from dynident.errors import ConfigError, InputError, Step, brief, memory
 from dynident.identification import Stretch
 from dynident.io.fields import Interval, unit_factor
 from dynident.io.logs import log_of, without_excluded
-from dynident.io.opener import memory
 from dynident.io.recording_parts import PARQUET, recording_parts
 from dynident.io.settings import Config, LogSpec, check_joints
 from dynident.io.signals import column_names

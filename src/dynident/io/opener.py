@@ -13,18 +13,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from dynident.errors import ConfigError, DynidentError, InputError, choices
+from dynident.errors import MEMORY, ConfigError, DynidentError, InputError, amount, budgeted, choices, give, memory
 
 __all__ = [
-    "GIGABYTE",
-    "MEMORY",
     "XML_WEIGHT",
     "Run",
     "afford",
     "content",
     "find",
     "keep",
-    "memory",
     "opened",
     "real",
     "refuse_inputs",
@@ -35,9 +32,6 @@ __all__ = [
 
 Failure = Callable[[str], DynidentError]  # the type of the error, or what makes one of a sentence
 
-MEMORY = "DYNIDENT_MEMORY"  # the environment variable with the budget, in GB
-USUAL = 4.0  # GB
-GIGABYTE = 10**9
 XML_WEIGHT = 80  # memory of a tree of elements, per byte of its text
 LARGEST = 16  # times the budget: a file of which only a part is read
 LONGEST = 200  # characters of a path in a message
@@ -56,7 +50,6 @@ class Run:
     """What one command, or one call, has read: the name of each file by its identity (device, inode)."""
 
     files: dict[tuple[int, int], str] = field(default_factory=dict)
-    memory: float | None = None
 
 
 _RUN: ContextVar[Run | None] = ContextVar("run", default=None)
@@ -72,7 +65,8 @@ def watched(*inputs: str | Path) -> Iterator[None]:
     try:
         for path in inputs:
             keep(path)
-        yield
+        with budgeted():
+            yield
     finally:
         _RUN.reset(token)
 
@@ -108,29 +102,15 @@ def refuse_inputs(*targets: str | Path) -> None:
 
 def set_memory(gigabytes: float | None) -> None:
     """Set the budget of this run, in GB; None leaves it as it is."""
-    run = _RUN.get()
-    if run is not None and gigabytes is not None:
-        run.memory = gigabytes
-
-
-def memory() -> int:
-    """Return the bytes of memory that reading one file may take; ConfigError where the environment has no number."""
-    run = _RUN.get()
-    given = os.environ.get(MEMORY) or USUAL
-    try:
-        amount = float(given if run is None or run.memory is None else run.memory)
-        if not 0 < amount < float("inf"):
-            raise ValueError
-    except ValueError as error:
-        raise ConfigError(f"{MEMORY} is {given!r}; give a positive number of GB.") from error
-    return int(amount * GIGABYTE)
+    if _RUN.get() is not None and gigabytes is not None:
+        give(gigabytes)
 
 
 def afford(needed: int, what: str, error: Failure = InputError) -> None:
     """Raise ``error`` where this many bytes are more than the budget; ``what`` begins the sentence."""
     if needed > memory():
         raise error(
-            f"{what} {_amount(needed)} of memory, more than the {_amount(memory())} that a file may take; "
+            f"{what} {amount(needed)} of memory, more than the {amount(memory())} that a file may take; "
             f"raise this by --memory or {MEMORY} (in GB), if the file is what it should be."
         )
 
@@ -168,7 +148,7 @@ def opened(
         found = os.fstat(file.fileno())
         _regular(found, path, error)
         if found.st_size > LARGEST * memory():
-            afford(found.st_size // LARGEST, f"{path}: its {_amount(found.st_size)} would take at least", error)
+            afford(found.st_size // LARGEST, f"{path}: its {amount(found.st_size)} would take at least", error)
         if remember:
             _remember(found, path)
         yield file
@@ -185,7 +165,7 @@ def content(
     """Return the bytes of a file; ``weight`` is the memory that reading it takes, per byte. Raises as ``opened``."""
     with opened(path, error, kinds, remember=remember) as file:
         size = os.fstat(file.fileno()).st_size
-        afford(weight * size, f"{path}: its {_amount(size)} would take", error)
+        afford(weight * size, f"{path}: its {amount(size)} would take", error)
         try:
             data = file.read(size + 1)  # a growing file is no way around the budget
         except OSError as wrong:
@@ -244,7 +224,3 @@ def _short(path: str | Path) -> str:
     name = str(path)
     name = name if len(name) <= LONGEST else f"{name[: LONGEST // 2]}...{name[-LONGEST // 2 :]}"
     return name if name.isprintable() else repr(name)
-
-
-def _amount(count: float) -> str:
-    return f"{count / GIGABYTE:.3g} GB" if count >= GIGABYTE / 10 else f"{count / 1e6:.3g} MB"

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, install_command
+from dynident.errors import InputError, install_command, memory
 from dynident.io.bag_files import chunks_within_budget, examine_files
-from dynident.io.opener import afford, memory
+from dynident.io.opener import afford
 
 __all__ = ["BAGS", "parse_bag"]
 

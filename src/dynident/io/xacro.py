@@ -13,8 +13,8 @@ import tempfile
 from pathlib import Path
 from threading import Timer
 
-from dynident.errors import ModelError, install_command
-from dynident.io.opener import XML_WEIGHT, find, keep, memory, real
+from dynident.errors import ModelError, install_command, memory
+from dynident.io.opener import XML_WEIGHT, find, keep, real
 
 __all__ = ["XACRO", "expand"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.errors import brief, called
 from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem
 from dynident.estimators.constraints import bodies_of, sized
-from dynident.identification import estimated
+from dynident.identification import SubstituteUsed, estimated
 from dynident.identification.cross_validation import stretch
 from dynident.identification.prior_strength import find_prior_strength, with_strength
 from dynident.identification.standard_errors import identifiability_of
@@ -23,6 +23,7 @@ from dynident.ranking.rows import Outcome, empty_row
 from dynident.ranking.smoothing import Common, failed, motions_of, shifted, with_common
 from dynident.ranking.task import Masks, Task
 from dynident.regression import BLOCK, Regression, one_thread
+from dynident.smoothers import SUBSTITUTE
 
 __all__ = ["Fit", "Job"]
 
@@ -78,7 +79,10 @@ class Fit:
         seconds = time.perf_counter() - began
         settled = Outcome.OK if estimate.converged else Outcome.UNSETTLED
         row = empty_row(self.key(job), settled, "", seconds)
-        row["notes"] = sorted({type(note).__name__ for note in (*estimate.notes, *noted)})
+        kinds = {type(note) for note in (*estimate.notes, *noted)}
+        if any(SUBSTITUTE in motion.smoothing for motion in motions["validation"].values()):
+            kinds.add(SubstituteUsed)
+        row["notes"] = sorted(kind.__name__ for kind in kinds)
         row["condition"] = _condition(estimate)
         row["eigenvalue"] = _eigenvalue(problem, estimate.value)
         own = with_common(task, task.motions, self.common)

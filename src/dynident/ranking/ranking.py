@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Finding, Use, brief, listed
+from dynident.identification import SubstituteUsed
 from dynident.ranking.candidates import Candidate, Combination
 from dynident.ranking.differences import EXACT, LEVEL
 from dynident.ranking.rows import Outcome
@@ -164,6 +165,12 @@ class Ranking:
     def ranked(self) -> tuple[Ranked, ...]:
         """The combinations that have an error, the best first."""
         return tuple(one for one in self.rows if math.isfinite(one.error))
+
+    @cached_property
+    def substituted(self) -> tuple[str, ...]:
+        """The smoothers in whose place another one smooths logs that are held out."""
+        lacking = (one for one in self.rows if SubstituteUsed.__name__ in one.notes)
+        return tuple(dict.fromkeys(one.combination.smoother for one in lacking))
 
     @cached_property
     def failed(self) -> tuple[Ranked, ...]:

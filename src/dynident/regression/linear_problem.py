@@ -142,12 +142,15 @@ class Regression:
         found.__dict__["triangular_factors"] = factors
         return found
 
-    def pulls(self, torques: Sequence[Array], weights: Array | None = None) -> Array:
-        """Return sum w_j^2 Y_j' c_j (p, k) of other torques c, for each motion (N, n, k), with ``weights`` w (n)."""
+    def pulls(self, torques: Sequence[Array], weights: Array | None = None, *, filtered: bool = False) -> Array:
+        """Return sum w_j^2 Y_j' c_j (p, k) of other torques c, for each motion (N, n, k), with ``weights`` w (n).
+
+        Torques that are ``filtered`` already are those of the rows.
+        """
         w2 = np.ones(len(self.model.joints)) if weights is None else np.square(weights)
         p = len(self.model.parameters)
         total = np.zeros((p, torques[0].shape[2]))
-        series = [self._passed(k, c) for k, c in enumerate(torques)]
+        series = torques if filtered else [self._passed(k, c) for k, c in enumerate(torques)]
         for _, _, block in self.placed(self.model.structure, beside=series):
             for j, (columns, maps) in enumerate(zip(block.structure.columns, block.structure.maps, strict=True)):
                 rows, own = block.used(j)[:-1], columns < p

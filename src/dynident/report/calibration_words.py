@@ -18,6 +18,7 @@ from dynident.identification import (
     PriorStrength,
     Rests,
     SteepBase,
+    SubstituteUsed,
     TimeOffset,
 )
 from dynident.report.part_words import part_words
@@ -156,6 +157,15 @@ def _(note: NotJudged) -> str:
     return (
         f"{percent(note.share)} of {note.log}, which is held out, are not judged, by `exclude`: its torque error is "
         "that of the rest. Exclude only what the robot is not to blame for, such as a collision"
+    )
+
+
+@words.register
+def _(note: SubstituteUsed) -> str:
+    return (
+        f"{note.log} has not the motion that {note.smoother} is made for; as it is only judged, another smooths it: "
+        f"{note.method}. Its torque error also holds what that leaves of the noise or takes of the motion: compare it "
+        "with that of other models on this recording, not with the error on training"
     )
 
 

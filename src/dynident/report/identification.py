@@ -121,8 +121,9 @@ def identification_tables(identification: Identification) -> list[PageTable]:
 def identification_notes(identification: Identification) -> list[Line]:
     """Return for a terminal what to say below the tables: of the parameters, then the warnings, long ones cut."""
     _, notes = terminal_parameters(identification)
-    more = judge(identification).reasons[IN_SENTENCES:]
-    found = [Line(f"Warning: {words(one)}.", Severity.WARNING) for one in more if isinstance(one, Noted)]
+    more = [one for one in judge(identification).reasons[IN_SENTENCES:] if isinstance(one, Noted)]
+    more = [one for one in more if not all(each.message in identification.notes for each in one.findings)]
+    found = [Line(f"Warning: {words(one)}.", Severity.WARNING) for one in more]
     said = [*note_lines(identification.notes), *_check_lines(_more(identification))]
     return [
         *map(Line, (*notes, *unknown_noise(identification))),

@@ -214,6 +214,11 @@ def _truth_lines(found: Ranking) -> Iterator[str]:
 
 
 def _gaps(found: Ranking) -> Iterator[str]:
+    for name in found.substituted:
+        yield (
+            f"{name} does not apply to all motion that is held out, where the default spline smooths in its place: its "
+            "rows tell how good its parameters are, not its smoothing of that motion."
+        )
     if found.ranked and min(found.shares.values()) < LOW:
         log = min(found.shares, key=lambda name: found.shares[name])
         most = min(found.kept, key=lambda name: found.kept[name])

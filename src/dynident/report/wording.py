@@ -210,7 +210,8 @@ def _(note: notes.StillColoured) -> str:
 def _(note: notes.WhiteningCostly) -> str:
     return (
         f"the fit to whitened rows leaves {short(note.ratio, 3)} times as much of the torque of {note.joint} as least "
-        "squares: what counts as noise there is what the model lacks; least squares predicts better"
+        "squares, which such noise alone does not: it is what the model lacks, so that parameters may be many standard "
+        "errors off, and least squares predicts better"
     )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +28,7 @@ from dynident.simulation.trace import Trace, gaps_of
 __all__ = ["Sensitivity", "sensitivities"]
 
 Array = NDArray[np.float64]
+Output = Literal["q", "dq", "tau"]
 AT_ONCE = 1 << 22  # numbers in the matrices that are made together
 
 
@@ -51,11 +53,14 @@ def sensitivities(
     run: Simulated,
     controller: Controller | None = None,
     directions: ArrayLike | None = None,
+    *,
+    only: Output | None = None,
 ) -> Sensitivity:
     """Return the derivatives of a simulation with the same model, theta (p) and controller.
 
     ``directions`` (p, k) are the combinations of parameters, by default each alone. The derivatives of a controller
-    that does not know them are by differences. Raises InputError where the simulation failed, ModelError for a model
+    that does not know them are by differences. Where ``only`` those of q, dq or tau are asked for, the others are
+    empty, and need no memory. Raises InputError where the simulation failed, ModelError for a model
     that remembers (hysteresis, friction by the load), of which only ``simulated`` knows, or without ``partials``.
     """
     if run.failure is not None or run.trace is None:
@@ -71,8 +76,8 @@ def sensitivities(
     if chosen.ndim != 2 or len(chosen) != p:
         raise InputError(f"directions has shape {chosen.shape}, expected ({p}, k): a row for each parameter.")
     steps = _Steps(model, np.asarray(theta, dtype=float), run.trace, chosen)
-    found = steps.followed(_Loop(run, controller, len(run.joints)))
-    q, dq, tau = (one.swapaxes(0, 1).reshape(len(run.t), len(run.joints), -1) for one in found)
+    found = steps.followed(_Loop(run, controller, len(run.joints)), only)
+    q, dq, tau = (one.reshape(len(run.t), len(run.joints), one.shape[3]) for one in found)
     k = chosen.shape[1]
     return Sensitivity(q[..., :k], dq[..., :k], tau[..., :k], Sensitivity(q[..., k:], dq[..., k:], tau[..., k:]))
 
@@ -153,14 +158,14 @@ class _Steps:
         """The last sample (S) before each step."""
         return np.maximum.accumulate(self.trace.begins)[:-1]
 
-    def followed(self, loop: _Loop) -> tuple[Array, Array, Array]:
-        """Return the derivatives of q, dq and tau (K, B, n, k + 2 n) at the samples."""
+    def followed(self, loop: _Loop, only: Output | None) -> list[Array]:
+        """Return the derivatives of q, dq and tau (B, K, n, k + 2 n) at the samples, empty where not asked for."""
         trace, n = self.trace, loop.n
         (rows, pieces, _), width = trace.q.shape, self.directions.shape[1]
-        shape = (len(trace.tau), pieces, n, width + 2 * n)
-        q, dq, tau = np.empty(shape), np.empty(shape), np.zeros(shape)
-        X = np.broadcast_to(loop.start(width), (pieces, loop.size, shape[3])).copy()
-        some = max(AT_ONCE // (pieces * loop.size * (loop.size + shape[3])), 1)
+        wide, shape = width + 2 * n, (pieces, len(trace.tau), n)
+        out = [np.zeros((*shape, wide if only in (None, name) else 0)) for name in get_args(Output)]
+        X = np.broadcast_to(loop.start(width), (pieces, loop.size, wide)).copy()
+        some = max(AT_ONCE // (pieces * loop.size * (loop.size + wide)), 1)
         for first in range(0, rows - 1, some):
             part = slice(first, min(first + some, rows - 1))
             by_state, by_theta = self.linearised(part, loop)
@@ -170,17 +175,20 @@ class _Steps:
                 np.matmul(change, here, out=there)
                 there[:, : 3 * n, :width] += more
             X = path[-1]
-            self._keep(loop, slice(first, first + len(path)), path, (q, dq, tau))
-        return q, dq, tau
+            self._keep(loop, slice(first, first + len(path)), path, out)
+        return out
 
-    def _keep(self, loop: _Loop, steps: slice, path: Array, out: tuple[Array, Array, Array]) -> None:
+    def _keep(self, loop: _Loop, steps: slice, path: Array, out: list[Array]) -> None:
         """Write what belongs to samples among the states before these steps."""
         n, begins = loop.n, self.trace.begins[steps]
         at = np.flatnonzero(begins >= 0)
         samples = slice(int(begins[at[0]]), int(begins[at[-1]]) + 1) if len(at) else slice(0, 0)
-        out[0][samples], out[1][samples] = path[at, :, :n], path[at, :, n : 2 * n]
-        if loop.controller is not None:
-            out[2][samples] = loop.torque(samples)[:, None] @ path[at]
+        here = path[at]
+        for one, rows in zip(out, (slice(0, n), slice(n, 2 * n)), strict=False):
+            if one.shape[3]:
+                one[:, samples] = here[:, :, rows].swapaxes(0, 1)
+        if loop.controller is not None and out[2].shape[3]:
+            out[2][:, samples] = (loop.torque(samples)[:, None] @ here).swapaxes(0, 1)
 
     def linearised(self, part: slice, loop: _Loop) -> tuple[Array, Array]:
         """Return the derivatives of the states after steps by those before (s, B, size, size), with what happens at a

@@ -4,7 +4,7 @@ from dynident.smoothers.butterworth import Butterworth, cutoff_complaint
 from dynident.smoothers.difference import Difference
 from dynident.smoothers.fourier import FourierSeries
 from dynident.smoothers.kalman import KalmanSmoother
-from dynident.smoothers.outliers import motion_of, repaired
+from dynident.smoothers.outliers import SUBSTITUTE, motion_of, repaired
 from dynident.smoothers.overlap import decay, overlap
 from dynident.smoothers.savitzky_golay import SavitzkyGolay
 from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask, position_noise
@@ -14,6 +14,7 @@ from dynident.smoothers.time_offset import LONGEST_OFFSET, TimeShifted, unshifte
 __all__ = [
     "BY_JOINT",
     "LONGEST_OFFSET",
+    "SUBSTITUTE",
     "Butterworth",
     "Difference",
     "FourierSeries",

@@ -17,6 +17,7 @@ from dynident.smoothers.period import Period, likely_periods
 from dynident.smoothers.periodic_fit import MOST, PeriodicFit, Sought, misfit, periods_in, repeating, scatter
 from dynident.smoothers.rest import at_rest, with_rest
 from dynident.smoothers.smoother import BY_JOINT, ends_mask, position_noise
+from dynident.smoothers.spline import Spline
 
 __all__ = ["FourierSeries"]
 
@@ -44,7 +45,7 @@ class FourierSeries:
     Calling it returns a ``Motion``; its ``smoothing`` has the ``period`` and its standard error, and by joint the
     harmonics, sigma from how periods differ, and the p-value of white noise. Raises ConfigError for bad settings or
     unknown joints, MissingInputError where no period is found or the one given does not fit, and InputError where the
-    log is too short.
+    log is too short. A log that is only judged and does not repeat is smoothed by ``Spline()``.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -114,6 +115,10 @@ class FourierSeries:
         """Return the series with the period that it has found for all joints of a motion."""
         return replace(self, period=motion.smoothing["period"])
 
+    def substitute(self) -> Spline:
+        """Return the default spline, which smooths a log that does not repeat where that is only judged."""
+        return Spline()
+
     def _fit(self, log: Log) -> PeriodicFit:
         used, given = self._span(log), self._given(log)
         t, q, sigma = log.t[used], log.q[used], position_noise(log)
@@ -129,7 +134,7 @@ class FourierSeries:
             if self.period is None:
                 raise MissingInputError(f"{log.source}: {_no_period(t)}")
             least = f"less than one period of {period.value:g} s; record longer, or use a spline"
-            raise InputError(f"{log.source}: {t[-1] - t[0]:.4g} s are {least}.")
+            raise MissingInputError(f"{log.source}: {t[-1] - t[0]:.4g} s are {least}.")
         try:
             fit = repeating(log, used, period, sought)
         except np.linalg.LinAlgError as error:

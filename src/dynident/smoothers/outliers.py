@@ -9,16 +9,17 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, brief, called
+from dynident.errors import ConfigError, MissingInputError, brief, called
 from dynident.log import Log, Motion
-from dynident.smoothers.smoother import Smoother
+from dynident.smoothers.smoother import HasSubstitute, Smoother
 from dynident.smoothers.time_offset import unshifted
 from dynident.splines import bridged, frozen, spikes, stretches, torn_ends
 
-__all__ = ["FEW", "MANY", "Suspects", "few", "motion_of", "repaired", "suspects"]
+__all__ = ["FEW", "MANY", "SUBSTITUTE", "Suspects", "few", "motion_of", "repaired", "suspects"]
 
 Mask = NDArray[np.bool_]
 
+SUBSTITUTE = "smoothed in place of"  # what a substitute smooths a motion for: the class of a smoother
 FEW = 0.01  # share of a joint's samples: if more are spikes, they belong to the signal
 SOME = 0.25  # the same of frozen positions
 MANY = 0.5  # the same of frozen and clipped torques, which a fit to the others shows to be wrong
@@ -120,13 +121,14 @@ def _widened(found: Mask) -> Mask:
     return np.asarray(binary_dilation(found, np.ones((2 * MARGIN + 1, 1))))
 
 
-def motion_of(smoother: Smoother, log: Log) -> Motion:
+def motion_of(smoother: Smoother, log: Log, *, judged: bool = False) -> Motion:
     """Return the motion of a log, of which the fit keeps what the log keeps.
 
-    Excluded samples are neither in its mask nor kept. Raises the errors of the smoother, and ConfigError where its
-    motion has not the samples of the log.
+    Where the log is only ``judged``, not fitted, and has not the motion that the smoother is made for, the substitute
+    of this smooths it: its ``smoothing`` then has the key ``SUBSTITUTE``. Excluded samples are neither in its mask nor
+    kept. Raises the errors of the smoother, and ConfigError where its motion has not the samples of the log.
     """
-    motion = called(smoother, log, Motion)
+    motion = _judged(smoother, log) if judged else called(smoother, log, Motion)
     if len(motion) != len(log):
         name = type(unshifted(smoother)).__name__
         raise ConfigError(
@@ -137,3 +139,15 @@ def motion_of(smoother: Smoother, log: Log) -> Motion:
         return motion if log.keep is None else replace(motion, keep=log.keep)
     used = np.broadcast_to(~log.excluded[:, None], log.q.shape)
     return replace(motion, mask=motion.mask & ~log.excluded, keep=used if log.keep is None else used & log.keep)
+
+
+def _judged(smoother: Smoother, log: Log) -> Motion:
+    """Return the motion by a smoother, or by its substitute where it does not apply."""
+    try:
+        return called(smoother, log, Motion)
+    except MissingInputError:
+        other = smoother.substitute() if isinstance(smoother, HasSubstitute) else None
+        if other is None:
+            raise
+    motion = called(other, log, Motion)
+    return replace(motion, smoothing={**motion.smoothing, SUBSTITUTE: type(unshifted(smoother)).__name__})

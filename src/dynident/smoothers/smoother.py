@@ -17,6 +17,7 @@ __all__ = [
     "BY_JOINT",
     "Adapts",
     "FindsPeriod",
+    "HasSubstitute",
     "KnowsNoise",
     "Smoother",
     "as_used",
@@ -63,6 +64,14 @@ class FindsPeriod(Protocol):
 
     def of_period(self, motion: Motion) -> Smoother:
         """Return the same smoother with the period that it has used for a motion."""
+
+
+@runtime_checkable
+class HasSubstitute(Protocol):
+    """A smoother that is made for some motions only: MissingInputError says that a log has none of these."""
+
+    def substitute(self) -> Smoother | None:
+        """Return what smooths any other log that is only judged, not fitted; None where nothing does."""
 
 
 def as_used(smoother: Smoother, motion: Motion) -> Smoother:

@@ -9,7 +9,7 @@ from annotated_types import Ge, Le
 
 from dynident.errors import ConfigError, InputError, called
 from dynident.log import Log, Motion
-from dynident.smoothers.smoother import Smoother, as_used
+from dynident.smoothers.smoother import HasSubstitute, Smoother, as_used
 
 __all__ = ["LONGEST_OFFSET", "TimeShifted", "unshifted"]
 
@@ -51,6 +51,11 @@ class TimeShifted:
     def as_used(self, motion: Motion) -> TimeShifted:
         """Return the same shift of the smoother as it was used for a motion."""
         return TimeShifted(as_used(self.smoother, motion), self.time_offset)
+
+    def substitute(self) -> TimeShifted | None:
+        """Return the same shift of what stands in for the smoother, where it has something."""
+        other = self.smoother.substitute() if isinstance(self.smoother, HasSubstitute) else None
+        return None if other is None else TimeShifted(other, self.time_offset)
 
 
 def unshifted(smoother: Smoother) -> Smoother:

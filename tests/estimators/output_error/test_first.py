@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dynident.estimators import LeastSquares, OutputError, Problem
@@ -27,7 +29,15 @@ def noisy(sigma: float) -> Problem:
 def test_begins_with_the_fit_that_is_nearest_when_simulated() -> None:
     problem = noisy(1e-3)
     assert LeastSquares()(problem).value[0] < 0.1 * TRUTH[0]
-    found = OutputError()(problem)
+    steps: list[str] = []
+    found = OutputError()(replace(problem, progress=steps.append))
+    assert steps[:4] == [
+        "simulating first models (0 of 3)",
+        "simulating first models (1 of 3)",
+        "simulating first models (2 of 3)",
+        "simulating (0 of 30)",
+    ]
+    assert steps[4] == "simulating (1 of 30)"
     assert StartedElsewhere(Start.SMOOTHED) in found.notes
     np.testing.assert_allclose(found.value, TRUTH, rtol=2e-3)
 

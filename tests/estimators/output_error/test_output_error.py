@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError, MissingInputError
-from dynident.estimators import LeastSquares, MaximumLikelihood, OutputError, PhysicallyConsistent
+from dynident.errors import GIGABYTE, ConfigError, InputError, MissingInputError, budgeted, give
+from dynident.estimators import Didim, LeastSquares, MaximumLikelihood, OutputError, PhysicallyConsistent
 from dynident.log import Log, Motion
 from dynident.models.gallery import slider
 from tests.estimators.instrumental_variables.looped import MODEL, STEP, TRUTH, driven, posed, recorded
@@ -110,6 +110,22 @@ def test_needs_what_it_is_told_to_use() -> None:
     few = replace(motion, mask=np.arange(len(motion)) % 6 > 0)
     with pytest.raises(InputError, match="log 0: too few usable samples in a row to simulate: give at least 10"):
         OutputError()(posed((log, few)))
+
+
+def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_simulated() -> None:
+    """The slider has 3 parameters and 2 states: 600 samples in a loop are 20 * 600 * 5 bytes."""
+    problem = posed(recorded(MOTION, CONTROLLER, 0))
+    samples = int(problem.motions[0].mask.sum())
+    steps: list[str] = []
+    with budgeted():
+        give(20 * samples * 5 / GIGABYTE)
+        OutputError(iterations=1)(problem)
+        give(20 * samples * 5 / GIGABYTE / 2)
+        for estimator in (OutputError(), Didim(), OutputError(loop="open")):
+            words = rf"log 0: .*, {samples} samples of .* would take 0.0598 MB .* \(50 % of it fit\), .* --memory"
+            with pytest.raises(InputError, match=words):
+                estimator(replace(problem, progress=steps.append))
+    assert not steps
 
 
 def test_settings_are_checked() -> None:

@@ -69,16 +69,18 @@ class Descent:
             sigma = noise(state)
             linear = self.linearised(state, sigma)
             information, far = self.judged(state, linear, sigma)
+            samples = sum(one.samples for one in linear)
             if steps == self.iterations or far < CLOSE or fall < (LITTLE if damping < DAMPING else SLOW):
                 break
             found, damping = self.stepped(state, linear, sigma, damping)
+            del linear  # most of the memory, of which the next needs as much
             if found is None:
                 break
             fall = 1.0 - cost(found.runs, sigma) / cost(state.runs, sigma)
             state, damping = found, max(damping / 10.0, LEAST)
         if far > FAR:
             self.notes.append(StillSimulating(steps, far))
-        return Fitted(state.theta, information, sum(one.samples for one in linear), tuple(self.notes))
+        return Fitted(state.theta, information, samples, tuple(self.notes))
 
     def judged(self, state: _State, linear: Sequence[Linear], sigma: Array) -> tuple[Array, float]:
         """Return the information (r, r), and how many usual standard errors of a direction away the solution seems,
@@ -92,7 +94,6 @@ class Descent:
 
     def begun(self, start: Array, shots: tuple[Shots, ...]) -> _State:
         """Return the first simulation."""
-        self.problem.progress("simulating")
         theta, runs, other = first_runs(self.problem, start, lambda value: self.simulated(shots, value), likely)
         if other is not None:
             self.notes.append(StartedElsewhere(other))

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Step
 from dynident.estimators.estimator import Problem
 from dynident.estimators.first_model import other_model
 from dynident.estimators.instrumental_variables import InstrumentalVariables
@@ -23,6 +23,7 @@ __all__ = ["first_runs"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+FITS = 3  # that are tried
 NEARER = 0.5  # of the cost: below it, another first model is worth it
 
 
@@ -39,7 +40,8 @@ def first_runs(
     best: tuple[Array, T, Start | None] | None = None
     least = np.inf
     failures: list[Failure] = []
-    for kind, value in _fits(problem, start):
+    for k, (kind, value) in enumerate(_fits(problem, start)):
+        problem.progress(Step("simulating first models", k, FITS))
         runs = simulated(value)
         if isinstance(runs, Failure):
             failures.append(runs)

@@ -44,8 +44,9 @@ class Linear:
     @cached_property
     def _whole(self) -> Array:
         """[J_theta | e]' [J_theta | e] (r + 1, r + 1)."""
-        both = np.concatenate((self.rows, self.rest[..., None]), axis=2).reshape(-1, self.rows.shape[2] + 1)
-        return np.asarray(both.T @ both)
+        J, e = self.rows.reshape(-1, self.rows.shape[2]), self.rest.ravel()
+        slope = J.T @ e
+        return np.block([[J.T @ J, slope[:, None]], [slope, e @ e]])
 
     def _followed(self, damping: float) -> Array:
         """Return the starts (B, 2 n, r + 1) that follow from a step of theta, and from the residuals (last column)."""
@@ -66,20 +67,24 @@ class Linear:
     def left(self) -> tuple[Array, Array]:
         """The rows (B, K n, r) and residuals (B, K n) without what the starts can explain."""
         both = self._followed(0.0)
-        return self.rows - self.starts @ both[..., :-1], self.rest - (self.starts @ both[..., -1:])[..., 0]
+        explained = self.starts @ both[..., :-1]
+        return np.subtract(self.rows, explained, out=explained), self.rest - (self.starts @ both[..., -1:])[..., 0]
 
 
 def linearised(by_theta: Array, by_start: Array, e: Array, count: Array, sigma: Array) -> Linear:
     """Return the rows of derivatives (B, K, n, r) and (B, K, n, 2 n), and of residuals e (B, K, n) of which those with
-    ``count`` 1 are there, in units of ``sigma`` (n)."""
-    if len(e) == 1:  # samples that do not count would hide that the others are correlated
-        some = count[0].any(axis=1)
+    ``count`` 1 are there, in units of ``sigma`` (n). The derivatives are overwritten."""
+    some = count[0].any(axis=1)
+    if len(e) == 1 and not some.all():  # samples that do not count would hide that the others are correlated
         by_theta, by_start, e = by_theta[:, some], by_start[:, some], e[:, some]
-    pieces, scale = len(e), sigma.reshape(-1, 1)
-    J, S = ((one / scale).reshape(pieces, -1, one.shape[3]) for one in (by_theta, by_start))
+    pieces = len(e)
+    for one in (by_theta, by_start):
+        one /= sigma.reshape(-1, 1)
+    J, S = (one.reshape(pieces, -1, one.shape[3]) for one in (by_theta, by_start))
     size = np.linalg.norm(S, axis=1)
     size = np.where(size > 0, size, 1.0)
-    return Linear(J, S / size[:, None], size, (e / sigma).reshape(pieces, -1), int(count.sum()))
+    S = np.divide(S, size[:, None], out=S)
+    return Linear(J, S, size, (e / sigma).reshape(pieces, -1), int(count.sum()))
 
 
 def normal(linear: Sequence[Linear], damping: float = 0.0) -> tuple[Array, Array]:

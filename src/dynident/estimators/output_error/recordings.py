@@ -59,7 +59,7 @@ def torque_shots(problem: Problem, k: int, controller: Controller) -> Shots:
     motion, shots = problem.motions[k], _closed(problem, k, controller)
     keep = fitted_rows(motion, problem.regression.min_speed)
     count = _counted(motion) if keep is None else _counted(motion) * keep
-    met = replace(shots, measured=motion.tau, count=count, output="torque", after=motion.time_offset)
+    met = replace(shots, measured=motion.tau, count=count, output="tau", after=motion.time_offset)
     return _refined(met)
 
 

@@ -17,7 +17,8 @@ from dynident.simulation import Failure, Sensitivity, Simulated, sensitivities, 
 __all__ = ["Output", "Shots", "Simulation"]
 
 Array = NDArray[np.float64]
-Output = Literal["positions", "torque"]
+Output = Literal["q", "tau"]
+AT_ONCE = 2048  # samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +47,15 @@ class Shots:
     rows: slice
     segment: float
     controller: Controller | None = None
-    output: Output = "positions"
+    output: Output = "q"
     after: float = 0.0
 
     __repr__ = brief
+
+    @property
+    def samples(self) -> int:
+        """The number of samples that are simulated."""
+        return len(range(*self.rows.indices(len(self.motion))))
 
     @property
     def restart(self) -> float | None:
@@ -72,27 +78,31 @@ class Shots:
             return failure
         count = self.count[run.rows]
         count[:-1, -1] = 0.0  # the first of the next piece
-        if self.output == "torque":
+        if self.output == "tau":
             count *= _between(run.t, self.after)[2][:, None]
         e = self.measured[run.rows] - self._seen(run.t, run).reshape(count.shape)
         return Simulation(run, e * count, count)
 
     def slopes(self, model: Model, theta: Array, of: Simulation, directions: Array) -> tuple[Array, Array]:
         """Return the derivatives (B, K, n, r) of what is met by ``directions`` (p, r), and by the start (.., 2 n)."""
-        found = sensitivities(model, theta, of.run, self.controller, directions)
+        found = sensitivities(model, theta, of.run, self.controller, directions, only=self.output)
         assert found.start is not None  # noqa: S101
-        by_theta, by_start = (
-            self._seen(of.run.t, one).reshape(*of.count.shape, -1) * of.count[..., None] for one in (found, found.start)
-        )
-        return by_theta, by_start
+        both = [self._seen(of.run.t, one) for one in (found, found.start)]
+        shaped = [one.reshape(*of.count.shape, one.shape[2]) for one in both]
+        for one in shaped:
+            one *= of.count[..., None]
+        return shaped[0], shaped[1]
 
     def _seen(self, t: Array, one: Simulated | Sensitivity) -> Array:
         """Return the positions, or the torque when it was measured, of a run or of its derivatives (N, n, ...)."""
-        if self.output == "positions":
+        if self.output == "q":
             return one.q
         k, share, _ = _between(t, self.after)
-        share = share.reshape(-1, *[1] * (one.tau.ndim - 1))
-        return np.asarray((1 - share) * one.tau[k] + share * one.tau[k + 1])
+        share, out = share.reshape(-1, *[1] * (one.tau.ndim - 1)), np.empty_like(one.tau)
+        for first in range(0, len(k), AT_ONCE):  # derivatives of a long recording are most of the memory
+            some = slice(first, first + AT_ONCE)
+            out[some] = (1 - share[some]) * one.tau[k[some]] + share[some] * one.tau[k[some] + 1]
+        return out
 
 
 def _between(t: Array, after: float) -> tuple[NDArray[np.intp], Array, NDArray[np.bool_]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ __all__ = ["information_of"]
 Array = NDArray[np.float64]
 ALONE = 1e6  # condition above which a piece alone determines a direction
 LEAST = 1e-6  # variance of J' e over that of white residuals: below are exact data
+AT_ONCE = 4096  # samples
 PIECES = 3  # from which on what each segment adds is compared
 
 
@@ -42,12 +43,13 @@ def _of_pieces(left: Sequence[tuple[Array, Array]], half: Array) -> tuple[Array,
     what the fit changes by when each is left out (the jackknife; MacKinnon and White, 1985)."""
     total, count = np.zeros_like(half), 0
     for rows, e in left:
-        J = np.linalg.solve(half, rows.reshape(-1, len(half)).T).T.reshape(rows.shape)
-        scores = np.einsum("bkr,bk->br", J, e)
-        others = np.eye(len(half)) - J.transpose(0, 2, 1) @ J
-        known = np.linalg.cond(others) < ALONE
-        scores[known] = np.linalg.solve(others[known], scores[known][..., None])[..., 0]
-        total, count = total + scores.T @ scores, count + len(scores)
+        for some in _blocks(len(rows), max(AT_ONCE // rows.shape[1], 1)):
+            J = np.linalg.solve(half, rows[some].reshape(-1, len(half)).T).T.reshape(rows[some].shape)
+            scores = np.einsum("bkr,bk->br", J, e[some])
+            others = np.eye(len(half)) - J.transpose(0, 2, 1) @ J
+            known = np.linalg.cond(others) < ALONE
+            scores[known] = np.linalg.solve(others[known], scores[known][..., None])[..., 0]
+            total, count = total + scores.T @ scores, count + len(scores)
     return total, float(count)
 
 
@@ -55,9 +57,20 @@ def _of_samples(left: Sequence[tuple[Array, Array]], half: Array, joints: int) -
     """Return S in units of H (r, r), the long-run covariance of each stretch, and how many samples are independent."""
     total, independent = np.zeros_like(half), 0.0
     for J, e in left:
-        scores = (J * e[..., None]).reshape(-1, joints, J.shape[2]).sum(axis=1)
-        scores = np.linalg.solve(half, scores.T).T
-        length = bandwidth(iter([iter([scores])]))
-        count, part = bartlett(iter([scores]), length, len(half))
+        length = bandwidth(iter([_scores(J, e, half, joints, AT_ONCE)]))
+        count, part = bartlett(_scores(J, e, half, joints, max(AT_ONCE, length)), length, len(half))
         total, independent = total + part, independent + count / length
     return total, independent
+
+
+def _scores(J: Array, e: Array, half: Array, joints: int, size: int) -> Iterator[Array]:
+    """Yield J_t' e_t of the samples in units of H, in blocks of that size."""
+    rows, rest = J.reshape(-1, joints, J.shape[2]), e.reshape(-1, joints)
+    for some in _blocks(len(rows), size):
+        yield np.linalg.solve(half, np.einsum("kjr,kj->kr", rows[some], rest[some]).T).T
+
+
+def _blocks(count: int, size: int) -> Iterator[slice]:
+    """Yield so many in blocks of a size: a long recording has no room for copies of all its derivatives."""
+    for first in range(0, count, size):
+        yield slice(first, first + size)

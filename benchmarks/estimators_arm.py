@@ -176,5 +176,5 @@ def study(names: Sequence[str] = (), levels: Sequence[float] = BITS, scenario: C
     _ = loop.driven  # goes to the workers with it
     least = loop.bound()
     some, true = {name: every[name] for name in names or every}, base.to_base(theta)
-    few = {name: other for name, other in seldom.items() if name in some}
+    few = {name: other for name, other in seldom.items() if {name, other} <= set(some)}
     return Study("arm", [loop], levels, some, true, lambda *_: least, {}, few, held_out, each=False)

@@ -36,6 +36,8 @@ def test_what_a_few_lines_cannot_hold_is_in_the_report() -> None:
     found = ranking()
     lost = tuple(replace(found.rows[-1], reason=f"reason {k}") for k in range(6))
     assert "2 more reasons in the report" in said(replace(found, rows=(*found.rows[:2], *lost)))
+    absent = (*found.absent, replace(found.absent[0], estimator="others"))
+    assert "apply: instruments, others: monday: has no" in said(replace(found, absent=absent))
     text = said(replace(found, rows=found.rows[:1]))
     assert "There is no other to compare it with." in text
     assert "Of 2 base parameters, 1 have a true value" in text

@@ -234,9 +234,10 @@ def _gaps(found: Ranking) -> Iterator[str]:
             yield f"{listed(names, 2)} ({outcome}): {reason}"
         if len(reasons) > NAMED:
             yield f"{count(len(reasons) - NAMED, 'more reason')} in the report, and in what --json writes."
-    for one in found.absent:
-        name = " with ".join(filter(None, (one.smoother, one.estimator)))
-        yield f"Does not apply: {name}: {one.reason}"
+    for reason in dict.fromkeys(one.reason for one in found.absent):
+        alike = [one for one in found.absent if one.reason == reason]
+        names = [" with ".join(filter(None, (one.smoother, one.estimator))) for one in alike]
+        yield f"Does not apply: {listed(names)}: {reason}"
 
 
 def ranking_tables(found: Ranking) -> Iterator[PageTable]:

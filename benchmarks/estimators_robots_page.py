@@ -114,7 +114,8 @@ def by_robot(part: Row, varied: str, fixed: str, value: str) -> str:
         for row in part[robot]["rows"]:
             if row[fixed] == value and "(" not in row[varied]:  # those of the examples have settings
                 found.setdefault(row[varied], {})[robot] = row["error"]
-    least = {robot: min(one[robot] or np.inf for one in found.values() if robot in one) for robot in there}
+    errors = {robot: [one[robot] or np.inf for one in found.values() if robot in one] for robot in there}
+    least = {robot: min(some, default=np.inf) for robot, some in errors.items()}
 
     def over(one: Row) -> float:
         return float(np.mean([np.log((value or np.inf) / least[robot]) for robot, value in one.items()]))

@@ -131,10 +131,17 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
+            notes.WhiteningCostly("elbow", 1.239, chance=True),
+            (
+                "the fit to whitened rows leaves 1.24 times as much of the torque of elbow as least squares; slow "
+                "noise may do that, and so may what the model lacks: compare with least squares on held-out motion"
+            ),
+        ),
+        (
             notes.WhiteningCostly("elbow", 1.239),
             (
-                "the fit to whitened rows leaves 1.24 times as much of the torque of elbow as least squares, which "
-                "such noise alone does not: it is what the model lacks, so that parameters may be many standard "
+                "the fit to whitened rows leaves 1.24 times as much of the torque of elbow as least squares; such "
+                "noise alone does not: it is what the model lacks, so that parameters may be many standard "
                 "errors off, and least squares predicts better"
             ),
         ),

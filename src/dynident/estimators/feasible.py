@@ -47,9 +47,9 @@ def feasible(problem: Problem, most: int, iterations: int, tolerance: float | No
     """Return the rows of a problem, whitened by autoregressions of at most the order ``most`` and the covariance of
     their innovations, which are those of the fit itself.
 
-    It ends, with a note, where the fit leaves much more of the torque than least squares, and such noise does not
-    explain that: from there the parameters would move on, to explain what whitening has left. Raises ConfigError for a
-    regression that holds factors alone.
+    It ends, with a note, where the fit leaves much more of the torque than least squares: from there the parameters
+    would move on, to explain what whitening has left; of noise alone the first steps are nearly all there is to gain.
+    The note says whether such noise explains it. Raises ConfigError for a regression that holds factors alone.
     """
     if not problem.regression.motions:
         raise ConfigError("estimator: whitening needs all samples; take least squares or the consistent fit.")
@@ -58,10 +58,9 @@ def feasible(problem: Problem, most: int, iterations: int, tolerance: float | No
     weights = joint_weights(triangular, "per_joint", START, parameters, tolerance)
     first, shown = weighted(triangular, weights, parameters, tolerance)
     start = value = solve(first, shown).value
-    apart = Apart(plain, weights, first, shown)
     floor, names = _floor(triangular), [joint.name for joint in problem.model.joints]
     orders: Sequence[int] | None = None
-    costly: tuple[Note, ...] = ()
+    costly: WhiteningCostly | None = None
     for k in range(iterations):
         problem.progress(Step("whitening", k, iterations))
         noise = Residuals.of(plain, value, floor).noise(most, shown.rank, orders)
@@ -69,15 +68,16 @@ def feasible(problem: Problem, most: int, iterations: int, tolerance: float | No
         factor, rank = _whitened(plain, noise, shown, parameters, tolerance)
         step, value = _step(factor, rank, value, triangular.total)
         costly = _costly(triangular, value, start, floor, names)
-        if costly and apart.chance(value - start, noise, rank, problem.progress):
-            costly = ()
         if step < CLOSE or costly:
             break
+    if costly:
+        apart = Apart(plain, weights, first, shown)
+        costly = replace(costly, chance=apart.chance(value - start, noise, rank, problem.progress))
     unsettled = step >= CLOSE and not costly
     notes = (
         *((NotConverged(iterations, 0.5 * rank.rank * step**2),) if unsettled else ()),
         *(_coloured(Residuals.of(plain, value, floor).innovations(noise), floor, names) if most else ()),
-        *costly,
+        *((costly,) if costly else ()),
     )
     return LinearFit(factor, rank, triangular.total, notes=notes, whitening=noise)
 
@@ -114,9 +114,9 @@ def _coloured(left: Series, floor: Array, names: Sequence[str]) -> tuple[Note, .
 
 def _costly(
     triangular: TriangularFactors, value: Array, start: Array, floor: Array, names: Sequence[str]
-) -> tuple[Note, ...]:
+) -> WhiteningCostly | None:
     """Return a note where the fit leaves much more of a joint's torque than least squares."""
     now, before = (np.sqrt(triangular.residual(x) / np.maximum(triangular.rows, 1)) for x in (value, start))
     ratio = np.divide(now, before, out=np.ones_like(now), where=before > floor)
     worst = int(ratio.argmax())
-    return (WhiteningCostly(names[worst], float(ratio[worst])),) if ratio[worst] > COSTLY else ()
+    return WhiteningCostly(names[worst], float(ratio[worst])) if ratio[worst] > COSTLY else None

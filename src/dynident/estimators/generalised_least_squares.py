@@ -31,8 +31,8 @@ class GeneralisedLeastSquares:
     It is the best linear fit where the residual is noise. Where it is what the model lacks, slow and following the
     motion, prewhitening takes the slow part of the torque away with it, and fits what is left, where noise of the
     smoothed motion is largest. A note says where the whitened residual is still coloured; where the fit leaves 1.1
-    times as much of the torque of a joint as least squares, and 99 simulations of the noise do not explain it, another
-    says so, and the iteration ends.
+    times as much of the torque of a joint as least squares, the iteration ends, and another says whether 99 simulations
+    of the noise explain it (Hausman, 1978).
 
     >>> from dataclasses import replace
     >>> import numpy as np

@@ -270,10 +270,17 @@ class StillColoured(Note):
 
 @dataclass(frozen=True)
 class WhiteningCostly(Note):
-    """The fit to whitened rows leaves ``ratio`` times as much of the torque of a ``joint`` as least squares, and such
-    noise alone does not: what counts as noise there follows the motion, and is what the model lacks. The parameters
-    may be many standard errors off."""
+    """The fit to whitened rows leaves ``ratio`` times as much of the torque of a ``joint`` as least squares.
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    Where such noise does not do that by ``chance``, what counts as noise there follows the motion, and is what the
+    model lacks: the parameters may be many standard errors off.
+    """
+
     joint: str
     ratio: float
+    chance: bool = False
+
+    @property
+    def forbidden(self) -> Use | None:
+        """Simulation, where chance does not explain it."""
+        return None if self.chance else Use.SIMULATION

@@ -46,7 +46,7 @@ class Apart:
         """Tell whether a fit to rows whitened by ``noise``, of this ``rank``, may differ by (p) by chance: whether it
         does so as much in one of 99 simulations."""
         white, limit = replace(self.plain, whitening=noise), self.distance(by[:, None])[0]
-        done, rng = 0, np.random.default_rng(0)
+        done, rng = 0, np.random.default_rng(0)  # a fit is the same whenever it is made
         size = sum(motion.q.size for motion in self.plain.motions)
         while done < DRAWS:
             progress(Step("simulating the noise", done, DRAWS))

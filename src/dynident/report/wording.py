@@ -208,10 +208,15 @@ def _(note: notes.StillColoured) -> str:
 
 @words.register
 def _(note: notes.WhiteningCostly) -> str:
+    because = (
+        "slow noise may do that, and so may what the model lacks: compare with least squares on held-out motion"
+        if note.chance
+        else "such noise alone does not: it is what the model lacks, so that parameters may be many standard errors "
+        "off, and least squares predicts better"
+    )
     return (
         f"the fit to whitened rows leaves {short(note.ratio, 3)} times as much of the torque of {note.joint} as least "
-        "squares, which such noise alone does not: it is what the model lacks, so that parameters may be many standard "
-        "errors off, and least squares predicts better"
+        f"squares; {because}"
     )
 
 

@@ -108,9 +108,9 @@ def test_base_parameters_carry_all_of_the_torque(seed: int, rank: int, extra: in
     beta = found.to_base(theta)
     assert found.rank == rank
     size = np.linalg.norm(X, axis=0) @ np.abs(theta)
-    np.testing.assert_allclose(X[:, list(found.independent)] @ beta, X @ theta, atol=1e-9 * size)
+    np.testing.assert_allclose(X[:, list(found.independent)] @ beta, X @ theta, atol=1e-12 * size)
     for back in (found.to_standard(beta), found.to_standard(beta, near)):
-        np.testing.assert_allclose(X @ back, X @ theta, atol=1e-9 * size)
+        np.testing.assert_allclose(X @ back, X @ theta, atol=1e-12 * size)
     np.testing.assert_allclose(found.to_standard(beta, theta), theta, atol=1e-9 * np.abs(theta).max())
     assert np.abs(X @ found.null).max(initial=0.0) <= 1e-8 * np.abs(X).max() * np.abs(found.null).max(initial=1.0)
     assert found.null.shape == (p, extra)

@@ -111,7 +111,9 @@ class BaseParameters:
         rest = _vector(beta, self.rank, "beta") - self.combination @ start
         if not self.rank:
             return start
-        return start + np.linalg.lstsq(self.combination / self.scale, rest)[0] / self.scale
+        rows = self.scale[list(self.independent)]  # rows of unlike units would cost digits
+        scaled = rows[:, None] * self.combination / self.scale
+        return start + np.linalg.lstsq(scaled, rows * rest)[0] / self.scale
 
 
 def base_parameters(

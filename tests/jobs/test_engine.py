@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
+from dynident.errors import InputError, budgeted, give
 from dynident.jobs import Limits, Status, batch, local_workers, run_jobs
 from dynident.jobs.batch import Batch, Report, run_batch
 from dynident.jobs.packed import packed
-from tests.jobs.work import Noise, Stranger, Trouble, by_job, process, sleeps
+from tests.jobs.work import Noise, Stranger, Trouble, budget, by_job, process, sleeps
 
 EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
     "alone": nullcontext,
@@ -41,6 +41,14 @@ def noise() -> Noise:
 def test_results_do_not_depend_on_the_executor(noise: Noise, executor: Executor | None, limits: Limits) -> None:
     done = by_job(list(run_jobs(noise, range(50), executor, limits=limits)))
     assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(50)}
+
+
+@pytest.mark.parametrize("limits", [Limits(), Limits(seconds=600.0)])
+def test_jobs_have_the_memory_of_the_run(executor: Executor | None, limits: Limits) -> None:
+    with budgeted():
+        give(2.5)
+        done = list(run_jobs(budget, range(3), executor, limits=limits))
+    assert [one.value for one in done] == 3 * [2_500_000_000]
 
 
 def test_an_error_is_a_result(tmp_path: Path, executor: Executor | None) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_info
 
+from dynident.errors import memory
 from dynident.jobs import Done
 
 HANGS = 600.0  # s: nothing takes as long, even on a busy machine
@@ -27,6 +28,11 @@ class Noise:
 
     def __call__(self, seed: int) -> float:
         return float(np.sum(self.matrix @ np.random.default_rng(seed).standard_normal(len(self.matrix))))
+
+
+def budget(_: int) -> int:
+    """The bytes of the budget where the job runs."""
+    return memory()
 
 
 @dataclass(frozen=True)

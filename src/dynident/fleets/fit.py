@@ -19,7 +19,7 @@ from dynident.fleets.recipe import FleetRecipe
 from dynident.fleets.rows import packed
 from dynident.identification import Identification, SourceFile, has_gravity, judge, mounted
 from dynident.io.explicit_config import relocated, settings_text
-from dynident.io.opener import real, set_memory, watched
+from dynident.io.opener import real, watched
 from dynident.io.places import is_address, local_file
 from dynident.io.project import Project, parse_project
 from dynident.io.settings import LogSpec
@@ -73,21 +73,19 @@ class LogFit:
     """Identifies logs with the recipe of a fleet, whose configuration is in ``folder``.
 
     ``names`` are those of the base parameters, which all robots must have. ``files`` gives the texts of a run's files
-    by name, None where none are kept. ``memory`` (GB) is the most that reading one file may take.
+    by name, None where none are kept.
     """
 
     recipe: FleetRecipe
     folder: Path
     names: tuple[str, ...]
     files: Callable[[Identification], Mapping[str, str]] | None = None
-    memory: float | None = None
 
     __repr__ = brief
 
     def __call__(self, job: LogJob) -> Fitted:
         """Return the row of a log; an error that a user can cause is its reason."""
         with watched():
-            set_memory(self.memory)
             try:
                 return self._fitted(job)
             except DynidentError as error:

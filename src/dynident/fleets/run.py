@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.errors import GIGABYTE, InputError, Step, listed, memory
+from dynident.errors import InputError, Step, listed
 from dynident.fleets.doubts import doubts
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
@@ -64,7 +64,7 @@ def run_fleet(
         model, basis = model_of(recipe)
         base = FleetBase.of(model, basis)
         files = run_files if folder is not None and settings.reports else None
-        work = LogFit(recipe, path.parent, base.names, files, memory() / GIGABYTE)
+        work = LogFit(recipe, path.parent, base.names, files)
         rows, fitted = _rows(work, _jobs(logs, recipe), folder, executor, limits, rerun, say)
         start = min((one for one in rows["date"] if one), default=None)
         groups = groups_of(model, basis)

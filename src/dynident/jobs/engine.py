@@ -7,6 +7,7 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from itertools import count, islice
@@ -14,7 +15,7 @@ from operator import length_hint
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
-from dynident.errors import InputError
+from dynident.errors import GIGABYTE, InputError, budgeted, give, memory
 from dynident.jobs.attempt import Ended, tried
 from dynident.jobs.batch import Batch, Report, run_batch
 from dynident.jobs.job import Done, Limits, Status
@@ -43,7 +44,7 @@ def run_jobs(
     ``executor`` is given, or ``limits``, for which the jobs run in worker processes of their own; else the jobs run in
     this process, one after the other. ``jobs`` are taken as they are needed, so that there may be any number. An
     exception of a job is a result; Ctrl-C ends all. Raises InputError where the workers cannot run any job, or a
-    process of a ``ProcessPoolExecutor`` has died.
+    process of a ``ProcessPoolExecutor`` has died, and ConfigError where the budget of memory is no number.
     """
     limits = limits or Limits()
     if executor is not None:
@@ -55,11 +56,24 @@ def run_jobs(
             yield from _Spread(function, jobs, one, limits).done()
 
 
+@dataclass(frozen=True)
+class _Within(Generic[J, T]):
+    """A function with the budget of memory (GB) of the run that asks for it, which no worker knows."""
+
+    function: Callable[[J], T]
+    gigabytes: float
+
+    def __call__(self, job: J) -> T:
+        with budgeted():
+            give(self.gigabytes)
+            return self.function(job)
+
+
 class _Spread(Generic[J, T]):
     """Jobs on their way to the workers of an executor and back."""
 
     def __init__(self, function: Callable[[J], T], jobs: Iterable[J], executor: Executor, limits: Limits) -> None:
-        self._function = packed(function)
+        self._function = packed(_Within(function, memory() / GIGABYTE))
         self._digest = sha256(self._function).digest()
         self._jobs, self._rest = iter(jobs), length_hint(jobs, -1)
         self._executor, self._limits = executor, limits

@@ -15,7 +15,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-KERNEL = Path("src", "dynident", "kernel")
+KERNEL = Path("src", "dynident", "runtime", "kernel")
 
 
 class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
@@ -32,7 +32,7 @@ class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
             target = Path(self.root, KERNEL) if version == "editable" else Path(self.folder.name)
             files = self._compiled(target)
             if files and version != "editable":
-                build_data["force_include"] |= {str(target / name): f"dynident/kernel/{name}" for name in files}
+                build_data["force_include"] |= {str(target / name): f"dynident/runtime/kernel/{name}" for name in files}
                 build_data["pure_python"] = False
                 build_data["tag"] = f"py3-none-{platform_tag()}"
 

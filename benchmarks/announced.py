@@ -31,22 +31,34 @@ import numpy as np
 from excitation import PLACES, ROBOTS
 from scipy.interpolate import BPoly
 
-from dynident.demo.arm import true_values
+from dynident.apps.demo.arm import true_values
+from dynident.apps.excitation import (
+    ExpectedAccuracy,
+    MotionLimits,
+    MotionRequest,
+    Piece,
+    Program,
+    Purpose,
+    Trajectory,
+    build_space,
+    design,
+    expected_accuracy,
+    min_fit_speeds,
+    motion_limits,
+)
+from dynident.apps.excitation.design import torque_information
+from dynident.apps.excitation.limits import Feasibility
+from dynident.apps.excitation.motion import build_interior, motion_pieces
+from dynident.apps.excitation.search import random_motion
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
-from dynident.excitation import Floor, MotionLimits, Program, Request, Space, design, limits_of, space_of
-from dynident.excitation.expected import Expected, expected, information_of
-from dynident.excitation.motion import interior_of, motion_pieces
-from dynident.excitation.random_motion import random_motion
-from dynident.excitation.trajectories.dry_friction import slowest
-from dynident.excitation.trajectories.feasibility import Feasibility
-from dynident.excitation.trajectories.trajectory import Piece, Purpose, Trajectory
+from dynident.files.meshes import read_geometry
 from dynident.identification import Recipe, identify
-from dynident.io.meshes import read_geometry
-from dynident.log import Log
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
-from dynident.regression import Regression, structural_base_parameters
-from dynident.simulation.machine import Machine
-from dynident.smoothers import Spline
+from dynident.models import Floor, Model, RigidBodies, RotorInertia, Space
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.simulation.trace import Machine
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
+from dynident.regression import Regression, Selection, structural_base_parameters
 
 NOISE, MARGIN = 0.01, 0.1  # of the torque limit; of all limits
 STEP = 1e-3  # s: the cycle of the drives
@@ -67,7 +79,7 @@ class Arm:
     truth: Array
     limits: MotionLimits
     space: Space
-    request: Request
+    request: MotionRequest
 
     @property
     def feasible(self) -> Feasibility:
@@ -80,31 +92,34 @@ def arm(name: str, folder: Path, floor: float, duration: float, program: Program
     bodies = RigidBodies(file.read_text(), source=file.name)
     joints = bodies.joints
     model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)), name=name)
-    limits = limits_of(model, margin=MARGIN)
+    limits = motion_limits(model, margin=MARGIN)
     nominal = np.array([one.value or 0.0 for one in model.parameters])
     torque, speed = limits.torque / (1 - MARGIN), limits.velocity
     truth = true_values() if name == "demo" else nominal.copy()
     if name != "demo":
         sizes = [share * torque / (speed if kind == "viscous" else 1.0) for kind, share in SHARES.items()]
         truth[-4 * len(joints) :] = np.concatenate(sizes)
-    space = space_of(read_geometry(bodies, file), (Floor(floor),), limits.lower, limits.upper)
-    return Arm(model, nominal, truth, limits, space, Request(NOISE * torque, program, duration=duration))
+    space = build_space(read_geometry(bodies, file), (Floor(floor),), limits.lower, limits.upper)
+    return Arm(model, nominal, truth, limits, space, MotionRequest(NOISE * torque, program, duration=duration))
 
 
-def best_random(one: Arm, periods: int, rng: np.random.Generator, worst: Callable[[Expected], float]) -> Trajectory:
+def best_random(
+    one: Arm, periods: int, rng: np.random.Generator, worst: Callable[[ExpectedAccuracy], float]
+) -> Trajectory:
     """Return the random motion, of as many periods from rest to rest, whose worst parameter is best."""
     basis = structural_base_parameters(one.model)
-    interior = interior_of(one.feasible, one.space, one.request, basis)
+    interior = build_interior(one.feasible, one.space, one.request, basis)
     t = np.arange(0.0, one.request.period, 1 / one.request.rate)
-    found, slow, weights = [], slowest(one.model, one.limits), periods / one.request.sigma**2
+    found, slow, weights = [], min_fit_speeds(one.model, one.limits), periods / one.request.sigma**2
     for _ in range(RANDOM):
         x = random_motion(interior, rng)
-        information = information_of(one.model, interior.family.course(x).states(t), weights, slow)
-        found.append((worst(expected(one.model, one.nominal, information, basis)), x))
+        information = torque_information(one.model, interior.family.course(x).states(t), weights, slow)
+        found.append((worst(expected_accuracy(one.model, one.nominal, information, basis)), x))
     for _, x in sorted(found, key=lambda pair: pair[0]):
         if interior.between(x, one.model) is None:
             return Trajectory(
-                one.limits.joints, motion_pieces(one.feasible, interior.family, x, one.request, rng, most=periods)
+                one.limits.joints,
+                motion_pieces(one.feasible, interior.family, x, replace(one.request, max_periods=periods), rng),
             )
     raise SystemExit("none of the random motions keeps to the limits between the points of its grid.")
 
@@ -163,7 +178,9 @@ def followed(one: Arm, path: Trajectory, rng: np.random.Generator, runs: int) ->
     return STEP * every * np.arange(rows, dtype=float), np.moveaxis(shown, 1, 0), np.moveaxis(torque, 1, 0)
 
 
-def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, recipe: Recipe) -> tuple[Array, Array]:
+def found(
+    one: Arm, path: Trajectory, told: ExpectedAccuracy, runs: int, seed: int, recipe: Recipe
+) -> tuple[Array, Array]:
     """Return the errors (runs, r) of the base parameters, and what the fits say of them (runs, r), relative to what was
     announced."""
     rng = np.random.default_rng(seed)
@@ -174,7 +191,7 @@ def found(one: Arm, path: Trajectory, told: Expected, runs: int, seed: int, reci
         log = Log(t, q, tau + one.request.sigma * rng.standard_normal(tau.shape), one.limits.joints)
         if recipe.terms is None and k >= WHOLE:  # the same fit, without all that a report needs
             motion = recipe.motion(log)
-            regression = Regression(one.model, (motion,), None, recipe.min_speeds(one.limits.joints))
+            regression = Regression(one.model, (motion,), Selection(min_speed=recipe.min_speeds(one.limits.joints)))
             value = dict(zip(names, recipe.estimator(Problem(one.model, (motion,), regression)).value, strict=True))
         else:
             result = identify(one.model if recipe.terms is None else alone, {"run": log}, recipe=recipe)
@@ -199,7 +216,7 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
         np.square(one.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
     )
 
-    def worst(told: Expected) -> float:
+    def worst(told: ExpectedAccuracy) -> float:
         return float(100 * (size * told.std).max())
 
     periods = sum(piece.purpose is Purpose.MOTION for piece in made.trajectory.pieces)
@@ -207,7 +224,7 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     if periods and not given.no_random:
         motions["best random"] = best_random(one, periods, np.random.default_rng([given.seed, 1]), worst)
     motions |= {label: other(one, file) for label, file in (text.split("=") for text in given.other)}
-    slow = slowest(one.model, one.limits)
+    slow = min_fit_speeds(one.model, one.limits)
     splines = Spline(factor=given.factor) if given.factor else Spline.Settings(rule="torque").build()
     recipe = Recipe(
         splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(one.limits.joints, slow, strict=True))
@@ -217,16 +234,21 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     rows: Row = {}
     for label, path in motions.items():
         planned = path.states(path.times(one.request.rate))
-        told = expected(one.model, one.truth, information_of(one.model, planned, 1 / sigma**2, slow), basis)
-        if told.open:
-            raise SystemExit(f"{name}, {label}: {len(told.open)} base parameters stay open, the first {told.open[0]}.")
+        told = expected_accuracy(
+            one.model, one.truth, torque_information(one.model, planned, 1 / sigma**2, slow), basis
+        )
+        if told.open_parameters:
+            raise SystemExit(
+                f"{name}, {label}: {len(told.open_parameters)} base parameters stay open, the first "
+                f"{told.open_parameters[0]}."
+            )
         errors, own = found(one, path, told, given.runs, given.seed, recipe)
         rows[label] = _row(told, errors, own, size, worst(told)) | {"duration": path.duration}
         print(shown(label, rows[label], basis.leading), flush=True)
     return rows
 
 
-def _row(told: Expected, errors: Array, own: Array, size: Array, worst: float) -> Row:
+def _row(told: ExpectedAccuracy, errors: Array, own: Array, size: Array, worst: float) -> Row:
     rms, bias = np.sqrt(np.square(errors).mean(axis=0)), errors.mean(axis=0)
     spread = errors.std(axis=0, ddof=1)
     row: Row = {"rms": rms, "spread": spread, "bias": np.abs(bias)}

@@ -21,14 +21,15 @@ import numpy as np
 from arm import LINKS, urdf
 from scipy.special import ndtri
 
-from dynident.bounds import information
-from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
-from dynident.identification import pair
-from dynident.log import Log, Motion
-from dynident.models import Coulomb, Model, RigidBodies, Viscous
+from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.identification import align_motion, information
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Viscous
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Smoother, Spline
+from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.regression import BaseParameters, Regression, base_std, informed_std, structural_base_parameters
-from dynident.smoothers import Smoother, Spline
-from dynident.smoothers.spline import FACTORS
 from dynident.validation import robust_covariance
 
 PERIOD, RATE = 10.0, 500.0  # s, Hz
@@ -114,7 +115,9 @@ def main() -> None:
     S = information(model, truth, runs[0][0], COUNT / np.sqrt(12), given.noise, substeps=1)
     least = informed_std(basis, S)
     logs = [recorded(*run, given.noise, given.colour, rng) for run, rng in zip(runs, rngs, strict=True)]
-    smoother = pair(model, logs[:1], [Spline(factor=one) for one in FACTORS], 0.5 / RATE, LeastSquares()).smoother
+    smoother = align_motion(
+        model, logs[:1], [Spline(factor=one) for one in NOISE_FACTORS], 0.5 / RATE, LeastSquares()
+    ).smoother
     problems = [posed(model, log, smoother) for log in logs]
     for name, estimator in ESTIMATORS.items():
         tell(name, [judged(estimator, problem, truth, basis) for problem in problems], least, basis)

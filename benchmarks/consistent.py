@@ -18,8 +18,9 @@ import numpy as np
 from arm import LINKS, urdf
 
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
-from dynident.log import Motion
-from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Motion
 from dynident.regression import Regression, structural_base_parameters
 
 

@@ -33,13 +33,14 @@ import numpy as np
 from closed_loop import arm, fourier
 from scipy.signal import lfilter
 
-from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, quick
+from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import Identification, Recipe, choose_smoother, find_time_offset, identify
-from dynident.log import Log
 from dynident.models import Model
-from dynident.smoothers import Spline
-from dynident.smoothers.spline import FACTORS
-from dynident.splines import NORMAL_95
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
+from dynident.motion.smoothers.spline import NOISE_FACTORS
+from dynident.motion.splines import NORMAL_95
 
 Rng = np.random.Generator
 Row = dict[str, Any]
@@ -107,10 +108,10 @@ def one_run(joints: int, cell: str, seed: int, run: int, names: tuple[str, ...])
     log, rows = recording(joints, cell, seed, run), []
     shared: dict[str, Any] = {
         "choose_smoother": once(choose_smoother, lambda _model, _logs, candidates, **_: tuple(candidates)),
-        "find_time_offset": once(find_time_offset, lambda _model, _motions, estimator, *_, **__: quick(estimator)),
+        "find_time_offset": once(find_time_offset, lambda _model, _motions, estimator, *_, **__: estimator.quick()),
     }
     for name in names:
-        recipe = Recipe(tuple(Spline(factor=one) for one in FACTORS), ESTIMATORS[name], time_offset="estimate")
+        recipe = Recipe(tuple(Spline(factor=one) for one in NOISE_FACTORS), ESTIMATORS[name], time_offset="estimate")
         began = time.process_time()
         with patch.multiple("dynident.identification.time_offset", **shared):
             found = identify(robot(joints)[0], [log], recipe=recipe)

@@ -30,9 +30,9 @@ from defaults_page import FIGURES, draw, read, worded, write
 from defaults_robots import RAIL, ROBOTS, Robot
 
 from dynident.cli import main as dynident
-from dynident.errors import DynidentError
 from dynident.identification import Identification, identify, judge
-from dynident.io.project import read_project
+from dynident.project.project import read_project
+from dynident.runtime import DynidentError
 from dynident.validation import LogValidation
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -102,7 +102,7 @@ def errors(log: LogValidation) -> Row:
     """Relative errors (%) on a log, over all its samples but the ends, and as the validation has them; rms (N m, N)."""
     motion = log.motion
     keep = (motion.t >= motion.t[0] + MARGIN) & (motion.t <= motion.t[-1] - MARGIN)
-    tau, left = motion.tau[keep], (motion.tau - log.predicted)[keep]
+    tau, left = motion.tau[keep], (motion.tau - log.predicted_torque)[keep]
     size = np.linalg.norm(tau, axis=0)
     return {
         "name": log.name,

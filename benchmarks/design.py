@@ -16,9 +16,10 @@ def gradient(way: str, joints: int, points: int) -> Callable[[], object]:
     """-log det of the information of all base parameters, friction among them, on a Fourier series, and its gradient:
     exact, or by a step in each coefficient.
     """
-    from dynident.excitation.criterion import InformationCriterion
-    from dynident.excitation.trajectories.fourier import Fourier
-    from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+    from dynident.apps.excitation.criterion import InformationCriterion
+    from dynident.apps.excitation.family import Fourier
+    from dynident.models import Model, RigidBodies, RotorInertia
+    from dynident.models.friction import Coulomb, Offset, Viscous
     from dynident.regression import structural_base_parameters
 
     bodies = RigidBodies(chain(joints))
@@ -30,7 +31,7 @@ def gradient(way: str, joints: int, points: int) -> Callable[[], object]:
     criterion = InformationCriterion(model, structural_base_parameters(model).independent, np.full(joints, 1e3))
 
     def exact() -> Array:
-        _, slopes = criterion.value_and_slopes(*(functions @ x.T))
+        _, slopes = criterion.value_and_gradients(*(functions @ x.T))
         return np.asarray(np.einsum("din,dik->nk", slopes, functions))
 
     def by_steps() -> Array:
@@ -46,12 +47,11 @@ def clearances(way: str, joints: int, points: int) -> Callable[[], object]:
     """Distances of the links of an arm as capsules to each other and to the floor, with their derivatives by the
     positions: exact, or by a step in each joint.
     """
-    from dynident.excitation.spaces.geometry import geometry_of
-    from dynident.excitation.spaces.pairing import space_of
-    from dynident.excitation.spaces.space import Floor
-    from dynident.models import RigidBodies
+    from dynident.apps.excitation import build_space
+    from dynident.models import Floor, RigidBodies
+    from dynident.models.geometry import build_geometry
 
-    space = space_of(geometry_of(RigidBodies(chain(joints))), [Floor(-0.5)])
+    space = build_space(build_geometry(RigidBodies(chain(joints))), [Floor(-0.5)])
     q = np.random.default_rng(0).uniform(-1, 1, (points, joints))
 
     def by_steps() -> Array:

@@ -28,15 +28,15 @@ import estimators_article
 from estimators_page import FIGURES, draw, tables, written
 from estimators_study import Row, Runner, Study, run
 
-from dynident.jobs import local_workers
-from dynident.studies import LEVELS, SCENARIOS
+from dynident.apps.article import LEVELS, SCENARIOS
+from dynident.runtime.jobs import local_workers
 
 STUDIES: dict[str, Callable[[Sequence[str]], Study]] = {
     "article": estimators_article.study,
     "arm": estimators_arm.study,
 }
 RUNS, MINUTES = {"article": 200, "arm": 20}, {"article": 20.0, "arm": 18.0}
-PRELOADED = ("dynident.studies.warm", "estimators_article", "estimators_arm")
+PRELOADED = ("dynident.apps.article.article", "estimators_article", "estimators_arm")
 
 
 def measured(name: str, runner: Runner, runs: int, methods: Sequence[str] = ()) -> Row:

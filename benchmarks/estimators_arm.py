@@ -16,22 +16,22 @@ import numpy as np
 from estimators_study import Row, Study, listed, parts
 from scipy.signal import lfilter
 
-from dynident.demo.arm import JOINTS, STEP, true_model, true_values
-from dynident.demo.recording import DAYS, EVERY, NOISE, REMAINS, SEED, Day, fourier
-from dynident.estimators import Estimate, Estimator, IsLinear, LeastSquares, PhysicallyConsistent
+from dynident.apps.demo.arm import JOINTS, STEP, true_model, true_values
+from dynident.apps.demo.files import DAYS, LOG_EVERY, NOISE_CORRELATION, NOISE_SHARE, SEED, Day, fourier_motion
+from dynident.estimators import Estimate, Estimator, LeastSquares, LinearEstimator, PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
-from dynident.io.families import ESTIMATORS, SMOOTHERS
-from dynident.io.parts import build
-from dynident.log import Log, Motion
-from dynident.models import Model, Parameter, Recording
+from dynident.models import Model, Parameter
+from dynident.models.simulation import CascadePD, Recording
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Smoother, Spline
+from dynident.project.parts import build
 from dynident.regression import BaseParameters, structural_base_parameters
-from dynident.simulation import CascadePD
-from dynident.smoothers import Smoother, Spline
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from dynident.validation import free_run
 
 BITS = (17.0, 12.0)  # of an encoder, per turn of its joint
 SECONDS, LEAD = 10.0, 1.0  # of a log; before it, which is simulated, too
-HALF = EVERY // 2  # of the cycles whose mean torque is logged
+HALF = LOG_EVERY // 2  # of the cycles whose mean torque is logged
 Array = np.ndarray
 
 
@@ -53,16 +53,16 @@ class ClosedLoop:
     @cached_property
     def driven(self) -> tuple[Motion, CascadePD]:
         """The exact motion as it is logged, and the drives; simulated once, workers get it with the scenario."""
-        lead, rows = round(LEAD / STEP), round(self.seconds / STEP / EVERY)
-        t = STEP * np.arange(-lead, EVERY * rows + EVERY, dtype=float)
-        q, dq, _ = fourier(np.random.default_rng(SEED), self.day, t)
+        lead, rows = round(LEAD / STEP), round(self.seconds / STEP / LOG_EVERY)
+        t = STEP * np.arange(-lead, LOG_EVERY * rows + LOG_EVERY, dtype=float)
+        q, dq, _ = fourier_motion(np.random.default_rng(SEED), self.day, t)
         still, names = np.zeros_like(q), tuple(joint.name for joint in JOINTS)
         kp, kv, effort = (np.array([float(getattr(one, key)) for one in JOINTS]) for key in ("kp", "kv", "effort"))
         drives = CascadePD(names, t, q, kp, kv, np.ones(len(names)), effort, still)
         start = Motion(t, q, dq, still, still, names, np.ones(len(t), bool), self.name)
         model, theta, _ = arm()
         run = free_run(model, theta, start, drives)
-        k = lead + EVERY * np.arange(rows)
+        k = lead + LOG_EVERY * np.arange(rows)
         speed = np.gradient(run.q, STEP, axis=0)
         ddq = (speed[k + HALF] - speed[k - HALF]) / (2 * HALF * STEP)
         tau = np.mean([run.tau[k + one] for one in range(-HALF, HALF)], axis=0)
@@ -71,7 +71,7 @@ class ClosedLoop:
     @property
     def noise(self) -> Array:
         """Standard deviation (6) of the noise of the torque."""
-        return NOISE * np.array([joint.effort for joint in JOINTS])
+        return NOISE_SHARE * np.array([joint.effort for joint in JOINTS])
 
     def record(self, level: float, rng: np.random.Generator) -> Recording:
         """Return a recording by encoders of so many bits."""
@@ -90,7 +90,7 @@ class ClosedLoop:
         """
         truth, (model, _, base) = self.driven[0], arm()
         Y = model.regressor(truth.q, truth.dq, truth.ddq)[:, :, list(base.independent)]
-        fresh = (Y[1:] - REMAINS * Y[:-1]) / np.sqrt(1 - REMAINS**2)
+        fresh = (Y[1:] - NOISE_CORRELATION * Y[:-1]) / np.sqrt(1 - NOISE_CORRELATION**2)
         rows = (np.concatenate([Y[:1], fresh]) / self.noise[:, None]).reshape(-1, base.rank)
         size = np.linalg.norm(rows, axis=0)
         _, values, right = np.linalg.svd(rows / size, full_matrices=False)
@@ -100,8 +100,8 @@ class ClosedLoop:
 def coloured(shape: tuple[int, ...], rng: np.random.Generator) -> Array:
     """Noise of variance 1, each sample of which keeps a share of the one before."""
     fresh = rng.standard_normal(shape)
-    fresh[1:] *= np.sqrt(1 - REMAINS**2)
-    return np.asarray(lfilter([1.0], [1.0, -REMAINS], fresh, axis=0))
+    fresh[1:] *= np.sqrt(1 - NOISE_CORRELATION**2)
+    return np.asarray(lfilter([1.0], [1.0, -NOISE_CORRELATION], fresh, axis=0))
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def covariance(found: Identification, base: BaseParameters) -> Array:
 def elsewhere(seconds: float) -> tuple[Array, Array]:
     """The regressor of the base parameters along another motion, and its torque, without noise."""
     model, theta, base = arm()
-    motion = fourier(np.random.default_rng(SEED + 1), DAYS[1], np.arange(0.0, seconds, STEP * EVERY))
+    motion = fourier_motion(np.random.default_rng(SEED + 1), DAYS[1], np.arange(0.0, seconds, STEP * LOG_EVERY))
     return model.regressor(*motion)[:, :, list(base.independent)], model.torque(*motion, theta)
 
 
@@ -158,7 +158,9 @@ def methods() -> tuple[dict[str, Identify], dict[str, str]]:
     by_torque = build(SMOOTHERS, {"kind": "spline", "rule": "torque"}, "smoother")
     smoothers = dict(parts(SMOOTHERS)) | {"spline, by torque": by_torque}
     estimators: dict[str, Any] = dict(parts(ESTIMATORS))
-    linear: list[tuple[str, Any]] = [(name, one) for name, one in estimators.items() if isinstance(one, IsLinear)]
+    linear: list[tuple[str, Any]] = [
+        (name, one) for name, one in estimators.items() if isinstance(one, LinearEstimator)
+    ]
     pairs = {f"{name} + {fit}": (one, part) for name, one in smoothers.items() for fit, part in estimators.items()}
     within = {f"consistent {name}": PhysicallyConsistent(fit=one) for name, one in linear if one != LeastSquares()}
     pairs |= {f"spline + {name}": (Spline(), part) for name, part in within.items()}

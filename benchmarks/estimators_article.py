@@ -9,15 +9,13 @@ from functools import cache
 import numpy as np
 from estimators_study import Study, parts
 
-from dynident.bounds import cramer_rao_bound
+from dynident.apps.article import LEVELS, METHODS, SCENARIOS, ArmScenario, Method, SmoothAndFit
+from dynident.apps.article.article import SAMPLING_PERIOD, SPLINE, arm_to_identify
 from dynident.estimators import Estimate, LeastSquares
-from dynident.identification import Recipe, identify
-from dynident.io.families import ESTIMATORS, SMOOTHERS
-from dynident.models import Recording
-from dynident.models.gallery import two_link_arm
-from dynident.simulation import Seen, Slopes
-from dynident.studies import LEVELS, METHODS, SCENARIOS, ArmScenario, Method, SmoothAndFit
-from dynident.studies.article import PERIOD, SPLINE, arm_to_identify
+from dynident.identification import Recipe, cramer_rao_bound, identify
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import ControllerInput, ControllerSlopes, Recording
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 
 KNOWN = 1e-3  # of the torque's noise: the bound of a torque that is known
 SHOWN = ("raw", "filtered", "spline", "spline-early", "ml")  # as the article has them, and better ones
@@ -34,14 +32,14 @@ class KnownTorque:
     amplitudes: tuple[float, float]
 
     def __call__(self, t: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:  # noqa: ARG002
-        middle = t + PERIOD / 2
+        middle = t + SAMPLING_PERIOD / 2
         return np.array([self.amplitudes[0] * np.sin(middle), self.amplitudes[1] * np.cos(middle)])
 
-    def slopes(self, seen: Seen) -> Slopes:
+    def slopes(self, seen: ControllerInput) -> ControllerSlopes:
         """Return the derivatives by q and dq: none."""
         (rows, n), m = seen.q.shape, seen.state.shape[1]
         by, then = np.zeros((rows, n, n)), np.zeros((rows, m, n))
-        return Slopes((by, by, np.zeros((rows, n, m))), (then, then, np.zeros((rows, m, m))))
+        return ControllerSlopes((by, by, np.zeros((rows, n, m))), (then, then, np.zeros((rows, m, m))))
 
 
 @dataclass(frozen=True)

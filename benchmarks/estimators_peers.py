@@ -16,12 +16,12 @@ import estimators_arm
 import numpy as np
 from estimators_study import listed, parts
 
-from dynident.demo.arm import JOINTS, urdf
-from dynident.io.families import ESTIMATORS
-from dynident.log import Log
+from dynident.apps.demo.arm import JOINTS, urdf
 from dynident.models import RigidBodies
-from dynident.simulation import CascadePD
-from dynident.smoothers import Spline
+from dynident.models.simulation import CascadePD
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
+from dynident.runtime.families import ESTIMATORS
 
 HERE = Path(__file__).parent
 BITS, FIRST = 17.0, 50  # the row from which MuJoCo simulates: the spline knows the speed there

@@ -29,9 +29,9 @@ import numpy as np
 from commands import DYNIDENT, ROOT, recordings
 from estimators_robots_page import FIGURES, draw, tables, written
 
-from dynident.errors import DynidentError
 from dynident.identification import Identification
-from dynident.io.project import parse_project
+from dynident.project.project import parse_project
+from dynident.runtime import DynidentError
 from dynident.validation import LogValidation
 
 Row = dict[str, Any]

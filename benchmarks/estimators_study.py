@@ -1,6 +1,6 @@
 """A Monte Carlo study of every estimator and smoother: what is run how often, and what its rows say beside the bound.
 
-The parts are those of the tables of ``dynident.io.families``: a new kind takes part by itself.
+The parts are those of the tables of ``dynident.runtime.families``: a new kind takes part by itself.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from dynident.errors import ConfigError, MissingInputError
-from dynident.io.families import Family
-from dynident.io.parts import build
-from dynident.jobs import Limits
-from dynident.studies import Method, Outcome, Scenario, run_study, statistics
+from dynident.apps.article import FitOutcome, Method, Scenario, run_study, statistics
+from dynident.project.parts import build
+from dynident.runtime import ConfigError, MissingInputError
+from dynident.runtime.families import PartFamily
+from dynident.runtime.jobs import Limits
 
 PILOT = 2  # runs of every method in every cell, by which the others are planned
 SLOW = 15.0  # s of a fit, from which on what is run seldom is not run
@@ -37,7 +37,7 @@ Row = dict[str, Any]
 Say = Callable[[str], None]
 
 
-def parts(family: Family) -> Iterator[tuple[str, Any]]:
+def parts(family: PartFamily) -> Iterator[tuple[str, Any]]:
     """Name and part of every kind of a family that needs no settings, and of its variants."""
     for kind in family.table:
         setting, values = VARIANTS.get(kind, ("", ("",)))
@@ -191,7 +191,7 @@ def judged(study: Study, table: pl.DataFrame, scenario: str, level: float, metho
         "runs": len(rows),
         "failed": found.failed,
         "unsettled": found.unsettled,
-        "reasons": dict(Counter(kind(one) for one in rows.filter(pl.col("status") == Outcome.FAILED)["reason"])),
+        "reasons": dict(Counter(kind(one) for one in rows.filter(pl.col("status") == FitOutcome.FAILED)["reason"])),
         "seconds": digits(seconds(rows, method)),
         "rms": told(np.sqrt(np.mean(error**2, axis=0))) if len(error) else [],
         "bias": told(error.mean(axis=0)) if len(error) else [],

@@ -30,26 +30,33 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 import polars as pl
 
-from dynident.demo.shipped import demo_files
-from dynident.excitation.design import design
-from dynident.excitation.expected import Expected, expected, information_of
-from dynident.excitation.motion import interior_of
-from dynident.excitation.random_motion import random_motion
-from dynident.excitation.request import Criterion, Request
-from dynident.excitation.spaces.exact_space import exact_space
-from dynident.excitation.spaces.pairing import space_of
-from dynident.excitation.spaces.space import Floor, Space
-from dynident.excitation.trajectories.dry_friction import slowest
-from dynident.excitation.trajectories.feasibility import Feasibility
-from dynident.excitation.trajectories.limits import MotionLimits, limits_of
-from dynident.excitation.trajectories.trajectory import Purpose
-from dynident.io.meshes import read_geometry
-from dynident.io.project import read_project
-from dynident.jobs import local_workers
-from dynident.log import Log, Motion
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.apps.demo import demo_files
+from dynident.apps.excitation import (
+    Criterion,
+    ExpectedAccuracy,
+    MotionLimits,
+    MotionRequest,
+    Purpose,
+    build_space,
+    design,
+    exact_space,
+    expected_accuracy,
+    min_fit_speeds,
+    motion_limits,
+)
+from dynident.apps.excitation.design import torque_information
+from dynident.apps.excitation.limits import Feasibility
+from dynident.apps.excitation.motion import build_interior
+from dynident.apps.excitation.search import random_motion
+from dynident.files.meshes import read_geometry
+from dynident.models import Floor, Model, RigidBodies, RotorInertia, Space
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Butterworth
+from dynident.project.project import read_project
 from dynident.regression import BaseParameters, structural_base_parameters
-from dynident.smoothers import Butterworth
+from dynident.runtime import progress_to
+from dynident.runtime.jobs import local_workers
 
 ROOT = Path(__file__).resolve().parents[1]
 PLACES = (ROOT / "examples" / "data", ROOT.parent / "shared" / "data")
@@ -116,7 +123,7 @@ ROBOTS: Mapping[str, Callable[[Path], Robot]] = {
 }
 
 
-def worst(model: Model, basis: BaseParameters, sigma: Array, found: Expected) -> float:
+def worst(model: Model, basis: BaseParameters, sigma: Array, found: ExpectedAccuracy) -> float:
     """Return the largest torque error (%, of the noise) at random states that one base parameter's error makes."""
     states = model.random_states(np.random.default_rng(0), STATES)
     Y = model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]
@@ -127,34 +134,35 @@ def worst(model: Model, basis: BaseParameters, sigma: Array, found: Expected) ->
 def measured(robot: Robot, workers: int, seed: int, floor: float, random: int, criterion: Criterion) -> Row:
     """Return what a design takes and reaches, and what others reach."""
     model, theta = robot.model, robot.theta
-    limits = limits_of(model)
+    limits = motion_limits(model)
     bodies = next(term for term in model.terms if isinstance(term, RigidBodies))
     geometry = read_geometry(bodies, robot.file)
-    space = space_of(geometry, (Floor(floor),), limits.lower, limits.upper)
+    space = build_space(geometry, (Floor(floor),), limits.lower, limits.upper)
     sigma = NOISE * limits.torque
-    request = Request(sigma, criterion=criterion, duration=30.0)
+    request = MotionRequest(sigma, criterion=criterion, duration=30.0)
     began, cpu = time.perf_counter(), _cpu()
-    with local_workers(workers) if workers > 1 else nullcontext() as executor:
+    workers_or_none = local_workers(workers) if workers > 1 else nullcontext()
+    with workers_or_none as executor, progress_to(lambda step: print(f"   {step}", end="   \r", flush=True)):
         made = design(
             model, theta, limits, space, request, np.random.default_rng(seed), executor=executor,
-            shapes=exact_space(geometry, space), progress=lambda step: print(f"   {step}", end="   \r", flush=True),
+            shapes=exact_space(geometry, space),
         )  # fmt: skip
     row: Row = {"seconds": time.perf_counter() - began, "cpu": _cpu() - cpu, "pairs": len(space.pairs)}
     row["duration"] = made.trajectory.duration
     basis = structural_base_parameters(model)
-    slow = slowest(model, limits)
+    slow = min_fit_speeds(model, limits)
     figures = partial(_figures, model, theta, basis, sigma)
     periods = [piece for piece in made.trajectory.pieces if piece.purpose is Purpose.MOTION]
     t = np.arange(0.0, request.period, 1 / request.rate)
     samples = len(t) * len(periods)
     states = periods[0].course.states(t)
-    row["design"] = figures(information_of(model, states, len(periods) / sigma**2, slow))
+    row["design"] = figures(torque_information(model, states, len(periods) / sigma**2, slow))
     row |= _of_random(robot, limits, space, request, basis, len(periods), random, seed, figures)
     used = robot.recorded
     recorded = np.stack([used.q, used.dq, used.ddq])[:, used.mask]
-    row["recorded"] = figures(information_of(model, recorded, samples / recorded.shape[1] / sigma**2, slow))
-    row["reached"] = made.checked[0].reached.max(axis=1).tolist()
-    row["nearest"] = None if made.checked[0].nearest is None else made.checked[0].nearest.distance
+    row["recorded"] = figures(torque_information(model, recorded, samples / recorded.shape[1] / sigma**2, slow))
+    row["reached"] = made.checks[0].reached.max(axis=1).tolist()
+    row["nearest"] = None if made.checks[0].nearest is None else made.checks[0].nearest.distance
     return row
 
 
@@ -162,7 +170,7 @@ def _of_random(
     robot: Robot,
     limits: MotionLimits,
     space: Space,
-    request: Request,
+    request: MotionRequest,
     basis: BaseParameters,
     periods: int,
     count: int,
@@ -171,12 +179,12 @@ def _of_random(
 ) -> Row:
     """Return the best figures of random motions, the median of the worst parameter, and that of the best log det."""
     feasible = Feasibility(robot.model, robot.theta, limits, space, request.clearance)
-    interior = interior_of(feasible, space, request, basis)
-    rng, found, slow = np.random.default_rng([seed, 1]), [], slowest(robot.model, limits)
+    interior = build_interior(feasible, space, request, basis)
+    rng, found, slow = np.random.default_rng([seed, 1]), [], min_fit_speeds(robot.model, limits)
     t = np.arange(0.0, request.period, 1 / request.rate)
     for _ in range(count):
         states = interior.family.course(random_motion(interior, rng)).states(t)
-        found.append(figures(information_of(robot.model, states, periods / request.sigma**2, slow)))
+        found.append(figures(torque_information(robot.model, states, periods / request.sigma**2, slow)))
     best = {"log_det": max(one["log_det"] for one in found)}
     best |= {key: min(one[key] for one in found) for key in ("condition", "worst")}
     by_log_det = max(found, key=lambda one: one["log_det"])["worst"]
@@ -184,7 +192,7 @@ def _of_random(
 
 
 def _figures(model: Model, theta: Array, basis: BaseParameters, sigma: Array, information: Array) -> Row:
-    found = expected(model, theta, information, basis)
+    found = expected_accuracy(model, theta, information, basis)
     return {
         "log_det": found.log_det,
         "condition": found.condition,

@@ -23,7 +23,7 @@ def triangular(way: str, joints: int, samples: int) -> Call:
     tau = np.random.default_rng(1).standard_normal(q.shape)
     if way == "Pinocchio, NumPy":
         return lambda: plain(joints, q, dq, ddq, tau)
-    from dynident.log import Motion
+    from dynident.motion.log import Motion
     from dynident.regression import Regression
 
     model = arm(joints)
@@ -35,7 +35,8 @@ def triangular(way: str, joints: int, samples: int) -> Call:
 
 def arm(joints: int) -> Any:
     """A chain of so many joints with friction, as a model."""
-    from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous
+    from dynident.models import Model, RigidBodies
+    from dynident.models.friction import Coulomb, Offset, Viscous
 
     bodies = RigidBodies(chain(joints))
     return Model((bodies, *(term(bodies.joints, values=(0.5,) * joints) for term in (Viscous, Coulomb, Offset))))
@@ -65,14 +66,14 @@ def tx40(way: str, decimate: int) -> Call:
     """The training log of the TX40, smoothed and differentiated, its equations filtered and every so many-th taken."""
     if way == "figaroh":
         return figaroh(decimate)
-    from dynident.io.project import read_project
-    from dynident.regression import ParallelFilter, Regression
-    from dynident.smoothers import Spline
+    from dynident.motion.smoothers import Spline
+    from dynident.project.project import read_project
+    from dynident.regression import ParallelFilter, Regression, Selection
 
     project = read_project(example("tx40"))
     (log,) = project.logs()[0]["train"].values()
     smoother, low_pass = Spline(), ParallelFilter(decimate) if decimate > 1 else None
-    return lambda: Regression(project.model, (smoother(replace(log)),), low_pass).triangular_factors
+    return lambda: Regression(project.model, (smoother(replace(log)),), Selection(low_pass)).triangular_factors
 
 
 def figaroh(decimate: int) -> Call:

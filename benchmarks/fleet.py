@@ -27,18 +27,23 @@ import numpy as np
 import polars as pl
 from scipy.signal import lfilter
 
-from dynident.cli.workers import Spread
-from dynident.demo.arm import JOINTS, TILT, true_model, true_values, urdf
-from dynident.demo.recording import ENCODER, Day, fourier
-from dynident.errors import ModelError
-from dynident.fleets import History
-from dynident.fleets.changes import Changes
-from dynident.fleets.pooled import Pooled, pooled
-from dynident.fleets.residuals import changes_and_residuals
-from dynident.log import Motion
-from dynident.models import Model, Ripple
-from dynident.regression import BaseParameters, Group, GroupKind, Regression, groups_of, structural_base_parameters
-from dynident.report.fleet_run import fleet
+from dynident.apps.demo.arm import JOINTS, TILT, true_model, true_values, urdf
+from dynident.apps.demo.files import ENCODER_STEP, Day, fourier_motion
+from dynident.apps.fleets import Changes, History, Population, fleet, pool_robots
+from dynident.apps.fleets.doubts import find_changes_and_residuals
+from dynident.cli.options import WorkerOptions
+from dynident.models import Model
+from dynident.models.friction import Ripple
+from dynident.motion.log import Motion
+from dynident.regression import (
+    BaseParameters,
+    GroupKind,
+    ParameterGroup,
+    Regression,
+    groups_of,
+    structural_base_parameters,
+)
+from dynident.runtime import ModelError
 from dynident.validation import robust_covariance
 
 ROBOTS, LOGS, EVERY = 10, 20, 7.0  # days from log to log
@@ -132,7 +137,7 @@ def of_the_day(theta: dict[str, float], rng: np.random.Generator) -> dict[str, f
 def recorded(model: Model, theta: dict[str, float], rng: np.random.Generator, seconds: float = SECONDS) -> Motion:
     """Return a random motion with the torque that is measured on it."""
     t = np.arange(0, seconds, 1 / RATE)
-    q, dq, ddq = fourier(rng, Day("log", seconds, PERIOD, rng.uniform(0.4, 0.6)), t)
+    q, dq, ddq = fourier_motion(rng, Day("log", seconds, PERIOD, rng.uniform(0.4, 0.6)), t)
     values = np.array([theta[name] for name in model.names])
     tau = model.torque(q, dq, ddq, values)
     bodies = np.array([0.0 if name.startswith(("F", "offset", "ripple")) else theta[name] for name in model.names])
@@ -173,7 +178,7 @@ class Bench:
     true: Model
     model: Model
     basis: BaseParameters
-    groups: tuple[Group, ...]
+    groups: tuple[ParameterGroup, ...]
 
     def history(self, name: str, theta: dict[str, float], rng: np.random.Generator, fault: Fault | None) -> Histories:
         fits = [fitted(self.model, self.basis, motion) for motion in motions(self.true, theta, rng, fault)]
@@ -188,7 +193,7 @@ class Bench:
 
     def changes(self, robots: list[Histories], rng: np.random.Generator) -> Changes:
         histories, residuals = zip(*robots, strict=True)
-        return changes_and_residuals(histories, self.groups, residuals, self.model.joints, rng)
+        return find_changes_and_residuals(histories, self.groups, residuals, self.model.joints, rng)
 
 
 def motions(model: Model, theta: dict[str, float], rng: np.random.Generator, fault: Fault | None) -> Iterator[Motion]:
@@ -220,7 +225,7 @@ def main() -> None:
     changes = bench.changes(robots, rng)
     print_changes(changes)
     if not given.plain:
-        shared = pooled([one for one, _ in robots], bench.groups, changes.scatter, changes.found)
+        shared = pool_robots([one for one, _ in robots], bench.groups, changes.scatter, changes.changes)
         print_new(bench, shared, changes, given.new, rng)
     print_quiet(bench, given.quiet, rng)
 
@@ -229,7 +234,7 @@ def print_changes(changes: Changes) -> None:
     for fault in FAULTS:
         shape = "drift" if fault.drifts else "step"
         print(f"robot{fault.robot}  true: {shape} of {fault.kind} {fault.joint} from log{fault.start:02}")
-    for x in changes.found:
+    for x in changes.changes:
         sizes = ", ".join(f"{n} {s:.3g} ± {e:.2g}" for n, s, e in zip(x.group.names, x.size, x.std, strict=True))
         print(f"{x.robot}  {x.shape} of {x.group.kind} {x.group.joint} since {x.since}: {sizes}; p {x.p_value:.4f}")
     print(f"standard errors are {changes.scatter.inflation:.2f} times too small")
@@ -240,13 +245,13 @@ def print_quiet(bench: Bench, robots: int, rng: np.random.Generator) -> None:
     for _ in range(robots // ROBOTS):
         changes = bench.changes(bench.fleet(rng), rng)
         chances += list(changes.p_values.values())
-        flagged += len({one.robot for one in changes.found})
+        flagged += len({one.robot for one in changes.changes})
     if chances:
         shares = ", ".join(f"{np.mean(np.array(chances) <= p):.4f} at {p}" for p in (0.01, 0.05, 0.2))
         print(f"{flagged} of {len(chances)} quiet robots flagged; share of p-values: {shares}")
 
 
-def print_new(bench: Bench, shared: Pooled, changes: Changes, robots: int, rng: np.random.Generator) -> None:
+def print_new(bench: Bench, shared: Population, changes: Changes, robots: int, rng: np.random.Generator) -> None:
     """Print the torque error of new robots, over the torque, by the length of their only log."""
     for seconds in (3.0, 6.0, 12.0):
         errors = np.array([_errors(bench, shared, changes, seconds, rng) for _ in range(robots)])
@@ -258,7 +263,7 @@ def print_new(bench: Bench, shared: Pooled, changes: Changes, robots: int, rng: 
 
 
 def _errors(
-    bench: Bench, shared: Pooled, changes: Changes, seconds: float, rng: np.random.Generator
+    bench: Bench, shared: Population, changes: Changes, seconds: float, rng: np.random.Generator
 ) -> tuple[float, float, float]:
     theta = built(bench.model, rng)
     value, information, _ = fitted(
@@ -280,7 +285,7 @@ def write(folder: Path, model: Model, rng: np.random.Generator) -> None:
         place = folder / "logs" / f"robot{r}"
         place.mkdir(parents=True, exist_ok=True)
         for k, motion in enumerate(motions(model, built(model, rng), rng, known.get(r))):
-            q = ENCODER * np.round(motion.q / ENCODER)
+            q = ENCODER_STEP * np.round(motion.q / ENCODER_STEP)
             columns = {"time": motion.t} | {
                 f"{name}.{kind}": x[:, j]
                 for j, name in enumerate(motion.joints)
@@ -304,7 +309,7 @@ def write(folder: Path, model: Model, rng: np.random.Generator) -> None:
 def run(folder: Path, workers: int) -> None:
     """Identify all logs by ``dynident fleet``, and print what it found."""
     start = time.perf_counter()
-    with Spread(workers=workers).executor("dynident.fleets.fit") as executor:
+    with WorkerOptions(workers=workers).executor("dynident.apps.fleets.fit") as executor:
         found = fleet(folder / "fleet.yaml", folder / "out", executor=executor)
     failed = found.rows.filter(pl.col("status") != "ok")
     print(f"{len(found.rows)} logs, {len(failed)} failed, {time.perf_counter() - start:.0f} s")

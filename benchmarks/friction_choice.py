@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
@@ -27,12 +27,13 @@ from defaults_page import FIGURES, draw, laws, read, write
 from friction_laws import ARMS, LAWS, PLAIN, Arm, Effect, Moved, arm, course, needed
 from numpy.typing import NDArray
 
-from dynident.errors import DynidentError
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
-from dynident.io.families import TERMS
-from dynident.log import Log
-from dynident.models import HasSupport, Joint, Model, Offset, Parameter, Partials, Past, RigidBodies, RotorInertia
+from dynident.models import Joint, Model, Parameter, Partials, Past, RigidBodies, RotorInertia, Term
+from dynident.models.friction import Offset
+from dynident.motion.log import Log
+from dynident.runtime import DynidentError
+from dynident.runtime.families import TERMS
 
 Array = NDArray[np.float64]
 SHOWN = 0.05  # share of a joint's squared error from which on an effect must be found
@@ -43,12 +44,12 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Known:
+class Known(Term):
     """The friction of an arm as an oracle knows it: each effect's column is remembered, its coefficient to be found."""
 
     joints: tuple[Joint, ...]
     effects: tuple[Effect, ...]
-    needs_load: bool = True
+    needs_load: ClassVar[bool] = True
 
     @property
     def memory(self) -> int:
@@ -72,10 +73,10 @@ class Known:
         moved = [Moved(past.t, past.q[:, j], past.dq[:, j], past.load[:, j]) for j in range(len(self.joints))]
         return np.column_stack([one.column(moved[one.joint]) for one in self.effects])
 
-    def regressor(self, q: Array, dq: Array, ddq: Array, memory: Array) -> Array:  # noqa: ARG002
-        return np.asarray(memory[:, None, :] * self.support)
+    def regressor(self, q: Array, dq: Array, ddq: Array, *memory: Array) -> Array:  # noqa: ARG002
+        return np.asarray(memory[0][:, None, :] * self.support)
 
-    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array, memory: Array) -> Partials:  # noqa: ARG002
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array, *memory: Array) -> Partials:  # noqa: ARG002
         zero = np.zeros((*q.shape, q.shape[1]))
         return Partials(zero, zero, zero)
 
@@ -103,7 +104,7 @@ def groups(found: Identification) -> set[tuple[int, str]]:
     known = TERMS.kinds()
     out: set[tuple[int, str]] = set()
     for term in found.model.terms:
-        if (kind := TERMS.kind_of(term)) in known and isinstance(term, HasSupport):
+        if (kind := TERMS.kind_of(term)) in known:
             out |= {(int(joint), kind) for joint in np.flatnonzero(term.support.any(axis=1))}
     return out
 
@@ -126,7 +127,7 @@ def study(name: str, law: str, seed: int, noise: float = NOISE, duration: float 
         for log in found.validations:
             keep = log.motion.mask
             row[f"{way}_{log.name}"] = round(log.errors.relative_error, 4)
-            row[f"{way}_{log.name}_true"] = share((log.predicted - true[log.name])[keep], true[log.name][keep])
+            row[f"{way}_{log.name}_true"] = share((log.predicted_torque - true[log.name])[keep], true[log.name][keep])
         if way == "auto":
             row |= compared(groups(found), effects)
     return row

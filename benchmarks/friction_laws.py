@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from situation_arm import FRICTION, NOMINAL, SIX, THREE, Link, urdf
 
-from dynident.log import Log
 from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.motion.log import Log
 
 Array = NDArray[np.float64]
 RATE, DURATION, HARMONICS = 200.0, 20.0, 10  # Hz, s, of the first harmonic, whose period is the log's length

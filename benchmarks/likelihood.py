@@ -19,8 +19,8 @@ class Posed(BaseException):
 
 def robot(_: str, name: str) -> Call:
     """An example, with this estimator in place of its own."""
-    from dynident.estimators import MaximumLikelihood
-    from dynident.io.project import read_project
+    from dynident.estimators.maximum_likelihood import MaximumLikelihood
+    from dynident.project.project import read_project
 
     posed: list[Any] = []
 
@@ -39,11 +39,12 @@ def article(_: str, runs: int = 10) -> Call:
     """Recordings of the article's arm, smoothed and estimated."""
     import numpy as np
 
-    from dynident.estimators import MaximumLikelihood, Problem
-    from dynident.models.gallery import two_link_arm
+    from dynident.apps.article import SCENARIOS
+    from dynident.estimators import Problem
+    from dynident.estimators.maximum_likelihood import MaximumLikelihood
+    from dynident.models.lagrangian import two_link_arm
+    from dynident.motion.smoothers import Spline
     from dynident.regression import Regression
-    from dynident.smoothers import Spline
-    from dynident.studies import SCENARIOS
 
     arm, estimator = two_link_arm(), MaximumLikelihood(start="rest")
     logs = [SCENARIOS["stated"].record(1e-6, rng).log for rng in np.random.default_rng(7).spawn(runs)]

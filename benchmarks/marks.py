@@ -161,7 +161,7 @@ TABLES = {
     "start": Table("Start", "ms of CPU", 1e3, (
         start("dynident", "`import dynident`", 30),
         start("--help", "`--help` of the command", 80),
-        start("dynident.splines", "`import dynident.splines`", 330),
+        start("dynident.motion.splines", "`import dynident.motion.splines`", 330),
     )),
 }  # fmt: skip
 

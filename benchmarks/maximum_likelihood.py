@@ -18,12 +18,13 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 from scipy.special import ndtri
 
-from dynident.bounds import cramer_rao_bound
-from dynident.estimators import MaximumLikelihood, Problem
-from dynident.models.gallery import two_link_arm
+from dynident.apps.article import LEVELS, SCENARIOS, ArmScenario
+from dynident.estimators import Problem
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.identification import cramer_rao_bound
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.smoothers import Spline
 from dynident.regression import Regression
-from dynident.smoothers import Spline
-from dynident.studies import LEVELS, SCENARIOS, ArmScenario
 
 Start = Literal["rest", "free", "test"]
 FAMILY = 0.01  # chance that any mean error of a whole table is called a bias where there is none

@@ -135,15 +135,31 @@ def files(part: Part) -> list[str]:
 
 
 def tests_of(part: Part, path: str, root: Path) -> tuple[str, ...]:
-    """Return the tests below ``root``: those that mirror the file, or its folder, its examples, those of the part.
+    """Return the tests below ``root``: the nearest to the file, its examples, those of the part.
 
     Folders are given file by file: pytest takes a file that is named with its folder in the folder's order.
     """
-    inner = Path(path).relative_to(SOURCE)
-    mirrors = (f"tests/{inner.parent.as_posix()}/test_{name}.py" for name in (inner.stem, inner.parent.name))
     inside = (file for one in part.tests for file in sorted((root / one).rglob("test_*.py")) or [root / one])
     others = (file.relative_to(root).as_posix() for file in inside)
-    return tuple(dict.fromkeys([*(one for one in mirrors if (root / one).is_file()), path, *others, *EVERY]))
+    return tuple(dict.fromkeys([*nearest(path, root), path, *others, *EVERY]))
+
+
+def nearest(path: str, root: Path) -> list[str]:
+    """Return the tests in the folder of a file that are named like it, then those that import what it defines.
+
+    Those that import the most of it come first.
+    """
+    inner, definitions = Path(path).relative_to(SOURCE), ast.FunctionDef | ast.ClassDef
+    tree = ast.parse((root / path).read_text(encoding="utf-8"))
+    defined = {node.name for node in tree.body if isinstance(node, definitions)}
+    shares = dict[str, float]()
+    for test in sorted((root / "tests" / inner.parent).glob("test_*.py")):
+        nodes = ast.walk(ast.parse(test.read_text(encoding="utf-8")))
+        imported = {name.name for node in nodes if isinstance(node, ast.ImportFrom) for name in node.names}
+        named = test.stem in (f"test_{inner.stem}", f"test_{inner.parent.name}")
+        if share := float("inf") if named else len(defined & imported):
+            shares[test.relative_to(root).as_posix()] = share
+    return sorted(shares, key=lambda test: (-shares[test], test))
 
 
 def all_tests(part: Part, root: Path) -> tuple[str, ...]:

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 __all__ = ["EVERY", "OPERATORS", "PARTS", "Part"]
 
 RANK = ("tests/regression", "tests/laws/test_certified.py", "tests/estimators/test_least_squares.py")
-FITS = ("tests/estimators/constraints", "tests/estimators/physically_consistent")
+CONSTRAINTS = ("barrier", "central_path", "cone", "constraints", "inner", "prior", "sizes", "staged")
+FITS = (
+    *(f"tests/estimators/test_{name}.py" for name in CONSTRAINTS),
+    "tests/estimators/test_physically_consistent_fit.py",
+)
 ESTIMATORS = (
     "tests/estimators/test_least_squares.py",
     *FITS,
@@ -34,7 +38,7 @@ OPERATORS = tuple(
 
 @dataclass(frozen=True)
 class Part:
-    """A part of the core: files below src/dynident, and tests that run after those that mirror a file."""
+    """A part of the core: files below src/dynident, and tests that run after those nearest to a file."""
 
     files: tuple[str, ...]
     tests: tuple[str, ...]
@@ -43,18 +47,23 @@ class Part:
 PARTS = {
     "splines": Part(
         tuple(
-            f"splines/{name}.py"
-            for name in ("banded", "bspline", "compiled", "noise", "rules", "search", "series", "spline")
+            f"motion/splines/{name}.py"
+            for name in ("banded", "compiled", "quintic", "rules", "search", "series", "spline")
         ),
-        ("tests/splines/test_spline.py", "tests/splines/test_rules.py", "tests/smoothers/test_spline.py"),
+        (
+            *("tests/motion/splines/test_spline.py", "tests/motion/splines/test_rules.py"),
+            "tests/motion/smoothers/test_spline.py",
+        ),
     ),
-    "spikes": Part(("splines/spikes.py",), ("tests/checks/test_channels.py",)),
-    "regression": Part(("regression/linear_problem.py", "regression/rank.py"), (*RANK, "tests/laws/test_rank.py")),
+    "spikes": Part(("motion/splines/spikes.py",), ("tests/checks/test_channels.py",)),
+    "regression": Part(
+        ("regression/linear_problem.py", "regression/triangular.py"), (*RANK, "tests/laws/test_rank.py")
+    ),
     "base parameters": Part(("regression/base_parameters.py",), (*RANK, "tests/laws/test_rank.py")),
     "estimators": Part(
         (
-            *("estimators/least_squares.py", "estimators/linear.py"),
-            *("estimators/physically_consistent/*.py", "estimators/constraints/*.py"),
+            *("estimators/least_squares.py", "estimators/physically_consistent.py"),
+            "estimators/*.py",
         ),
         ESTIMATORS,
     ),
@@ -67,41 +76,57 @@ PARTS = {
         ("tests/identification/test_time_offset.py", "tests/identification/test_base_tilt.py"),
     ),
     "whitening": Part(
-        ("regression/whitening.py", "estimators/noise.py", "estimators/feasible.py"),
+        ("regression/whitening.py", "estimators/noise.py", "estimators/generalised_least_squares.py"),
         tuple(f"tests/estimators/test_{kind}_least_squares.py" for kind in ("weighted", "generalised")),
     ),
     "robust": Part(
-        tuple(f"estimators/{name}.py" for name in ("robust", "reweighting", "ridge", "total_least_squares")),
+        tuple(f"estimators/{name}.py" for name in ("robust_least_squares", "ridge", "total_least_squares")),
         ("tests/estimators/test_robust.py", "tests/estimators/test_linear.py"),
     ),
-    "instruments": Part(("estimators/instrumental_variables/*.py",), ("tests/estimators/instrumental_variables",)),
-    "output error": Part(("estimators/output_error/*.py",), ("tests/estimators/output_error",)),
-    "Kalman filter": Part(("estimators/augmented_kalman/*.py",), ("tests/estimators/augmented_kalman",)),
+    "instruments": Part(
+        tuple(f"estimators/{name}.py" for name in ("instrumental_variables", "instruments", "instrument_moments")),
+        tuple(
+            f"tests/estimators/test_{name}.py"
+            for name in ("instrumental_variables_fit", "lagged", "moments", "resmoothed", "scores")
+        ),
+    ),
+    "output error": Part(
+        tuple(f"estimators/{name}.py" for name in ("output_error", "output_error_descent", "simulated_recordings")),
+        tuple(f"tests/estimators/test_{name}.py" for name in ("output_error", "didim", "first", "first_model")),
+    ),
+    "Kalman filter": Part(
+        ("estimators/augmented_kalman.py", "estimators/augmented_kalman_steps.py"),
+        tuple(
+            f"tests/estimators/test_{name}.py" for name in ("augmented_kalman_fit", "dynamics", "series", "square_root")
+        ),
+    ),
     "Wiener processes": Part(
-        ("splines/wiener.py", "splines/quintic.py", "smoothers/kalman.py"),
-        ("tests/splines/test_wiener.py", "tests/smoothers/test_kalman.py"),
+        ("motion/smoothers/kalman.py", "motion/splines/quintic.py"),
+        ("tests/motion/smoothers/test_wiener.py", "tests/motion/smoothers/test_kalman.py"),
     ),
     "local and periodic": Part(
-        tuple(
-            f"smoothers/{name}.py"
-            for name in ("local_polynomials", "savitzky_golay", "period", "harmonics", "harmonic_sums", "periodic_fit")
-        ),
-        ("tests/smoothers/test_savitzky_golay.py", "tests/smoothers/test_fourier.py"),
+        tuple(f"motion/smoothers/{name}.py" for name in ("savitzky_golay", "harmonics", "periodic_fit")),
+        ("tests/motion/smoothers/test_savitzky_golay.py", "tests/motion/smoothers/test_fourier.py"),
     ),
-    "simulation": Part(("simulation/*.py",), ("tests/simulation", "tests/models/test_simulation.py")),
+    "simulation": Part(("models/simulation/*.py",), ("tests/models/simulation",)),
     "ranking": Part(
-        tuple(f"ranking/{name}.py" for name in ("differences", "blocks", "assemble", "ranking", "truth")),
-        ("tests/ranking", "tests/report/test_ranking.py"),
+        tuple(f"apps/ranking/{name}.py" for name in ("differences", "assemble", "ranking")), ("tests/apps/ranking",)
     ),
-    "hac": Part(("validation/hac.py", "regression/long_run.py"), ("tests/estimators/test_least_squares.py",)),
+    "hac": Part(
+        ("validation/standard_errors.py", "regression/whitening.py"), ("tests/estimators/test_least_squares.py",)
+    ),
     "verdict": Part(
-        ("identification/verdict/*.py", "report/verdict.py", "report/advice.py"),
-        ("tests/identification/test_verdict.py", "tests/report/test_wording.py", "tests/report/test_verdict.py"),
+        ("identification/verdict*.py", "report/identification/report.py", "report/verdict_words.py"),
+        (
+            "tests/identification/test_verdict.py",
+            "tests/report/test_wording.py",
+            "tests/report/identification/test_verdict.py",
+        ),
     ),
     "terms": Part(
         tuple(
             f"models/{name}.py"
-            for name in ("term", "model", "friction/*", "motor", "rigid_bodies", "lagrangian", "lumping")
+            for name in ("term", "model", "evaluation", "friction/*", "motor", "rigid_bodies", "lagrangian", "lumping")
         ),
         TERMS,
     ),

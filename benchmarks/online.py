@@ -20,13 +20,13 @@ MEMORIES: dict[str, Any] = {"everything kept": np.inf, "groups": {"friction": 60
 
 def tracked(_: str, joints: int, size: int, memory: str) -> Call:
     """Positions and torques to an estimate, so many samples at a time, by a tracker that has seen twice as many."""
-    from dynident.online import Tracker, smoothing_of
+    from dynident.apps.online import Tracker, estimate_smoothing
     from dynident.regression import GroupKind
 
     result, log = identified(joints)
     given = MEMORIES[memory]
     known = given if isinstance(given, float) else {GroupKind(kind): value for kind, value in given.items()}
-    tracker = Tracker(result, *smoothing_of(result, log), memory=known)
+    tracker = Tracker(result, estimate_smoothing(result, log), memory=known)
     now = 0.0
 
     def on() -> Any:
@@ -44,10 +44,10 @@ def tracked(_: str, joints: int, size: int, memory: str) -> Call:
 
 def smoothed(_: str, joints: int, size: int) -> Call:
     """Positions to derivatives, with the lag that leaves 1e-10 of the error at a cut."""
-    from dynident.online import FixedLag, smoothing_of
+    from dynident.apps.online import FixedLag, estimate_smoothing
 
     result, log = identified(joints)
-    stream, now = FixedLag(log.joints, *smoothing_of(result, log)), 0.0
+    stream, now = FixedLag(log.joints, estimate_smoothing(result, log)), 0.0
 
     def on() -> Any:
         nonlocal now
@@ -62,7 +62,7 @@ def smoothed(_: str, joints: int, size: int) -> Call:
 
 def updated(_: str, joints: int, size: int) -> Call:
     """States to an estimate."""
-    from dynident.online import RecursiveLeastSquares
+    from dynident.apps.online import RecursiveLeastSquares
 
     q, dq, ddq = states(joints, SAMPLES)
     tau = np.random.default_rng(1).standard_normal(q.shape)
@@ -82,8 +82,8 @@ def identified(joints: int) -> tuple[Any, Any]:
     """An arm that was identified, and the recording."""
     from dynident.estimators import LeastSquares
     from dynident.identification import Recipe, identify
-    from dynident.log import Log
-    from dynident.smoothers import Spline
+    from dynident.motion.log import Log
+    from dynident.motion.smoothers import Spline
 
     model = arm(joints)
     q, dq, ddq = states(joints, SAMPLES)

@@ -25,11 +25,12 @@ import numpy as np
 from scipy.signal import lfilter
 from situation_arm import QUARTER, SIX, Friction, Link, Robot, urdf
 
+from dynident.apps.payload import DriveGains, Payload, PayloadRequest, find_payload
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.identification import Recipe, identify
-from dynident.log import Log
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous, from_physical
-from dynident.payload import DriveGains, Payload, Request, find_payload
+from dynident.models import Model, RigidBodies, RotorInertia, from_physical
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Log
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -138,14 +139,14 @@ def one_run(robot: str, seed: int, estimator: Estimator, repeat: bool, say: Call
     begin = time.perf_counter()
     out["blind"] = row(find_payload(found, sought))
     out["seconds"] = time.perf_counter() - begin
-    known: DriveGains = find_payload(found, weighed, request=Request(known_mass=5.0)).gains
+    known: DriveGains = find_payload(found, weighed, request=PayloadRequest(known_mass=5.0)).gains
     out["found gains"] = (known.factor.tolist(), known.std.tolist())
-    out["weighed"] = row(find_payload(found, sought, request=Request(gains=known)))
-    known = find_payload(found, weighed, unloaded, Request(known_mass=5.0)).gains
-    out["weighed, unloaded"] = row(find_payload(found, sought, unloaded, Request(gains=known)))
-    placed = Request(known_mass=5.0, known_centre=(0.0, 0.0, 0.05))
+    out["weighed"] = row(find_payload(found, sought, request=PayloadRequest(gains=known)))
+    known = find_payload(found, weighed, unloaded, PayloadRequest(known_mass=5.0)).gains
+    out["weighed, unloaded"] = row(find_payload(found, sought, unloaded, PayloadRequest(gains=known)))
+    placed = PayloadRequest(known_mass=5.0, known_centre=(0.0, 0.0, 0.05))
     known = find_payload(found, weighed, unloaded, placed).gains
-    out["placed, unloaded"] = row(find_payload(found, sought, unloaded, Request(gains=known)))
+    out["placed, unloaded"] = row(find_payload(found, sought, unloaded, PayloadRequest(gains=known)))
     say(f"{robot} {seed}: {out['blind']['values'][0]:.4f} {out['weighed']['values'][0]:.4f}")
     return out
 

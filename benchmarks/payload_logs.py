@@ -18,12 +18,12 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 import yaml
 
+from dynident.apps.payload import PayloadRequest, find_payload, mount_of
+from dynident.apps.payload.body import physical_components
 from dynident.identification import Identification, identify
-from dynident.io.project import read_project
-from dynident.log import Log
 from dynident.models import from_physical
-from dynident.payload import Request, find_payload, mount_of
-from dynident.payload.body import physical
+from dynident.motion.log import Log
+from dynident.project.project import read_project
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ARMS = {"lwr4": 3.0, "panda": 2.0, "tx40": 1.5}  # kg
@@ -47,10 +47,10 @@ def rows(name: str, data: Path) -> Iterator[tuple[str, ...]]:
     found, logs = identified(name, data)
     mount, mass = mount_of(found.model), ARMS[name]
     phi = from_physical(mass, CENTRE, np.diag([0.012, 0.015, 0.006]) * mass / 3)
-    truth = physical(phi)
+    truth = physical_components(phi)
     for gain_error in (3.0, 0.0):
-        loaded = {key: _loaded(found, log, mount.turn @ phi) for key, log in logs.items()}
-        one = find_payload(found, loaded, request=Request(gain_error=gain_error))
+        loaded = {key: _loaded(found, log, mount.transform @ phi) for key, log in logs.items()}
+        one = find_payload(found, loaded, request=PayloadRequest(gain_error=gain_error))
         error, std = one.body.values - truth, one.body.std
         centre = ", ".join(f"{1e3 * a:.1f} ± {1e3 * b:.1f}" for a, b in zip(error[1:4], std[1:4], strict=True))
         seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())

@@ -14,7 +14,8 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 from arm import LINKS, urdf
 
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.regression import structural_base_parameters
 
 RATE, SPAN, JOINTS = 100.0, 20.0, 6  # Hz, s

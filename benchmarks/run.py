@@ -33,7 +33,7 @@ FACTS = """
 import json, os, platform, sys, time
 from pathlib import Path
 import numpy, scipy, dynident
-from dynident.kernel import kernel
+from dynident.runtime.kernel import kernel
 cpu = Path("/proc/cpuinfo")
 names = [line.partition(":")[2].strip() for line in cpu.read_text().splitlines() if line.startswith("model name")] \
     if cpu.exists() else []

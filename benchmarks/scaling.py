@@ -29,15 +29,15 @@ from scaling_jobs import Still, Wait
 from scaling_page import FIGURES, draw
 
 import dynident
-from dynident.cli.reproduce import PRELOADED
+from dynident.apps.article import LEVELS, METHODS, SCENARIOS, ArmScenario, SmoothAndFit, run_study
+from dynident.apps.article.article import N_SAMPLES, SAMPLING_PERIOD
+from dynident.apps.article.study import KEY, key_type
+from dynident.cli.demo import PRELOADED_MODULES
 from dynident.estimators import LeastSquares, Problem
-from dynident.io.row_store import RowStore
-from dynident.jobs import local_workers, run_jobs
-from dynident.models.gallery import two_link_arm
+from dynident.files.row_store import RowStore
+from dynident.models.lagrangian import two_link_arm
 from dynident.regression import Regression, factorise
-from dynident.studies import METHODS, SCENARIOS, SmoothAndFit, run_study
-from dynident.studies.article import LEVELS, PERIOD, SAMPLES, ArmScenario
-from dynident.studies.table import KEY, key_type
+from dynident.runtime.jobs import local_workers, run_jobs
 
 ARTICLE = ("raw", "filtered", "spline")
 Figures = dict[str, Any]
@@ -63,7 +63,7 @@ def stages(repeats: int = 100) -> Figures:
     anew = ArmScenario("anew", "", scenario.amplitudes, scenario.sigma_tau)
     began = cpu()
     _ = anew.truth
-    found: Figures = {"simulate, once": round(cpu() - began, 3), "samples": SAMPLES, "period": PERIOD}
+    found: Figures = {"simulate, once": round(cpu() - began, 3), "samples": N_SAMPLES, "period": SAMPLING_PERIOD}
     rng = np.random.default_rng(0)
     record = scenario.record(LEVELS[1], rng)
     shared = {"noise": timed(lambda: scenario.record(LEVELS[1], rng), repeats), "write": written(2000)}
@@ -113,13 +113,13 @@ def row_types() -> Iterator[tuple[str, Any]]:
 @contextmanager
 def on_dask() -> Iterator[Executor]:
     """A cluster of this machine with two workers, for as long as it is needed."""
-    with cluster(workers=2, threads=1) as two, two.executor(PRELOADED) as executor:
+    with cluster(workers=2, threads=1) as two, two.executor(PRELOADED_MODULES) as executor:
         yield executor
 
 
 PLACES: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
     "serial": nullcontext,
-    "2 processes": partial(local_workers, 2, PRELOADED),
+    "2 processes": partial(local_workers, 2, PRELOADED_MODULES),
     "Dask, 2 workers": on_dask,
 }
 
@@ -217,7 +217,7 @@ def costs_of_a_log(folder: Path, few: int = 4, more: int = 12) -> Figures:
         shutil.rmtree(old, ignore_errors=True)
     for count in (few, more):
         prepared(folder, count)
-        with local_workers(2, ("dynident.fleets.fit", "dynident.report.run_files")) as executor:
+        with local_workers(2, ("dynident.apps.fleets.fit", "dynident.report.identification.report")) as executor:
             before, others = cpu(), cpu_of(os.getpid(), children=True)
             dynident.fleet(folder / "fleet.yaml", folder / "out", executor=executor, rerun=True)
             costs.append((cpu() - before, cpu_of(os.getpid(), children=True) - others))

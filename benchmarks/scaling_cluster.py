@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 import psutil
 
-from dynident.jobs.cluster import cluster_workers
+from dynident.runtime.jobs.cluster import cluster_workers
 
 START = 60.0  # s for all to answer
 

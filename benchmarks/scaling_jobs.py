@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.estimators import Estimate
-from dynident.estimators.estimator import Determined, Residual
-from dynident.models import Recording
-from dynident.models.gallery import two_link_arm
+from dynident.estimators import DataRank, Estimate, Residual
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import Recording
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,7 @@ class Still:
     def estimate(self, recording: Recording) -> Estimate:  # noqa: ARG002
         arm = two_link_arm()
         ones = np.ones(len(arm.parameters))
-        return Estimate(arm.parameters, ones, np.diag(ones), Determined(len(ones)), Residual(ones[:2], 100))
+        return Estimate(arm.parameters, ones, np.diag(ones), DataRank(len(ones)), Residual(ones[:2], 100))
 
 
 @dataclass(frozen=True)

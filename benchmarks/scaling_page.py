@@ -9,7 +9,7 @@ from typing import Any
 
 from page_tables import filled, markdown
 
-from dynident.jobs.pace import SHARE, SLOWEST
+from dynident.runtime.jobs.engine import MAX_BATCH_SECONDS, MAX_LOST_SHARE
 
 __all__ = ["FIGURES", "PAGE", "Work", "draw", "page"]
 
@@ -32,12 +32,12 @@ class Work:
         """Seconds on some cores: those of the workers, who lose a share between jobs, or of who asks if it is more."""
         if cores == 1:
             return self.jobs * (self.worker + self.own)
-        return self.jobs * max(self.worker / (1 - SHARE) / cores, self.own)
+        return self.jobs * max(self.worker / (1 - MAX_LOST_SHARE) / cores, self.own)
 
     @property
     def most(self) -> float:
         """The number of cores beyond which more do not help: who asks has no time left."""
-        return self.worker / (1 - SHARE) / self.own
+        return self.worker / (1 - MAX_LOST_SHARE) / self.own
 
 
 def draw(kept: Figures) -> None:
@@ -130,10 +130,11 @@ def cost(kept: Figures) -> str:
         for one in works(kept)
     ]  # fmt: skip
     head = ["", "core hours", *(f"{n} core{'s' * (n > 1)}" for n in CORES), "more cores do not help from"]
-    tasks = 100 * round(SLOWEST / kept["scheduler"]["tiny"]["scheduler"] * 1e4)
+    tasks = 100 * round(MAX_BATCH_SECONDS / kept["scheduler"]["tiny"]["scheduler"] * 1e4)
     return (
         markdown(head, lines)
-        + f"\n\nThe scheduler of Dask would have time for about {tasks} workers with batches of {SLOWEST:g} s."
+        + f"\n\nThe scheduler of Dask would have time for about {tasks} workers with batches of "
+        + f"{MAX_BATCH_SECONDS:g} s."
     )
 
 

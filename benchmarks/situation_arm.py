@@ -11,7 +11,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
 
 Array = NDArray[np.float64]
 DOWN = (0.0, 0.0, -9.81)

@@ -27,11 +27,11 @@ from situation_arm import RATE, Built, build
 from situation_list import SITUATIONS, Situation
 
 from dynident.checks import CheckResult
-from dynident.errors import DynidentError, Severity
 from dynident.identification import Identification, judge
-from dynident.identification.verdict.reasons import Noted
-from dynident.io.project import Project, read_project
-from dynident.log import Motion
+from dynident.identification.verdict import ForbiddingFindings
+from dynident.motion.log import Motion
+from dynident.project.project import Project, read_project
+from dynident.runtime import DynidentError, Severity
 
 ESTIMATORS = ("least_squares", "consistent", "maximum_likelihood")
 CONTROL = {"three": "right", "six": "right-six"}  # what a right robot's findings are
@@ -70,7 +70,7 @@ def _identified(project: Project, built: Built) -> Row:
     return {
         "verdict": verdict.use.value,
         "reasons": sorted(
-            {_kind(one.findings[0].message if isinstance(one, Noted) else one) for one in verdict.reasons}
+            {_kind(one.findings[0].message if isinstance(one, ForbiddingFindings) else one) for one in verdict.reasons}
         ),
         "warnings": sorted({_kind(one) for one in noted}),
         "notes": sorted({_kind(one) for one in moved}),

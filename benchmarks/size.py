@@ -38,7 +38,8 @@ def record(folder: Path, n: int) -> Path:
     """Write robot, log (1 kHz, five sines a joint, noise on both) and configuration; return the configuration."""
     import polars as pl
 
-    from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+    from dynident.models import Model, RigidBodies, RotorInertia
+    from dynident.models.friction import Coulomb, Offset, Viscous
 
     bodies = RigidBodies(arm())
     joints = bodies.joints
@@ -66,10 +67,11 @@ def record(folder: Path, n: int) -> Path:
 
 def staged(config: Path) -> None:
     """Run the command's steps in this process; print the seconds of each."""
-    from dynident.export import exports
-    from dynident.io.project import run
-    from dynident.io.result_write import result_data
-    from dynident.report import identification_page
+    from dynident.project.export import exports
+    from dynident.project.project import run
+    from dynident.project.saved import result_data
+    from dynident.report.identification import identification_page
+    from dynident.runtime import progress_to
 
     began = last = time.perf_counter()
     stage = "start"
@@ -81,7 +83,8 @@ def staged(config: Path) -> None:
         spent[stage] = spent.get(stage, 0.0) + now - last
         last, stage = now, " ".join(step.split()[:2]) if step.startswith(("trying", "reading", "smoothing")) else step
 
-    found = run(config, progress=say)
+    with progress_to(say):
+        found = run(config)
     say("exports")
     made = exports(found)
     say("report")

@@ -33,7 +33,7 @@ def constraint(way: str, n: int, series: int = 1) -> Call:
     t, y, _ = signal(n)
     if way == "FITPACK":
         return lambda: fitpack(t, y)
-    from dynident.splines import Constraint, smooth
+    from dynident.motion.splines import Constraint, smooth
 
     if series > 1:
         angle = np.outer(t, 1 + 0.2 * np.arange(series) % 2)  # other speeds, and other smoothing
@@ -57,7 +57,7 @@ def fixed(way: str, n: int) -> Call:
             return lambda: scipy_spline(t, y, LAM)
         case "R":  # on <0, 1>, of the mean of the squares
             return lambda: in_r(n, f", lambda = {LAM / n / t[-1] ** 3}")
-    from dynident.splines import Fixed, smooth
+    from dynident.motion.splines import Fixed, smooth
 
     def ours() -> None:
         fit = smooth(t, y, Fixed(lam=LAM))
@@ -75,7 +75,7 @@ def gcv(way: str, n: int) -> Call:
             return lambda: scipy_spline(t, y, None)
         case "R":
             return lambda: in_r(n, "")
-    from dynident.splines import GCV, smooth
+    from dynident.motion.splines import GCV, smooth
 
     def ours() -> None:
         fit = smooth(t, y, GCV())

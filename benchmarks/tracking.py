@@ -18,14 +18,14 @@ from bodies import states
 from factors import arm
 from numpy.typing import NDArray
 
+from dynident.apps.online import FixedLag, StreamSmoothing, Tracker, estimate_smoothing
 from dynident.estimators import LeastSquares
 from dynident.identification import Recipe, identify
-from dynident.log import Log
 from dynident.models import Model
-from dynident.online import FixedLag, Tracker, smoothing_of
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
+from dynident.motion.splines import Fixed, smooth
 from dynident.regression import GroupKind
-from dynident.smoothers import Spline
-from dynident.splines import Fixed, smooth
 
 Array = NDArray[np.float64]
 STEP, SIGMA, NOISE = 0.01, 1e-5, 0.1  # s, rad, N m
@@ -53,14 +53,17 @@ def lags() -> None:
     whole = smooth(t, q, Fixed(lam=(width**4 / 1e-3).tolist()), sigma=1.0)
     print("| lag | said to be left | velocity | acceleration |\n|---|---|---|---|")
     for lag in (None, 0.12, 0.08, 0.05, 0.03, 0.01, 0.002):
-        stream = FixedLag([f"joint{k}" for k in range(7)], 1e-3, width, lag, every=16)
+        stream = FixedLag([f"joint{k}" for k in range(7)], StreamSmoothing(1e-3, width), lag, window=16)
         found = [one.motion for one in stream.push(t, q, q)]
         rows, cells = slice(200, sum(map(len, found))), []
         for name, order in (("dq", 1), ("ddq", 2)):
             exact = whole.derivative(order)
             off = np.concatenate([getattr(one, name) for one in found])[rows] - exact[rows]
             cells.append(float((np.sqrt((off**2).mean(axis=0)) / exact.std(axis=0)).max()))
-        print(f"| {1e3 * stream.lag:.0f} ms | {stream.left.max():.1e} | {cells[0]:.1e} | {cells[1]:.1e} |", flush=True)
+        print(
+            f"| {1e3 * stream.lag:.0f} ms | {stream.remaining_error.max():.1e} | {cells[0]:.1e} | {cells[1]:.1e} |",
+            flush=True,
+        )
 
 
 def truth(model: Model, t: float) -> Array:
@@ -95,11 +98,11 @@ def memories() -> None:
     log = recorded(model)
     recipe = Recipe(Spline(sigma=SIGMA), LeastSquares(weights="per_joint"), outliers="keep", rests="keep")
     result = identify(model, {"cold": log.window(0.0, 60.0)}, (), recipe)
-    known = smoothing_of(result, log.window(0.0, 30.0))
+    known = estimate_smoothing(result, log.window(0.0, 30.0))
     other = model.random_states(np.random.default_rng(5), 500)
     print(f"\n| memory | {' | '.join(HEAD)} |\n|---|{'---|' * len(HEAD)}")
     for name, memory in MEMORIES.items():
-        tracker, found, begin = Tracker(result, *known, lag=0.3, memory=memory, every=16), [], 0
+        tracker, found, begin = Tracker(result, known, lag=0.3, memory=memory, window=16), [], 0
         for at in SEEN:
             stop = int(np.searchsorted(log.t, at))
             tracker.push(log.t[begin:stop], log.q[begin:stop], log.tau[begin:stop])

@@ -19,12 +19,13 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 from arm import LINKS, urdf
 
+from dynident.apps.tuning import Bench, Tuning
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.identification import Recipe, identify
-from dynident.log import Log
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
-from dynident.smoothers import Spline
-from dynident.tuning import Bench, Tuning
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
 
 RATE, SINES = 1000.0, 4  # Hz; of each joint
 ENCODER, TORQUE = 1e-5, 0.3  # rad, N m
@@ -70,7 +71,7 @@ def times(on: Bench, runs: int) -> dict[str, float]:
     start, first, joint = on.start, on.log_names[0], on.joints[0]
     log = on.logs["train"][first]
     begin = float(log.t[len(log) // 2])
-    on.fitted(start)
+    on.fit(start)
 
     def of(answer: Callable[[Tuning], object], changed: Callable[[int], Tuning], count: int = runs) -> float:
         """Return the median time of an answer to settings of a number, which it has not seen."""
@@ -82,21 +83,21 @@ def times(on: Bench, runs: int) -> dict[str, float]:
         return median(found)
 
     def seen(tuning: Tuning) -> object:
-        return on.smoothed(tuning, first, joint)
+        return on.smooth(tuning, first, joint)
 
     kinds = [*start.terms[0], "stribeck", "spring", "power", "asymmetric_viscous", "wide_coulomb"]
     return {
         "smoothing of one joint": of(seen, lambda k: start.with_degree(0.01 * k, 0)),
         "smoothing of all joints": of(seen, lambda k: start.with_degree(0.011 * k)),
-        "quick fit after smoothing": of(on.fitted, lambda k: start.with_degree(0.012 * k)),
-        "quick fit after terms": of(on.fitted, lambda k: start.with_terms(k % 7, kinds[: k % 5 + 4])),
-        "quick fit after joints": of(on.fitted, lambda k: replace(start, unfitted=(on.joints[k % 7],))),
-        "quick fit after minimum speed": of(on.fitted, lambda k: _speed(start, 0.01 * k)),
-        "quick fit after a window": of(on.fitted, lambda k: start.excluding(first, begin, begin + 0.1 * k)),
-        "quick fit with hysteresis": of(on.fitted, lambda k: start.with_terms(k % 7, [*kinds[:4], "dahl"])),
+        "quick fit after smoothing": of(on.fit, lambda k: start.with_degree(0.012 * k)),
+        "quick fit after terms": of(on.fit, lambda k: start.with_terms(k % 7, kinds[: k % 5 + 4])),
+        "quick fit after joints": of(on.fit, lambda k: replace(start, unfitted=(on.joints[k % 7],))),
+        "quick fit after minimum speed": of(on.fit, lambda k: _speed(start, 0.01 * k)),
+        "quick fit after a window": of(on.fit, lambda k: start.exclude(first, begin, begin + 0.1 * k)),
+        "quick fit with hysteresis": of(on.fit, lambda k: start.with_terms(k % 7, [*kinds[:4], "dahl"])),
         "curve of all joints": of(on.curve, lambda k: _late(start, 1e-4 * k), 3),
         "curve of one joint": of(lambda one: on.curve(one, joint), lambda k: _late(start, 2e-4 * k), 3),
-        "whole": of(on.whole, lambda k: start.with_degree(0.013 * k), 3),
+        "whole": of(on.identify, lambda k: start.with_degree(0.013 * k), 3),
     }
 
 

@@ -26,13 +26,10 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from dynident.cli.init import drafted
-from dynident.demo import demo_files
-from dynident.demo.arm import JOINTS, TIME_OFFSET, true_model, true_values
-from dynident.demo.recording import ENCODER, NOISE, REMAINS, TORQUE
-from dynident.identification import Identification
-from dynident.io.project import read_project
-from dynident.online import (
+from dynident.apps.demo import demo_files
+from dynident.apps.demo.arm import JOINTS, TIME_OFFSET, true_model, true_values
+from dynident.apps.demo.files import ENCODER_STEP, NOISE_CORRELATION, NOISE_SHARE, TORQUE_STEP
+from dynident.apps.online import (
     Alarm,
     Back,
     Changed,
@@ -44,9 +41,12 @@ from dynident.online import (
     Unsteady,
     Watcher,
     WatchSettings,
-)  # fmt: skip
+)
+from dynident.apps.online.report import StampFormatter, event_line
+from dynident.cli.identification import draft_from_files
+from dynident.identification import Identification
+from dynident.project.project import read_project
 from dynident.regression import GroupKind
-from dynident.report.watch import Stamps, event_line
 
 Array = NDArray[np.float64]
 HOURS, RATE, CHUNK = 2.0, 100.0, 10.0  # h, Hz, s that come at a time
@@ -54,7 +54,7 @@ EVERY, REST, RAMP = 120.0, 5.0, 1.0  # s
 HARMONICS = 12  # of each joint, from 0.05 to 0.5 Hz, in no ratio
 REACH, PACE = 0.7, 0.5  # shares of the limits of position and speed
 LOADED = 0.02  # friction by the load, as a share of it, that the model does not have
-COLOUR = REMAINS ** (250.0 / RATE)  # of the noise from sample to sample, as it is in the demo's recordings
+COLOUR = NOISE_CORRELATION ** (250.0 / RATE)  # of the noise from sample to sample, as it is in the demo's recordings
 EFFORT = np.array([joint.effort for joint in JOINTS])
 NAMES = tuple(joint.name for joint in JOINTS)
 
@@ -119,7 +119,7 @@ class Arm:
         rows = round(CHUNK * RATE)
         for k in range(round(hours * 3600 / CHUNK)):
             t = (k * rows + np.arange(rows)) / RATE
-            q = ENCODER * np.round(self.course(t)[0] / ENCODER)
+            q = ENCODER_STEP * np.round(self.course(t)[0] / ENCODER_STEP)
             for one in self.happenings:
                 if one.dead:
                     self._die(one, t, q)
@@ -143,8 +143,8 @@ class Arm:
         rubs = LOADED * np.abs(self.model.torque(*state, theta=self.bodies)) * np.tanh(state[1] / 0.02)
         white = self.rng.standard_normal(state[0].shape) * np.sqrt(1 - COLOUR**2)
         noise, self.last = lfilter([1.0], [1.0, -COLOUR], white, axis=0, zi=self.last)
-        tau = self.model.torque(*state, theta=theta) + rubs + NOISE * EFFORT * noise
-        return np.asarray(TORQUE * np.round(tau / TORQUE))
+        tau = self.model.torque(*state, theta=theta) + rubs + NOISE_SHARE * EFFORT * noise
+        return np.asarray(TORQUE_STEP * np.round(tau / TORQUE_STEP))
 
 
 def _paced(t: Array) -> tuple[Array, Array, Array]:
@@ -169,7 +169,7 @@ def identified(folder: Path) -> Identification:
     files = demo_files(folder)
     logs = [str(files / f"{day}.parquet") for day in ("monday", "tuesday")]
     config = folder / "robot.yaml"
-    config.write_text(drafted(str(files / "arm.urdf"), logs, folder, lambda _: None)[0].text)
+    config.write_text(draft_from_files(str(files / "arm.urdf"), logs, folder)[0].text)
     return read_project(config).identify()
 
 
@@ -222,7 +222,7 @@ def main() -> None:
         wrong = [event for event in events if not explained(event, HAPPENINGS)]
         false += sum(isinstance(event, Alarm) for event in wrong)
         for event in events if seed == 0 else wrong:
-            print(f"run {seed}  {event_line(event, NAMES, Stamps()).text}", flush=True)
+            print(f"run {seed}  {event_line(event, NAMES, StampFormatter()).text}", flush=True)
     for k, one in enumerate(HAPPENINGS if lates else ()):
         for end in range(len(lates[0][k])):
             late = np.array([run[k][end] for run in lates])
@@ -235,7 +235,7 @@ def main() -> None:
         wrong = [event for event in events if not explained(event, ())]
         quiet += sum(isinstance(event, Alarm) for event in wrong)
         for event in wrong:
-            print(f"quiet {seed}  {event_line(event, NAMES, Stamps()).text}", flush=True)
+            print(f"quiet {seed}  {event_line(event, NAMES, StampFormatter()).text}", flush=True)
     hours = (given.runs + given.quiet) * given.hours
     print(f"false alarms: {false} in {given.runs} runs with changes, {quiet} in {given.quiet * given.hours:g} h "
           f"without; stated are {settings.false_alarms * given.quiet * given.hours / 24:.2g}")  # fmt: skip

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dynident.bounds import normal_matrices
-from dynident.io.results import write_text
-from dynident.models import simulate
-from dynident.models.gallery import two_link_arm
+from dynident.files.results import write_text
+from dynident.identification import normal_matrices
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import simulate
 
 TARGET = Path(__file__).with_name("normal_matrix.svg")
 SAMPLES, CELL, LEFT, TOP = 12, 9, 10, 26

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from dynident.cli import main
-from dynident.io.results import write_text
+from dynident.files.results import write_text
 
 COMMON = """
 ## What is said, and where it is kept

@@ -7,8 +7,8 @@ a module without a leading underscore, and in a folder what its ``__init__`` has
 from __future__ import annotations
 
 import ast
+import tomllib
 from collections.abc import Iterator
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from pygments.formatters import HtmlFormatter
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
-KERNEL = "src/dynident/kernel/README.md"
+KERNEL = "src/dynident/runtime/kernel/README.md"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
     "Your robot": (
@@ -73,11 +73,17 @@ def navigation() -> list[Any]:
 
 
 def reference() -> Iterator[dict[str, Any]]:
-    """Yield the modules of the reference, those of a folder together."""
-    names = (name.removeprefix("dynident.") for name, _ in modules())
-    for top, group in groupby(names, lambda name: name.partition(".")[0]):
-        pages = [{name: uri(f"dynident.{name}" if name != "dynident" else name)} for name in group]
-        yield pages[0] if len(pages) == 1 else {top: pages}
+    """Yield the package, then its rooms with the pages of their modules, from below: in the order of the method."""
+    names = [name for name, _ in modules() if name != "dynident"]
+    yield {"dynident": uri("dynident")}
+    for room in rooms():
+        yield {room: [{name.removeprefix("dynident."): uri(name)} for name in names if name.split(".")[1] == room]}
+
+
+def rooms() -> list[str]:
+    """Return the rooms of the package in the order of the import contract, the lowest first."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    return [room for layer in reversed(settings["contracts"][0]["layers"]) for room in layer.split(" | ")]
 
 
 def modules() -> Iterator[tuple[str, Path]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import dynident as dy
 
-FILES = Path(dy.__file__).parent / "demo" / "files"
+FILES = Path(dy.__file__).parent / "apps" / "demo" / "files"
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "forearm_roll", "wrist_pitch", "wrist_roll")
 COLUMNS = {
     "time": ("time_s", "s"),

@@ -8,7 +8,8 @@ slider with Stribeck friction: 1.1 % of tuesday's torque is left
 import numpy as np
 
 import dynident as dy
-from dynident.models import Stribeck, gallery
+from dynident.models import lagrangian as gallery
+from dynident.models.friction import Stribeck
 
 plain, logs, rng, t = gallery.slider(), {}, np.random.default_rng(0), np.arange(5001) * 0.002
 rich = plain.with_terms(Stribeck(plain.joints, velocity=0.05))

@@ -10,7 +10,7 @@ spline      1.32  41.32      8.7
 import numpy as np
 
 import dynident as dy
-from dynident.studies import METHODS, SCENARIOS, run_study, statistics
+from dynident.apps.article import METHODS, SCENARIOS, run_study, statistics
 
 arm, scenario, level = dy.two_link_arm(), SCENARIOS["tabulated"], 1e-6  # variance of the position noise, rad^2
 methods = [METHODS[name] for name in ("raw", "filtered", "spline")]

@@ -15,7 +15,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_threa
 
 
 def pytest_report_header() -> str:
-    from dynident.kernel import kernel  # NumPy comes with the tests
+    from dynident.runtime.kernel import kernel  # NumPy comes with the tests
 
     return f"kernel: {kernel()}"
 

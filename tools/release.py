@@ -28,7 +28,7 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(enco
 LARGEST = 1_000_000  # bytes of one file
 COMMIT = "dynident/commit.txt"  # written while it is built, where git knows it
 NEEDED = ("py.typed", "report/templates/page.html")  # beside the modules
-KERNEL = {f"dynident/kernel/kernel.bin{end}" for end in ("", ".sum")}  # in the wheel of a system
+KERNEL = {f"dynident/runtime/kernel/kernel.bin{end}" for end in ("", ".sum")}  # in the wheel of a system
 # what a user does first; each runs where the one before has left its files
 COMMANDS = (
     ("--version",),
@@ -101,7 +101,7 @@ def wheel_faults(files: dict[str, int], known: set[str], version: str) -> Iterat
     """Yield what is wrong with the content of a wheel: the package, its data and its licence, and no more."""
     package = {name.removeprefix("src/") for name in known if name.startswith("src/dynident/")}
     about = f"dynident-{version}.dist-info"
-    package |= KERNEL if "dynident/kernel/kernel.bin" in files else set()
+    package |= KERNEL if "dynident/runtime/kernel/kernel.bin" in files else set()
     wanted = package | {f"dynident/{name}" for name in NEEDED} | {f"{about}/METADATA", f"{about}/licenses/LICENSE"}
     yield from (f"{name} is missing" for name in sorted(wanted - files.keys()))
     more = {name for name in files if PurePosixPath(name).parts[0] != about} - package - {COMMIT}

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-KERNEL = "dynident/kernel"
+KERNEL = "dynident/runtime/kernel"
 BUILD: dict[str, Any] = runpy.run_path(str(ROOT / "src" / KERNEL / "build.py"))
 os.environ.setdefault("SOURCE_DATE_EPOCH", "1580601600")  # hatchling's; without it a DLL holds the time
 SECONDS = 900.0  # zig first compiles its own libraries for a system

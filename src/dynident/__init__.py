@@ -2,7 +2,7 @@
 
     import dynident as dy
 
-    found = dy.identify("arm.urdf", {"monday": monday}, {"tuesday": tuesday})
+    result = dy.identify("arm.urdf", {"monday": monday}, {"tuesday": tuesday})
 
 The names below are what a user calls; each is imported when it is first asked for. All others are in their packages.
 """
@@ -12,132 +12,84 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from dynident import errors
-    from dynident.bounds import cramer_rao_bound
-    from dynident.estimators import (
-        AugmentedKalman,
-        Didim,
-        Estimate,
-        GeneralisedLeastSquares,
-        InstrumentalVariables,
-        LeastSquares,
-        MaximumLikelihood,
-        OutputError,
-        PhysicallyConsistent,
-        Ridge,
-        RobustLeastSquares,
-        TotalLeastSquares,
-        WeightedLeastSquares,
-    )
-    from dynident.identification import Identification, Recipe, bootstrap
-    from dynident.io.model_files import export_model
-    from dynident.io.project import run
-    from dynident.io.saved import load
-    from dynident.io.shortcuts import accuracy_bound, check, identify, read_log, read_robot
-    from dynident.log import Log, Motion
-    from dynident.models import (
-        Coulomb,
-        CoupledMotor,
-        Joint,
-        Lagrangian,
-        Model,
-        Offset,
-        RigidBodies,
-        RotorInertia,
-        Viscous,
-        record,
-        simulate,
-    )
-    from dynident.models.gallery import two_link_arm
-    from dynident.payload import find_payload
-    from dynident.regression import ParallelFilter
-    from dynident.report.compare_run import compare
-    from dynident.report.excite_run import excite
-    from dynident.report.fleet_run import fleet
-    from dynident.smoothers import Butterworth, Difference, FourierSeries, KalmanSmoother, SavitzkyGolay, Spline
-    from dynident.splines import smooth
-    from dynident.validation import validate
+from dynident._version import __version__ as __version__
 
-__version__ = "0.1.0"
-
-__all__ = [
-    "AugmentedKalman",
-    "Butterworth",
-    "Coulomb",
-    "CoupledMotor",
-    "Didim",
-    "Difference",
-    "Estimate",
-    "FourierSeries",
-    "GeneralisedLeastSquares",
-    "Identification",
-    "InstrumentalVariables",
-    "Joint",
-    "KalmanSmoother",
-    "Lagrangian",
-    "LeastSquares",
-    "Log",
-    "MaximumLikelihood",
-    "Model",
-    "Motion",
-    "Offset",
-    "OutputError",
-    "ParallelFilter",
-    "PhysicallyConsistent",
-    "Recipe",
-    "Ridge",
-    "RigidBodies",
-    "RobustLeastSquares",
-    "RotorInertia",
-    "SavitzkyGolay",
-    "Spline",
-    "TotalLeastSquares",
-    "Viscous",
-    "WeightedLeastSquares",
-    "accuracy_bound",
-    "bootstrap",
-    "check",
-    "compare",
-    "cramer_rao_bound",
-    "errors",
-    "excite",
-    "export_model",
-    "find_payload",
-    "fleet",
-    "identify",
-    "load",
-    "read_log",
-    "read_robot",
-    "record",
-    "run",
-    "simulate",
-    "smooth",
-    "two_link_arm",
-    "validate",
-]
+if TYPE_CHECKING:  # the table below, for type checkers, which know only what is imported
+    from dynident import runtime as errors  # noqa: F401  # the room that holds them
+    from dynident.apps.excitation.run import excite as excite
+    from dynident.apps.fleets.run import fleet as fleet
+    from dynident.apps.payload import find_payload as find_payload
+    from dynident.apps.ranking.run import compare as compare
+    from dynident.estimators import AugmentedKalman as AugmentedKalman
+    from dynident.estimators import Didim as Didim
+    from dynident.estimators import Estimate as Estimate
+    from dynident.estimators import GeneralisedLeastSquares as GeneralisedLeastSquares
+    from dynident.estimators import InstrumentalVariables as InstrumentalVariables
+    from dynident.estimators import LeastSquares as LeastSquares
+    from dynident.estimators import OutputError as OutputError
+    from dynident.estimators import PhysicallyConsistent as PhysicallyConsistent
+    from dynident.estimators import Ridge as Ridge
+    from dynident.estimators import RobustLeastSquares as RobustLeastSquares
+    from dynident.estimators import TotalLeastSquares as TotalLeastSquares
+    from dynident.estimators import WeightedLeastSquares as WeightedLeastSquares
+    from dynident.estimators.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
+    from dynident.identification import Identification as Identification
+    from dynident.identification import Recipe as Recipe
+    from dynident.identification import bootstrap as bootstrap
+    from dynident.identification import cramer_rao_bound as cramer_rao_bound
+    from dynident.models import CoupledMotor as CoupledMotor
+    from dynident.models import Joint as Joint
+    from dynident.models import Lagrangian as Lagrangian
+    from dynident.models import Model as Model
+    from dynident.models import RigidBodies as RigidBodies
+    from dynident.models import RotorInertia as RotorInertia
+    from dynident.models.friction import Coulomb as Coulomb
+    from dynident.models.friction import Offset as Offset
+    from dynident.models.friction import Viscous as Viscous
+    from dynident.models.lagrangian import two_link_arm as two_link_arm
+    from dynident.models.simulation import record as record
+    from dynident.models.simulation import simulate as simulate
+    from dynident.motion.log import Log as Log
+    from dynident.motion.log import Motion as Motion
+    from dynident.motion.smoothers import Butterworth as Butterworth
+    from dynident.motion.smoothers import Difference as Difference
+    from dynident.motion.smoothers import FourierSeries as FourierSeries
+    from dynident.motion.smoothers import KalmanSmoother as KalmanSmoother
+    from dynident.motion.smoothers import SavitzkyGolay as SavitzkyGolay
+    from dynident.motion.smoothers import Spline as Spline
+    from dynident.motion.splines import smooth as smooth
+    from dynident.project.export.proof import export_model as export_model
+    from dynident.project.project import run as run
+    from dynident.project.saved import load as load
+    from dynident.project.shortcuts import accuracy_bound as accuracy_bound
+    from dynident.project.shortcuts import check as check
+    from dynident.project.shortcuts import identify as identify
+    from dynident.project.shortcuts import read_log as read_log
+    from dynident.project.shortcuts import read_robot as read_robot
+    from dynident.regression import ParallelFilter as ParallelFilter
+    from dynident.validation import validate as validate
 
 _MODULES = {
     "AugmentedKalman": "dynident.estimators",
-    "Butterworth": "dynident.smoothers",
-    "Coulomb": "dynident.models",
+    "Butterworth": "dynident.motion.smoothers",
+    "Coulomb": "dynident.models.friction",
     "CoupledMotor": "dynident.models",
     "Didim": "dynident.estimators",
-    "Difference": "dynident.smoothers",
+    "Difference": "dynident.motion.smoothers",
     "Estimate": "dynident.estimators",
-    "FourierSeries": "dynident.smoothers",
+    "FourierSeries": "dynident.motion.smoothers",
     "GeneralisedLeastSquares": "dynident.estimators",
     "Identification": "dynident.identification",
     "InstrumentalVariables": "dynident.estimators",
     "Joint": "dynident.models",
-    "KalmanSmoother": "dynident.smoothers",
+    "KalmanSmoother": "dynident.motion.smoothers",
     "Lagrangian": "dynident.models",
     "LeastSquares": "dynident.estimators",
-    "Log": "dynident.log",
-    "MaximumLikelihood": "dynident.estimators",
+    "Log": "dynident.motion.log",
+    "MaximumLikelihood": "dynident.estimators.maximum_likelihood",
     "Model": "dynident.models",
-    "Motion": "dynident.log",
-    "Offset": "dynident.models",
+    "Motion": "dynident.motion.log",
+    "Offset": "dynident.models.friction",
     "OutputError": "dynident.estimators",
     "ParallelFilter": "dynident.regression",
     "PhysicallyConsistent": "dynident.estimators",
@@ -146,32 +98,33 @@ _MODULES = {
     "RigidBodies": "dynident.models",
     "RobustLeastSquares": "dynident.estimators",
     "RotorInertia": "dynident.models",
-    "SavitzkyGolay": "dynident.smoothers",
-    "Spline": "dynident.smoothers",
+    "SavitzkyGolay": "dynident.motion.smoothers",
+    "Spline": "dynident.motion.smoothers",
     "TotalLeastSquares": "dynident.estimators",
-    "Viscous": "dynident.models",
+    "Viscous": "dynident.models.friction",
     "WeightedLeastSquares": "dynident.estimators",
-    "accuracy_bound": "dynident.io.shortcuts",
+    "accuracy_bound": "dynident.project.shortcuts",
     "bootstrap": "dynident.identification",
-    "check": "dynident.io.shortcuts",
-    "compare": "dynident.report.compare_run",
-    "cramer_rao_bound": "dynident.bounds",
+    "check": "dynident.project.shortcuts",
+    "compare": "dynident.apps.ranking.run",
+    "cramer_rao_bound": "dynident.identification",
     "errors": "dynident",
-    "excite": "dynident.report.excite_run",
-    "export_model": "dynident.io.model_files",
-    "find_payload": "dynident.payload",
-    "fleet": "dynident.report.fleet_run",
-    "identify": "dynident.io.shortcuts",
-    "load": "dynident.io.saved",
-    "read_log": "dynident.io.shortcuts",
-    "read_robot": "dynident.io.shortcuts",
-    "record": "dynident.models",
-    "run": "dynident.io.project",
-    "simulate": "dynident.models",
-    "smooth": "dynident.splines",
-    "two_link_arm": "dynident.models.gallery",
+    "excite": "dynident.apps.excitation.run",
+    "export_model": "dynident.project.export.proof",
+    "find_payload": "dynident.apps.payload",
+    "fleet": "dynident.apps.fleets.run",
+    "identify": "dynident.project.shortcuts",
+    "load": "dynident.project.saved",
+    "read_log": "dynident.project.shortcuts",
+    "read_robot": "dynident.project.shortcuts",
+    "record": "dynident.models.simulation",
+    "run": "dynident.project.project",
+    "simulate": "dynident.models.simulation",
+    "smooth": "dynident.motion.splines",
+    "two_link_arm": "dynident.models.lagrangian",
     "validate": "dynident.validation",
 }
+__all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
@@ -179,9 +132,9 @@ def __getattr__(name: str) -> Any:
     module = _MODULES.get(name)
     if module is None:
         raise AttributeError(f"module 'dynident' has no attribute {name!r}", name=name, obj=import_module(__name__))
-    found = import_module(f"dynident.{name}") if module == "dynident" else getattr(import_module(module), name)
-    globals()[name] = found
-    return found
+    value = import_module("dynident.runtime") if name == "errors" else getattr(import_module(module), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

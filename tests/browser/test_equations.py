@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynident.models import Joint, Model, Ripple, Stribeck, Viscous
+from dynident.models import Joint, Model
+from dynident.models.friction import Ripple, Stribeck, Viscous
 from dynident.report.equations import model_section
 from dynident.report.page import render
 from tests.browser.browsing import Browsing

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from dynident.report.excitation import excitation_page
-from dynident.report.fleet import fleet_page
+from dynident.apps.article import study_page
+from dynident.apps.excitation.report import excitation_page
+from dynident.apps.fleets.report import fleet_page
+from dynident.apps.ranking.page import ranking_page
 from dynident.report.identification import identification_page
-from dynident.report.ranking_page import ranking_page
-from dynident.report.study import study_page
 from tests.browser.browsing import Browsing
 from tests.report.conftest import Reproduction, cases, identification_of, motion
 from tests.report.designs import designed

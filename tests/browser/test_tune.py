@@ -12,7 +12,8 @@ from urllib.parse import unquote_plus
 import numpy as np
 import pytest
 
-from dynident.models import Coulomb, Model, RigidBodies, Viscous
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Viscous
 from tests.browser.browsing import Browsing
 from tests.robots import joint, link, urdf
 
@@ -68,11 +69,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @contextmanager
 def served(path: Path) -> Iterator[str]:
     """Give the address of the page of a configuration."""
-    from dynident.ui import serving
-    from dynident.ui.server import answer
+    from dynident.apps.tuning import serve_configuration
+    from dynident.apps.tuning.server import answer
 
     faults: list[str] = []
-    with serving(path, fault=faults.append) as (address, server):
+    with serve_configuration(path, fault=faults.append) as (address, server):
         thread = threading.Thread(target=answer, args=(server,), daemon=True)
         thread.start()
         yield str(address)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.checks.case import Case, case_of
-from dynident.log import Motion
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.checks.misfit import FitCase, fit_case
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Motion
 from tests.robots import joint, link, urdf
 
 T = np.arange(0, 10, 0.01)
@@ -52,5 +53,5 @@ def motion(seed: int = 0, noise: float = 0.02, model: Model | None = None, theta
     return Motion(T, q, dq, ddq, tau, tuple(x.name for x in model.joints), np.ones(len(T), bool))
 
 
-def case(moved: Motion | None = None, model: Model | None = None, samples: int = 500) -> Case:
-    return case_of(model or arm(), [moved or motion()], samples=samples)
+def case(moved: Motion | None = None, model: Model | None = None, samples: int = 500) -> FitCase:
+    return fit_case(model or arm(), [moved or motion()], samples=samples)

@@ -8,10 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import notes
-from dynident.checks.alternatives import _alternatives, _error, _NormalEquations, _possible, better_alternative
-from dynident.checks.finding import Topic
-from dynident.checks.robot_notes import Channel, ColumnReversed, JointsSwapped, OtherAxis
+from dynident.checks import Topic, notes
+from dynident.checks.alternatives import (
+    _alternatives,
+    _NormalEquations,
+    _plausible_alternatives,
+    _relative_error,
+    better_alternative,
+)
+from dynident.checks.robot_notes import AffectedColumns, ColumnReversed, JointsSwapped, OtherAxis
 from dynident.models import Model, RigidBodies
 from tests.checks.moving_arm import arm, case, motion, text, truth
 
@@ -23,8 +28,12 @@ def found(moved=MOVED, model: Model | None = None):
     return list(better_alternative(case(moved, model, samples=400)))
 
 
-def changed(channel: Channel, change):
-    names = {Channel.TORQUE: ("tau",), Channel.POSITION: ("q", "dq", "ddq"), Channel.BOTH: ("tau", "q", "dq", "ddq")}
+def changed(channel: AffectedColumns, change):
+    names = {
+        AffectedColumns.TORQUE: ("tau",),
+        AffectedColumns.POSITION: ("q", "dq", "ddq"),
+        AffectedColumns.BOTH: ("tau", "q", "dq", "ddq"),
+    }
     return replace(MOVED, **{name: change(getattr(MOVED, name)) for name in names[channel]})
 
 
@@ -32,8 +41,8 @@ def test_a_right_log_has_none() -> None:
     assert found() == []
 
 
-@pytest.mark.parametrize("channel", Channel)
-def test_columns_of_two_joints_that_are_exchanged(channel: Channel) -> None:
+@pytest.mark.parametrize("channel", AffectedColumns)
+def test_columns_of_two_joints_that_are_exchanged(channel: AffectedColumns) -> None:
     (one,) = found(changed(channel, lambda x: x[:, ORDER]))
     assert one.topic is Topic.SWAPPED
     assert isinstance(one.message, JointsSwapped)
@@ -41,9 +50,9 @@ def test_columns_of_two_joints_that_are_exchanged(channel: Channel) -> None:
     assert one.message.after < 0.5 * one.message.before
 
 
-@pytest.mark.parametrize("channel", [Channel.POSITION, Channel.BOTH])
+@pytest.mark.parametrize("channel", [AffectedColumns.POSITION, AffectedColumns.BOTH])
 @pytest.mark.parametrize("joint", [1, 2])
-def test_a_column_that_is_reversed(channel: Channel, joint: int) -> None:
+def test_a_column_that_is_reversed(channel: AffectedColumns, joint: int) -> None:
     sign = np.where(np.arange(3) == joint, -1.0, 1.0)
     (one,) = found(changed(channel, lambda x: sign * x))
     assert (one.topic, one.joint) == (Topic.SIGN, f"j{joint + 1}")
@@ -74,7 +83,7 @@ def test_the_normal_equations_tell_the_error_of_every_alternative() -> None:
     """They use directions that act less than the precision of the file, so that the error may be a little less."""
     given = case(samples=100)
     for one in _alternatives(given):
-        exact, least = _error(one.case), _NormalEquations(one.case).error(one.case.tau)
+        exact, least = _relative_error(one.case), _NormalEquations(one.case).error(one.case.tau)
         assert 0.5 * exact < least < 1.001 * exact
 
 
@@ -82,7 +91,7 @@ def test_orders_and_signs_of_the_torques_share_a_regressor(monkeypatch: pytest.M
     given, calls = case(samples=100), []
     monkeypatch.setattr(Model, "regressor", lambda self, **states: calls.append(1) or evaluated(self, **states))
     tried = list(_alternatives(given))
-    assert list(_possible(given, tried, np.inf)) == tried
+    assert list(_plausible_alternatives(given, tried, np.inf)) == tried
     moved = {(id(one.case.q), id(one.case.model)) for one in tried}
     assert len(calls) == len(moved) < 0.7 * len(tried)
 
@@ -91,9 +100,9 @@ def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.Monkey
     def exchanged() -> int:
         return sum(one.topic is Topic.SWAPPED for one in _alternatives(case(samples=50)))
 
-    assert exchanged() == 3 * len(Channel)
-    monkeypatch.setattr("dynident.checks.alternatives.NEIGHBOURS", 2)
-    assert exchanged() == 2 * len(Channel)
+    assert exchanged() == 3 * len(AffectedColumns)
+    monkeypatch.setattr("dynident.checks.alternatives.MAX_JOINTS_ALL_PAIRS", 2)
+    assert exchanged() == 2 * len(AffectedColumns)
 
 
 evaluated = Model.regressor

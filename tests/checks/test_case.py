@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.case import SAMPLES, as_measured, case_of
-from dynident.log import Motion
+from dynident.checks.misfit import CASE_SAMPLES, fit_case, measured_case
+from dynident.motion.log import Motion
 from dynident.regression import ParallelFilter
 from tests.checks.moving_arm import T, arm, motion
 
 
 def test_rows_near_a_reversal_do_not_count() -> None:
     moved = motion()
-    kept = case_of(arm(), [moved], samples=len(T)).keep
+    kept = fit_case(arm(), [moved], samples=len(T)).keep
     for j in range(3):
         turns = T[np.flatnonzero(np.diff(np.signbit(moved.dq[:, j])))]
         away = np.abs(T[:, None] - turns).min(axis=1)
@@ -29,17 +29,17 @@ def test_a_long_log_is_thinned_and_a_slow_one_is_not_filtered() -> None:
         np.arange(4 * len(T)) * 0.01, *(np.tile(x, (4, 1)) for x in (moved.q, moved.dq, moved.ddq, moved.tau)),
         moved.joints, np.ones(4 * len(T), bool),
     )  # fmt: skip
-    assert SAMPLES <= len(case_of(arm(), [many]).q) <= 2 * SAMPLES
+    assert CASE_SAMPLES <= len(fit_case(arm(), [many]).q) <= 2 * CASE_SAMPLES
     slow = replace(moved, t=10.0 * moved.t)
-    np.testing.assert_array_equal(case_of(arm(), [slow], samples=len(T)).tau, moved.tau)
+    np.testing.assert_array_equal(fit_case(arm(), [slow], samples=len(T)).tau, moved.tau)
 
 
 def test_what_the_fit_leaves_out_does_not_count() -> None:
     moved, keep = motion(), np.ones((len(T), 3), dtype=bool)
     keep[300:320, 1] = False
-    whole, less = (case_of(arm(), [one], samples=len(T)) for one in (moved, replace(moved, keep=keep)))
+    whole, less = (fit_case(arm(), [one], samples=len(T)) for one in (moved, replace(moved, keep=keep)))
     np.testing.assert_array_equal(less.keep, whole.keep & keep)
-    fast = case_of(arm(), [moved], min_speed=(0.1, 0.2, 0.3), samples=len(T)).keep
+    fast = fit_case(arm(), [moved], min_speed=(0.1, 0.2, 0.3), samples=len(T)).keep
     assert not fast[np.abs(moved.dq) < 0.9 * np.array([0.1, 0.2, 0.3])].any()
 
 
@@ -47,8 +47,8 @@ def test_what_the_fit_leaves_out_does_not_count() -> None:
 def test_the_filter_of_the_recipe_counts_however_it_is_given(given: ParallelFilter) -> None:
     """At 100 Hz a decimation by 8 cuts off at 5 Hz."""
     moved = motion()
-    slow = ParallelFilter(cutoff=5.0).filtered(moved)
-    np.testing.assert_allclose(case_of(arm(), [moved], given, samples=len(T)).tau, slow.tau)
+    slow = ParallelFilter(cutoff=5.0).filter_motion(moved)
+    np.testing.assert_allclose(fit_case(arm(), [moved], given, samples=len(T)).tau, slow.tau)
 
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
@@ -60,9 +60,9 @@ def test_logs_of_other_rates_have_one_noise(order: list[int]) -> None:
                        for name in ("q", "dq", "ddq", "tau"))  # fmt: skip
     dense = Motion(t, q, dq, ddq, tau, moved.joints, np.ones(len(t), bool))
     noisy = [replace(one, tau=one.tau + rng.standard_normal(one.tau.shape)) for one in (moved, dense)]
-    single = [case_of(arm(), [one], samples=len(T)).noise for one in noisy]
+    single = [fit_case(arm(), [one], samples=len(T)).noise for one in noisy]
     np.testing.assert_allclose(single[1], 0.5 * single[0], rtol=0.3)
-    both = case_of(arm(), [noisy[k] for k in order], samples=len(T)).noise
+    both = fit_case(arm(), [noisy[k] for k in order], samples=len(T)).noise
     assert (single[1] < both).all()
     assert (both < single[0]).all()
 
@@ -71,7 +71,7 @@ def test_as_measured_all_samples_are_there_and_those_left_out_do_not_count() -> 
     moved = motion()
     mask, keep = T < 5.0, np.ones((len(T), 3), dtype=bool)
     keep[300:320, 1] = False
-    whole = as_measured(arm(), [replace(moved, mask=mask, keep=keep), moved], (0.1, 0.0, 0.0))
+    whole = measured_case(arm(), [replace(moved, mask=mask, keep=keep), moved], (0.1, 0.0, 0.0))
     np.testing.assert_array_equal(whole.tau, np.concatenate([moved.tau, moved.tau]))
     assert whole.lengths == (len(T), len(T))
     fast = np.abs(moved.dq[:, 0]) >= 0.1

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import channels, check_log, check_log_fully, notes, split_gaps
-from dynident.errors import InputError, Note
-from dynident.log import Log
+from dynident.checks import channel_facts, check_log, check_log_fully, notes, split_gaps
+from dynident.motion.log import Log
+from dynident.runtime import InputError, Note
 
 N = 2000
 
@@ -116,13 +116,13 @@ def told(one: Log) -> dict[str, Note]:
 def test_positions_that_are_read_less_often_than_logged(hold):
     q = np.sin(2 * T)[np.arange(N) // hold * hold]
     one = log(q=q[:, None])
-    assert channels(one)[0].repeats == pytest.approx(1 - 1 / hold, abs=0.05)
-    assert told(one)["stale"] == notes.RepeatedPositions(channels(one)[0].repeats, hold)
+    assert channel_facts(one)[0].repeats == pytest.approx(1 - 1 / hold, abs=0.05)
+    assert told(one)["stale"] == notes.RepeatedPositions(channel_facts(one)[0].repeats, hold)
 
 
 def test_an_encoder_in_slow_motion_is_not_stale():
     q = np.round(np.sin(0.05 * T) / 1e-3) * 1e-3
-    assert channels(log(q=q[:, None]))[0].repeats == 0
+    assert channel_facts(log(q=q[:, None]))[0].repeats == 0
     assert "stale" not in told(log(q=q[:, None]))
 
 
@@ -131,7 +131,7 @@ def test_a_rest_of_the_whole_arm_is_named_with_its_time():
     rest = told(log(q=q[:, None]))["rest"]
     assert isinstance(rest, notes.ArmAtRest)
     assert (rest.start, rest.stop) == pytest.approx((2.5, 4.0), rel=0.01)
-    assert channels(log(q=q[:, None]))[0].still == pytest.approx(1.5 / 4, abs=0.05)
+    assert channel_facts(log(q=q[:, None]))[0].still == pytest.approx(1.5 / 4, abs=0.05)
 
 
 def test_one_joint_at_rest_while_the_other_moves_is_no_rest():
@@ -143,13 +143,13 @@ def test_the_facts_on_a_channel_are_those_put_in():
     rng = np.random.default_rng(7)
     q = np.round((np.sin(2 * T) + rng.normal(0, 2e-3, N)) / 1e-4) * 1e-4
     tau = np.round((3 * np.cos(3 * T) + rng.normal(0, 0.1, N)) / 0.05) * 0.05
-    (found,) = channels(log(q=q[:, None], tau=tau[:, None]))
+    (found,) = channel_facts(log(q=q[:, None], tau=tau[:, None]))
     assert found.noise == pytest.approx(2e-3, rel=0.1)
     assert found.torque_noise == pytest.approx(0.1, rel=0.1)
     assert found.resolution == pytest.approx(1e-4)
     assert found.torque_resolution == pytest.approx(0.05)
     assert found.rms == pytest.approx(3 / np.sqrt(2), rel=0.05)
-    assert np.isnan(channels(log())[0].resolution)
+    assert np.isnan(channel_facts(log())[0].resolution)
 
 
 def test_figures_are_without_what_the_fit_leaves_out():
@@ -160,7 +160,11 @@ def test_figures_are_without_what_the_fit_leaves_out():
     q_out, tau_out = (np.zeros((N, 1), dtype=bool) for _ in range(2))
     q_out[[300, *range(500, 540)]], tau_out[50::100] = True, True
     wrong = log(q=np.where(q_out, 9.0, q), tau=np.where(tau_out, 500.0, tau))
-    (as_measured,), (found,), (clean,) = channels(wrong), channels(wrong, q_out, tau_out), channels(log(q=q, tau=tau))
+    (as_measured,), (found,), (clean,) = (
+        channel_facts(wrong),
+        channel_facts(wrong, q_out, tau_out),
+        channel_facts(log(q=q, tau=tau)),
+    )
     assert (found.left_out, found.torque_left_out) == (41, int(tau_out.sum()))
     assert (as_measured.left_out, as_measured.torque_left_out) == (0, 0)
     for name in ("span", "noise", "rms", "torque_noise"):
@@ -172,7 +176,7 @@ def test_figures_are_without_what_the_fit_leaves_out():
 def test_a_step_is_found_though_the_file_rounds_and_not_where_there_is_none():
     counts = np.round(np.sin(2 * T) / 3.14159265e-4)
     rounded = np.round(counts * 3.14159265e-4, 7)
-    (found,) = channels(log(q=rounded[:, None], tau=np.random.default_rng(10).normal(0, 1, (N, 1))))
+    (found,) = channel_facts(log(q=rounded[:, None], tau=np.random.default_rng(10).normal(0, 1, (N, 1))))
     assert found.resolution == pytest.approx(3.14159265e-4, rel=1e-3)
     assert np.isnan(found.torque_resolution)
 
@@ -190,19 +194,8 @@ def test_spikes_of_positions_are_no_other_unit(kind: str, topic: str, height: fl
     assert topic not in topics
 
 
-def test_a_log_is_checked_once_for_the_same_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
-    one, calls = log(), []
-    monkeypatch.setattr(sys.modules[check_log.__module__], "_still", lambda q: calls.append(q) or [])
-    for kind, count in (("revolute", 1), ("revolute", 1), ("prismatic", 2)):
-        check_log(one, {"elbow": kind})
-        check_log_fully(one, {"elbow": kind})
-        assert len(calls) == count
-    check_log(log(), {"elbow": "revolute"})
-    assert len(calls) == 3
-
-
 def test_jumps_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    monkeypatch.setattr(sys.modules[check_log.__module__], "jumps", lambda one: calls.append(one) or [])
+    monkeypatch.setattr(sys.modules[check_log.__module__], "jump_findings", lambda one: calls.append(one) or [])
     check_log_fully(log(), {"elbow": "revolute"})
     assert len(calls) == 1

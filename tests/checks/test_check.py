@@ -9,15 +9,16 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, Topic, motion_notes, notes, robot_notes, run_checks, with_findings
-from dynident.checks.motion_notes import Search, SearchLeftOut
-from dynident.errors import Severity
+from dynident.checks import Topic, notes, robot_notes, run_checks, with_findings
+from dynident.checks import log_notes as motion_notes
+from dynident.checks.log_notes import SearchKind, SearchLeftOut
 from dynident.identification import Recipe, identify
-from dynident.log import Log, Motion
-from dynident.models import HasRobotFile, Model, RigidBodies
-from dynident.models.gallery import slider, two_link_arm
+from dynident.models import Model, RigidBodies, Term
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
 from dynident.report.finding_words import finding_words
-from dynident.smoothers import Butterworth, Difference, Spline
+from dynident.runtime import Finding, Severity
 from tests.checks import moving_arm
 from tests.robots import ARM_MJCF
 
@@ -47,7 +48,7 @@ def topics(found) -> list[str]:
 def test_a_sound_log_gives_facts_and_no_findings() -> None:
     found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": other()}})
     assert topics(found) == []
-    assert not found.failed
+    assert not found.has_errors
     assert found.timings.keys() == found.channels.keys() == {"one", "two"}
     assert found.rank is not None
     assert [one.joint for one in found.excitations] == [one.joint for one in found.agreements] == [NAME]
@@ -68,7 +69,7 @@ def test_a_log_with_an_error_is_left_out_of_the_motion() -> None:
     torn = log(t=T + np.where(np.arange(len(T)) > 1000, 3.0, 0.0))
     both = run_checks(slider(), {"train": {"good": log(), "torn": torn}})
     assert topics(both) == ["gap"]
-    assert both.failed
+    assert both.has_errors
     assert both.findings[0].source == "torn"
     assert both.excitations == run_checks(slider(), {"train": {"good": log()}}).excitations
     assert run_checks(slider(), {"train": {"torn": torn}}).excitations == ()
@@ -77,7 +78,7 @@ def test_a_log_with_an_error_is_left_out_of_the_motion() -> None:
 def test_a_stage_that_fails_is_a_finding() -> None:
     found = run_checks(slider(), {"train": {"one": log()}}, Recipe(smoother=Butterworth(cutoffs=(1e4, 1e4, 1e4))))
     assert topics(found) == ["motion"]
-    assert found.failed
+    assert found.has_errors
 
 
 @pytest.mark.parametrize("usable", [0, 1, 4])
@@ -87,18 +88,19 @@ def test_motions_of_few_usable_samples_are_an_error_that_is_found(
 ) -> None:
     """Whatever smoother leaves so few; another log that has enough makes up for one."""
 
-    def smoother(log: Log) -> Motion:
-        motion = Difference("central")(log)
-        few = np.isin(np.arange(len(log)), 1500 + np.arange(usable))
-        return replace(motion, mask=few) if log.source == "one" else motion
+    class FewSamples(Smoother):
+        def __call__(self, log: Log) -> Motion:
+            motion = Difference("central")(log)
+            few = np.isin(np.arange(len(log)), 1500 + np.arange(usable))
+            return replace(motion, mask=few) if log.source == "one" else motion
 
-    recipe = Recipe(smoother, time_offset=time_offset)
+    recipe = Recipe(FewSamples(), time_offset=time_offset)
     found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": other()}}, recipe)
     (error,) = (one for one in found.findings if one.severity is Severity.ERROR)
     assert str(error.message).startswith("one: ")
     assert "too few for 4 parameters" in str(error.message)
     assert found.channels.keys() == {"one", "two"}
-    assert not run_checks(slider(), {"train": {"one": log(), "two": other()}}, recipe).failed
+    assert not run_checks(slider(), {"train": {"one": log(), "two": other()}}, recipe).has_errors
 
 
 @pytest.mark.parametrize("count", [4, 6, 29])
@@ -113,7 +115,7 @@ def test_the_most_severe_come_first() -> None:
         Finding(Severity.ERROR, None, "torn"),
         Finding(Severity.WARNING, None, "odd"),
     ]
-    found = run_checks(slider(), {"train": {"one": log()}}, found=given)
+    found = run_checks(slider(), {"train": {"one": log()}}, initial_findings=given)
     assert [one.severity for one in found.findings] == ["error", "warning", "info"]
 
 
@@ -132,11 +134,10 @@ def test_joints_are_matched_by_name() -> None:
 
 
 @dataclass(frozen=True)
-class Mine:
+class Mine(Term):
     """A term of another class that was made from a robot file."""
 
     bodies: RigidBodies
-    source = "mine.xml"
 
     joints = property(lambda self: self.bodies.joints)
     parameters = property(lambda self: self.bodies.parameters)
@@ -153,14 +154,13 @@ class Mine:
 def test_any_term_with_a_robot_file_is_checked() -> None:
     moon = ARM_MJCF.replace("<worldbody>", '<option gravity="0 0 -1.62"/><worldbody>')
     found, expected = (run_checks(Model((one(RigidBodies(moon)),)), {}) for one in (Mine, lambda bodies: bodies))
-    assert isinstance(Mine(RigidBodies(moon)), HasRobotFile)
     assert topics(found) == topics(expected)
     assert "gravity" in topics(found)
     assert len(found.links) == len(expected.links) > 0
 
 
 @dataclass
-class Counted:
+class Counted(Smoother):
     """A smoother that counts what it smooths."""
 
     count: int = 0
@@ -183,13 +183,15 @@ def test_beside_an_identification_nothing_is_smoothed_again() -> None:
     assert both.notes == found.warnings
 
 
-@pytest.mark.parametrize(("limit", "search", "fitted"), [("FITTED", "FITS", False), ("SEARCHED", "CAUSES", True)])
+@pytest.mark.parametrize(
+    ("limit", "search", "fitted"), [("MAX_FACTOR_NUMBERS", "FITS", False), ("MAX_SEARCH_NUMBERS", "CAUSES", True)]
+)
 def test_what_many_joints_leave_out_is_said(limit: str, search: str, fitted: bool, monkeypatch) -> None:
     """The factor of one joint with four parameters and the torque has 25 numbers."""
     monkeypatch.setattr(sys.modules[run_checks.__module__], limit, 24)
     found = run_checks(slider(), {"train": {"one": log()}})
     (one,) = found.findings
-    assert one.message == SearchLeftOut(Search[search], 1, len(slider().parameters))
+    assert one.message == SearchLeftOut(SearchKind[search], 1, len(slider().parameters))
     assert (found.rank is not None) is fitted
     assert "1 joint" in finding_words(one)
 

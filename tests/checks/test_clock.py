@@ -7,26 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.case import Case
-from dynident.checks.clock import clock_suspect
-from dynident.checks.explain import explained
-from dynident.checks.misfit import misfit
-from dynident.checks.robot_notes import ClockWrong, Quantity, WrongValue
-from dynident.checks.suspect import refined
-from dynident.errors import Use
+from dynident.checks.explain import explain_residual
+from dynident.checks.misfit import FitCase, misfit
+from dynident.checks.robot_notes import ClockWrong, SuspectQuantity, WrongValue
+from dynident.checks.suspects import clock_suspect, estimate_suspect
+from dynident.runtime import Use
 from tests.checks.moving_arm import arm, case, motion, truth
 
 MOVED = motion()
 
 
-def stamped(rate: float) -> Case:
+def stamped(rate: float) -> FitCase:
     """The arm where a second of the stamps is ``rate`` seconds."""
     return case(replace(MOVED, dq=rate * MOVED.dq, ddq=rate**2 * MOVED.ddq))
 
 
 @pytest.mark.parametrize("rate", [0.8, 1.25])
 def test_the_rate_is_found(rate: float) -> None:
-    found = refined(misfit(stamped(rate)), clock_suspect())
+    found = estimate_suspect(misfit(stamped(rate)), clock_suspect())
     assert found is not None
     note = clock_suspect().note(found.value, found.std, found.share, ())
     assert isinstance(note, ClockWrong)
@@ -35,15 +33,15 @@ def test_the_rate_is_found(rate: float) -> None:
 
 
 def test_a_right_clock_is_not_suspected() -> None:
-    assert refined(misfit(stamped(1.0)), clock_suspect()) is None
+    assert estimate_suspect(misfit(stamped(1.0)), clock_suspect()) is None
 
 
 def test_where_it_cannot_be_told_from_a_length_its_cost_counts() -> None:
     """The cost is that of inertias too small by the square of the rate, and friction by the rate; gravity is right."""
     rate, model, theta = 1.25, arm(), truth(arm())
-    (found,) = explained(stamped(rate))
+    (found,) = explain_residual(stamped(rate))
     assert isinstance(found.message, WrongValue)
-    assert [one.quantity for one in found.message.others] == [Quantity.CLOCK]
+    assert [one.quantity for one in found.message.others] == [SuspectQuantity.CLOCK]
     assert found.message.others[0].value == pytest.approx(rate, abs=0.1)
     fast = MOVED.q, 2 * MOVED.dq, 4 * MOVED.ddq
     right, held = model.torque(*fast, theta), model.torque(MOVED.q, 0 * MOVED.dq, 0 * MOVED.ddq, theta)

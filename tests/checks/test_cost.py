@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.cost import cost, faster, mean_square
-from dynident.checks.explain import explained
+from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import misfit
+from dynident.checks.missing import cost, faster_case, mean_square
 from dynident.checks.robot_notes import Costly, MissingTerm, TermKind, TorqueGain, WrongValue
-from dynident.errors import Finding, Severity, Use
+from dynident.runtime import Finding, Severity, Use
 from tests.checks.moving_arm import arm, case, motion, truth
 
 MOVED = motion()
@@ -22,13 +22,13 @@ def relative(error: np.ndarray, torque: np.ndarray) -> float:
 
 
 def first(moved, model=None) -> Costly:
-    return next(iter(explained(case(moved, model)))).message
+    return next(iter(explain_residual(case(moved, model)))).message
 
 
 @pytest.mark.parametrize("kind", ["viscous", "coulomb", "rotor"])
 def test_a_term_left_out_costs_its_error_on_the_faster_motion(kind: str) -> None:
     given = case(MOVED, arm(without=kind))
-    fast, whole = faster(given), arm()
+    fast, whole = faster_case(given), arm()
     right = whole.torque(fast.q, fast.dq, fast.ddq, truth(whole))
     wrong = fast.torque(misfit(given).theta)
     found = first(MOVED, arm(without=kind))
@@ -40,7 +40,7 @@ def test_a_term_left_out_costs_its_error_on_the_faster_motion(kind: str) -> None
 def test_a_gain_costs_its_error_in_the_unit_of_the_other_joints(gain: float) -> None:
     factor = np.array([1.0, gain, 1.0])
     given = case(replace(MOVED, tau=factor * MOVED.tau))
-    fast, model = faster(given), arm()
+    fast, model = faster_case(given), arm()
     right = model.torque(fast.q, fast.dq, fast.ddq, truth(model))
     wrong = fast.torque(misfit(given).theta)
     found = first(replace(MOVED, tau=factor * MOVED.tau))
@@ -70,7 +70,7 @@ def test_a_value_that_is_wrong_forbids_simulation_and_control_where_a_joint_is_f
 def test_what_a_term_removes_is_what_the_fit_with_it_leaves_less(kind: str) -> None:
     """Of the joint's mean squared residual: that of a model with the term at all joints leaves only noise."""
     without, whole = misfit(case(MOVED, arm(without=kind))), misfit(case(MOVED))
-    found = list(explained(case(MOVED, arm(without=kind))))
+    found = list(explain_residual(case(MOVED, arm(without=kind))))
     removed = dict(pair for one in found for pair in one.removed)
     less = mean_square(without) - mean_square(whole)
     names = [joint.name for joint in arm().joints]

@@ -7,20 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.case import case_of
-from dynident.checks.delays import delay_findings
-from dynident.checks.finding import Finding
-from dynident.checks.misfit import misfit
+from dynident.checks.explain import delay_findings
+from dynident.checks.misfit import fit_case, misfit
 from dynident.checks.robot_notes import MissingTerm, TermKind
-from dynident.errors import Severity
-from dynident.log import Motion
+from dynident.motion.log import Motion
+from dynident.runtime import Finding, Severity
 from tests.checks.moving_arm import VALUES, arm, motion
 
 MOVED = motion(5)
 
 
 def found(moved: Motion) -> list[Finding]:
-    return list(delay_findings(misfit(case_of(arm(), [moved])), [moved]))
+    return list(delay_findings(misfit(fit_case(arm(), [moved])), [moved]))
 
 
 def with_torque(joint: int, torque: np.ndarray) -> Motion:
@@ -53,6 +51,6 @@ def test_friction_that_follows_its_reversal_late_is_no_delay() -> None:
 
 def test_recordings_too_short_to_be_shifted_say_nothing() -> None:
     late = with_torque(2, np.interp(MOVED.t - 0.01, MOVED.t, MOVED.tau[:, 2]))
-    fit = misfit(case_of(arm(), [late]))
+    fit = misfit(fit_case(arm(), [late]))
     assert list(delay_findings(fit, [late])) != []
     assert list(delay_findings(fit, [replace(late, mask=MOVED.t < 0.05)])) == []

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.checks import explain
-from dynident.checks.explain import explained, robot_findings
-from dynident.checks.finding import Topic
+from dynident.checks import Topic, explain
+from dynident.checks.explain import explain_residual, robot_findings
 from dynident.checks.robot_notes import TiltedBase
-from dynident.errors import Severity, Step, Use
 from dynident.estimators import LeastSquares
-from dynident.identification import BaseTilt, find_base_tilt, mounted
-from dynident.models import Model, Spring
+from dynident.identification import BaseTilt, find_base_tilt, tilt_base
+from dynident.models import Model
+from dynident.models.friction import Spring
 from dynident.regression import ParallelFilter
+from dynident.runtime import Severity, Step, Use, progress_to
 from tests.checks.moving_arm import arm, case, motion, text, truth
 
 MODEL = arm()
@@ -35,29 +35,29 @@ def test_a_right_arm_is_not_asked_about(seed: int) -> None:
 def test_noise_that_is_correlated_is_no_cause(seed: int) -> None:
     moved, rng = motion(seed, noise=0.0), np.random.default_rng([3, seed])
     noise = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], rng.standard_normal(moved.tau.shape), axis=0)
-    assert list(explained(case(replace(moved, tau=moved.tau + 0.02 * moved.tau.std(axis=0) * noise)))) == []
+    assert list(explain_residual(case(replace(moved, tau=moved.tau + 0.02 * moved.tau.std(axis=0) * noise)))) == []
 
 
 def test_two_causes_are_both_found() -> None:
     moved = motion()
     tau = moved.tau * np.array([1.0, 1.0, 1.5])
     tau[:, 0] += 4.0 * moved.q[:, 0]
-    found = topics(explained(case(replace(moved, tau=tau))))
+    found = topics(explain_residual(case(replace(moved, tau=tau))))
     assert sorted(found) == [(Topic.GAIN, "j3"), (Topic.MISSING_TERM, "j1")]
 
 
 def test_what_the_data_cannot_tell_apart_is_named_with_it() -> None:
     moved = motion()
-    found = next(iter(explained(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
+    found = next(iter(explain_residual(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
     assert found.topic is Topic.ZERO  # the simplest of them
     assert {one.joint for one in found.message.others} <= {"j2", "j3"}
 
 
 def test_a_tilted_base_is_named_before_the_frames_that_would_do_the_same() -> None:
-    tilted = mounted(MODEL, 0.05, -0.04)
+    tilted = tilt_base(MODEL, 0.05, -0.04)
     moved = motion(model=tilted)
     tilt = find_base_tilt(MODEL, [moved], LeastSquares())
-    (found,) = explained(case(moved), tilt)
+    (found,) = explain_residual(case(moved), tilt)
     assert (found.severity, found.topic) == (Severity.WARNING, Topic.BASE_TILT)
     assert isinstance(found.message, TiltedBase)
     assert (found.message.x, found.message.y) == pytest.approx((0.05, -0.04), abs=0.01)
@@ -82,11 +82,12 @@ def test_where_no_sample_counts_nothing_is_looked_for() -> None:
 
 def test_each_cause_that_is_sought_tells_how_many_there_may_be() -> None:
     said: list[str] = []
-    list(robot_findings(MODEL, [motion(1)], {}, progress=said.append))
+    with progress_to(said.append):
+        list(robot_findings(MODEL, [motion(1)], {}))
     steps = [one for one in said if isinstance(one, Step)]
     assert len(steps) == len(said) >= 2
-    assert [one.done for one in steps[1:]] == list(range(len(steps) - 1))
-    assert all(one.total is not None and one.total > one.done for one in steps[1:])
+    assert [one.completed for one in steps[1:]] == list(range(len(steps) - 1))
+    assert all(one.total is not None and one.total > one.completed for one in steps[1:])
 
 
 def test_large_faults_are_sought_without_the_terms_that_were_chosen_with_them(monkeypatch: pytest.MonkeyPatch) -> None:

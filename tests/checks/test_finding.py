@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from dynident import checks
-from dynident.checks import Finding, file_notes, notes, reading_line, require
-from dynident.errors import InputError, Severity
+from dynident.checks import notes, reading_line, require
+from dynident.checks import notes as file_notes
+from dynident.runtime import Finding, InputError, Severity
 
 CHECKS = Path(checks.__file__).parent
 STILL = notes.NeverMoves(1, 0.3)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from dynident.checks import log_notes
-from dynident.checks.fit import compensation_findings, friction_findings, repeat_findings, slow_findings
-from dynident.checks.units import thin
-from dynident.log import Log, Motion
-from dynident.models import Coulomb, Model, RigidBodies, Viscous
+from dynident.checks.motion import compensation_findings, friction_findings, repeat_findings, slow_findings
+from dynident.checks.stamps import thin_regression
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Viscous
+from dynident.motion.log import Log, Motion
 from tests.robots import ARM
 
 MODEL = Model((RigidBodies(ARM),))
@@ -37,13 +38,13 @@ def motion(seed: int, *, speed: float = 1.0, gravity: bool = True, noise: float 
 @pytest.mark.parametrize("seed", range(20))
 def test_whole_torques_of_fast_motion_have_no_findings(seed: int) -> None:
     one = [motion(seed)]
-    assert list(compensation_findings(thin(MODEL, one))) == []
-    assert list(slow_findings(thin(MODEL, one))) == []
+    assert list(compensation_findings(thin_regression(MODEL, one))) == []
+    assert list(slow_findings(thin_regression(MODEL, one))) == []
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_compensated_gravity_is_said_with_its_share(seed: int) -> None:
-    (found,) = compensation_findings(thin(MODEL, [motion(seed, gravity=False)]))
+    (found,) = compensation_findings(thin_regression(MODEL, [motion(seed, gravity=False)]))
     note = found.message
     assert isinstance(note, log_notes.GravityCompensated)
     assert abs(note.factor) < max(5 * note.std, 0.02)
@@ -58,7 +59,7 @@ def test_torque_without_friction_is_said(seed: int, shown: float) -> None:
     model = Model((RigidBodies(ARM), Viscous(joints), Coulomb(joints)))
     slid = np.sign(bare.dq) + bare.dq / bare.dq.std(axis=0)
     tau = bare.tau + shown * bare.tau.std(axis=0) * slid
-    found = list(friction_findings(thin(model, [replace(bare, tau=tau)])))
+    found = list(friction_findings(thin_regression(model, [replace(bare, tau=tau)])))
     if shown > 0.01:
         assert found == []
     else:
@@ -68,7 +69,7 @@ def test_torque_without_friction_is_said(seed: int, shown: float) -> None:
 
 
 def test_a_model_without_friction_misses_none() -> None:
-    assert list(friction_findings(thin(MODEL, [motion(0)]))) == []
+    assert list(friction_findings(thin_regression(MODEL, [motion(0)]))) == []
 
 
 def test_an_arm_at_rest_shows_no_friction_and_that_says_nothing() -> None:
@@ -76,12 +77,12 @@ def test_an_arm_at_rest_shows_no_friction_and_that_says_nothing() -> None:
     model = Model((RigidBodies(ARM), Viscous(joints), Coulomb(joints)))
     theta, still = np.array([one.value for one in MODEL.parameters], dtype=float), np.zeros_like(one.q)
     tau = MODEL.torque(one.q, still, still, theta)
-    assert list(friction_findings(thin(model, [replace(one, dq=still, ddq=still, tau=tau)]))) == []
+    assert list(friction_findings(thin_regression(model, [replace(one, dq=still, ddq=still, tau=tau)]))) == []
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_slow_motion_is_said(seed: int) -> None:
-    (found,) = slow_findings(thin(MODEL, [motion(seed, speed=0.02)]))
+    (found,) = slow_findings(thin_regression(MODEL, [motion(seed, speed=0.02)]))
     assert isinstance(found.message, log_notes.SlowMotion)
     assert found.message.share < found.message.residual / 3
     assert found.message.faster > 3

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.explain import explained
-from dynident.checks.finding import Topic
-from dynident.checks.gains import gain_suspects
+from dynident.checks import Topic
+from dynident.checks.explain import explain_residual
 from dynident.checks.robot_notes import TorqueGain
-from dynident.models.gallery import slider
+from dynident.checks.suspects import gain_suspects
+from dynident.models.lagrangian import slider
 from tests.checks.moving_arm import case, motion
 
 
@@ -19,7 +19,7 @@ from tests.checks.moving_arm import case, motion
 def test_a_gain_is_found_with_its_joint(joint: int, gain: float) -> None:
     moved, factor = motion(), np.ones(3)
     factor[joint] = gain
-    (found,) = explained(case(replace(moved, tau=factor * moved.tau)))
+    (found,) = explain_residual(case(replace(moved, tau=factor * moved.tau)))
     assert (found.topic, found.joint) == (Topic.GAIN, f"j{joint + 1}")
     assert isinstance(found.message, TorqueGain)
     assert found.message.factor == pytest.approx(gain, abs=4 * found.message.std)
@@ -28,5 +28,5 @@ def test_a_gain_is_found_with_its_joint(joint: int, gain: float) -> None:
 
 def test_a_gain_of_all_joints_cannot_be_seen() -> None:
     moved = motion()
-    assert list(explained(case(replace(moved, tau=1.1 * moved.tau)))) == []
+    assert list(explain_residual(case(replace(moved, tau=1.1 * moved.tau)))) == []
     assert gain_suspects(slider()) == []

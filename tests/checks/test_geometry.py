@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.explain import explained
-from dynident.checks.finding import Topic
-from dynident.checks.geometry import displaced, geometry_suspects
+from dynident.checks import Topic
+from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import AxisTilted, LengthWrong, ZeroOff
-from dynident.models.gallery import two_link_arm
+from dynident.checks.suspects import displace_joint, geometry_suspects
+from dynident.models.lagrangian import two_link_arm
 from tests.checks.moving_arm import arm, case, motion, text
 
 
 @pytest.mark.parametrize("length", [0.44, 0.6, 0.2])
 def test_a_wrong_length_is_found(length: float) -> None:
-    (found,) = explained(case(motion(noise=0.004), arm(text(length))))
+    (found,) = explain_residual(case(motion(noise=0.004), arm(text(length))))
     assert (found.topic, found.joint) == (Topic.LENGTH, "j3")
     note = found.message
     assert isinstance(note, LengthWrong)
@@ -29,7 +29,7 @@ def test_a_wrong_length_is_found(length: float) -> None:
 
 def test_a_zero_is_found_where_gravity_shows_it() -> None:
     moved = motion()
-    found = next(iter(explained(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
+    found = next(iter(explain_residual(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
     assert (found.topic, found.joint) == (Topic.ZERO, "j2")
     assert isinstance(found.message, ZeroOff)
     assert found.message.offset == pytest.approx(0.1, abs=4 * found.message.std)
@@ -39,16 +39,16 @@ def test_a_zero_is_found_where_gravity_shows_it() -> None:
 def test_the_zeros_of_a_vertical_and_of_the_last_axis_cannot_be_seen(joint: int) -> None:
     moved = motion()
     off = case(replace(moved, q=moved.q - 0.1 * np.eye(3)[joint]))
-    assert list(explained(off)) == []
+    assert list(explain_residual(off)) == []
     (zero,) = (one for one in geometry_suspects(arm()) if (one.topic, one.joint) == (Topic.ZERO, f"j{joint + 1}"))
     fit = misfit(off)
-    (seen,) = fit.evidence([zero.derivative(fit)])
+    (seen,) = fit.score_tests([zero.derivative(fit)])
     assert seen is None or seen.std > 1.0
 
 
 def test_a_tilted_axis_is_found() -> None:
     tilt = 0.15
-    found = list(explained(case(model=arm(text(axis=(np.sin(tilt), np.cos(tilt), 0))))))
+    found = list(explain_residual(case(model=arm(text(axis=(np.sin(tilt), np.cos(tilt), 0))))))
     assert {one.topic for one in found} == {Topic.AXIS}
     note = found[0].message
     assert isinstance(note, AxisTilted)
@@ -60,4 +60,4 @@ def test_a_model_without_frames_has_zeros_only() -> None:
     assert [(one.topic, one.joint) for one in geometry_suspects(model)] == [
         (Topic.ZERO, joint.name) for joint in model.joints
     ]
-    assert displaced(model, "joint1", np.zeros(9)) == model
+    assert displace_joint(model, "joint1", np.zeros(9)) == model

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from dynident.checks import Topic, run_checks
-from dynident.checks.gravity import gravity_findings
 from dynident.checks.notes import OtherGravity
-from dynident.log import Log, Motion
-from dynident.models import Coulomb, Model, RigidBodies, RotorInertia, Viscous
-from dynident.models.gallery import slider
+from dynident.checks.robot import gravity_findings
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Viscous
+from dynident.models.lagrangian import slider
+from dynident.motion.log import Log, Motion
 from tests.robots import joint, link, urdf
 
 FOUR = urdf(

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import Finding
-from dynident.checks.finding import Topic
-from dynident.checks.loop import loop_findings
-from dynident.checks.motion_notes import LoopDiffers, LoopGain, LoopVelocity
-from dynident.errors import ModelError, Severity
-from dynident.log import Controller, Log
-from dynident.simulation import PD, PID, CascadePD, Differenced, Function
+from dynident.checks import Topic, loop_findings
+from dynident.checks.log_notes import LoopDiffers, LoopGain, LoopVelocity
+from dynident.models.simulation import PD, PID, CascadePD, DifferencingLoop, Function
+from dynident.motion.log import Controller, Log
+from dynident.runtime import Finding, ModelError, Severity
 
 STEP, JOINTS = 1e-3, ("shoulder", "elbow")
 
@@ -83,7 +81,7 @@ def test_a_velocity_over_other_steps_is_found() -> None:
     assert isinstance(note, LoopVelocity)
     assert (note.given, note.steps) == (1, 3)
     assert note.left < 0.1 * note.error
-    assert notes(replace(log, controller=Differenced(c, 3))) == []
+    assert notes(replace(log, controller=DifferencingLoop(c, 3))) == []
 
 
 def test_a_drive_that_is_faster_than_its_log_is_found() -> None:

@@ -23,14 +23,14 @@ def test_an_unknown_is_found_as_if_it_had_been_fitted_with_all_others() -> None:
     spring = replace(RIGHT, tau=RIGHT.tau + 0.3 * column())
     fit = misfit(spring)
     weight = fit.weight.max(axis=0)
-    (found,) = fit.evidence([column()])
+    (found,) = fit.score_tests([column()])
     assert found is not None
     whole = misfit(replace(spring, extra=(column(),)), weight)
     assert found.share == pytest.approx(1.0 - whole.size / fit.size, rel=1e-9)
     assert found.value == pytest.approx(0.3, abs=5 * found.std)
     assert found.by_joint[0] == pytest.approx(found.by_joint.max())
     assert 0.9 * found.share < found.held_out < found.share
-    assert found.agreed
+    assert found.has_constant_sign
 
 
 def test_its_standard_error_is_the_scatter_over_noises() -> None:
@@ -38,7 +38,7 @@ def test_its_standard_error_is_the_scatter_over_noises() -> None:
     values, stds = [], []
     for seed in range(16):
         noise = np.random.default_rng(seed).standard_normal(RIGHT.q.shape) / fit.weight.max(axis=0)
-        (found,) = misfit(replace(RIGHT, tau=fit.predicted + noise)).evidence([column()])
+        (found,) = misfit(replace(RIGHT, tau=fit.predicted + noise)).score_tests([column()])
         values.append(found.value)
         stds.append(found.std)
     assert np.std(values) == pytest.approx(np.mean(stds), rel=0.5)
@@ -49,14 +49,14 @@ def test_what_the_model_has_already_cannot_be_seen() -> None:
     for x in (RIGHT.dq, RIGHT.ddq, np.ones_like(RIGHT.q)):
         own = np.zeros_like(x)
         own[:, 2] = x[:, 2]
-        assert list(fit.evidence([own])) == [None]
+        assert list(fit.score_tests([own])) == [None]
 
 
 def test_a_chance_effect_does_not_hold_in_all_parts() -> None:
     fit = misfit(RIGHT)
     rng = np.random.default_rng(5)
     for _ in range(10):
-        (found,) = fit.evidence([rng.standard_normal(RIGHT.q.shape)])
+        (found,) = fit.score_tests([rng.standard_normal(RIGHT.q.shape)])
         assert found is not None
         assert max(found.share, found.held_out) < 0.01
 
@@ -67,9 +67,9 @@ def test_white_noise_is_known_and_lowers_what_must_be_explained() -> None:
     sigma = (moved.tau - clean).std(axis=0)
     kept = 20.0 / 50.0 * 0.93  # of its energy below the cut-off
     np.testing.assert_allclose(case(moved).noise, kept * sigma**2, rtol=0.25)
-    assert misfit(case(moved)).worth < 0.05
+    assert misfit(case(moved)).min_share < 0.05
     wrong = replace(moved, tau=moved.tau + 2.0 * np.sin(3.0 * moved.q))
-    assert misfit(case(wrong)).worth == 0.1
+    assert misfit(case(wrong)).min_share == 0.1
 
 
 def test_what_is_left_free_has_the_values_of_the_file() -> None:

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.explain import explained
-from dynident.checks.finding import Topic
+from dynident.checks import Topic
+from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import misfit
-from dynident.checks.missing import TRIED, missing, tried_by, with_missing
+from dynident.checks.missing import TRIED_KINDS, find_missing_effects, is_tried_effect, with_missing
 from dynident.checks.robot_notes import MissingTerm, TermKind
-from dynident.errors import Severity
-from dynident.identification.terms import KINDS, Outcome, TermChoice, Trial
+from dynident.identification.terms import KINDS, TermChoice, TermTrial, TrialOutcome
+from dynident.runtime import Severity
 from tests.checks.moving_arm import arm, case, motion
 
 MOVED = motion()
@@ -39,7 +39,7 @@ EFFECTS = {
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
     size, effect = EFFECTS[kind]
-    found = next(iter(explained(with_effect(effect(MOVED.q, MOVED.dq, MOVED.ddq)))))
+    found = next(iter(explain_residual(with_effect(effect(MOVED.q, MOVED.dq, MOVED.ddq)))))
     assert (found.topic, found.joint) == (Topic.MISSING_TERM, "j1")
     assert isinstance(found.message, MissingTerm)
     assert found.message.effect is kind
@@ -50,7 +50,7 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
 
 @pytest.mark.parametrize("kind", [TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR])
 def test_a_term_that_was_left_out_is_named(kind: TermKind) -> None:
-    found = [one.message for one in explained(case(MOVED, arm(without=kind.value)))]
+    found = [one.message for one in explain_residual(case(MOVED, arm(without=kind.value)))]
     assert found
     assert {note.effect for note in found} == {kind}
     assert any(note.forbidden for note in found)
@@ -60,7 +60,7 @@ def test_a_coupled_motor_is_named_with_both_joints() -> None:
     tau = MOVED.tau.copy()
     tau[:, 0] += 0.2 * MOVED.ddq[:, 2]
     tau[:, 2] += 0.2 * MOVED.ddq[:, 0]
-    found = next(iter(explained(case(replace(MOVED, tau=tau)))))
+    found = next(iter(explain_residual(case(replace(MOVED, tau=tau)))))
     assert found.joint == "j3"
     assert found.message.effect is TermKind.COUPLED
     assert found.message.partner == "j1"
@@ -70,7 +70,7 @@ def test_a_coupled_motor_is_named_with_both_joints() -> None:
 @pytest.mark.parametrize(("joint", "other"), [(0, 1), (1, 2), (2, 1)])
 def test_the_torque_of_a_neighbour_is_named_with_it_and_forbids_control(joint: int, other: int) -> None:
     """As the motors of a differential have it: other parameters take up part of it, which another motion shows."""
-    found = next(iter(explained(with_effect(0.8 * MOVED.tau[:, other], joint))))
+    found = next(iter(explain_residual(with_effect(0.8 * MOVED.tau[:, other], joint))))
     note = found.message
     assert (found.joint, note.effect, note.partner) == (f"j{joint + 1}", TermKind.NEIGHBOUR, f"j{other + 1}")
     assert note.value == pytest.approx(0.8, abs=0.05)
@@ -79,7 +79,7 @@ def test_the_torque_of_a_neighbour_is_named_with_it_and_forbids_control(joint: i
 
 def test_a_ripple_is_named_with_its_period_and_a_saturation_costs_no_more_than_was_seen() -> None:
     ripple, saturated = (
-        next(iter(explained(with_effect(EFFECTS[kind][1](MOVED.q, MOVED.dq, MOVED.ddq))))).message
+        next(iter(explain_residual(with_effect(EFFECTS[kind][1](MOVED.q, MOVED.dq, MOVED.ddq))))).message
         for kind in (TermKind.RIPPLE, TermKind.SATURATION)
     )
     assert ripple.period == pytest.approx(2 * np.pi / 17.3, rel=0.02)
@@ -91,29 +91,30 @@ def test_a_ripple_is_named_with_its_period_and_a_saturation_costs_no_more_than_w
 def test_a_late_torque_is_named_with_its_delay() -> None:
     tau = MOVED.tau.copy()
     tau[:, 1] = np.interp(MOVED.t - 0.05, MOVED.t, tau[:, 1])
-    found = next(iter(explained(case(replace(MOVED, tau=tau)))))
+    found = next(iter(explain_residual(case(replace(MOVED, tau=tau)))))
     assert (found.joint, found.message.effect) == ("j2", TermKind.DELAY)
     assert found.message.value == pytest.approx(0.05, rel=0.25)
 
 
 def test_a_complete_model_lacks_nothing_and_an_effect_is_missed_once() -> None:
-    assert missing(misfit(case(MOVED))) == []
+    assert find_missing_effects(misfit(case(MOVED))) == []
     stiff = with_effect(4.0 * MOVED.q[:, 0])
-    first = missing(misfit(stiff))[0]
-    assert missing(misfit(with_missing(stiff, first))) == []
+    first = find_missing_effects(misfit(stiff))[0]
+    assert find_missing_effects(misfit(with_missing(stiff, first))) == []
 
 
 def test_an_effect_that_a_choice_has_tried_on_that_joint_is_known() -> None:
-    (found, *_) = explained(with_effect(EFFECTS[TermKind.RIPPLE][1](MOVED.q, MOVED.dq, MOVED.ddq)))
+    (found, *_) = explain_residual(with_effect(EFFECTS[TermKind.RIPPLE][1](MOVED.q, MOVED.dq, MOVED.ddq)))
     trials = tuple(
-        Trial(joint, kind, (), 0.1, 0.2, Outcome.WITHIN_ERROR) for joint, kind in (("j1", "spring"), ("j2", "ripple"))
+        TermTrial(joint, kind, (), 0.1, 0.2, TrialOutcome.WITHIN_ERROR)
+        for joint, kind in (("j1", "spring"), ("j2", "ripple"))
     )
     choice = TermChoice(("j1", "j2"), (), trials, (), (), ())
-    assert tried_by(found)
-    assert not tried_by(found, choice)  # of another joint
-    own = Trial("j1", "ripple 2", (), 3.0, 0.2, Outcome.ENTERED)
-    assert tried_by(found, replace(choice, trials=(*trials, own)))
+    assert is_tried_effect(found)
+    assert not is_tried_effect(found, choice)  # of another joint
+    own = TermTrial("j1", "ripple 2", (), 3.0, 0.2, TrialOutcome.ENTERED)
+    assert is_tried_effect(found, replace(choice, trials=(*trials, own)))
 
 
 def test_the_kinds_of_a_choice_that_stand_for_effects_exist() -> None:
-    assert set().union(*TRIED.values()) <= {kind.name for kind in KINDS} | {"ripple"}
+    assert set().union(*TRIED_KINDS.values()) <= {kind.name for kind in KINDS} | {"ripple"}

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import ExcitedRank, motion_notes
-from dynident.checks.finding import Topic
-from dynident.checks.motion import excitation, excited_rank, held_findings, limit_findings, rank_findings
-from dynident.errors import Note
-from dynident.log import Motion
-from dynident.models import Joint, Model, Offset
-from dynident.models.gallery import slider, two_link_arm
-from dynident.models.robot_file import Limits
+from dynident.checks import ExcitedRank, Topic
+from dynident.checks import log_notes as motion_notes
+from dynident.checks.motion import excitation, excited_rank, hardly_moving_findings, limit_findings, rank_findings
+from dynident.models import Joint, Model
+from dynident.models.friction import Offset
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.models.robot_files import RobotJointLimits
+from dynident.motion.log import Motion
 from dynident.regression import Regression
+from dynident.runtime import Note
 
 T = np.arange(0, 4 * np.pi, 0.002)
 
@@ -44,7 +45,7 @@ def test_only_usable_samples_count() -> None:
     assert excitation([part], "a").reversals == 2
 
 
-WIDE = Limits(effort=10, velocity=2, lower=-1, upper=1)
+WIDE = RobotJointLimits(effort=10, velocity=2, lower=-1, upper=1)
 CASES = {
     "inside": (motion(), WIDE, []),
     "no limits": (motion(40, 5, 500), None, []),
@@ -58,12 +59,12 @@ CASES = {
 
 
 @pytest.mark.parametrize(("moved", "limits", "topics"), CASES.values(), ids=CASES)
-def test_limits(moved: Motion, limits: Limits | None, topics: list[str]) -> None:
+def test_limits(moved: Motion, limits: RobotJointLimits | None, topics: list[str]) -> None:
     assert [one.topic for one in limit_findings(excitation([moved], "a"), limits, "N m")] == topics
 
 
 def test_the_figures_are_those_of_the_motion_and_the_limits() -> None:
-    def note(moved: Motion, limits: Limits) -> Note:
+    def note(moved: Motion, limits: RobotJointLimits) -> Note:
         return next(limit_findings(excitation([moved], "a"), limits, "N m")).message
 
     low, high = (pytest.approx(x, rel=1e-3) for x in (-0.5, 0.5))
@@ -82,7 +83,7 @@ def test_a_joint_that_its_controller_holds_is_named() -> None:
     q = np.column_stack([np.sin(t), 0.7 + 1e-3 * np.sin(9 * t), 0.02 * np.sin(3 * t), np.full(t.shape, 0.1)])
     model = Model((Offset(tuple(map(Joint, "abcd"))),))
     moved = Motion(t, q, np.gradient(q, t, axis=0), np.zeros(q.shape), np.ones(q.shape), tuple("abcd"), t >= 0)
-    (found,) = held_findings([excitation([moved], joint) for joint in "abcd"], model)
+    (found,) = hardly_moving_findings([excitation([moved], joint) for joint in "abcd"], model)
     assert (found.joint, found.topic) == ("b", Topic.STILL)
     assert found.message == motion_notes.HardlyMoves(
         pytest.approx(2e-3, rel=0.01), pytest.approx(2.0, rel=0.01), pytest.approx(0.7), "rad"

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.odd_log import odd_log_findings
+from dynident.checks.motion import odd_log_findings
 from dynident.checks.robot_notes import OddLog
-from dynident.errors import Severity, Use
-from dynident.log import Motion
+from dynident.motion.log import Motion
+from dynident.runtime import Severity, Use
 from tests.checks.moving_arm import arm, motion, truth
 
 MODEL = arm()

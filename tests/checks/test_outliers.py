@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from dynident.checks import check_log, check_log_fully, log_notes, run_checks
-from dynident.errors import Severity
 from dynident.identification import Recipe
-from dynident.log import Log, Motion
-from dynident.models import simulate
-from dynident.models.gallery import pendulum
-from dynident.models.simulation import record
-from dynident.smoothers import Spline
+from dynident.models.lagrangian import pendulum
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Spline
+from dynident.runtime import Severity
+from tests.classes import classes_of
 
 ARM = pendulum()
 T = np.arange(2000) * 0.005
-OURS = tuple(getattr(log_notes, name) for name in log_notes.__all__)
+OURS = classes_of(log_notes)
 
 
 @cache

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.payload import payload_findings
+from dynident.checks.missing import payload_findings
 from dynident.checks.robot_notes import OtherPayload
-from dynident.errors import Use
-from dynident.models.gallery import slider
+from dynident.models.lagrangian import slider
+from dynident.runtime import Use
 from tests.checks.moving_arm import arm, motion, truth
 
 MODEL = arm()

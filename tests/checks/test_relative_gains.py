@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks import relative_gains
-from dynident.log import Motion
+from dynident.motion.log import Motion
 from tests.checks import moving_arm
 
 GAINS = np.array([12.0, -9.0, 5.0])

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import robot_notes
-from dynident.checks.finding import Topic
-from dynident.checks.geometry import geometry_suspects
+from dynident.checks import Topic, robot_notes
 from dynident.checks.misfit import misfit
-from dynident.checks.suspect import promising, refined
+from dynident.checks.suspects import estimate_suspect, geometry_suspects, promising_suspects
 from tests.checks.moving_arm import arm, case, motion
 
 (ZERO,) = (one for one in geometry_suspects(arm()) if (one.joint, one.topic) == ("j2", Topic.ZERO))
@@ -21,7 +19,7 @@ OFF = np.array([0.0, 0.1, 0.0])
 def test_a_zero_is_found_within_its_standard_error() -> None:
     moved = motion()
     fit = misfit(case(replace(moved, q=moved.q - OFF)))
-    found = refined(fit, ZERO)
+    found = estimate_suspect(fit, ZERO)
     assert found is not None
     assert found.value == pytest.approx(0.1, abs=4 * found.std)
     assert found.std < 0.01
@@ -32,11 +30,11 @@ def test_a_zero_is_found_within_its_standard_error() -> None:
 
 def test_what_is_not_wrong_is_neither_tested_further_nor_found() -> None:
     fit = misfit(case())
-    assert list(promising(fit, [ZERO])) == []
-    assert refined(fit, ZERO) is None
+    assert list(promising_suspects(fit, [ZERO])) == []
+    assert estimate_suspect(fit, ZERO) is None
 
 
 def test_a_value_beyond_what_is_plausible_is_no_explanation() -> None:
     moved = motion()
     fit = misfit(case(replace(moved, q=moved.q - OFF)))
-    assert refined(fit, replace(ZERO, limit=0.05)) is None
+    assert estimate_suspect(fit, replace(ZERO, limit=0.05)) is None

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import check_log_fully, notes, respaced, timing
-from dynident.errors import Note, Severity
-from dynident.log import Log
+from dynident.checks import check_log_fully, notes, respace, timing
+from dynident.motion.log import Log
+from dynident.runtime import Note, Severity
 
 N, STEP = 4000, 0.005
 EVEN = np.arange(N) * STEP
@@ -73,7 +73,7 @@ def test_noisy_stamps_with_lost_samples_are_not_to_be_replaced_by_a_rate() -> No
 
 
 def test_equal_spacing_is_taken_where_the_stamps_jitter_and_only_there() -> None:
-    spaced, note = respaced(log(EVEN + JITTER + 1e3, EVEN))
+    spaced, note = respace(log(EVEN + JITTER + 1e3, EVEN))
     assert note is not None
     assert (note.jitter, note.lost) == (pytest.approx(timing(log(EVEN + JITTER, EVEN)).jitter), 0)
     assert note.factor == pytest.approx(1 / timing(log(EVEN + JITTER, EVEN)).even, rel=0.01)
@@ -81,11 +81,11 @@ def test_equal_spacing_is_taken_where_the_stamps_jitter_and_only_there() -> None
     np.testing.assert_allclose(np.diff(spaced.t), STEP, rtol=1e-4)
     np.testing.assert_allclose(spaced.t - 1e3, EVEN, atol=0.1 * STEP)
     sound = log(EVEN + JITTER, EVEN + JITTER), log(EVEN + JITTER, EVEN, noise=0.1), log(EVEN, EVEN)
-    assert [respaced(one) for one in sound] == [(one, None) for one in sound]
+    assert [respace(one) for one in sound] == [(one, None) for one in sound]
 
 
 def test_equal_spacing_can_be_asked_for() -> None:
-    spaced, note = respaced(log(EVEN + JITTER, EVEN, noise=0.1), always=True)
+    spaced, note = respace(log(EVEN + JITTER, EVEN, noise=0.1), always=True)
     assert note is not None
     assert note.factor == pytest.approx(1, abs=0.05)
     np.testing.assert_allclose(np.diff(spaced.t), STEP, rtol=1e-4)
@@ -95,7 +95,7 @@ def test_equal_spacing_can_be_asked_for() -> None:
 def test_lost_samples_keep_their_place(lost: int) -> None:
     drop = np.random.default_rng(5).choice(np.arange(1, N - 1), lost, replace=False)
     kept = np.delete(np.arange(N), drop)
-    spaced, note = respaced(log(EVEN[kept] + 0.2 * JITTER[kept], EVEN[kept]))
+    spaced, note = respace(log(EVEN[kept] + 0.2 * JITTER[kept], EVEN[kept]))
     assert note is not None
     assert note.lost == lost
     assert note.rate == pytest.approx(200, rel=1e-4)
@@ -107,7 +107,7 @@ def test_samples_that_are_read_in_bursts_are_not_lost() -> None:
     late = EVEN.copy()
     for k in range(100, N - 10, 97):
         late[k : k + 4] = late[k + 4] - np.array([4, 3, 2, 1]) * 1e-2 * STEP
-    spaced, note = respaced(log(late, EVEN))
+    spaced, note = respace(log(late, EVEN))
     assert note is not None
     assert note.lost == 0
     np.testing.assert_allclose(np.diff(spaced.t), STEP, rtol=1e-3)
@@ -118,18 +118,18 @@ def test_true_gaps_are_kept(pause: float) -> None:
     """A recorder that paused, under a busy clock: no equal spacing, though single stamps are off by more."""
     gap = np.where(np.arange(N) > 1500, pause * STEP, 0.0)
     paused = log(EVEN + gap + 0.05 * JITTER, EVEN + gap, noise=1e-3)
-    spaced, _ = respaced(paused)
+    spaced, _ = respace(paused)
     assert np.diff(spaced.t)[1500] > 3 * STEP
     assert not np.allclose(np.diff(spaced.t), STEP, rtol=0.5)
     long = log(EVEN + 10 * gap + JITTER, EVEN + 10 * gap)
-    assert respaced(long) == (long, None)
+    assert respace(long) == (long, None)
 
 
 def test_a_rate_that_drifts_is_no_equal_spacing() -> None:
     """The stamps follow it, with some jitter; the noise of the positions alone would not show the drift."""
     drift = EVEN + 0.02 * np.sin(EVEN / 4)
     drifting = log(drift + 0.01 * JITTER, drift, noise=1e-7)
-    assert respaced(drifting) == (drifting, None)
+    assert respace(drifting) == (drifting, None)
 
 
 def test_a_gap_is_no_count_of_lost_samples() -> None:

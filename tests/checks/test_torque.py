@@ -9,10 +9,11 @@ import pytest
 
 from dynident.checks import notes
 from dynident.checks.torque import agreement, agreement_findings
-from dynident.errors import Note
-from dynident.log import Motion
-from dynident.models import Model, Offset, RigidBodies, RotorInertia, Viscous
-from dynident.models.gallery import slider
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Offset, Viscous
+from dynident.models.lagrangian import slider
+from dynident.motion.log import Motion
+from dynident.runtime import Note
 from tests.robots import ARM
 
 BODIES = RigidBodies(ARM)

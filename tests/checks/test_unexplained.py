@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.case import case_of
-from dynident.checks.explain import explained, robot_findings
-from dynident.checks.misfit import misfit
+from dynident.checks.explain import explain_residual, robot_findings
+from dynident.checks.misfit import fit_case, misfit
+from dynident.checks.missing import reversal_findings, unexplained_findings
 from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, OddLog, TermKind, Unexplained
-from dynident.checks.unexplained import reversal_findings, unexplained
-from dynident.errors import Severity, Use
-from dynident.log import Motion
+from dynident.motion.log import Motion
+from dynident.runtime import Severity, Use
 from tests.checks.moving_arm import T, arm, case, motion
 
 MOVED = motion()
@@ -35,7 +34,7 @@ def after_reversals(joint: int, only: int | None = None) -> np.ndarray:
 
 def test_a_torque_that_no_state_explains_is_said_with_its_size_last() -> None:
     foreign = 0.4 * MOVED.tau[:, 2].std() * np.sin(9.1 * T)
-    *_, last = explained(case(with_torque(foreign, 2)))
+    *_, last = explain_residual(case(with_torque(foreign, 2)))
     assert isinstance(last.message, Unexplained)
     assert (last.severity, last.joint, last.forbids) == (Severity.WARNING, "j3", Use.SIMULATION)
     own = 100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau[:, 2] + foreign)
@@ -44,7 +43,7 @@ def test_a_torque_that_no_state_explains_is_said_with_its_size_last() -> None:
 
 def test_what_is_left_is_of_all_torque() -> None:
     foreign = 0.6 * MOVED.tau[:, 1].std() * np.sin(9.1 * T)
-    (one,) = unexplained(misfit(case(with_torque(foreign, 1))))
+    (one,) = unexplained_findings(misfit(case(with_torque(foreign, 1))))
     assert one.message.left == pytest.approx(100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2)
     assert one.message.left < one.message.joint_left
 
@@ -52,7 +51,7 @@ def test_what_is_left_is_of_all_torque() -> None:
 def test_what_an_odd_log_explains_is_not_left() -> None:
     odd = motion(1)
     logs = [replace(MOVED, source="a"), replace(odd, tau=odd.tau * [1.0, 1.6, 1.0], source="b")]
-    assert any(isinstance(one.message, Unexplained) for one in explained(case_of(arm(), logs)))
+    assert any(isinstance(one.message, Unexplained) for one in explain_residual(fit_case(arm(), logs)))
     kinds = {type(one.message) for one in robot_findings(arm(), logs, {})}
     assert OddLog in kinds
     assert Unexplained not in kinds
@@ -60,7 +59,7 @@ def test_what_an_odd_log_explains_is_not_left() -> None:
 
 @pytest.mark.parametrize("noise", [0.02, 0.3])
 def test_white_noise_of_any_size_is_nothing(noise: float) -> None:
-    assert list(unexplained(misfit(case(motion(3, noise=noise))))) == []
+    assert list(unexplained_findings(misfit(case(motion(3, noise=noise))))) == []
 
 
 @pytest.mark.parametrize("joint", [0, 2])

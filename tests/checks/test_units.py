@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from dynident.checks import check_log, log_notes
-from dynident.checks.units import length_unit, radian_findings, thin
-from dynident.log import Log
-from dynident.models import simulate
-from dynident.models.gallery import pendulum
-from dynident.models.simulation import record
-from dynident.smoothers import Spline
+from dynident.checks.stamps import length_unit_findings, radian_findings, thin_regression
+from dynident.models.lagrangian import pendulum
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
 
 T = np.arange(3000) * 0.002
 
@@ -42,8 +41,8 @@ def test_a_slow_recording_of_a_fast_motion_is_no_wrong_unit() -> None:
 
 
 def test_millimetres_are_said() -> None:
-    assert list(length_unit("rail", T, 0.4 * np.sin(3 * T))) == []
-    (found,) = length_unit("rail", T, 400 * np.sin(3 * T))
+    assert list(length_unit_findings("rail", T, 0.4 * np.sin(3 * T))) == []
+    (found,) = length_unit_findings("rail", T, 400 * np.sin(3 * T))
     assert (found.joint, type(found.message)) == ("rail", log_notes.PerhapsMillimetres)
 
 
@@ -57,7 +56,7 @@ def test_radians_declared_as_degrees_are_said() -> None:
         one = record(wide, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
         right = Spline(sigma=1e-4)(one)
         small = [replace(right, **{name: getattr(right, name) * np.pi / 180 for name in ("q", "dq", "ddq")})]
-        assert len(list(radian_findings(thin(arm, small)))) == 1
-        assert list(radian_findings(thin(arm, [right]))) == []
+        assert len(list(radian_findings(thin_regression(arm, small)))) == 1
+        assert list(radian_findings(thin_regression(arm, [right]))) == []
         narrow = record(slight, sigma_q=1e-5, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
-        assert list(radian_findings(thin(arm, [Spline(sigma=1e-5)(narrow)]))) == []
+        assert list(radian_findings(thin_regression(arm, [Spline(sigma=1e-5)(narrow)]))) == []

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from dynident.cli import main
-from tests.ranking.made import make_project
+from tests.apps.ranking.made import make_project
 
 
 def run_command(*words: str | Path) -> tuple[int, str]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.apps.compare_results.test_compared import folder
 from tests.cli.commands import configure, run, write_log
-from tests.io.test_compared import folder
 
 __all__ = ["folder"]
 

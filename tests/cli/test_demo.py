@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from dynident.apps.demo import demo_files
 from dynident.cli.demo import LOGS
-from dynident.cli.init import drafted
-from dynident.demo import demo_files
-from dynident.io.project import parse_project
+from dynident.cli.identification import draft_from_files
+from dynident.project.project import parse_project
 from tests.cli.commands import run
 
 
@@ -19,7 +19,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder: Path) -> None:
-    draft, tables = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
+    draft, tables = draft_from_files(
+        str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None
+    )
     assert [*draft.questions, *draft.blanks, *draft.notes, *(note for one in tables for note in one.notes)] == []
     project = parse_project(draft.text + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
     logs, warnings = project.logs()

@@ -11,11 +11,11 @@ import pytest
 import yaml
 
 import dynident as dy
-from dynident.errors import ConfigError
-from dynident.excitation import LimitError
-from dynident.io.excitation import ExcitationProject
+from dynident.apps.excitation import LimitError
+from dynident.apps.excitation.robot import ExcitationProject
+from dynident.runtime import ConfigError
+from tests.apps.excitation.arms import TWO
 from tests.cli.commands import run
-from tests.excitation.arms import TWO
 
 QUICK = ("--duration", 10, "--period", 3, "--harmonics", 2, "--starts", 1, "--workers", 1, "--floor", -2)
 FILES = {f"{stem}.{end}" for stem in ("trial", "motion", "validation") for end in ("csv", "npz", "trajectory.yaml")}
@@ -80,7 +80,7 @@ def test_a_trial_that_would_need_more_torque_is_left_out(
     def carried(*_: object) -> None:
         raise LimitError("torque", "bend", 1.0, 20.0, 15.0, "beyond its limit")
 
-    monkeypatch.setattr("dynident.report.excite_run.verify", carried)
+    monkeypatch.setattr("dynident.apps.excitation.run.verify", carried)
     (tmp_path / "trial.csv").write_text("of another motion")
     done = run("excite", designed / "two.urdf", "-o", tmp_path, *QUICK)
     assert done.exit_code == 0, done.output

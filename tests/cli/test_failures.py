@@ -12,9 +12,9 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from dynident import __version__
+from dynident._version import __version__
 from dynident.cli import main
-from dynident.errors import InputError
+from dynident.runtime import InputError
 from tests.cli.commands import configure, write_log
 
 INTERRUPTED = "Interrupted: each file is as it was or complete; run the same command again.\n"
@@ -24,7 +24,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: BaseException, *arguments: s
     def fail(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr("dynident.io.project.read_project", fail)
+    monkeypatch.setattr("dynident.project.project.read_project", fail)
     return CliRunner().invoke(main, [*arguments, "identify", "a.yaml"], env=env)
 
 
@@ -41,7 +41,13 @@ def test_a_fault_is_one_line_that_says_what_to_report(monkeypatch: pytest.Monkey
     assert done.exit_code == 70
     assert done.output.startswith(f"Error: dynident failed with {type(error).__name__}")
     assert done.output.count("\n") == 1
-    for words in ("a fault of dynident", f"dynident {__version__}", "Python 3.", "--debug", " at cli/identify.py:"):
+    for words in (
+        "a fault of dynident",
+        f"dynident {__version__}",
+        "Python 3.",
+        "--debug",
+        " at cli/identification.py:",
+    ):
         assert words in done.output, done.output
 
 

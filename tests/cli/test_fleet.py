@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 from click.testing import CliRunner
 
+from dynident.apps.fleets import run
 from dynident.cli import main
-from dynident.fleets import run
-from tests.fleets.made import FLEET, make_fleet
+from tests.apps.fleets.made import FLEET, make_fleet
 
 
 def run_command(*words: str | Path) -> tuple[int, str]:

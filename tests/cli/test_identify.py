@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynident.files.folder import result_folder
 from dynident.identification import Identification, SourceFile, Sources
-from dynident.io import project
-from dynident.io.folder import result_folder
-from dynident.io.robot import fingerprint
-from dynident.io.saved import model_files
-from dynident.kernel import kernel
+from dynident.project import project
+from dynident.project.config import fingerprint
+from dynident.project.saved import model_files
+from dynident.runtime.kernel import kernel
 from tests.cli.commands import configure, run, write_log
-from tests.io.test_explicit_config import write as configuration
+from tests.project.test_explicit_config import write as configuration
 from tests.saved_results import errors_by_log
 
 
@@ -146,7 +146,7 @@ class TestBadInput:
     def test_degrees_declared_as_rad(self, tmp_path: Path) -> None:
         write_log(tmp_path, pos=60 * np.sin(3 * np.arange(2000) * 0.002))
         (tmp_path / "arm.py").write_text(
-            "from dynident.models.gallery import pendulum\n\ndef build():\n    return pendulum()\n"
+            "from dynident.models.lagrangian import pendulum\n\ndef build():\n    return pendulum()\n"
         )
         channels = {
             "position": {"pivot": {"column": "pos", "unit": "rad"}},
@@ -178,8 +178,8 @@ class TestBadInput:
         write_log(tmp_path)
         (tmp_path / "mine.py").write_text(
             "from dynident.models import Model\n"
-            "from dynident.models import Joint, Parameter\n"
-            "class Broken:\n"
+            "from dynident.models import Joint, Parameter, Term\n"
+            "class Broken(Term):\n"
             "    joints = (Joint('slider', 'prismatic'),)\n"
             "    parameters = (Parameter('a', 'kg'),)\n"
             "    def regressor(self, q, dq, ddq):\n"
@@ -277,7 +277,7 @@ class TestFolder:
 
     def test_a_report_that_fails_leaves_no_result(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write_log(tmp_path)
-        monkeypatch.setattr("dynident.report.run_files.identification_page", lambda *_: 1 / 0)
+        monkeypatch.setattr("dynident.report.identification.report.identification_page", lambda *_: 1 / 0)
         done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
         assert done.exit_code == 70
         assert "ZeroDivisionError" in done.output

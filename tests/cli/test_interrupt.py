@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli import interrupt
+from dynident.cli import failures as interrupt
 from tests.cli.commands import configure, run, write_log
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
@@ -29,7 +29,9 @@ def signals() -> Iterator[None]:
 @pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
 @pytest.mark.usefixtures("signals")
 def test_a_signal_is_said_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, code: int) -> None:
-    monkeypatch.setattr("dynident.io.project.identify", lambda *_, **__: os.kill(os.getpid(), getattr(signal, name)))
+    monkeypatch.setattr(
+        "dynident.project.project.identify", lambda *_, **__: os.kill(os.getpid(), getattr(signal, name))
+    )
     write_log(tmp_path)
     done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
     assert done.exit_code == code

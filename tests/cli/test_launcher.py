@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli.launcher import COMMAND, command, launcher
+from dynident.cli.failures import COMMAND, command, launcher
 from tests.cli.commands import configure, run, write_log
 
 

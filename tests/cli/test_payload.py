@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 import yaml
 
-from dynident.log import Log
+from dynident.motion.log import Log
+from tests.apps.payload.arms import CARRIED, SIX, recorded
 from tests.cli.commands import run
-from tests.payload.arms import CARRIED, SIX, recorded
 
 JOINTS = tuple(f"j{k}" for k in range(1, 7))
 

@@ -13,8 +13,8 @@ import polars as pl
 import pytest
 import yaml
 
-from dynident.export.formats import Yaml
 from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.project.export import Yaml
 from tests.cli.commands import configure, run, write_log
 from tests.laws.test_new_user import CONSTANT, RATIO, URDF, folder, identify
 from tests.saved_results import errors_by_log
@@ -96,7 +96,7 @@ class TestIdentify:
     @pytest.mark.parametrize("name", ["parameters.yaml", "model.py"])
     def test_what_was_read_is_not_replaced(self, tmp_path: Path, name: str) -> None:
         write_log(tmp_path)
-        (tmp_path / "mine.py").write_text("from dynident.models.gallery import slider as build")
+        (tmp_path / "mine.py").write_text("from dynident.models.lagrangian import slider as build")
         path = configure(tmp_path, model="model.py:build" if name == "model.py" else "mine.py:build")
         (tmp_path / "mine.py").rename(tmp_path / "model.py") if name == "model.py" else path.rename(tmp_path / name)
         done = run("identify", tmp_path / name if name.endswith("yaml") else path, "--out", tmp_path)
@@ -206,17 +206,6 @@ class TestPredict:
             assert done.exit_code == int(factor < 0)
             assert words in done.output
 
-    def test_a_result_of_an_older_version_says_what_it_lacks(self, tmp_path: Path) -> None:
-        old = Path(__file__).parents[1] / "data" / "result-0.json"
-        log, table = write_log(tmp_path), tmp_path / "parameters.yaml"
-        for done in (run("predict", old, log), run("export", old, "--format", "yaml", "--out", table)):
-            assert done.exit_code == 0, done.output
-            (line,) = (line for line in done.output.splitlines() if line.startswith("Warning"))
-            assert "has version 0 of the format and lacks covariances, base parameters, validations" in line
-        done = run("predict", old.with_name("result-1.json"), log)
-        assert done.exit_code == 0, done.output
-        assert "Warning" not in done.output
-
     @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {}, "parameters": []}', "{", "\x00"])
     def test_other_files_are_no_results(self, tmp_path: Path, text: str) -> None:
         (tmp_path / "r.json").write_text(text)
@@ -253,7 +242,7 @@ class TestExport:
             assert (arm / "again").read_bytes() == (arm / name).read_bytes()
 
     def test_a_reader_that_is_missing_is_said(self, arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("dynident.export.proof.FOREIGN", {"Pinocchio": ("no_such_module", "pin")})
+        monkeypatch.setattr("dynident.project.export.proof.FOREIGN", {"Pinocchio": ("no_such_module", "pin")})
         done = run("export", arm / "result.json", "--format", "urdf", "--out", arm / "again")
         assert done.exit_code == 0, done.output
         assert "Pinocchio is not installed" in done.output

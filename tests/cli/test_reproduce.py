@@ -14,9 +14,9 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from dynident.errors import InputError
-from dynident.io.row_store import parts_folder
-from dynident.studies.table import study_table
+from dynident.apps.article.study import study_table
+from dynident.files.row_store import parts_folder
+from dynident.runtime import InputError
 from tests.cli.commands import run
 
 HANGS = 600.0  # s: nothing takes as long, even on a busy machine
@@ -95,7 +95,7 @@ class TestReproduce:
     @pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), ("SIGKILL", -9)])
     def test_stopping_loses_nothing_and_leaves_no_process(self, tmp_path: Path, number: str, code: int) -> None:
         script = (
-            "from dynident.cli import main\nfrom dynident.io import row_store\nrow_store.SAVE_EVERY = 0.01\n"
+            "from dynident.cli import main\nfrom dynident.files import row_store\nrow_store.SAVE_EVERY = 0.01\n"
             f"main(['reproduce', '--runs', '1000', '--workers', '2', '--out', {str(tmp_path)!r}])\n"
         )
         command = [sys.executable, "-c", script]
@@ -133,7 +133,7 @@ class TestReproduce:
                 progress(0, 1)
             raise InputError("the cluster is gone.")
 
-        monkeypatch.setattr("dynident.studies.article.reproduce", fail)
+        monkeypatch.setattr("dynident.apps.article.article.reproduce", fail)
         done = run("reproduce", "--workers", 1, "--out", tmp_path)
         assert done.exit_code == 1
         kept = f" Finished runs are kept in {tmp_path}"

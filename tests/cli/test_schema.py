@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from dynident.fleets.settings import fleet_schema
-from dynident.io.schema import config_schema, result_schema
+from dynident.apps.fleets.config import fleet_schema
+from dynident.project.result_format import config_schema, result_schema
 from tests.cli.commands import run
 
 

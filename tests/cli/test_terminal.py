@@ -12,18 +12,17 @@ from click.testing import CliRunner
 from rich.progress import Task, TaskID
 
 from dynident.cli import main, terminal
-from dynident.cli.escapes import one_line, visible
-from dynident.cli.terminal import status
-from dynident.errors import Step
+from dynident.cli.terminal import escape_controls, one_line, status
+from dynident.runtime import Step, report_progress
 from tests.cli.commands import configure, run, write_log
 from tests.robots import ARM
 
 
 def test_what_acts_is_shown_as_escapes() -> None:
-    assert visible("q\x1b[31m\x9b\u202e\u2066\r\t\x7f\udc9b é ∞\u00a0") == (
+    assert escape_controls("q\x1b[31m\x9b\u202e\u2066\r\t\x7f\udc9b é ∞\u00a0") == (
         r"q\x1b[31m\x9b\u202e\u2066\r\t\x7f\udc9b é ∞" + "\u00a0"
     )
-    assert visible("a\nb") == "a\nb"
+    assert escape_controls("a\nb") == "a\nb"
     assert one_line("a\nError: b\n  c: d\n") == "a\\nError: b\n  c: d"
 
 
@@ -61,15 +60,15 @@ def shown(screen: Terminal, words: str) -> None:
 def test_a_bar_with_the_time_left_after_a_while(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
     screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
-    monkeypatch.setattr("dynident.cli.terminal.SOON", 0.0)
+    monkeypatch.setattr("dynident.cli.terminal.BAR_DELAY", 0.0)
     for name, value in (("TERM", "xterm"), ("COLUMNS", columns)):
         monkeypatch.setenv(name, value)
-    with status() as say:
-        say(Step("choosing the smoother of a robot with a long name", 0, 4))
+    with status():
+        report_progress(Step("choosing the smoother of a robot with a long name", 0, 4))
         shown(screen, "0 of 4")
-        say(Step("choosing the smoother of a robot with a long name", 1, 4))
+        report_progress(Step("choosing the smoother of a robot with a long name", 1, 4))
         shown(screen, "left")
-        say("estimating")
+        report_progress("estimating")
         shown(screen, "estimating")
     lines = [re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", line) for line in re.split(r"[\r\n]", screen.getvalue())]
     assert any(re.search("━╌+ 1 of 4  about .* left", line) for line in lines)
@@ -81,16 +80,16 @@ def test_the_rate_of_many_steps() -> None:
     task = Task(TaskID(0), "study", 2e6, 5e5, _get_time=lambda: 5.0)
     for column, words in (({"first": 1e5, "at": 4.0}, "100000/s"), ({"first": 499_999, "at": 4.0}, "15/min")):
         task.start_time, task.fields = 0.0, column
-        line = terminal._shown(task, 77).plain
+        line = terminal._task_text(task, 77).plain
         assert re.search(f"^study .* 500000 of 2000000  {re.escape(words)}  about .* left$", line)
-        assert "/" not in terminal._shown(task, 47).plain
+        assert "/" not in terminal._task_text(task, 47).plain
     task.total = 5.0
-    assert "/" not in terminal._shown(task, 77).plain
+    assert "/" not in terminal._task_text(task, 77).plain
 
 
 def test_steps_are_silent_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    with status() as say:
-        say(Step("choosing", 1, 4))
+    with status():
+        report_progress(Step("choosing", 1, 4))
     assert capsys.readouterr().err == ""
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.cli.interrupt import Stopped
+from dynident.cli.failures import StopSignal
 from tests.cli.commands import run
 
 pytest.importorskip("dash")
@@ -31,14 +31,14 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("stop", "code"), [(KeyboardInterrupt(), 0), (Stopped(15), 143)])
+@pytest.mark.parametrize(("stop", "code"), [(KeyboardInterrupt(), 0), (StopSignal(15), 143)])
 def test_a_signal_ends_it(config: Path, monkeypatch: pytest.MonkeyPatch, stop: KeyboardInterrupt, code: int) -> None:
     def interrupted(server: object) -> None:
         raise stop
 
     opened = []
-    monkeypatch.setattr("dynident.ui.server.answer", interrupted)
-    monkeypatch.setattr("dynident.ui.server.open_browser", opened.append)
+    monkeypatch.setattr("dynident.apps.tuning.server.answer", interrupted)
+    monkeypatch.setattr("dynident.apps.tuning.server.open_browser", opened.append)
     done = run("tune", config)
     assert done.exit_code == code
     assert "http://127.0.0.1:" in done.output

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import dynident
-from dynident.cli import version
-from dynident.kernel import kernel
+from dynident.cli import options as version
+from dynident.runtime.kernel import kernel
 from tests.cli.commands import run
 
 
@@ -37,7 +37,7 @@ def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
 
 def test_no_heavy_package_is_imported_for_it() -> None:
     script = (
-        "import sys; from dynident.cli.version import version_text; version_text(); "
+        "import sys; from dynident.cli.options import version_text; version_text(); "
         "print([name for name in ('numpy', 'scipy', 'rich', 'polars', 'pydantic') if name in sys.modules])"
     )
     source = str(Path(dynident.__file__).parents[1])

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli.voice import EVERY, LOG_HEAD, Voice
-from dynident.errors import Step
+from dynident.cli.terminal import LOG_HEAD, REPEAT_INTERVAL, CommandLog
+from dynident.runtime import Step
 from tests.cli.commands import configure, run, write_log
 from tests.robots import ARM
 
@@ -31,14 +31,14 @@ def test_steps_are_printed_with_times_wherever_the_option_stands(tmp_path: Path,
 
 
 def test_a_long_step_says_each_half_minute_how_much_is_done() -> None:
-    own = Voice(verbose=True)
+    own = CommandLog(verbose=True)
     assert own.step(Step("simulating", 0, 30)).endswith(" s  simulating")
     assert own.step(Step("simulating", 1, 30)) == ""
     for done in (7, 8):
-        own.began -= EVERY
+        own.began -= REPEAT_INTERVAL
         assert own.step(Step("simulating", done, 30)).endswith(f" s  simulating ({done} of 30)")
         assert own.step(Step("simulating", done + 1, 30)) == ""
-    own.began -= EVERY
+    own.began -= REPEAT_INTERVAL
     assert own.step(Step("simulating")) == ""  # nothing to add
     assert own.step(Step("validating", 0, 2)).endswith(" s  validating")
 

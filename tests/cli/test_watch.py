@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from dynident.cli import main
 from tests.cli.commands import run
-from tests.io.watched import SETTINGS, result, rows
+from tests.project.watched import SETTINGS, result, rows
 
 
 @pytest.fixture(scope="module")

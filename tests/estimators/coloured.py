@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 
 from dynident.estimators import Estimator, Problem
 from dynident.models import Model
-from dynident.models.gallery import two_link_arm
+from dynident.models.lagrangian import two_link_arm
 from dynident.regression import Regression, Whitening
-from dynident.testing.estimator import known_motion, posed
+from dynident.testing.estimator import make_problem, multisine_motion
 
 Array = NDArray[np.float64]
 ARM = two_link_arm()
@@ -31,14 +31,14 @@ def drawn(noise: Whitening, samples: int, rng: np.random.Generator) -> Array:
 def noisy(noise: Whitening, seed: int, samples: int = 1500, model: Model = ARM, count: int = 1) -> Problem:
     """The problem of exact motions and a torque with noise."""
     rng = np.random.default_rng(seed)
-    exact = [known_motion(model, samples=samples, seed=k) for k in range(count)]
-    return posed(model, *(replace(one, tau=one.tau + drawn(noise, samples, rng)) for one in exact))
+    exact = [multisine_motion(model, samples=samples, seed=k) for k in range(count)]
+    return make_problem(model, *(replace(one, tau=one.tau + drawn(noise, samples, rng)) for one in exact))
 
 
 def bound(noise: Whitening, samples: int = 1500) -> Array:
     """The least standard errors (p) of a linear fit that has no bias, (X' V^-1 X)^-1."""
-    exact = known_motion(ARM, samples=samples)
-    R = Regression(ARM, (exact,), whitening=noise).triangular_factors.stacked()[:-1, :-1]
+    exact = multisine_motion(ARM, samples=samples)
+    R = Regression(ARM, (exact,), whitening=noise).triangular_factors.stack()[:-1, :-1]
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(R.T @ R))))
 
 

@@ -17,15 +17,15 @@ from dynident.estimators import (
     OutputError,
     Problem,
 )
-from dynident.estimators.first_model import other_model
-from dynident.estimators.notes import Start, StartedElsewhere
-from dynident.log import Log, Motion
+from dynident.estimators.notes import FirstModel, StartedElsewhere
+from dynident.estimators.simulated_recordings import find_first_model
 from dynident.models import Lagrangian, Model
-from dynident.models.gallery import pendulum, two_link_arm
+from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.simulation import PD, Failure, Singular, simulate_recording
+from dynident.motion.log import Log, Motion
 from dynident.regression import Regression
-from dynident.simulation import PD, Failure, Singular, simulated
-from dynident.testing.estimator import known_motion, posed
-from tests.estimators.physically_consistent import arms
+from dynident.testing.estimator import make_problem, multisine_motion
+from tests.estimators import arms
 
 ARM = two_link_arm()
 FIRST = Singular()
@@ -45,7 +45,7 @@ def unknown(model: Model) -> Model:
 
 def loud(model: Model, seed: int, noise: float = 1.0, samples: int = 200) -> Problem:
     """A problem of exact motion with so much noise of the torque (N m) that least squares may find no mass."""
-    return posed(unknown(model), known_motion(model, noise, seed, samples))
+    return make_problem(unknown(model), multisine_motion(model, noise, seed, samples))
 
 
 def massive(problem: Problem) -> Callable[[Array], Array | Failure]:
@@ -54,8 +54,8 @@ def massive(problem: Problem) -> Callable[[Array], Array | Failure]:
 
 
 def test_all_are_tried_in_turn_and_the_first_that_works_is_taken() -> None:
-    problem = posed(ARM, known_motion(ARM, 0.01, samples=200))
-    every = [Start.KALMAN, Start.CONSISTENT, Start.NOMINAL, Start.MASS]
+    problem = make_problem(ARM, multisine_motion(ARM, 0.01, samples=200))
+    every = [FirstModel.KALMAN, FirstModel.CONSISTENT, FirstModel.NOMINAL, FirstModel.MASS]
     for count, kind in enumerate(every):
         seen: list[Array] = []
 
@@ -63,11 +63,11 @@ def test_all_are_tried_in_turn_and_the_first_that_works_is_taken() -> None:
             seen.append(theta)
             return "done" if len(seen) > count else Singular()
 
-        found = other_model(problem, FIRST, tried)
+        found = find_first_model(problem, FIRST, tried)
         assert not isinstance(found, Failure)
         assert found[1:] == ("done", kind)
         np.testing.assert_array_equal(found[0], seen[-1])
-    assert other_model(problem, FIRST, lambda _: Singular()) is FIRST
+    assert find_first_model(problem, FIRST, lambda _: Singular()) is FIRST
 
 
 def test_a_mass_matrix_by_the_least_change_of_the_torque() -> None:
@@ -76,9 +76,9 @@ def test_a_mass_matrix_by_the_least_change_of_the_torque() -> None:
         problem = loud(ARM, seed)
         plain = LeastSquares(weights="per_joint")(problem).value
         assert isinstance(massive(problem)(plain), Failure)
-        found = other_model(problem, FIRST, massive(problem))
+        found = find_first_model(problem, FIRST, massive(problem))
         assert not isinstance(found, Failure)
-        assert found[2] is Start.MASS
+        assert found[2] is FirstModel.MASS
         left = problem.regression.triangular_factors.residual
         weights = 1.0 / left(plain)
         assert 1.0 < weights @ left(found[0]) / 2.0 < weights @ left(np.array(ARM.values)) / 2.0
@@ -88,7 +88,7 @@ def test_a_mass_matrix_of_six_joints_with_bodies() -> None:
     plain = arms.problem(arms.arm(inertias="none"), samples=200)
     (motion,) = plain.motions
     noise = 2.0 * motion.tau.std(axis=0) * np.random.default_rng(0).standard_normal(motion.tau.shape)
-    problem = posed(plain.model, replace(motion, tau=motion.tau + noise))
+    problem = make_problem(plain.model, replace(motion, tau=motion.tau + noise))
     seen = [LeastSquares(weights="per_joint")(problem).value]
     assert isinstance(massive(problem)(seen[0]), Failure)
 
@@ -96,7 +96,7 @@ def test_a_mass_matrix_of_six_joints_with_bodies() -> None:
         seen.append(theta)
         return FIRST
 
-    other_model(problem, FIRST, tried)
+    find_first_model(problem, FIRST, tried)
     assert isinstance(massive(problem)(seen[-1]), np.ndarray)
     left = problem.regression.triangular_factors.residual
     assert (left(seen[-1]) < 1.1 * left(seen[0])).all()
@@ -106,8 +106,8 @@ def test_no_mass_is_invented_where_the_data_contradict_it() -> None:
     problem = loud(ARM, 0, noise=0.01)
     (motion,) = problem.motions
     for wrong in (-motion.tau, 0 * motion.tau):
-        against = posed(problem.model, replace(motion, tau=wrong))
-        assert other_model(against, FIRST, massive(against)) is FIRST
+        against = make_problem(problem.model, replace(motion, tau=wrong))
+        assert find_first_model(against, FIRST, massive(against)) is FIRST
 
 
 def swung(seed: int, noise: float = 1.5) -> Problem:
@@ -116,7 +116,7 @@ def swung(seed: int, noise: float = 1.5) -> Problem:
     path, still, one = 0.5 * np.sin(2 * t[:, None]), np.zeros((501, 1)), np.ones(1)
     loop = PD(("pivot",), t, path, 4 * one, 0.4 * one, one, np.inf * one, still)
     begin = Motion(t, still, still, still, still, ("pivot",), np.ones(501, dtype=bool), "swing")
-    run = simulated(arm, np.array(arm.values), begin, loop)
+    run = simulate_recording(arm, np.array(arm.values), begin, loop)
     tau = run.tau + noise * np.random.default_rng(seed).standard_normal(still.shape)
     motion, model = replace(begin, q=run.q, dq=run.dq, ddq=run.ddq, tau=tau), unknown(arm)
     log = Log(t, run.q, tau, motion.joints, controller=loop)
@@ -128,6 +128,6 @@ def test_all_that_simulate_begin_there_and_say_so(estimator: Estimator) -> None:
     problem = swung(0)
     assert LeastSquares()(problem).value[0] < 0
     found = estimator(problem)
-    assert StartedElsewhere(Start.MASS) in found.notes
+    assert StartedElsewhere(FirstModel.MASS) in found.notes
     if isinstance(estimator, OutputError):  # what is known of the loop is exact, and so are the positions
         np.testing.assert_allclose(found.value, pendulum().values, rtol=1e-4)

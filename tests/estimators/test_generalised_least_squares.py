@@ -7,19 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, Use
-from dynident.estimators import (
-    GeneralisedLeastSquares,
-    LeastSquares,
-    PhysicallyConsistent,
-    Problem,
-    quick,
-)
+from dynident.estimators import GeneralisedLeastSquares, LeastSquares, PhysicallyConsistent, Problem
 from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
-from dynident.io.families import ESTIMATORS
-from dynident.io.parts import build
-from dynident.regression import ParallelFilter, Regression
-from dynident.testing.estimator import known_motion, posed
+from dynident.project.parts import build
+from dynident.regression import ParallelFilter, Regression, Selection
+from dynident.runtime import ConfigError, Use
+from dynident.runtime.families import ESTIMATORS
+from dynident.testing.estimator import make_problem, multisine_motion
 from tests.estimators.coloured import ARM, COLOURED, bound, noisy, repeated
 
 RUNS = 100
@@ -49,24 +43,24 @@ def test_the_noise_is_found_and_nothing_is_to_be_noted() -> None:
 def test_a_filter_with_decimation_and_slow_samples() -> None:
     (motion,) = noisy(COLOURED, 1, 6000).motions
     for low, slow in ((ParallelFilter(decimate=4), None), (ParallelFilter(decimate=4), (0.2, 0.2)), (None, (0.2, 0.2))):
-        given = Problem(ARM, (motion,), Regression(ARM, (motion,), low, slow))
+        given = Problem(ARM, (motion,), Regression(ARM, (motion,), Selection(low, slow)))
         found = GeneralisedLeastSquares()(given)
         assert (np.abs(found.value - ARM.values) < 4.5 * found.std).all()
 
 
 def test_logs_are_not_joined() -> None:
     together, order = noisy(COLOURED, 2, 800, count=3), (2, 0, 1)
-    turned = posed(ARM, *(together.motions[k] for k in order))
+    turned = make_problem(ARM, *(together.motions[k] for k in order))
     one, other = GeneralisedLeastSquares()(together), GeneralisedLeastSquares()(turned)
     np.testing.assert_allclose(other.value, one.value, rtol=1e-7)
 
 
 def test_an_error_of_the_model_is_said_and_does_little_harm() -> None:
-    exact, rng = known_motion(ARM, noise=1e-3), np.random.default_rng(0)
+    exact, rng = multisine_motion(ARM, noise=1e-3), np.random.default_rng(0)
     rough = exact.ddq + 0.5 * rng.standard_normal(exact.ddq.shape)
     lacking = replace(exact, ddq=rough, tau=exact.tau + 0.3 * np.sin(3.0 * exact.q))
-    found = GeneralisedLeastSquares()(posed(ARM, lacking))
-    plain = LeastSquares(weights="per_joint")(posed(ARM, lacking))
+    found = GeneralisedLeastSquares()(make_problem(ARM, lacking))
+    plain = LeastSquares(weights="per_joint")(make_problem(ARM, lacking))
     assert [type(note) for note in found.notes] == [StillColoured, WhiteningCostly]
     assert [note.forbidden for note in found.notes] == [None, Use.SIMULATION]
     assert (found.residual.sigma < 4 * plain.residual.sigma).all()
@@ -80,7 +74,7 @@ def test_an_iteration_that_ends_early_says_so() -> None:
 
 def test_short_logs_have_no_order() -> None:
     for samples in (4, 5, 8, 20):
-        short = posed(ARM, replace(known_motion(ARM, noise=0.01), mask=np.arange(2000) < samples))
+        short = make_problem(ARM, replace(multisine_motion(ARM, noise=0.01), mask=np.arange(2000) < samples))
         found = GeneralisedLeastSquares()(short)
         assert np.isfinite(found.value).all()
         assert (found.std > 0).all()
@@ -102,4 +96,4 @@ def test_constraints_take_the_whitened_rows() -> None:
 def test_settings_are_checked() -> None:
     with pytest.raises(ConfigError, match="max_order = 0 of the noise"):
         GeneralisedLeastSquares(max_order=0)
-    assert quick(GeneralisedLeastSquares(tolerance=1e-6)) == LeastSquares(tolerance=1e-6, weights="per_joint")
+    assert GeneralisedLeastSquares(tolerance=1e-6).quick() == LeastSquares(tolerance=1e-6, weights="per_joint")

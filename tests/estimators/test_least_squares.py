@@ -7,14 +7,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, Problem
-from dynident.estimators.linear import LeastSquaresSolution, solve
+from dynident.estimators.least_squares import LeastSquaresSolution, solve_least_squares
 from dynident.estimators.notes import RankDeficient
-from dynident.log import Motion
-from dynident.models import Coulomb, Joint, Model, Offset, Viscous
-from dynident.models.gallery import two_link_arm
+from dynident.models import Joint, Model
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Motion
 from dynident.regression import Regression, RegressorBlock, rank_of, triangularise
+from dynident.runtime import ConfigError
 
 Array = NDArray[np.float64]
 ROWS, COLUMNS = 60, 6
@@ -26,8 +27,8 @@ def data(seed: int = 0) -> tuple[Array, Array]:
 
 
 def fitted(X: Array, y: Array, **settings: Any) -> LeastSquaresSolution:
-    factor = triangularise(iter([RegressorBlock(X[:, None], y[:, None])]), 1, X.shape[1]).stacked()
-    return solve(factor, rank_of(factor, **settings))
+    factor = triangularise(iter([RegressorBlock(X[:, None], y[:, None])]), 1, X.shape[1]).stack()
+    return solve_least_squares(factor, rank_of(factor, **settings))
 
 
 def dependent(*which: str) -> Array:
@@ -63,7 +64,7 @@ def test_rank_deficiency_names_exactly_the_columns_tied(which: tuple[str, ...], 
     fit = fitted(dependent(*which), data()[1])
     assert set(fit.groups) == set(groups)
     assert fit.rank == COLUMNS - len(groups)
-    assert np.flatnonzero(fit.directions.undetermined).tolist() == sorted(k for group in groups for k in group)
+    assert np.flatnonzero(fit.directions.undetermined_mask).tolist() == sorted(k for group in groups for k in group)
     assert fit.condition > 1e12
 
 
@@ -75,7 +76,7 @@ def test_other_columns_are_fitted_as_if_one_of_each_group_was_not_there(
     fit = fitted(X, y)
     kept = [k for k in range(COLUMNS) if k not in {group[-1] for group in groups}]
     clean = fitted(X[:, kept], y)
-    sure = [k for k in kept if not fit.directions.undetermined[k]]
+    sure = [k for k in kept if not fit.directions.undetermined_mask[k]]
     place = [kept.index(k) for k in sure]
     assert clean.rank == len(kept)
     np.testing.assert_allclose(fit.value[sure], clean.value[place], rtol=1e-10)
@@ -110,7 +111,7 @@ def test_solution_residual_and_condition_by_hand() -> None:
 
 
 def test_condition_too_large_for_a_float_is_infinite() -> None:
-    fit = solve(np.array([[1.0, 1.0, 1.0], [0.0, 1e-310, 0.0], [0.0, 0.0, 0.0]]))
+    fit = solve_least_squares(np.array([[1.0, 1.0, 1.0], [0.0, 1e-310, 0.0], [0.0, 0.0, 0.0]]))
     assert (fit.condition, fit.groups) == (np.inf, ((0, 1),))
 
 

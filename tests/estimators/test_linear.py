@@ -3,27 +3,21 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError
-from dynident.estimators import (
-    IsLinear,
-    LeastSquares,
-    MaximumLikelihood,
-    PhysicallyConsistent,
-    estimate_of,
-    of_information,
-)
-from dynident.io.families import ESTIMATORS
-from dynident.io.parts import build
-from dynident.models.gallery import two_link_arm
-from dynident.testing.estimator import known_motion, posed
+from dynident.estimators import LeastSquares, LinearEstimator, PhysicallyConsistent, estimate_of, fit_from_information
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.models.lagrangian import two_link_arm
+from dynident.project.parts import build
+from dynident.runtime import ConfigError
+from dynident.runtime.families import ESTIMATORS
+from dynident.testing.estimator import make_problem, multisine_motion
 
-PROBLEM = posed(two_link_arm(), known_motion(two_link_arm(), noise=0.01))
+PROBLEM = make_problem(two_link_arm(), multisine_motion(two_link_arm(), noise=0.01))
 
 
 def test_value_and_information_stand_for_rows() -> None:
     found, rows = LeastSquares()(PROBLEM), LeastSquares().reduced(PROBLEM)
     same = estimate_of(
-        PROBLEM, of_information(found.value, np.linalg.inv(found.covariance), rows.directions, rows.total, ())
+        PROBLEM, fit_from_information(found.value, np.linalg.inv(found.covariance), rows.directions, rows.total, ())
     )
     np.testing.assert_allclose(same.value, found.value, rtol=1e-12)
     np.testing.assert_allclose(same.covariance, found.covariance, rtol=1e-9)
@@ -32,7 +26,7 @@ def test_value_and_information_stand_for_rows() -> None:
 def test_of_directions_that_are_not_determined_nothing_is_said() -> None:
     rows = LeastSquares().reduced(PROBLEM)
     information = np.diag([1.0, 4.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    fit = of_information(np.arange(7.0), information, rows.directions, 100, ())
+    fit = fit_from_information(np.arange(7.0), information, rows.directions, 100, ())
     found = estimate_of(PROBLEM, fit)
     assert found.determined.rank == 6
     assert np.isinf(found.std[2])
@@ -55,7 +49,7 @@ def test_a_part_in_a_part_is_built_from_its_settings() -> None:
 
 
 def test_only_linear_estimators_have_such_rows() -> None:
-    assert isinstance(LeastSquares(), IsLinear)
+    assert isinstance(LeastSquares(), LinearEstimator)
     with pytest.raises(ConfigError, match=r"fit = MaximumLikelihood\(\): is not linear in the parameters"):
         PhysicallyConsistent(fit=MaximumLikelihood())
     with pytest.raises(ConfigError, match="is not linear"):

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.estimators.motion_noise import motion_noise
-from dynident.log import Log, Motion
-from dynident.models import record, simulate
-from dynident.models.gallery import pendulum
-from dynident.smoothers import Butterworth, Difference, Spline
+from dynident.estimators.total_least_squares import motion_noise
+from dynident.models.lagrangian import pendulum
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Butterworth, Difference, Spline
 
 T = np.arange(2001) * 0.01
 ARM = pendulum()
@@ -34,7 +34,7 @@ def test_errors_that_are_drawn_are_as_large_as_the_true_ones(smoother, sigma):
     motion = part(log)
     noise = motion_noise(log, motion)
     np.testing.assert_allclose(np.sqrt(noise.density / 0.02), sigma, rtol=0.05)
-    again = noise.drawn(motion, np.random.default_rng(1))
+    again = noise.draw(motion, np.random.default_rng(1))
     clean = exact() if smoother is Spline else part(replace(log, q=exact().q))
     for name in ("dq", "ddq"):
         made, true = (getattr(again, name) - getattr(motion, name)), (getattr(motion, name) - getattr(clean, name))
@@ -46,7 +46,7 @@ def test_errors_that_are_drawn_are_as_large_as_the_true_ones(smoother, sigma):
 def test_shifted_positions():
     log = recorded(2e-3)
     motion = Spline(sigma=1.8e-3)(log)
-    late = motion.shifted(0.02)
+    late = motion.shift(0.02)
     near, far = motion_noise(log, motion), motion_noise(log, late, 0.02)
     np.testing.assert_allclose(far.cutoff, near.cutoff, rtol=0.15)
 

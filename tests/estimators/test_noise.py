@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators.noise import LAGS, Residuals, Series, autoregression, shrunk
-from dynident.regression import Whitening, ages
+from dynident.estimators.noise import MAX_CORRELATION_LAG, Residuals, ResidualSeries, autoregression, shrink_correlation
+from dynident.regression import Whitening, preceding_counts
 from tests.estimators.coloured import ARM, COLOURED, S, drawn, noisy
 
 
-def series(x: np.ndarray, used: np.ndarray | None = None) -> Series:
+def series(x: np.ndarray, used: np.ndarray | None = None) -> ResidualSeries:
     """A series of one joint."""
     kept = np.ones(len(x), dtype=bool) if used is None else used
-    return Series(np.where(kept, x, 0.0)[None], kept[None], ages(kept)[None])
+    return ResidualSeries(np.where(kept, x, 0.0)[None], kept[None], preceding_counts(kept)[None])
 
 
 def test_orders_and_coefficients_are_found() -> None:
@@ -45,19 +45,19 @@ def test_white_noise_has_no_order_and_a_given_one_is_kept() -> None:
     assert len(autoregression(x, 0, 20)) == 0
     assert len(autoregression(x, 0, 20, 3)) == 3
     assert not x.correlations(0).any()
-    assert len(x.correlations(0)) == LAGS
+    assert len(x.correlations(0)) == MAX_CORRELATION_LAG
 
 
 def test_a_correlation_that_is_chance_is_none() -> None:
     few = np.array([[1.0, 0.3], [0.3, 1.0]])
-    np.testing.assert_array_equal(shrunk(few, np.full((2, 2), 10.0)), np.eye(2))
-    np.testing.assert_allclose(shrunk(few, np.full((2, 2), 1e5)), few, atol=1e-3)
-    np.testing.assert_array_equal(shrunk(np.eye(1), np.ones((1, 1))), np.eye(1))
-    np.testing.assert_array_equal(shrunk(np.eye(2), np.zeros((2, 2))), np.eye(2))
+    np.testing.assert_array_equal(shrink_correlation(few, np.full((2, 2), 10.0)), np.eye(2))
+    np.testing.assert_allclose(shrink_correlation(few, np.full((2, 2), 1e5)), few, atol=1e-3)
+    np.testing.assert_array_equal(shrink_correlation(np.eye(1), np.ones((1, 1))), np.eye(1))
+    np.testing.assert_array_equal(shrink_correlation(np.eye(2), np.zeros((2, 2))), np.eye(2))
 
 
 def test_noise_that_two_joints_share_can_be_inverted() -> None:
-    found = shrunk(np.ones((3, 3)), np.full((3, 3), 1000.0))
+    found = shrink_correlation(np.ones((3, 3)), np.full((3, 3), 1000.0))
     assert np.linalg.cond(found) < 1e4
 
 

@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
+from dynident.apps.article import SCENARIOS
+from dynident.apps.article.article import SAMPLING_PERIOD, SPLINE, arm_to_identify
 from dynident.estimators import AugmentedKalman, Estimator, InstrumentalVariables, LeastSquares, Problem
-from dynident.estimators.resmoothed import resmoothed
-from dynident.models import Recording, record, simulate
-from dynident.models.gallery import pendulum
+from dynident.estimators.simulated_recordings import fit_resmoothed
+from dynident.models.lagrangian import pendulum
+from dynident.models.simulation import Function, Recording, record, simulate
+from dynident.motion.smoothers import Difference, KalmanSmoother, Smoother, Spline
 from dynident.regression import Regression
-from dynident.simulation import Function
-from dynident.smoothers import Difference, KalmanSmoother, Smoother, Spline
-from dynident.studies import SCENARIOS
-from dynident.studies.article import PERIOD, SPLINE, arm_to_identify
+from dynident.runtime import InputError
 
 ARM = pendulum()
 SIGMA = 3e-3
@@ -37,13 +36,15 @@ def posed(swing: Recording, smoother: Smoother) -> Problem:
 
 def test_it_is_least_squares_of_the_other_motion(swing: Recording) -> None:
     expected = LeastSquares(weights="per_joint")(posed(swing, Spline(sigma=SIGMA))).value
-    found = resmoothed(posed(swing, Difference("central")), Spline(sigma=SIGMA))
+    found = fit_resmoothed(posed(swing, Difference("central")), Spline(sigma=SIGMA))
     np.testing.assert_allclose(found, expected, rtol=0.02)  # the samples at the ends of differences do not count
 
 
 def test_without_a_log_the_motion_stays(swing: Recording) -> None:
     problem = replace(posed(swing, Spline(sigma=SIGMA)), logs=())
-    np.testing.assert_allclose(resmoothed(problem, KalmanSmoother()), LeastSquares(weights="per_joint")(problem).value)
+    np.testing.assert_allclose(
+        fit_resmoothed(problem, KalmanSmoother()), LeastSquares(weights="per_joint")(problem).value
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +55,11 @@ def noisy() -> Problem:
     first, second = scenario.amplitudes
 
     def law(t: float, q: np.ndarray, dq: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        return np.array([first * np.sin(t + PERIOD / 2), second * np.cos(t + PERIOD / 2)])
+        return np.array([first * np.sin(t + SAMPLING_PERIOD / 2), second * np.cos(t + SAMPLING_PERIOD / 2)])
 
     still, ones = np.zeros_like(log.q), np.ones(2)
     log = replace(log, controller=Function(log.joints, log.t, still, law, ones, 1e9 * ones, still))
-    motion = replace(SPLINE, sigma=1e-2)(log).between(start=START)
+    motion = replace(SPLINE, sigma=1e-2)(log).select_between(start=START)
     return Problem(model, (motion,), Regression(model, (motion,)), (log,))
 
 
@@ -67,7 +68,7 @@ def test_what_simulates_starts_there_where_the_first_model_has_no_mass(noisy: Pr
     q = noisy.motions[0].q[::50]
     model, plain = noisy.model, LeastSquares(weights="per_joint")(noisy).value
     assert not model.check_mass_matrix(q, plain).positive
-    assert model.check_mass_matrix(q, resmoothed(noisy, KalmanSmoother())).positive
+    assert model.check_mass_matrix(q, fit_resmoothed(noisy, KalmanSmoother())).positive
     found = estimator(noisy)
     assert np.isfinite(found.value).all()
     assert (found.std > 0).all()

@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Provenance, Ridge
 from dynident.estimators.notes import DecidedByPrior, DrawnToPrior
-from dynident.estimators.ridge import _sizes
+from dynident.estimators.ridge import _usual_sizes
 from dynident.models import RotorInertia
-from dynident.models.gallery import two_link_arm
-from dynident.testing.estimator import known_motion, posed, truth
+from dynident.models.lagrangian import two_link_arm
+from dynident.runtime import ConfigError
+from dynident.testing.estimator import make_problem, multisine_motion, truth
 
 
 def weak(seed: int = 0, samples: int = 400, speed: float = 0.05, noise: float = 0.3):
     """The arm hardly moves, and its torque is noisy: inertias are poorly determined."""
     model = two_link_arm()
-    made = known_motion(model, 0.0, seed, samples)
+    made = multisine_motion(model, 0.0, seed, samples)
     q, dq, ddq = 0.5 * made.q, speed * made.dq, speed * made.ddq
     tau = model.torque(q, dq, ddq, truth(model)) + noise * np.random.default_rng(seed).standard_normal(q.shape)
-    return posed(model, replace(made, q=q, dq=dq, ddq=ddq, tau=tau))
+    return make_problem(model, replace(made, q=q, dq=dq, ddq=ddq, tau=tau))
 
 
 def test_closed_form():
@@ -28,8 +28,8 @@ def test_closed_form():
     problem = weak()
     model, plain = problem.model, LeastSquares(weights="per_joint")(problem)
     w, triangular = plain.residual.weights, problem.regression.triangular_factors
-    size = _sizes(model, triangular, w)
-    factor = triangular.stacked(w)
+    size = _usual_sizes(model, triangular, w)
+    factor = triangular.stack(w)
     X, y, prior = factor[:-1, :-1], factor[:-1, -1], 1.1 * truth(model)
     K = np.diag(0.3 * factor[-1, -1] ** 2 / size**2)
     found = Ridge(dict(zip(model.names, prior, strict=True)), 0.3)(problem)
@@ -60,7 +60,7 @@ def test_strength_by_cross_validation():
     plain = LeastSquares(weights="per_joint")(problem)
     off = [np.abs((one.value - truth(problem.model)) / plain.std).max() for one in (right, plain)]
     assert off[0] < off[1]
-    strong = posed(problem.model, known_motion(problem.model, 0.05))
+    strong = make_problem(problem.model, multisine_motion(problem.model, 0.05))
     wrong = {name: 5.0 * value for name, value in zip(problem.model.names, truth(problem.model), strict=True)}
     for estimator in (Ridge(wrong), Ridge("none"), Ridge("nominal")):
         found = estimator(strong)
@@ -86,12 +86,12 @@ def test_intervals_hold_where_the_prior_is_wrong(strength):
 def test_what_the_data_do_not_determine_is_at_the_prior():
     arm = two_link_arm()
     model = arm.with_terms(RotorInertia(arm.joints))  # a rotor's inertia adds to that of its link
-    problem = posed(model, known_motion(arm, 0.05))
+    problem = make_problem(model, multisine_motion(arm, 0.05))
     prior = {name: 0.7 + 0.1 * k for k, name in enumerate(model.names)}
     for strength in (0.0, 0.01):
         found = Ridge(prior, strength)(problem)
-        free = LeastSquares(weights="per_joint")(problem).determined.directions.free
-        size = _sizes(model, problem.regression.triangular_factors, found.residual.weights)
+        free = LeastSquares(weights="per_joint")(problem).determined.directions.free_directions
+        size = _usual_sizes(model, problem.regression.triangular_factors, found.residual.weights)
         away = (found.value - np.array(list(prior.values()))) / size
         np.testing.assert_allclose((free / size[:, None]).T @ away, 0.0, atol=1e-6 * np.abs(free / size[:, None]).max())
         assert found.determined.rank < len(model.names)

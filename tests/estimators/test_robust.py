@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, RobustLeastSquares
 from dynident.estimators.notes import Downweighted, StillMoving
-from dynident.estimators.robust import _Huber, _Tukey
-from dynident.identification.standard_errors import identifiability_of
-from dynident.log import Motion
-from dynident.models import Joint, Model, Offset
-from dynident.models.gallery import slider, two_link_arm
-from dynident.regression import ParallelFilter, Regression
-from dynident.testing.estimator import known_motion, posed, truth
+from dynident.estimators.robust_least_squares import _Huber, _Tukey
+from dynident.identification.uncertainty import identifiability_of
+from dynident.models import Joint, Model
+from dynident.models.friction import Offset
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.motion.log import Motion
+from dynident.regression import ParallelFilter, Regression, Selection
+from dynident.runtime import ConfigError
+from dynident.testing.estimator import make_problem, multisine_motion, truth
 
 LOSSES = ("huber", "tukey")
 every_loss = pytest.mark.parametrize("loss", LOSSES)
@@ -34,7 +35,7 @@ def location(y: np.ndarray) -> Problem:
     joints = (Joint("one", "prismatic"),)
     model, zero = Model((Offset(joints),)), np.zeros((len(y), 1))
     mask = np.ones(len(y), dtype=bool)
-    return posed(model, Motion(np.arange(len(y)) * 0.01, zero, zero, zero, y[:, None], ("one",), mask))
+    return make_problem(model, Motion(np.arange(len(y)) * 0.01, zero, zero, zero, y[:, None], ("one",), mask))
 
 
 @every_loss
@@ -65,7 +66,7 @@ def test_slopes_are_those_of_psi(psi):
 
 
 def test_without_outliers_wide_tuning_is_least_squares():
-    problem = posed(two_link_arm(), known_motion(two_link_arm(), noise=0.01))
+    problem = make_problem(two_link_arm(), multisine_motion(two_link_arm(), noise=0.01))
     plain = LeastSquares(weights="per_joint", iterations=50)(problem)
     wide = RobustLeastSquares(tuning=1e5)(problem)
     np.testing.assert_allclose(wide.value, plain.value, atol=0.02 * plain.std.min())
@@ -79,10 +80,10 @@ def test_every_tenth_torque_wrong(loss, one_sided):
     lie on both sides."""
     model, inside = two_link_arm(), []
     for seed in range(20):
-        problem = posed(model, spoilt(known_motion(model, 0.05, seed, 500), 0.1, seed, one_sided=one_sided))
+        problem = make_problem(model, spoilt(multisine_motion(model, 0.05, seed, 500), 0.1, seed, one_sided=one_sided))
         found = RobustLeastSquares(loss)(problem)
         rows = replace(problem.regression, weights=found.residual.sample_weights)
-        wide = identifiability_of(model, rows, found, np.zeros((7, 7)), lambda _: None)[0].std_hac
+        wide = identifiability_of(model, rows, found, np.zeros((7, 7)))[0].std_hac
         inside.append([np.abs(found.value - truth(model)) < 1.96 * std for std in (found.std, wide)])
         plain = LeastSquares()(problem)
         assert (found.std < 0.2 * plain.std).all()
@@ -93,7 +94,7 @@ def test_every_tenth_torque_wrong(loss, one_sided):
 
 def test_huber_halves_a_bias_that_tukey_removes():
     model = slider(values=(5.0, 8.0, 3.0, 0.5))
-    problem = posed(model, spoilt(known_motion(model, 0.05), 0.1, one_sided=True))
+    problem = make_problem(model, spoilt(multisine_motion(model, 0.05), 0.1, one_sided=True))
     off = {one: abs(one(problem).value[2] - 3.0) for one in (LeastSquares(), *map(RobustLeastSquares, LOSSES))}
     plain, huber, tukey = off.values()
     assert plain > 0.1
@@ -106,12 +107,12 @@ def test_rows_of_every_kind(loss):
     """Filtered and decimated, slow ones left out, in several logs: weights have the shape of the motions, and rows that
     are not fitted do not count."""
     model = two_link_arm()
-    motions = tuple(spoilt(known_motion(model, 0.05, seed, 800), 0.02, seed) for seed in range(2))
+    motions = tuple(spoilt(multisine_motion(model, 0.05, seed, 800), 0.02, seed) for seed in range(2))
     left_out = np.random.default_rng(0).random(motions[0].q.shape) < 0.9
     odd = replace(motions[0], keep=left_out, tau=np.where(left_out, motions[0].tau, 50.0))
     for regression in (
-        Regression(model, (odd, motions[1]), min_speed=(0.1, 0.1)),
-        Regression(model, motions, ParallelFilter(decimate=3)),
+        Regression(model, (odd, motions[1]), selection=Selection(min_speed=(0.1, 0.1))),
+        Regression(model, motions, Selection(ParallelFilter(decimate=3))),
     ):
         found = RobustLeastSquares(loss)(Problem(model, regression.motions, regression))
         assert [one.shape for one in found.residual.sample_weights] == [(800, 2)] * 2
@@ -121,17 +122,19 @@ def test_rows_of_every_kind(loss):
 
 def test_weights_of_the_regression_count_besides():
     model = two_link_arm()
-    made = known_motion(model, 0.05)
+    made = multisine_motion(model, 0.05)
     halves = np.where(np.arange(len(made)) < 1500, 1.0, 1e-9)[:, None] * np.ones((1, 2))
     weighted = Problem(model, (made,), Regression(model, (made,), weights=(halves,)))
     found = RobustLeastSquares(tuning=1e5)(weighted)
-    alone = LeastSquares(weights="per_joint", iterations=50)(posed(model, made.between(stop=made.t[1499])))
+    alone = LeastSquares(weights="per_joint", iterations=50)(
+        make_problem(model, made.select_between(stop=made.t[1499]))
+    )
     np.testing.assert_allclose(found.value, alone.value, atol=0.02 * alone.std.min())
 
 
 def test_consistent_with_physics():
     model = slider(values=(5.0, 8.0, 3.0, 0.5))
-    problem = posed(model, spoilt(known_motion(model, 0.05), 0.1, one_sided=True))
+    problem = make_problem(model, spoilt(multisine_motion(model, 0.05), 0.1, one_sided=True))
     free, held = RobustLeastSquares("tukey"), PhysicallyConsistent(fit=RobustLeastSquares("tukey"))
     np.testing.assert_allclose(held(problem).value, free(problem).value, rtol=1e-6)
     found = replace(held, bounds={model.names[0]: (5.5, None)})(problem)
@@ -140,7 +143,7 @@ def test_consistent_with_physics():
 
 
 def test_too_few_steps_are_said():
-    problem = posed(two_link_arm(), spoilt(known_motion(two_link_arm(), 0.05), 0.3))
+    problem = make_problem(two_link_arm(), spoilt(multisine_motion(two_link_arm(), 0.05), 0.3))
     found = RobustLeastSquares(iterations=1)(problem)
     assert any(isinstance(one, StillMoving) for one in found.notes)
     assert not found.converged

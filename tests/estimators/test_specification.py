@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.estimators import GeneralisedLeastSquares, LeastSquares
-from dynident.estimators.linear import solve
+from dynident.estimators.least_squares import solve_least_squares
+from dynident.estimators.noise import HausmanTest
 from dynident.estimators.notes import WhiteningCostly
-from dynident.estimators.specification import Apart
-from dynident.regression import ParallelFilter, Regression, Whitening, rank_of
-from dynident.testing.estimator import known_motion
+from dynident.regression import ParallelFilter, Regression, Selection, Whitening, rank_of
+from dynident.runtime import progress_to
+from dynident.testing.estimator import multisine_motion
 from tests.estimators.coloured import ARM, COLOURED, S, noisy
 
 SLOW = Whitening((np.array([0.999]), np.array([0.99])), S)
@@ -32,17 +33,17 @@ def test_slow_noise_is_seldom_taken_for_what_the_model_lacks() -> None:
     assert denied <= 3  # of a rate of 2 %, more in 1 % of all seeds
 
 
-def _apart(low: ParallelFilter | None) -> tuple[Apart, Whitening]:
-    motion = replace(known_motion(ARM, samples=1500), mask=np.arange(1500) % 700 > 20)
-    plain = Regression(ARM, (motion,), low)
-    factor = plain.triangular_factors.stacked()
-    return Apart(plain, np.ones(2), factor, rank_of(factor)), COLOURED
+def _apart(low: ParallelFilter | None) -> tuple[HausmanTest, Whitening]:
+    motion = replace(multisine_motion(ARM, samples=1500), mask=np.arange(1500) % 700 > 20)
+    plain = Regression(ARM, (motion,), Selection(low))
+    factor = plain.triangular_factors.stack()
+    return HausmanTest(plain, np.ones(2), factor, rank_of(factor)), COLOURED
 
 
 def test_the_distance_is_that_of_the_torques() -> None:
     apart, _ = _apart(None)
     by = np.random.default_rng(0).standard_normal((len(ARM.parameters), 2))
-    start = solve(apart.factor, apart.rank).value
+    start = solve_least_squares(apart.factor, apart.rank).value
     rest = [apart.plain.triangular_factors.residual(start + one).sum() for one in (0.0 * by[:, 0], *by.T)]
     np.testing.assert_allclose(apart.distance(by), np.array(rest[1:]) - rest[0], rtol=1e-6)
 
@@ -51,7 +52,7 @@ def test_the_noise_that_is_drawn_is_that_which_was_found() -> None:
     """Of rows that are decimated, and in stretches: those that follow each other have the noise of neighbours."""
     for low in (None, ParallelFilter(decimate=2)):
         apart, noise = _apart(low)
-        (drawn,) = apart._drawn(noise, 200, np.random.default_rng(0))
+        (drawn,) = apart._draw_noise(noise, 200, np.random.default_rng(0))
         rows = np.arange(21, 700, 1 if low is None else 2)
         first, second = drawn[rows, 1][1:], drawn[rows, 1][:-1]
         np.testing.assert_allclose(np.mean(first * second) / np.mean(second**2), 0.9, atol=0.01)
@@ -63,9 +64,10 @@ def test_the_noise_that_is_drawn_is_that_which_was_found() -> None:
 def test_what_chance_explains() -> None:
     for low in (None, ParallelFilter(decimate=2)):
         apart, noise = _apart(low)
-        rank = rank_of(replace(apart.plain, whitening=noise).triangular_factors.stacked())
+        rank = rank_of(replace(apart.plain, whitening=noise).triangular_factors.stack())
         usual = np.sqrt(np.diag(rank.inverse))
         steps: list[str] = []
-        assert apart.chance(0.5 * usual, noise, rank, steps.append)
-        assert not apart.chance(30.0 * usual, noise, rank, steps.append)
+        with progress_to(steps.append):
+            assert apart.is_chance(0.5 * usual, noise, rank)
+            assert not apart.is_chance(30.0 * usual, noise, rank)
         assert steps[0] == "simulating the noise (0 of 99)"

@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError, Use
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, TotalLeastSquares
 from dynident.estimators.notes import ErrorsInRegressor
-from dynident.estimators.total_least_squares import _solved
-from dynident.log import Motion
-from dynident.models import Joint, Model, Offset, RotorInertia, Viscous, record, simulate
-from dynident.models.gallery import pendulum, two_link_arm
+from dynident.estimators.total_least_squares import _solve_total
+from dynident.models import Joint, Model, RotorInertia
+from dynident.models.friction import Offset, Viscous
+from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Motion
+from dynident.motion.smoothers import Spline
 from dynident.regression import Regression, rank_of
-from dynident.smoothers import Spline
-from dynident.testing.estimator import known_motion, posed
+from dynident.runtime import ConfigError, InputError, Use
+from dynident.testing.estimator import make_problem, multisine_motion
 
 JOINT = (Joint("one", "prismatic"),)
 CART = Model((RotorInertia(JOINT), Viscous(JOINT), Offset(JOINT)))
@@ -26,7 +28,7 @@ def noisy(errors: tuple[float, float], torque: float, seed: int = 0, samples: in
     tau = 2.0 * ddq + 0.7 * dq + 0.4 + torque * rng.standard_normal((samples, 1))
     ddq, dq = ddq + errors[0] * rng.standard_normal(dq.shape), dq + errors[1] * rng.standard_normal(dq.shape)
     t, mask = np.arange(samples) * 0.01, np.ones(samples, dtype=bool)
-    return posed(CART, Motion(t, np.zeros_like(dq), dq, ddq, tau, ("one",), mask))
+    return make_problem(CART, Motion(t, np.zeros_like(dq), dq, ddq, tau, ("one",), mask))
 
 
 def stated(errors: tuple[float, float], torque: float | None = None) -> TotalLeastSquares:
@@ -40,7 +42,7 @@ def test_textbook():
     whole = np.column_stack([X, X @ [1.0, -2.0, 3.0]]) + 0.1 * rng.standard_normal((200, 4))
     factor = np.linalg.qr(whole, mode="r")
     v = np.linalg.svd(whole)[2][-1]
-    found = _solved(factor, 7.0 * np.eye(3), rank_of(factor), 200, 7.0)
+    found = _solve_total(factor, 7.0 * np.eye(3), rank_of(factor), 200, 7.0)
     np.testing.assert_allclose(found.value, -v[:3] / v[3], rtol=1e-9)
 
 
@@ -55,7 +57,7 @@ def test_exact_columns_stay_exact():
     v = np.linalg.svd(left)[2][-1]
     rest = -v[:2] / v[2]
     first = (factor[0, 3] - factor[0, 1:3] @ rest) / factor[0, 0]
-    found = _solved(factor, np.diag([0.0, 1.0, 1.0]), rank_of(factor), 300, 1.0)
+    found = _solve_total(factor, np.diag([0.0, 1.0, 1.0]), rank_of(factor), 300, 1.0)
     np.testing.assert_allclose(found.value, [first, *rest], rtol=1e-9)
 
 
@@ -108,7 +110,7 @@ def test_noise_of_the_positions():
 def test_only_directions_that_the_data_determine():
     arm = two_link_arm()
     model = arm.with_terms(RotorInertia(arm.joints))  # a rotor's inertia adds to that of its link
-    problem = posed(model, known_motion(arm, 0.05))
+    problem = make_problem(model, multisine_motion(arm, 0.05))
     sizes = dict.fromkeys(model.names, 1e-3)
     found = TotalLeastSquares(sizes)(problem)
     plain = LeastSquares(weights="per_joint")(problem)
@@ -116,7 +118,7 @@ def test_only_directions_that_the_data_determine():
     np.testing.assert_array_equal(np.isinf(found.std), np.isinf(plain.std))
     np.testing.assert_allclose(found.value, plain.value, atol=4 * plain.std[np.isfinite(plain.std)].max())
     held = PhysicallyConsistent(fit=TotalLeastSquares(sizes), prior="none")(problem)
-    known = ~held.determined.directions.undetermined
+    known = ~held.determined.directions.undetermined_mask
     np.testing.assert_allclose(held.value[known], found.value[known], atol=0.1 * found.std[known].max())
 
 
@@ -139,7 +141,7 @@ def test_no_solution():
     """The nongeneric case: the direction of least singular value has no share of the torque."""
     factor = np.linalg.qr(np.diag([1.0, 5.0, 1.0]) + np.eye(3, k=1) * [0.0, 0.0, 2.0], mode="r")
     with pytest.raises(InputError, match="no solution"):
-        _solved(factor, np.diag([1e6, 0.0]), rank_of(factor), 100, 1.0)
+        _solve_total(factor, np.diag([1e6, 0.0]), rank_of(factor), 100, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators import Problem
-from dynident.log import Motion
-from dynident.models import INERTIAL, Joint, Model, Parameter, Partials, Term, from_pseudo, moved
+from dynident.models import INERTIAL, Joint, Model, Parameter, Partials, Term, change_frame, from_pseudo
+from dynident.motion.log import Motion
 from dynident.regression import Regression
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def turned(rng: np.random.Generator, reach: float = 0.2) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Welded:
+class Welded(Term):
     """Rigid bodies at ``frames`` (4, 4) in the moving frame; q holds the acceleration, dq and ddq the rates."""
 
     frames: tuple[Array, ...]
@@ -84,14 +84,14 @@ class Welded:
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         Y = wrench(q[:, -3:], dq[:, -3:], ddq[:, -3:])[:, 3 if self.moments_only else 0 :]
-        return np.concatenate([Y @ moved(np.eye(10), X).T for X in self.frames], axis=2)
+        return np.concatenate([Y @ change_frame(np.eye(10), X).T for X in self.frames], axis=2)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
-class Drag:
+class Drag(Term):
     """One effect per joint: friction in proportion to dq or to its sign, or a rotor in proportion to ddq."""
 
     joints: tuple[Joint, ...]

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import Recipe, SteepBase, base_tilt, find_base_tilt, has_gravity, identify, mounted
-from dynident.log import Log, Motion
-from dynident.models import Model, RigidBodies, Viscous
-from dynident.models.gallery import two_link_arm
-from dynident.smoothers import Spline
+from dynident.identification import Recipe, SteepBase, base_tilt, find_base_tilt, has_gravity, identify, tilt_base
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Spline
+from dynident.regression import EVERYTHING
+from dynident.runtime import ConfigError
 from tests.robots import joint, link, urdf
 
 ARM = urdf(
@@ -45,7 +47,7 @@ def tilted(x: float, y: float) -> tuple[Model, Motion]:
         [-0.5 * rate[k] ** 2 * np.sin(a) for k, a in enumerate(angle)],
     ))  # fmt: skip
     truth = np.array([0.3 if p.value is None else p.value for p in model.parameters])
-    tau = mounted(model, x, y).torque(q, dq, ddq, truth)
+    tau = tilt_base(model, x, y).torque(q, dq, ddq, truth)
     tau = tau + 0.002 * np.abs(tau).max() * rng.standard_normal(tau.shape)
     names = tuple(joint.name for joint in bodies.joints)
     return model, Motion(t, q, dq, ddq, tau, names, np.ones(len(t), bool))
@@ -66,7 +68,7 @@ def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_proble
     found = find_base_tilt(model, [motion], LeastSquares())
 
     def regressor(x: float, y: float) -> np.ndarray:
-        Y = mounted(model, x, y).regressor(motion.q, motion.dq, motion.ddq)
+        Y = tilt_base(model, x, y).regressor(motion.q, motion.dq, motion.ddq)
         return Y.reshape(-1, Y.shape[-1])
 
     tau, best = motion.tau.ravel(), regressor(found.x, found.y)
@@ -113,7 +115,7 @@ def test_a_tilt_that_no_motion_shows_is_left_level() -> None:
 def test_four_gravities_tell_what_each_trial_would(monkeypatch: pytest.MonkeyPatch) -> None:
     model, motion = tilted(0.02, -0.035)
     quick = find_base_tilt(model, [motion], LeastSquares())
-    monkeypatch.setattr(base_tilt, "_affine", lambda *_: None)
+    monkeypatch.setattr(base_tilt, "_affine_entries", lambda *_: None)
     slow = find_base_tilt(model, [motion], LeastSquares())
     for one, other in zip((quick.x, quick.y, *quick.std), (slow.x, slow.y, *slow.std), strict=True):
         assert one == pytest.approx(other, rel=1e-8)
@@ -125,9 +127,9 @@ def test_rows_that_are_not_affine_in_gravity_are_made_anew() -> None:
             return super().regressor(q, dq, ddq) * (1.0 + np.linalg.norm(self.gravity[:2]) ** 2)
 
     model, motion = tilted(0.02, -0.035)
-    assert base_tilt._affine(mounted(model, 0.1, 0.1), (motion,), None) is not None
+    assert base_tilt._affine_entries(tilt_base(model, 0.1, 0.1), (motion,), EVERYTHING) is not None
     bent = replace(model, terms=(Bent(ARM), *model.terms[1:]))
-    assert base_tilt._affine(mounted(bent, 0.1, 0.1), (motion,), None) is None
+    assert base_tilt._affine_entries(tilt_base(bent, 0.1, 0.1), (motion,), EVERYTHING) is None
 
 
 def test_torques_that_are_all_zero_show_no_tilt() -> None:
@@ -138,7 +140,7 @@ def test_torques_that_are_all_zero_show_no_tilt() -> None:
 
 def test_only_robot_files_can_tilt() -> None:
     with pytest.raises(ConfigError, match="no term has a gravity"):
-        mounted(two_link_arm(), 0.1, 0.0)
+        tilt_base(two_link_arm(), 0.1, 0.0)
 
 
 def test_a_base_that_lies_on_its_side_is_taken_as_level_with_a_warning() -> None:
@@ -187,5 +189,5 @@ def test_a_model_without_gravity_has_no_tilt() -> None:
 
 def test_gravity_turns_the_other_way() -> None:
     model, _ = tilted(0.0, 0.0)
-    turned = mounted(model, 0.1, 0.0)
+    turned = tilt_base(model, 0.1, 0.0)
     np.testing.assert_allclose(turned.terms[0].gravity, 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]), atol=1e-12)

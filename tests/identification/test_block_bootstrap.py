@@ -10,15 +10,16 @@ import pytest
 from scipy.signal import lfilter
 
 import dynident as dy
-from dynident.errors import ConfigError, InputError
-from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.estimators import Estimate, Estimator, LeastSquares, PhysicallyConsistent, Problem
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import Identification, Recipe, identify
-from dynident.identification.block_bootstrap import _Fit, _regression, _stretches
-from dynident.log import Log
-from dynident.models import simulate
-from dynident.models.gallery import pendulum, two_link_arm
+from dynident.identification.bootstrap import _Fit, _stretches, _training_regression
+from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.simulation import simulate
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Difference
 from dynident.regression import ParallelFilter, factors_of_parts
-from dynident.smoothers import Difference
+from dynident.runtime import ConfigError, InputError, progress_to
 
 ARM, CORRELATION = pendulum(), 0.9  # of the torque's noise from sample to sample
 T = np.arange(2000) * 0.005
@@ -58,7 +59,7 @@ def test_the_spread_is_that_of_standard_errors_for_correlated_residuals() -> Non
     spread = drawn(found, 400, blocks=40)
     assert spread.std == pytest.approx(found.errors.best, rel=0.35)
     assert (spread.std > 2 * found.errors.std).all()
-    assert spread.repeated.mean(axis=0) == pytest.approx(spread.value, abs=0.2 * spread.std.min())
+    assert spread.repetitions.mean(axis=0) == pytest.approx(spread.value, abs=0.2 * spread.std.min())
 
 
 @pytest.mark.parametrize("changes", [{}, {"estimator": PhysicallyConsistent()}, {"filter": ParallelFilter(4)}], ids=str)
@@ -67,15 +68,15 @@ def test_an_executor_gives_the_same_to_the_bit(changes: dict) -> None:
     alone = drawn(found, 12, blocks=20)
     with ThreadPoolExecutor(2) as executor:
         spread = drawn(found, 12, blocks=20, executor=executor)
-    assert np.array_equal(alone.repeated, spread.repeated)
+    assert np.array_equal(alone.repetitions, spread.repetitions)
     assert np.array_equal(alone.value, found.estimate.value)
-    assert np.ptp(alone.repeated, axis=0).all()
+    assert np.ptp(alone.repetitions, axis=0).all()
 
 
 def test_a_stretch_drawn_twice_counts_twice() -> None:
     """The fit to stretches is that to their rows, repeated."""
     found = fitted()
-    regression = _regression(found)
+    regression = _training_regression(found)
     parts = _stretches(regression, 10)
     each = factors_of_parts(regression, parts)
     counts = (2, 0, 1, 3, 0, 1, 1, 0, 2, 0)
@@ -110,7 +111,7 @@ def test_the_table_has_the_intervals() -> None:
 
 
 @dataclass(frozen=True)
-class Moody:
+class Moody(Estimator):
     """An estimator that fails for what is less, or more, than a value of the first parameter."""
 
     value: float
@@ -131,7 +132,7 @@ def moody(found: Identification, both: bool) -> Identification:
 def test_fits_that_fail_are_counted() -> None:
     spread = drawn(moody(fitted(), both=False), 40, blocks=20)
     assert 0 < spread.failed < 40
-    assert len(spread.repeated) == 40 - spread.failed
+    assert len(spread.repetitions) == 40 - spread.failed
 
 
 def test_where_all_fail_the_reason_is_said() -> None:
@@ -141,7 +142,8 @@ def test_where_all_fail_the_reason_is_said() -> None:
 
 def test_progress_counts_the_repetitions() -> None:
     said: list[str] = []
-    drawn(fitted(), 5, blocks=10, progress=said.append)
+    with progress_to(said.append):
+        drawn(fitted(), 5, blocks=10)
     assert said[-1] == "drawing stretches anew (5 of 5)"
 
 

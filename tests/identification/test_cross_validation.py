@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from dynident.identification import Gain
-from dynident.identification.cross_validation import gain_of, left_out_errors, stretch
-from dynident.log import Motion
-from dynident.models import simulate
-from dynident.models.gallery import two_link_arm
+from dynident.identification.cross_validation import keep_fold, left_out_errors, motion_gain
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import simulate
+from dynident.motion.log import Motion
 
 FOLDS = 4
 
@@ -58,7 +58,7 @@ def test_what_is_scored_need_not_be_what_is_fitted() -> None:
 def test_the_gain_is_that_of_the_blocks() -> None:
     before, after = (left_out_errors(two_link_arm(), [motion(noise)], folds=FOLDS) for noise in (0.1, 0.05))
     blocks = 100 * ((before - after) / before.sum(axis=0)).mean(axis=1)
-    found = gain_of(two_link_arm(), [motion(0.1)], [motion(0.05)], folds=FOLDS)
+    found = motion_gain(two_link_arm(), [motion(0.1)], [motion(0.05)], folds=FOLDS)
     assert found.share == pytest.approx(blocks.sum())
     assert found.share == pytest.approx(75, abs=2)
     assert found.std == pytest.approx(np.sqrt(FOLDS) * blocks.std(ddof=1))
@@ -66,7 +66,7 @@ def test_the_gain_is_that_of_the_blocks() -> None:
 
 
 def test_nothing_is_gained_where_nothing_changes() -> None:
-    assert gain_of(two_link_arm(), [motion()], [motion()]) == Gain(0.0, 0.0)
+    assert motion_gain(two_link_arm(), [motion()], [motion()]) == Gain(0.0, 0.0)
     assert not Gain(0.0, 0.0).sure
     assert not Gain(1.0, 1.0).sure
 
@@ -76,19 +76,19 @@ def test_leaving_out_bad_samples_gains_by_what_is_fitted_only() -> None:
     bad = np.arange(2000) % 10 == 0
     wild = np.random.default_rng(1).standard_normal((2000, 2)) * bad[:, None]
     one = replace(motion(), tau=motion().tau + wild)
-    found = gain_of(two_link_arm(), [one], [replace(one, keep=np.broadcast_to(~bad[:, None], (2000, 2)))])
+    found = motion_gain(two_link_arm(), [one], [replace(one, keep=np.broadcast_to(~bad[:, None], (2000, 2)))])
     assert 0 < found.share < 10
-    masked = gain_of(two_link_arm(), [motion()], [replace(motion(), mask=~bad)])
+    masked = motion_gain(two_link_arm(), [motion()], [replace(motion(), mask=~bad)])
     assert abs(masked.share) < 1
 
 
 def test_a_joint_without_torque_counts_for_nothing() -> None:
     one = replace(motion(), tau=motion().tau * [1.0, 0.0])
-    assert gain_of(two_link_arm(), [one], [one]) == Gain(0.0, 0.0)
+    assert motion_gain(two_link_arm(), [one], [one]) == Gain(0.0, 0.0)
 
 
 def test_stretches_part_the_usable_samples() -> None:
     one = replace(motion(), mask=np.arange(2000) % 3 > 0)
-    parts = [stretch(one, k, FOLDS).mask for k in range(FOLDS)]
+    parts = [keep_fold(one, k, FOLDS).mask for k in range(FOLDS)]
     assert (np.sum(parts, axis=0) == one.mask).all()
     assert max(part.sum() for part in parts) - min(part.sum() for part in parts) <= 1

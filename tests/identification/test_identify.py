@@ -6,18 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError, MissingInputError
-from dynident.estimators import GeneralisedLeastSquares, LeastSquares, MaximumLikelihood
-from dynident.estimators.maximum_likelihood import newton
-from dynident.estimators.notes import (
-    Failed,
-    NotWhite,
-    RankDeficient,
-    StillColoured,
-    Undetermined,
-    WhiteningCostly,
-)
-from dynident.filters import one_pole
+from dynident.estimators import GeneralisedLeastSquares, LeastSquares
+from dynident.estimators.maximum_likelihood import MaximumLikelihood, newton
+from dynident.estimators.notes import Failed, NotWhite, RankDeficient, StillColoured, Undetermined, WhiteningCostly
 from dynident.identification import (
     Identification,
     NotFitted,
@@ -25,14 +16,18 @@ from dynident.identification import (
     Recipe,
     SubstituteUsed,
     identify,
-    substituted,
+    substitute_notes,
     versions,
 )
-from dynident.log import Log
-from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
-from dynident.models.gallery import two_link_arm
+from dynident.models import Joint, Model, RigidBodies
+from dynident.models.friction import Offset, Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import record, simulate
+from dynident.motion.filters import one_pole_filter
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Difference, FourierSeries, Spline
 from dynident.regression import ParallelFilter, UnexcitedParameters, informed_std
-from dynident.smoothers import Difference, FourierSeries, Spline
+from dynident.runtime import ConfigError, InputError, MissingInputError, progress_to
 from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
@@ -138,7 +133,8 @@ def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
 
 def test_progress_is_reported_before_each_step(log: Log) -> None:
     told: list[str] = []
-    identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()), progress=told.append)
+    with progress_to(told.append):
+        identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()))
     reducing = "reducing the regression to triangular factors"
     smoothing, validating = (
         [f"{words} ({k} of 2)" for k in range(2)] for words in ("smoothing the logs", "validating")
@@ -184,7 +180,7 @@ def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch
         raise np.linalg.LinAlgError("no luck")
 
     if fails:
-        monkeypatch.setattr(newton, "_step", no_luck)
+        monkeypatch.setattr(newton, "_newton_step", no_luck)
     bodies = RigidBodies(urdf(link("base"), link("arm", 1.0, (0.0, 0.1, 0.2)), joint("j", "revolute", "base", "arm")))
     model, rng, t = (
         Model((bodies, Viscous(bodies.joints, values=(0.1,)))),
@@ -204,7 +200,7 @@ def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch
 def test_standard_errors_are_those_of_whitened_rows(more: tuple[Viscous, ...], log: Log) -> None:
     rng = np.random.default_rng(0)
     u = rng.standard_normal((len(log) + 500, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]]) * 0.02
-    noise = np.stack([one_pole(0.9, u[:, j])[500:] for j in range(2)], axis=1)
+    noise = np.stack([one_pole_filter(0.9, u[:, j])[500:] for j in range(2)], axis=1)
     coloured = replace(log, tau=log.tau + noise)
     model = replace(ARM, terms=(*ARM.terms, *more))
     plain, found = (
@@ -251,7 +247,7 @@ def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> No
 def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
     gone = (log.t >= 2.0) & (log.t <= 3.0)
     spoiled = replace(log, tau=log.tau + 50.0 * gone[:, None])
-    found = identify(ARM, [spoiled.excluding([(2.0, 3.0)])], [spoiled.excluding([(1.9, 3.1)])])
+    found = identify(ARM, [spoiled.exclude([(2.0, 3.0)])], [spoiled.exclude([(1.9, 3.1)])])
     (note,) = (one for one in found.notes if isinstance(one, NotJudged))  # of the held-out log alone
     assert note.share == pytest.approx(100 * 1.2 / np.ptp(log.t), rel=0.02)
     assert error(found) < 1e-3
@@ -273,9 +269,9 @@ def test_motion_that_a_smoother_is_not_made_for_is_judged_by_its_substitute(log:
         held = found.validations[1]
         assert held.errors.relative_error < (5.0 if late else 0.1)
         again = found.predict(once)
-        assert [one.log for one in substituted([again])] == ["once"]
+        assert [one.log for one in substitute_notes([again])] == ["once"]
         assert again.errors.relative_error == pytest.approx(held.errors.relative_error)
-        assert not list(substituted([found.predict(twice)]))
+        assert not list(substitute_notes([found.predict(twice)]))
     with pytest.raises(MissingInputError, match="once: no two periods"):
         identify(ARM, [once], [twice], Recipe(FourierSeries()))
     known = identify(ARM, [twice], recipe=Recipe(FourierSeries(4 * np.pi / 3)))
@@ -290,7 +286,7 @@ def test_excluded_torques_do_not_count_in_the_likelihood() -> None:
     gone = (t >= 1.0) & (t <= 1.5)
     spoiled = replace(noisy, tau=noisy.tau + 50.0 * gone[:, None])
     found, alone = (
-        identify(ARM, [one.excluding([(1.0, 1.5)])], recipe=Recipe(estimator=MaximumLikelihood()))
+        identify(ARM, [one.exclude([(1.0, 1.5)])], recipe=Recipe(estimator=MaximumLikelihood()))
         for one in (spoiled, noisy)
     )
     np.testing.assert_allclose(found.estimate.value, alone.estimate.value, atol=0.01 * float(alone.estimate.std.min()))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.identification import identify
-from tests.payload.arms import RECIPE, arm, recorded, result
+from tests.apps.payload.arms import RECIPE, arm, recorded, result
 
 
 def test_the_parts_of_the_joints_make_the_base_parameters() -> None:

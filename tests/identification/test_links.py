@@ -9,8 +9,8 @@ import numpy as np
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification import Identifiability
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, determined_by, link_inertias
-from dynident.models import Model, RigidBodies, gallery
-from dynident.models.inertia import from_physical
+from dynident.models import Model, RigidBodies, from_physical
+from dynident.models import lagrangian as gallery
 from tests.report.robots import identified
 
 THETA = from_physical(3.0, [0.1, -0.2, 0.05], np.diag([0.10, 0.20, 0.25]) + 0.01)
@@ -46,7 +46,7 @@ def test_errors_are_those_of_drawn_parameters() -> None:
     np.testing.assert_allclose(link.std, np.std([values(one) for one in drawn], axis=0), rtol=0.05)
     np.testing.assert_allclose(link.found.values, values(THETA))
     assert link.sure.all()
-    assert link.mostly is DeterminedBy.DATA
+    assert link.main_source is DeterminedBy.DATA
 
 
 def test_an_ellipsoid_has_the_inertia_of_its_body() -> None:
@@ -115,4 +115,4 @@ def test_a_model_without_bodies_has_no_links() -> None:
 
 def test_of_as_many_parameters_the_worse_counts() -> None:
     link = replace(link_inertias(identified())[0], by={DeterminedBy.DATA: 2, DeterminedBy.BOUND: 2})
-    assert link.mostly is DeterminedBy.BOUND
+    assert link.main_source is DeterminedBy.BOUND

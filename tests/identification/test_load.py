@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.errors import ModelError
-from dynident.log import Log, Motion
-from dynident.models import Dahl, LoadCoulomb
-from dynident.models.gallery import two_link_arm
+from dynident.models.friction import Dahl, LoadCoulomb
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Log, Motion
+from dynident.runtime import ModelError
 from dynident.validation import free_run
 
 ARM = two_link_arm()
@@ -29,7 +29,7 @@ def truth():
     q, dq, ddq = (size * w**k * np.sin(angle + k * np.pi / 2) for k in range(3))
     names = tuple(joint.name for joint in MODEL.joints)
     sums = [one.sum(axis=1) for one in (q, dq, ddq)]
-    model = MODEL.loaded(THETA)
+    model = MODEL.with_load(THETA)
     motion = model.remembering(Motion(t, *sums, 0 * sums[0], names, np.ones(len(t), bool), "arm"))
     return replace(motion, tau=model.torque(**motion.states(), theta=THETA))
 
@@ -58,16 +58,16 @@ def test_a_saved_result_predicts_the_same(found, log, tmp_path):
     again = dy.load(found.save(tmp_path / "result.json"), model=MODEL)
     assert again.model.load == found.model.load
     one, other = (each.predict(log) for each in (found, again))
-    np.testing.assert_array_equal(one.predicted, other.predicted)
+    np.testing.assert_array_equal(one.predicted_torque, other.predicted_torque)
 
 
 def test_the_memory_goes_on_in_a_free_simulation(found, truth):
     motion = found.validations[0].motion
-    run = free_run(found.model, found.estimate.value, motion.between(2.0, 3.0), restart=0.5)
+    run = free_run(found.model, found.estimate.value, motion.select_between(2.0, 3.0), restart=0.5)
     assert run.failure is None
     assert max(run.motion_error.values()) < 10.0
-    exact = free_run(MODEL.loaded(THETA), THETA, truth.between(2.0, 3.0), restart=0.5)
-    without = free_run(ARM.with_gravity(lambda g: g), ARM.values, truth.between(2.0, 3.0), restart=0.5)
+    exact = free_run(MODEL.with_load(THETA), THETA, truth.select_between(2.0, 3.0), restart=0.5)
+    without = free_run(ARM.with_gravity(lambda g: g), ARM.values, truth.select_between(2.0, 3.0), restart=0.5)
     assert max(exact.motion_error.values()) < 1.0 < min(without.motion_error.values())
 
 
@@ -78,7 +78,7 @@ def test_maximum_likelihood_takes_the_memory_of_the_smoothed_motion(log, found):
 
 
 def test_a_load_that_is_given_stays(log):
-    model = MODEL.loaded(THETA)
+    model = MODEL.with_load(THETA)
     assert dy.identify(model, [log.window(0.0, 4.0)]).model.load == model.load
 
 

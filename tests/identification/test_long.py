@@ -8,36 +8,30 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError
-from dynident.estimators import (
-    Estimator,
-    LeastSquares,
-    MaximumLikelihood,
-    PhysicallyConsistent,
-    RobustLeastSquares,
-    TotalLeastSquares,
-)
+from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, RobustLeastSquares, TotalLeastSquares
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import (
-    Division,
+    DivisionSettings,
     Identification,
     InPieces,
-    Prepared,
+    PiecePlan,
     Recipe,
     Span,
     Stretch,
-    finished,
     identify,
-    prepared,
+    identify_from_pieces,
+    plan_pieces,
 )
-from dynident.jobs import run_jobs
-from dynident.log import Log, Motion
-from dynident.models import record
-from dynident.models.gallery import two_link_arm
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import record
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Butterworth, Smoother, Spline
 from dynident.regression import ParallelFilter
-from dynident.smoothers import Butterworth, Smoother, Spline
+from dynident.runtime import ConfigError, progress_to
+from dynident.runtime.jobs import run_jobs
 
 ARM = two_link_arm()
-SMALL = Division(excerpts=3, excerpt=1500, piece=1000, pieces=10, shortest=500)
+SMALL = DivisionSettings(excerpts=3, excerpt=1500, piece=1000, pieces=10, shortest=500)
 assert ARM.values is not None
 THETA = ARM.values
 
@@ -77,10 +71,10 @@ def recording(sigma_tau: float = 0.02, samples: int = 12_000, seed: int = 0) -> 
 LOG = recording()
 
 
-def in_pieces(ready: Prepared, validation: Sequence[Log] = ()) -> Identification:
+def in_pieces(ready: PiecePlan, validation: Sequence[Log] = ()) -> Identification:
     done = {one.job: one.value for one in run_jobs(ready.reducer, ready.spans)}
     pieces = [done[span] for span in ready.spans]
-    return finished(ready, [one for one in pieces if one is not None], validation)
+    return identify_from_pieces(ready, [one for one in pieces if one is not None], validation)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +89,7 @@ def in_pieces(ready: Prepared, validation: Sequence[Log] = ()) -> Identification
 def test_the_estimate_is_that_of_the_whole_to_rounding(
     smoother: Smoother, estimator: Estimator, low: ParallelFilter | None
 ) -> None:
-    ready = prepared(ARM, [Held(LOG)], Recipe(smoother, estimator, low), SMALL)
+    ready = plan_pieces(ARM, [Held(LOG)], Recipe(smoother, estimator, low), SMALL)
     assert len(ready.spans) == 12
     found = in_pieces(ready)
     whole = identify(ARM, [LOG], recipe=found.recipe)  # with all that was chosen
@@ -111,7 +105,7 @@ def test_the_estimate_is_that_of_the_whole_to_rounding(
 
 
 def test_standard_errors_allow_for_correlation_and_hold_the_truth() -> None:
-    found = in_pieces(prepared(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL))
+    found = in_pieces(plan_pieces(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL))
     whole = identify(ARM, [LOG], recipe=found.recipe)
     assert found.errors.std_hac is not None
     assert whole.errors.std_hac is not None
@@ -122,7 +116,7 @@ def test_standard_errors_allow_for_correlation_and_hold_the_truth() -> None:
 
 def test_held_out_logs_are_judged_as_ever_and_excerpts_stand_for_the_training() -> None:
     held = replace(recording(seed=1, samples=2000), source="tuesday")
-    found = in_pieces(prepared(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL), [held])
+    found = in_pieces(plan_pieces(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL), [held])
     *excerpts, last = found.validations
     assert [one.role for one in found.validations] == ["train"] * 3 + ["validation"]
     assert [len(one.motion) for one in excerpts] == [1500] * 3
@@ -134,7 +128,7 @@ def test_held_out_logs_are_judged_as_ever_and_excerpts_stand_for_the_training() 
 def test_a_change_is_seen_in_the_pieces() -> None:
     late = np.arange(len(LOG))[:, None] >= 9000
     changed = replace(LOG, tau=LOG.tau + np.where(late, [0.5, 0.0], 0.0))
-    found = in_pieces(prepared(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
+    found = in_pieces(plan_pieces(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
     pieces = found.estimate.residual.pieces
     assert pieces is not None
     left = pieces.residual[:, 0]
@@ -144,13 +138,13 @@ def test_a_change_is_seen_in_the_pieces() -> None:
 
 def test_gaps_end_pieces_and_short_stretches_are_left_out() -> None:
     held = Held(LOG, (4000, 4100, 4130))
-    ready = prepared(ARM, [held, Held(replace(LOG, source="night"))], Recipe(Spline(sigma=1e-5)), SMALL)
-    assert ready.lost == 30
+    ready = plan_pieces(ARM, [held, Held(replace(LOG, source="night"))], Recipe(Spline(sigma=1e-5)), SMALL)
+    assert ready.lost_samples == 30
     edges = {0, 4000, 4100, 4130, 12_000}
     for span in ready.spans:
-        assert span.first <= span.start < span.stop <= span.last
+        assert span.read_start <= span.start < span.stop <= span.read_stop
         if span.recording == 0:
-            assert not any(span.first < edge < span.last for edge in edges)
+            assert not any(span.read_start < edge < span.read_stop for edge in edges)
     assert sum(span.stop - span.start for span in ready.spans) == 2 * len(LOG) - 30
     assert {span.recording for span in ready.spans} == {0, 1}
 
@@ -160,7 +154,7 @@ def test_excerpts_are_where_the_arm_moves_and_rests_are_not_fitted() -> None:
     still = replace(
         LOG, q=np.where(rest[:, None], 0.3, LOG.q) + 1e-5 * np.random.default_rng(2).normal(size=LOG.q.shape)
     )
-    ready = prepared(ARM, [Held(still)], Recipe(Spline(sigma=1e-5), outliers="keep"), replace(SMALL, excerpt=1000))
+    ready = plan_pieces(ARM, [Held(still)], Recipe(Spline(sigma=1e-5), outliers="keep"), replace(SMALL, excerpt=1000))
     for one in ready.logs.values():
         assert np.ptp(one.q, axis=0).min() > 0.1
     resting = Span(0, 6050, 7050, 6000, 7100)
@@ -173,11 +167,12 @@ def test_what_needs_all_samples_at_once_is_refused() -> None:
     recipe = Recipe(Spline(sigma=1e-5), MaximumLikelihood())
     steps: list[str] = []
     for estimator in (MaximumLikelihood(), PhysicallyConsistent(fit=RobustLeastSquares())):
-        with pytest.raises(ConfigError, match=f"{type(estimator).__name__} needs all samples at once"):
-            prepared(ARM, [short], replace(recipe, estimator=estimator), SMALL, steps.append)
+        words = f"{type(estimator).__name__} needs all samples at once"
+        with progress_to(steps.append), pytest.raises(ConfigError, match=words):
+            plan_pieces(ARM, [short], replace(recipe, estimator=estimator), SMALL)
     assert not steps  # before anything is fitted
     known = TotalLeastSquares(errors={ARM.names[0]: 1e-3})
     with pytest.raises(ConfigError, match="TotalLeastSquares needs all samples at once"):
-        prepared(ARM, [short], replace(recipe, estimator=known), replace(SMALL, excerpt=300))
+        plan_pieces(ARM, [short], replace(recipe, estimator=known), replace(SMALL, excerpt=300))
     with pytest.raises(ConfigError, match=r"smooths over .* no piece of 60 samples"):
-        prepared(ARM, [Held(LOG, tuple(range(60, 12_000, 60)))], Recipe(Spline(sigma=1e-5)), SMALL)
+        plan_pieces(ARM, [Held(LOG, tuple(range(60, 12_000, 60)))], Recipe(Spline(sigma=1e-5)), SMALL)

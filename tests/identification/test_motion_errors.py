@@ -11,15 +11,17 @@ import pytest
 
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, RobustLeastSquares
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy
-from dynident.identification import Identification, Recipe, find_time_offset, identify, pair
+from dynident.identification import Identification, Recipe, align_motion, find_time_offset, identify
 from dynident.identification.motion_errors import MotionErrors, motion_errors
-from dynident.identification.standard_errors import identifiability_of
-from dynident.log import Log, Motion
-from dynident.models import Coulomb, Model, Viscous, record, simulate
-from dynident.models.gallery import pendulum
-from dynident.regression import ParallelFilter, Regression
-from dynident.smoothers import Smoother, Spline, TimeShifted
-from dynident.splines import NORMAL_95
+from dynident.identification.uncertainty import identifiability_of
+from dynident.models import Model
+from dynident.models.friction import Coulomb, Viscous
+from dynident.models.lagrangian import pendulum
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Smoother, Spline, TimeShifted
+from dynident.motion.splines import NORMAL_95
+from dynident.regression import ParallelFilter, Regression, Selection
 
 ARM = pendulum()
 MODEL = Model((*ARM.terms, Viscous(ARM.joints, values=(0.05,)), Coulomb(ARM.joints, values=(0.1,), width=0.1)))
@@ -46,7 +48,7 @@ def log(seed: int, sigma: float = SIGMA) -> Log:
 
 def predicted(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> MotionErrors:
     motions = (smoother(one),)
-    regression = Regression(MODEL, motions, parallel_filter)
+    regression = Regression(MODEL, motions, Selection(parallel_filter))
     found = motion_errors(MODEL, [one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
     assert found is not None
     return found
@@ -54,7 +56,7 @@ def predicted(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | No
 
 def plain(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> np.ndarray:
     motions = (smoother(one),)
-    return LeastSquares()(Problem(MODEL, motions, Regression(MODEL, motions, parallel_filter))).value
+    return LeastSquares()(Problem(MODEL, motions, Regression(MODEL, motions, Selection(parallel_filter)))).value
 
 
 @pytest.mark.parametrize(
@@ -98,10 +100,10 @@ def test_intervals_of_a_robust_fit_hold() -> None:
         wrong = np.where(rng.random(one.tau.shape) < 0.1, rng.normal(0, 5.0, one.tau.shape), 0.0)
         regression = Regression(MODEL, (replace(motion, tau=motion.tau + wrong),))
         estimate = robust(Problem(MODEL, regression.motions, regression))
-        rows = estimate.residual.weighted(regression)
+        rows = estimate.residual.weight_rows(regression)
         found = motion_errors(MODEL, [one], rows, WIDE, estimate)
         assert found is not None
-        errors, _ = identifiability_of(MODEL, rows, estimate, found.covariance, lambda _: None)
+        errors, _ = identifiability_of(MODEL, rows, estimate, found.covariance)
         held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.best)
         before.append(np.abs(estimate.value - TRUTH) < NORMAL_95 * estimate.std)
     assert np.mean(held) > 0.83
@@ -124,7 +126,7 @@ def test_weights_of_samples_count(depends: bool, parallel_filter: ParallelFilter
     slower = np.where(np.arange(len(t))[:, None] < 1000, 1.0, 1e-6)
     for mask, weights in ((slower[:, 0] == 1.0, ()), (np.ones(len(t), dtype=bool), (slower,))):
         motions = (replace(motion, mask=motion.mask & mask),)
-        rows = Regression(MODEL, motions, parallel_filter, weights=weights)
+        rows = Regression(MODEL, motions, Selection(parallel_filter), weights=weights)
         estimate = LeastSquares()(Problem(MODEL, motions, rows))
         slopes = tuple(np.square(w) for w in weights) if depends else ()
         residual = replace(estimate.residual, sample_weights=weights, slopes=slopes)
@@ -151,7 +153,7 @@ def test_the_correction_is_said_and_only_made_where_it_matters() -> None:
 
 
 def test_a_bias_too_large_to_correct_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["dynident.identification.identify"], "FAR", 1e-6)
+    monkeypatch.setattr(sys.modules["dynident.identification.identify"], "MAX_CORRECTED_BIAS", 1e-6)
     found = identify(MODEL, [log(1)], recipe=Recipe(WIDE))
     assert notes(found) == [MotionTooNoisy]
     np.testing.assert_array_equal(found.estimate.value, plain(log(1), WIDE))
@@ -171,6 +173,6 @@ def test_noise_that_is_less_between_samples_is_no_time_offset() -> None:
     motion = simulate(ARM, np.asarray(ARM.values), lambda s: [np.sin(5 * s)], t)
     one, known = record(motion, 1e-4, 0.01, rng).log, Spline(sigma=1e-4)
     assert abs(find_time_offset(ARM, [known(one)], LeastSquares()).seconds) > 5e-4
-    found = pair(ARM, [one], [known], "estimate", LeastSquares()).time_offset
+    found = align_motion(ARM, [one], [known], "estimate", LeastSquares()).time_offset
     assert found is not None
     assert found.seconds == 0.0

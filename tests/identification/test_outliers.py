@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
-from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent
-from dynident.identification import Identification, Recipe, identify
-from dynident.identification.outliers import HeldOutOutliers
-from dynident.identification.verdict import judge
-from dynident.identification.verdict.reasons import SilentTorque
-from dynident.log import Log, Motion
-from dynident.models import simulate
-from dynident.models.gallery import pendulum, two_link_arm
-from dynident.models.simulation import record
+from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.identification import Identification, Recipe, identify, judge
+from dynident.identification.dataset import HeldOutOutliers
+from dynident.identification.verdict import SilentTorque
+from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Spline
 from dynident.regression import ParallelFilter
-from dynident.smoothers import Spline
+from dynident.runtime import InputError
 
 ARM = pendulum()
 T = np.arange(2000) * 0.005

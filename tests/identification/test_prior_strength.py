@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
-from dynident.estimators.constraints import bodies_of, scales
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, bodies_of, parameter_scales
 from dynident.identification import find_prior_strength
-from dynident.identification.prior_strength import with_strength
+from dynident.identification.calibration import with_strength
 from dynident.regression import Regression
-from tests.estimators.physically_consistent.arms import arm, error, problem
+from tests.estimators.arms import arm, error, problem
 
 AUTO = PhysicallyConsistent()
 
@@ -50,7 +49,7 @@ def test_only_what_is_to_be_chosen_is() -> None:
     for estimator in (LeastSquares(), replace(AUTO, strength=0.1), replace(AUTO, prior="none")):
         assert find_prior_strength(posed.model, posed.motions, estimator) is None
         assert with_strength(estimator, None) is estimator
-    few = posed.motions[0].shifted(0.0, np.arange(30))
+    few = posed.motions[0].shift(0.0, np.arange(30))
     assert find_prior_strength(posed.model, [few], AUTO) is None
 
 
@@ -59,7 +58,7 @@ def test_the_stronger_the_prior_the_nearer_the_file() -> None:
     posed = problem(arm(off=0.3), samples=200)
     nominal = np.array([one.value or 0.0 for one in posed.model.parameters])[:60]
     parameters = posed.model.parameters
-    size = scales(parameters, bodies_of(parameters), np.ones(len(parameters)), 1.0)[:60]
+    size = parameter_scales(parameters, bodies_of(parameters), np.ones(len(parameters)), 1.0)[:60]
     far = [
         np.linalg.norm((PhysicallyConsistent(strength=one)(posed).value[:60] - nominal) / size)
         for one in (0.0, 1e-2, 1.0, 1e3)

@@ -8,11 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.identification import Identification, Recipe, Rests, identify, moving_span, resting
-from dynident.identification.rests import trimmed, whole_rests, without_rests
-from dynident.log import Log, Motion
-from dynident.models import simulate
-from dynident.models.gallery import two_link_arm
+from dynident.identification import Identification, Recipe, Rests, arm_rests, identify, moving_span, rest_blocks
+from dynident.identification.recipe import trim_rests, without_rests
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import simulate
+from dynident.motion.log import Log, Motion
+from dynident.regression import Selection
 
 STEP, NOISE = 0.005, 1e-5
 JOINTS = ("joint1", "joint2")
@@ -33,38 +34,38 @@ def log(*parts: tuple[float, float], noise: float = NOISE, size: float = 1.0) ->
 
 def test_a_log_that_never_rests_is_the_same() -> None:
     moving = log((20.0, 1.0))
-    assert whole_rests(moving) == ()
-    assert trimmed(moving) is moving
+    assert arm_rests(moving) == ()
+    assert trim_rests(moving) is moving
     assert moving_span(moving) == (moving.t[0], moving.t[-1])
 
 
 def test_rests_at_the_ends_are_cut_but_for_a_moment() -> None:
     still = log((5.0, 0.0), (20.0, 1.0), (3.0, 0.0))
     assert moving_span(still) == pytest.approx((5.0, 25.0), abs=0.11)
-    cut = trimmed(still)
+    cut = trim_rests(still)
     assert (cut.t[0], cut.t[-1]) == pytest.approx((4.7, 25.3), abs=0.11)
-    assert cut is trimmed(still)  # found once
+    assert cut is trim_rests(still)  # found once
     assert cut.source == "log"
 
 
 @pytest.mark.parametrize("parts", [((0.3, 0.0), (20.0, 1.0)), ((20.0, 1.0), (0.3, 0.0))])
 def test_a_short_rest_stays(parts: tuple[tuple[float, float], ...]) -> None:
     still = log(*parts)
-    assert trimmed(still) is still
+    assert trim_rests(still) is still
 
 
 def test_one_joint_at_rest_is_no_rest_of_the_arm() -> None:
     still = log((5.0, 0.0), (20.0, 1.0))
     one = replace(still, q=np.column_stack([still.q[:, 0], np.sin(2 * still.t)]))
-    assert resting(one)[:49, 0].all()
-    assert trimmed(one) is one
+    assert rest_blocks(one)[:49, 0].all()
+    assert trim_rests(one) is one
 
 
 def test_a_flickering_encoder_is_at_rest() -> None:
     still = log((5.0, 0.0), (20.0, 1.0), noise=0.0)
     rng = np.random.default_rng(1)
     counts = np.round(still.q / 4e-4 + rng.uniform(-0.3, 0.3, still.q.shape)) * 4e-4
-    assert trimmed(replace(still, q=counts)).t[0] == pytest.approx(4.7, abs=0.11)
+    assert trim_rests(replace(still, q=counts)).t[0] == pytest.approx(4.7, abs=0.11)
 
 
 @pytest.mark.parametrize("noise", [NOISE, 1e-3])
@@ -72,9 +73,9 @@ def test_a_slow_robot_is_not_trimmed_away(noise: float) -> None:
     """A tenth of its usual pace, or less than its noise in a block: it creeps, and does not rest."""
     for slow in (0.1, 0.02, 0.009):
         creeping = log((10.0, slow), (10.0, 1.0), (10.0, slow), noise=noise)
-        assert trimmed(creeping) is creeping
+        assert trim_rests(creeping) is creeping
     crawling = log((60.0, 0.005), noise=noise)
-    assert trimmed(crawling) is crawling
+    assert trim_rests(crawling) is crawling
 
 
 def test_spikes_of_the_positions_are_no_motion_and_no_noise() -> None:
@@ -89,15 +90,15 @@ def test_spikes_of_the_positions_are_no_motion_and_no_noise() -> None:
 def test_a_slow_robot_rests_longer() -> None:
     """What stands for a second while it crosses its range in two minutes has only stuck."""
     sticking = log((1.0, 0.0), (400.0, 0.02))
-    assert trimmed(sticking) is sticking
+    assert trim_rests(sticking) is sticking
 
 
 def test_an_arm_that_never_moves_and_one_that_hardly_does_stay_as_they_are() -> None:
     still, short = log((20.0, 0.0)), log((10.0, 0.0), (0.3, 1.0), (10.0, 0.0))
-    assert trimmed(still) is still
-    assert trimmed(short) is short
+    assert trim_rests(still) is still
+    assert trim_rests(short) is short
     few = log((0.4, 0.0), (0.4, 1.0))
-    assert trimmed(few) is few
+    assert trim_rests(few) is few
 
 
 @cache
@@ -144,10 +145,10 @@ def test_where_rests_are_kept_or_a_minimum_speed_is_set_nothing_is_decided() -> 
     motion, recorded = held(5.0)
     logs = {"train": {"a": recorded}}
     assert without_rests(two_link_arm(), {"a": motion}, logs, "keep") == ({"a": motion}, ())
-    found, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", (0.1, 0.1))
+    found, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", Selection(min_speed=(0.1, 0.1)))
     assert found == {"a": motion}
     assert note.gain is None
-    _, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", (0.1, 0.0))
+    _, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", Selection(min_speed=(0.1, 0.0)))
     assert note.gain is not None, "the other joint is fitted at rest"
 
 
@@ -173,14 +174,14 @@ def test_identify_trims_and_says_so() -> None:
     assert [one.start for one in said] == pytest.approx([3.7, 3.7], abs=0.15)
     assert [one.end for one in said] == pytest.approx([2.7, 2.7], abs=0.15)
     assert {one.within for one in said} == {0.0}
-    assert [len(one.motion) for one in found.validations] == [len(trimmed(waiting()))] * 2
+    assert [len(one.motion) for one in found.validations] == [len(trim_rests(waiting()))] * 2
     assert not any(isinstance(one, Rests) for one in fitted("keep", waiting()).notes)
 
 
 def test_an_identification_without_rests_is_the_same_to_the_last_bit() -> None:
     moving = waiting().window(4.5, 18.5)
-    assert trimmed(moving) is moving
+    assert trim_rests(moving) is moving
     one, other = (fitted(rests, moving) for rests in ("trim", "keep"))
     assert (one.estimate.value == other.estimate.value).all()
     assert one.notes == other.notes
-    assert (one.validations[1].predicted == other.validations[1].predicted).all()
+    assert (one.validations[1].predicted_torque == other.validations[1].predicted_torque).all()

@@ -7,14 +7,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError
 from dynident.estimators import Estimate, LeastSquares
 from dynident.identification import Identification, Recipe, StandardErrors, identify
-from dynident.log import Log
-from dynident.smoothers import Spline, TimeShifted
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline, TimeShifted
+from dynident.runtime import ConfigError, InputError
 from tests.identification.test_base_tilt import tilted
 from tests.identification.test_time_offset import swing
-from tests.io.same import assert_same
+from tests.project.same import assert_same
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_the_recipe_as_used_leaves_nothing_to_choose(found: Identification) -> N
     tilt = found.calibration.base_tilt
     assert tilt is not None
     assert found.recipe.base_tilt == (tilt.x, tilt.y)
-    log = found.validations[0].recorded
+    log = found.validations[0].recorded_log
     assert log is not None
     np.testing.assert_array_equal(found.recipe.motion(log).ddq, found.validations[0].motion.ddq)
 
@@ -46,7 +46,7 @@ def test_the_recipe_as_used_leaves_nothing_to_choose(found: Identification) -> N
 def test_the_recipe_as_used_gives_the_same_again(found: Identification) -> None:
     """To the model as it was given: the tilt of the base is in the recipe."""
     model, _ = tilted(0.0, 0.0)
-    log = found.validations[0].recorded
+    log = found.validations[0].recorded_log
     assert log is not None
     again = identify(model, [log], [replace(log, source="again")], found.recipe)
     assert again.recipe == found.recipe
@@ -64,16 +64,16 @@ def test_a_time_offset_is_not_applied_twice() -> None:
 
 
 def test_a_new_log_is_predicted_with_joints_in_any_order(found: Identification) -> None:
-    log = found.validations[1].recorded
+    log = found.validations[1].recorded_log
     assert log is not None
     turned = log.select(tuple(reversed(log.joints)))
     predicted = found.predict(turned)
-    np.testing.assert_array_equal(predicted.predicted, found.validations[1].predicted)
+    np.testing.assert_array_equal(predicted.predicted_torque, found.validations[1].predicted_torque)
     assert predicted.errors.relative_error == found.validations[1].errors.relative_error
 
 
 def test_a_recipe_with_several_smoothers_has_no_motion_yet(found: Identification) -> None:
-    log = found.validations[0].recorded
+    log = found.validations[0].recorded_log
     assert log is not None
     with pytest.raises(ConfigError, match="2 smoothers to choose from"):
         Recipe((Spline(), Spline(factor=2.0)), LeastSquares()).motion(log)
@@ -81,7 +81,7 @@ def test_a_recipe_with_several_smoothers_has_no_motion_yet(found: Identification
 
 def test_signals_that_are_not_there_are_said_to_be_missing(found: Identification) -> None:
     bare = replace(found.validations[0], signals=None)
-    for name in ("motion", "predicted", "recorded"):
+    for name in ("motion", "predicted_torque", "recorded_log"):
         with pytest.raises(InputError, match="moves: a saved result holds the errors"):
             getattr(bare, name)
 

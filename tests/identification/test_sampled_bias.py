@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from dynident.estimators import LeastSquares, Problem
+from dynident.identification.motion_errors import RepetitionFactors, repeat_piece, sampled_bias
 from dynident.identification.repetition import pieces_of
-from dynident.identification.sampled_bias import Repeated, repeat, sampled_bias
-from dynident.log import Motion
-from dynident.models import Coulomb, Model, Viscous, record
-from dynident.models.gallery import pendulum
+from dynident.models import Model
+from dynident.models.friction import Coulomb, Viscous
+from dynident.models.lagrangian import pendulum
+from dynident.models.simulation import record
+from dynident.motion.log import Motion
+from dynident.motion.smoothers import Spline
+from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression
-from dynident.smoothers import Spline
-from dynident.splines import NORMAL_95
 from dynident.validation import clustered_std
 
 ARM = pendulum()
@@ -46,9 +48,9 @@ def corrected(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     value = LeastSquares()(Problem(MODEL, motions, regression)).value
     part = np.arange(SAMPLES // 4)
     repeated = [
-        repeat(MODEL, piece, value, regression, rng)
+        repeat_piece(MODEL, piece, value, regression, rng)
         for log, one in zip(logs, motions, strict=True)
-        for piece in pieces_of(MODEL, log.rows(part, ""), one.shifted(0.0, part), SMOOTHER, value, 1.0)
+        for piece in pieces_of(MODEL, log.rows(part, ""), one.shift(0.0, part), SMOOTHER, value, 1.0)
     ]
     found = sampled_bias(repeated, MODEL, np.ones(1))
     assert found is not None
@@ -73,9 +75,9 @@ def test_pieces_without_rows_do_not_count_and_one_is_too_few() -> None:
     log = record(one, 3e-3, 0.01, rng).log
     like = Regression(MODEL, (SMOOTHER(log),))
     (piece,) = pieces_of(MODEL, log, like.motions[0], SMOOTHER, TRUTH, 1.0)
-    found = repeat(MODEL, piece, TRUTH, like, rng)
+    found = repeat_piece(MODEL, piece, TRUTH, like, rng)
     empty = like.triangular_factors.__class__(np.zeros_like(found.once.factors), np.zeros_like(found.once.rows))
-    none = Repeated(empty, empty)
+    none = RepetitionFactors(empty, empty)
     assert sampled_bias([found, none], MODEL, np.ones(1)) is None
     both, more = sampled_bias([found, found], MODEL, np.ones(1)), sampled_bias([found, none, found], MODEL, np.ones(1))
     assert both is not None

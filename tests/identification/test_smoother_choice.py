@@ -9,12 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError
-from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify, smoother_choice
-from dynident.log import Log, Motion
-from dynident.models import record, simulate
-from dynident.models.gallery import slider, two_link_arm
-from dynident.smoothers import Butterworth, Difference, Spline
+from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify
+from dynident.identification import cross_validation as smoother_choice
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Butterworth, Difference, Spline
+from dynident.runtime import ConfigError, InputError
 
 
 @cache
@@ -84,7 +85,7 @@ def test_an_executor_smooths_and_chooses_the_same() -> None:
     for one, candidates in ((log(coloured=True), FACTORS), (jittered, (Butterworth(), Spline()))):
         known: dict[int, tuple[Motion, ...]] = {}
         with Counted(2) as executor:
-            spread = choose_smoother(two_link_arm(), [one], candidates, executor=executor, known=known)
+            spread = choose_smoother(two_link_arm(), [one], candidates, executor=executor, motion_cache=known)
         assert spread == choose_smoother(two_link_arm(), [one], candidates)
         assert executor.used
         assert id(spread.smoother) in known
@@ -124,9 +125,9 @@ def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None
             seen.append(len(one))
             return super().__call__(one)
 
-    monkeypatch.setattr(smoother_choice, "SAMPLES", 1000)
-    monkeypatch.setattr(smoother_choice, "PIECES", 1)
-    monkeypatch.setattr(smoother_choice, "ROWS", 300)
+    monkeypatch.setattr(smoother_choice, "MAX_SAMPLES", 1000)
+    monkeypatch.setattr(smoother_choice, "PIECES_PER_LOG", 1)
+    monkeypatch.setattr(smoother_choice, "REGRESSION_SAMPLES", 300)
     choice = choose_smoother(two_link_arm(), [log(coloured=True)], [Counted(factor=one.factor) for one in FACTORS])
     assert choice.smoother.factor == whole.smoother.factor
     assert set(seen) == {1000}

@@ -8,16 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.errors import Step
 from dynident.estimators import LeastSquares
-from dynident.identification import Gain, Pairing, Recipe, find_time_offset, identify, pair
+from dynident.identification import Alignment, Gain, Recipe, align_motion, choose_smoother, find_time_offset, identify
 from dynident.identification import time_offset as module
-from dynident.identification.smoother_choice import choose_smoother
-from dynident.identification.time_offset import NEAR, TRIALS, _least
-from dynident.log import Motion
-from dynident.models import Model, record, simulate
-from dynident.models.gallery import slider, two_link_arm
-from dynident.smoothers import Spline, TimeShifted
+from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
+from dynident.models import Model
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Motion
+from dynident.motion.smoothers import Spline, TimeShifted
+from dynident.regression import Selection
+from dynident.runtime import Step, progress_to
 
 
 def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
@@ -51,27 +52,27 @@ def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late
     assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
 
 
-@pytest.mark.parametrize("trials", [TRIALS, TRIALS[:NEAR]])
+@pytest.mark.parametrize("trials", [TRIAL_OFFSETS, TRIAL_OFFSETS[:NEAREST_TRIALS]])
 @pytest.mark.parametrize("least", [-0.0319, -0.004, 0.0, 0.0002, 0.001, 0.0012, 0.02])
 def test_the_least_error_is_found_to_the_precision_of_the_search(least: float, trials: tuple[float, ...]) -> None:
-    best, after, before = _least(lambda x: float(np.hypot(1.0, 1e3 * (x - least))), trials)
+    best, after, before = _minimise_error(lambda x: float(np.hypot(1.0, 1e3 * (x - least))), trials)
     assert type(best) is float
     assert best == pytest.approx(least, abs=5e-5)
     assert after == pytest.approx(1.0, abs=2e-3)
     assert before == np.hypot(1.0, 1e3 * least)
 
 
-@pytest.mark.parametrize("trials", [TRIALS, TRIALS[:NEAR]])
+@pytest.mark.parametrize("trials", [TRIAL_OFFSETS, TRIAL_OFFSETS[:NEAREST_TRIALS]])
 @pytest.mark.parametrize("least", [-0.1, 0.04, 0.05])
 def test_the_least_error_beyond_the_range_is_none(least: float, trials: tuple[float, ...]) -> None:
-    best, after, before = _least(lambda x: 1.0 + (x - least) ** 2, trials)
+    best, after, before = _minimise_error(lambda x: 1.0 + (x - least) ** 2, trials)
     assert np.isnan(best)
     assert after == before == 1.0 + least**2
 
 
 @pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
 def test_an_error_without_a_least_one_is_that_without_offset(value: float) -> None:
-    best, after, before = _least(lambda _: value)
+    best, after, before = _minimise_error(lambda _: value)
     assert best == 0.0
     assert (after, before) == pytest.approx((value, value), nan_ok=True)
 
@@ -79,7 +80,7 @@ def test_an_error_without_a_least_one_is_that_without_offset(value: float) -> No
 @pytest.mark.parametrize("unknown", [-0.001, 0.0, 0.001, 0.003])
 def test_an_error_that_is_not_known_is_not_the_least(unknown: float) -> None:
     """Beside it, the best of the trials is not refined; without it at zero there is nothing to compare with."""
-    best, after, before = _least(lambda x: np.nan if x == unknown else 1.0 + (x - 0.0012) ** 2)
+    best, after, before = _minimise_error(lambda x: np.nan if x == unknown else 1.0 + (x - 0.0012) ** 2)
     assert best == {-0.001: pytest.approx(0.0012, abs=2e-5), 0.0: 0.0, 0.001: 0.0, 0.003: 0.001}[unknown]
     assert np.isnan(after) == np.isnan(before) == (unknown == 0.0)
 
@@ -135,7 +136,10 @@ def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
 def test_what_is_too_slow_for_the_fit_does_not_count_in_the_error_of_an_offset() -> None:
     motion = sliding(0.004, 0.2)
     wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
-    clean, found = (find_time_offset(slider(), [one], LeastSquares(), min_speed=(0.2,)) for one in (motion, wrong))
+    clean, found = (
+        find_time_offset(slider(), [one], LeastSquares(), selection=Selection(min_speed=(0.2,)))
+        for one in (motion, wrong)
+    )
     assert (found.seconds, found.std) == pytest.approx((clean.seconds, clean.std), rel=1e-3)
 
 
@@ -156,7 +160,7 @@ def test_a_time_offset_is_found(time_offset: float) -> None:
     arm, motion = swing()
     rng = np.random.default_rng(3)
     noisy = record(motion, 1e-5, 1e-2, rng).log
-    moved = replace(noisy, q=noisy.q - motion.q + motion.shifted(-time_offset).q).window(0.1, 9.9)
+    moved = replace(noisy, q=noisy.q - motion.q + motion.shift(-time_offset).q).window(0.1, 9.9)
     found = find_time_offset(arm, [Spline()(moved)], LeastSquares())
     assert found.seconds == pytest.approx(time_offset, abs=1e-4)
     assert found.after < 0.9 * found.before
@@ -172,7 +176,7 @@ def test_no_time_offset_is_left_alone() -> None:
 
 def test_a_misfit_that_grows_to_the_end_of_the_range_is_no_time_offset() -> None:
     arm, motion = swing()
-    log = replace(record(motion, 1e-5, 1e-2, np.random.default_rng(0)).log, q=motion.shifted(-0.2).q)
+    log = replace(record(motion, 1e-5, 1e-2, np.random.default_rng(0)).log, q=motion.shift(-0.2).q)
     assert find_time_offset(arm, [Spline()(log.window(0.5, 9.5))], LeastSquares()).seconds == 0.0
 
 
@@ -185,7 +189,7 @@ def test_a_log_too_short_for_it_has_no_time_offset() -> None:
 def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
     arm, motion = swing()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
-    moved = replace(noisy, q=noisy.q - motion.q + motion.shifted(-0.005).q).window(0.1, 9.9)
+    moved = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.005).q).window(0.1, 9.9)
     recipe = Recipe(smoother=(Spline(), Spline(factor=2.0)), time_offset="estimate")
     found = identify(arm, [moved], (), recipe)
     plain = identify(arm, [moved])
@@ -200,20 +204,18 @@ def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
 def test_a_given_time_offset_is_used_as_it_is() -> None:
     arm, motion = swing()
     log = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
-    assert pair(arm, [log], [Spline()], 0.004, LeastSquares()) == Pairing(TimeShifted(Spline(), 0.004))
+    assert align_motion(arm, [log], [Spline()], 0.004, LeastSquares()) == Alignment(TimeShifted(Spline(), 0.004))
 
 
 def test_each_smoother_is_used_once_on_each_log(monkeypatch: pytest.MonkeyPatch) -> None:
     arm, motion = swing()
-    late = record(
-        replace(motion, q=motion.shifted(-0.004).q), sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(0)
-    )
+    late = record(replace(motion, q=motion.shift(-0.004).q), sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(0))
     used: list[float] = []
     original = Spline.__call__
     monkeypatch.setattr(Spline, "__call__", lambda self, log: used.append(self.factor) or original(self, log))
     candidates = [Spline(factor=factor) for factor in (1.0, 1.5)]
-    monkeypatch.setattr(module, "repeated", lambda *_: ())  # it smooths other logs
-    found = pair(arm, [late.log], candidates, "estimate", LeastSquares())
+    monkeypatch.setattr(module, "repeat_recordings", lambda *_: ())  # it smooths other logs
+    found = align_motion(arm, [late.log], candidates, "estimate", LeastSquares())
     assert found.time_offset is not None
     assert found.time_offset.seconds
     assert used == [1.0, 1.5]
@@ -224,8 +226,8 @@ def test_each_smoother_is_used_once_on_each_log(monkeypatch: pytest.MonkeyPatch)
 
 def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over 24 runs offsets over their standard errors have a mean square of one, within five of its deviations."""
-    monkeypatch.setattr("dynident.identification.time_offset.GAIN", -1.0)
-    monkeypatch.setattr("dynident.identification.time_offset.SURE", 0.0)
+    monkeypatch.setattr("dynident.identification.time_offset.MIN_ERROR_REDUCTION", -1.0)
+    monkeypatch.setattr("dynident.identification.time_offset.MIN_SIGNIFICANCE", 0.0)
     monkeypatch.setattr(Gain, "sure", True)
     arm, motion = swing(1001, 0.01)
     ratios = []
@@ -241,7 +243,7 @@ def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.
 def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.MonkeyPatch) -> None:
     arm, motion = swing(1001, 0.01)
     noise = 0.3 * np.random.default_rng(2).standard_normal(motion.tau.shape)
-    monkeypatch.setattr("dynident.identification.time_offset.GAIN", -1.0)
+    monkeypatch.setattr("dynident.identification.time_offset.MIN_ERROR_REDUCTION", -1.0)
     found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
     assert found.seconds == 0.0
     assert found.std is not None
@@ -253,13 +255,13 @@ def imitated(share: float) -> Motion:
     motion = sliding(0.0, 0.2)
     there = np.arange(len(motion))[:, None] < share * len(motion)
     arm = slider()
-    exact = [arm.torque(one.q, one.dq, one.ddq, (5.0, 8.0, 3.0, 0.5)) for one in (motion, motion.shifted(-0.03))]
+    exact = [arm.torque(one.q, one.dq, one.ddq, (5.0, 8.0, 3.0, 0.5)) for one in (motion, motion.shift(-0.03))]
     return replace(motion, tau=motion.tau + np.where(there, exact[1] - exact[0], 0.0))
 
 
 def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error of the training falls by far more than is asked for; that of left-out stretches does not."""
-    monkeypatch.setattr("dynident.identification.time_offset.SURE", 0.0)
+    monkeypatch.setattr("dynident.identification.time_offset.MIN_SIGNIFICANCE", 0.0)
     part, whole = (find_time_offset(slider(), [imitated(share)], LeastSquares()) for share in (0.1, 1.0))
     assert part.gain is not None
     assert part.gain.share < part.gain.std
@@ -272,7 +274,7 @@ def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatc
 def test_an_offset_is_compared_on_the_samples_that_are_fast_without_it() -> None:
     """So that none wins by what it leaves out."""
     motion = sliding(0.004, 0.2)
-    found = find_time_offset(slider(), [motion], LeastSquares(), min_speed=(0.2,))
+    found = find_time_offset(slider(), [motion], LeastSquares(), selection=Selection(min_speed=(0.2,)))
     keep = replace(motion, keep=np.abs(motion.dq) >= 0.2)
     assert found == find_time_offset(slider(), [keep], LeastSquares())
 
@@ -338,10 +340,11 @@ def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
 
 def test_each_trial_tells_how_much_is_done() -> None:
     said: list[str] = []
-    find_time_offset(slider(), [sliding(0.004, 0.2)], LeastSquares(), progress=said.append)
+    with progress_to(said.append):
+        find_time_offset(slider(), [sliding(0.004, 0.2)], LeastSquares())
     steps = [one for one in said if isinstance(one, Step)]
-    assert [one.done for one in steps] == list(range(1, len(said) + 1))
-    assert all(one.total is not None and one.total >= one.done for one in steps)
+    assert [one.completed for one in steps] == list(range(1, len(said) + 1))
+    assert all(one.total is not None and one.total >= one.completed for one in steps)
 
 
 def test_only_trials_that_may_be_the_best_are_fitted() -> None:
@@ -351,8 +354,8 @@ def test_only_trials_that_may_be_the_best_are_fitted() -> None:
         fitted.append(x)
         return 1.0 + 1e3 * abs(x - 0.0012)
 
-    best = _least(error, TRIALS, lambda x: 0.9 * (1.0 + 1e3 * abs(x - 0.0012)))
-    assert best == _least(lambda x: 1.0 + 1e3 * abs(x - 0.0012))
+    best = _minimise_error(error, TRIAL_OFFSETS, lambda x: 0.9 * (1.0 + 1e3 * abs(x - 0.0012)))
+    assert best == _minimise_error(lambda x: 1.0 + 1e3 * abs(x - 0.0012))
     assert {0.0, 0.001, 0.003} <= set(fitted)
     assert not set(fitted) & {-0.001, -0.003, 0.01, -0.01, 0.032, -0.032, 0.05, -0.05}
 
@@ -360,9 +363,9 @@ def test_only_trials_that_may_be_the_best_are_fitted() -> None:
 def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:
     arm, motion = swing()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(3)).log
-    log = replace(noisy, q=noisy.q - motion.q + motion.shifted(-0.0033).q).window(0.1, 9.9)
+    log = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.0033).q).window(0.1, 9.9)
     for start in (0.0033, 0.001):
-        found = pair(arm, [log], (TimeShifted(Spline(), start),), "estimate", LeastSquares())
+        found = align_motion(arm, [log], (TimeShifted(Spline(), start),), "estimate", LeastSquares())
         assert isinstance(found.smoother, TimeShifted)
         assert found.smoother.smoother == Spline()
         assert found.time_offset is not None

@@ -8,19 +8,21 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from dynident.errors import Finding, Note, Severity
 from dynident.estimators import Consistency, LeastSquares, PhysicallyConsistent
-from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use, Verdict, identify, judge
-from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
-from dynident.identification.verdict.unconstrained import held_back
-from dynident.identification.verdict.unknown import CommonGain, Ratios, Zeros, unknowns
-from dynident.log import Log
-from dynident.models import Model, Offset, RigidBodies
-from dynident.models.gallery import slider
-from dynident.simulation import RunsAway
-from dynident.smoothers import Difference
-from dynident.validation import Driver, LogValidation, Signals, relative_error, repeat_of
+from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
+from dynident.identification import verdict as why
+from dynident.identification.verdict import CommonGain, MotionRatios, Zeros, unknowns
+from dynident.identification.verdict_rules import constraint_effect
+from dynident.identification.verdict_steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Offset
+from dynident.models.lagrangian import slider
+from dynident.models.simulation import RunsAway
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Difference
+from dynident.regression import repeat_of
+from dynident.runtime import Finding, Note, Severity, Use
+from dynident.validation import Driver, LogValidation, Signals, relative_error
 from tests.robots import joint, link, urdf
 
 M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5
@@ -88,14 +90,14 @@ def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification
     for findings, use in (((odd,), Use.SIMULATION), ((odd, *mild), Use.CONTROL), ((*mild, wrong), Use.DO_NOT_USE)):
         assert judge(replace(good, warnings=findings)).use is use
     verdict = judge(replace(good, warnings=(*mild, wrong), validations=good.validations[:1]))
-    assert verdict.reasons[:2] == (why.Noted((wrong,)), why.NoHoldOut())
-    assert why.Noted(tuple(mild)) in verdict.reasons  # one reason for all joints
+    assert verdict.reasons[:2] == (why.ForbiddingFindings((wrong,)), why.NoHoldOut())
+    assert why.ForbiddingFindings(tuple(mild)) in verdict.reasons  # one reason for all joints
 
 
 def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:
     verdict = judge(replace(good, estimate=replace(good.estimate, notes=(NoSimulation(),))))
     assert verdict.use is Use.CONTROL
-    assert verdict.reasons == (why.Noted((Finding(Severity.WARNING, None, NoSimulation()),)),)
+    assert verdict.reasons == (why.ForbiddingFindings((Finding(Severity.WARNING, None, NoSimulation()),)),)
 
 
 def test_what_forbids_use_is_advised_first(good: Identification) -> None:
@@ -156,11 +158,11 @@ def test_the_mean_torque_does_not_make_a_repeat() -> None:
 def test_a_slow_motion_holds_little_out(good: Identification) -> None:
     held = good.validations[1]
     slow = replace(held.motion, dq=0.3 * held.motion.dq)
-    reasons = with_part(good, 1, signals=Signals(slow, held.predicted)).reasons
+    reasons = with_part(good, 1, signals=Signals(slow, held.predicted_torque)).reasons
     assert [type(one) for one in reasons] == [why.SlowHoldOut]
     assert isinstance(reasons[0], why.SlowHoldOut)
     assert reasons[0].share == pytest.approx(0.3 * 4 / 3, rel=0.02)
-    assert with_part(good, 1, signals=Signals(slow, held.predicted)).use is Use.CONTROL
+    assert with_part(good, 1, signals=Signals(slow, held.predicted_torque)).use is Use.CONTROL
 
 
 @pytest.mark.parametrize(
@@ -317,7 +319,7 @@ def pulled(found: Identification, mass: float) -> Verdict:
 
 
 def test_what_physics_holds_far_from_the_data_counts(good: Identification) -> None:
-    assert held_back(good).growth == pytest.approx(0.0, abs=0.5)  # a part of the samples
+    assert constraint_effect(good).growth == pytest.approx(0.0, abs=0.5)  # a part of the samples
     assert pulled(good, 1.0).use is Use.SIMULATION
     little, much = pulled(good, 1.02), pulled(good, 1.3)
     for verdict, use in ((little, Use.CONTROL), (much, Use.DO_NOT_USE)):
@@ -325,7 +327,7 @@ def test_what_physics_holds_far_from_the_data_counts(good: Identification) -> No
         (reason,) = (one for one in verdict.reasons if isinstance(one, why.HeldBack))
         assert reason.growth > 5
         assert Remedy.CHECK in verdict.next
-    (apart,) = (one.apart for one in much.reasons if isinstance(one, why.HeldBack))
+    (apart,) = (one.torque_change for one in much.reasons if isinstance(one, why.HeldBack))
     t = np.arange(3000) * 0.002
     x, v = np.sin(3 * t), np.cos(3 * t)
     wrong = 0.3 * M * 4 * 2.7 * x
@@ -362,4 +364,4 @@ def test_the_lead_of_an_axis_that_acts_on_no_other_is_unknown(good: Identificati
     for model, taken in ((Model((file,)), ("arm",)), (Model((file, Offset(file.joints))), ("arm", "quill"))):
         values = np.append(np.asarray(Model((file,)).values), np.zeros(len(model.names) - len(file.parameters)))
         found = replace(good, model=model, estimate=replace(good.estimate, value=values))
-        assert Ratios(taken) in tuple(unknowns(found)), "gravity tells the mass where no offset is beside it"
+        assert MotionRatios(taken) in tuple(unknowns(found)), "gravity tells the mass where no offset is beside it"

@@ -12,12 +12,14 @@ import numpy as np
 import polars as pl
 import yaml
 
-from dynident.io import channels, settings
-from dynident.io import simulation_settings as loops
-from dynident.io.compare_settings import CompareSettings
-from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
-from dynident.io.fields import Section
-from dynident.io.parts import section
+from dynident.apps.excitation.config import ExcitationSettings
+from dynident.apps.ranking.config import CompareSettings
+from dynident.project import fields as channels
+from dynident.project import settings
+from dynident.project import settings as loops
+from dynident.project.fields import Section
+from dynident.project.parts import section
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
 
 URDF = """<robot name="arm"><link name="base"/>
 <link name="rod"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
@@ -121,7 +123,7 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
         "pid drive": (loops.PIDJoint, ("simulation", "joints", "slider"), plain | {"simulation": pid}),
         "law": (loops.FunctionSettings, ("simulation",), plain | {"simulation": law}),
         "law drive": (loops.FunctionJoint, ("simulation", "joints", "slider"), plain | {"simulation": law}),
-        "excitation": (settings.ExcitationSettings, ("excitation",), plain | {"excitation": {"duration": 12}}),
+        "excitation": (ExcitationSettings, ("excitation",), plain | {"excitation": {"duration": 12}}),
         "compare": (CompareSettings, ("compare",), plain | {"compare": {"smoothers": ["spline"]}}),
         "reference": (
             channels.Angle, ("simulation", "joints", "slider", "reference"), plain | {"simulation": cascade},

@@ -11,25 +11,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.apps.excitation import Program, design, min_fit_speeds
+from dynident.apps.excitation.search import Plan, Stage
 from dynident.estimators import LeastSquares, Problem
-from dynident.excitation.design import design
-from dynident.excitation.motion import Plan
-from dynident.excitation.request import Program
-from dynident.excitation.search import Stage
-from dynident.excitation.trajectories.dry_friction import slowest
-from dynident.log import Log, Motion
-from dynident.regression import Regression
-from dynident.simulation import CascadePD
-from dynident.smoothers import Spline
+from dynident.models.simulation import CascadePD
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Spline
+from dynident.regression import Regression, Selection
 from dynident.validation import free_run
-from tests.excitation.arms import LIMITS, MODEL, THETA
-from tests.excitation.requests import OPEN, REQUEST
+from tests.apps.excitation.arms import LIMITS, MODEL, THETA
+from tests.apps.excitation.requests import OPEN, REQUEST
 
 RUNS = 100
 STEP, EVERY = 1e-3, 4  # s: the cycle of the drives, of which each fourth is recorded
 COUNT = 2 * np.pi / 2**17  # rad
 GAINS = np.array([100.0, 30.0])  # N m s/rad
-SLOW = tuple(slowest(MODEL, LIMITS))  # below, a joint may be held by friction
+SLOW = tuple(min_fit_speeds(MODEL, LIMITS))  # below, a joint may be held by friction
 
 
 def followed(path):
@@ -52,14 +49,14 @@ def found(path, sigma, basis, rng):
         begin = rng.uniform(0.0, COUNT, 2)
         seen = COUNT * np.round((q + begin) / COUNT) - begin
         motion = Spline()(Log(t, seen, tau + sigma * rng.standard_normal(tau.shape), LIMITS.joints))
-        problem = Problem(MODEL, (motion,), Regression(MODEL, (motion,), None, SLOW))
+        problem = Problem(MODEL, (motion,), Regression(MODEL, (motion,), Selection(None, SLOW)))
         errors.append(basis.to_base(LeastSquares(weights="per_joint")(problem).value - THETA))
     return np.array(errors)
 
 
 def ratios(program, duration):
     """Errors found (runs, r) over the standard errors announced."""
-    module = importlib.import_module("dynident.excitation.design")
+    module = importlib.import_module("dynident.apps.excitation.design")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "Plan", lambda starts: Plan(starts, (Stage(1.0, 12), Stage(0.1, 12))))
         patch.setattr(module, "QUICK", Plan(1, (Stage(1.0, 6),)))

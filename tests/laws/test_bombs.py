@@ -16,16 +16,16 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.errors import MEMORY, ConfigError, InputError, ModelError
-from dynident.io.bag_files import chunks_within_budget
-from dynident.io.config import parse_config
-from dynident.io.opener import watched
-from dynident.io.saved import load
-from dynident.io.tables import DataTable, read_columns
-from dynident.io.yaml_text import MOST_NODES
+from dynident.files.opener import watch_inputs
+from dynident.files.ros import chunks_within_budget
+from dynident.files.tables import DataTable, read_columns
+from dynident.files.yaml_text import MAX_NODES
 from dynident.models import RigidBodies
 from dynident.models.rigid_bodies import read_robot_file
-from tests.io.files import written
+from dynident.project.config import parse_config
+from dynident.project.saved import load
+from dynident.runtime import MEMORY_VARIABLE, ConfigError, InputError, ModelError
+from tests.project.files import written
 
 BUDGET = 0.01  # GB
 COUNT = 5_000_000  # zeros in a bomb, 40 MB of float64
@@ -34,7 +34,7 @@ COUNT = 5_000_000  # zeros in a bomb, 40 MB of float64
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A budget of 10 MB, and 20 s of processor time; the memory that Python's allocators hold stays below 3 budgets."""
-    monkeypatch.setenv(MEMORY, str(BUDGET))
+    monkeypatch.setenv(MEMORY_VARIABLE, str(BUDGET))
     tracemalloc.start()
     start = time.process_time()
     yield
@@ -124,8 +124,8 @@ def test_the_budget_is_raised_by_the_option(tmp_path: Path) -> None:
     path = written(tmp_path, "a.npz", npz((1 << 20,), 1 << 20))
     with pytest.raises(InputError, match="more than the 10 MB that a file may take"):
         read_columns(path, needed={"x"})
-    with watched():
-        from dynident.io.opener import set_memory
+    with watch_inputs():
+        from dynident.files.opener import set_memory
 
         set_memory(1.0)
         assert len(read_columns(path, needed={"x"}).column("x")) == 1 << 20
@@ -196,7 +196,7 @@ def _lz4(data: bytes) -> bytes:
 
 
 def _zstd(data: bytes) -> bytes:
-    from dynident.io.bag_files import _zstd as module
+    from dynident.files.ros import _zstd as module
 
     return bytes(module().compress(data))
 
@@ -212,7 +212,7 @@ YAMLS = {
     "ring": "a: &a [*a]",
     "flow": "[" * 100_000,
     "block": "\n".join(" " * k + "a:" for k in range(1300)),
-    "many": "[" + "1," * (MOST_NODES + 1) + "]",
+    "many": "[" + "1," * (MAX_NODES + 1) + "]",
     "long": "a: " + "x" * 2_000_000,
     "number": "a: 0x" + "f" * 500_000,
 }
@@ -228,7 +228,7 @@ def test_no_configuration_grows(text: str) -> None:
 
 
 def test_an_alias_is_read() -> None:
-    from dynident.io.yaml_text import load_yaml
+    from dynident.files.yaml_text import load_yaml
 
     text = "a: &a {x: 1}\nb: *a\nc: {<<: *a, y: 2}"
     assert load_yaml(text, "c.yaml") == {"a": {"x": 1}, "b": {"x": 1}, "c": {"x": 1, "y": 2}}
@@ -271,7 +271,7 @@ def test_a_robot_of_ten_thousand_joints_is_refused_or_held_still() -> None:
 
 def test_a_table_of_fifty_thousand_columns_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tracemalloc.stop()
-    monkeypatch.setenv(MEMORY, "1")
+    monkeypatch.setenv(MEMORY_VARIABLE, "1")
     names = ",".join(f"c{k}" for k in range(50_000))
     row = ",".join(["1.5"] * 49_999)
     found: DataTable = read_columns(written(tmp_path, "a.csv", f"{names}\n{row},2\n{row},x\n"))

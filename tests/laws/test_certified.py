@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from dynident.estimators.linear import LeastSquaresSolution, solve
+from dynident.estimators.least_squares import LeastSquaresSolution, solve_least_squares
 from dynident.regression import RegressorBlock, triangularise
 from tests.laws.strd import PROBLEMS, Certified
 
@@ -41,7 +41,7 @@ def digits(found: Iterable[Any], certified: Sequence[str], scale: float = 1.0) -
 def streamed(problem: Certified) -> LeastSquaresSolution:
     rows = np.array_split(problem.X[:, None], 4), np.array_split(np.array(problem.y, float)[:, None], 4)
     blocks = (RegressorBlock(Y, tau) for Y, tau in zip(*rows, strict=True))
-    return solve(triangularise(blocks, 1, len(problem.coefficients)).stacked())
+    return solve_least_squares(triangularise(blocks, 1, len(problem.coefficients)).stack())
 
 
 @every_problem

@@ -14,15 +14,14 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dynident.errors import DynidentError
-from dynident.io.config import read_config
-from dynident.io.robot import robot_text
-from dynident.io.saved import load
-from dynident.io.tables import read_columns
+from dynident.files.tables import read_columns
 from dynident.models.rigid_bodies import read_robot_file
+from dynident.project.config import read_config, robot_text
+from dynident.project.saved import load
+from dynident.runtime import DynidentError
 from tests.cli.commands import configure
-from tests.io.files import npz
 from tests.laws.test_inputs_kept import ROBOT
+from tests.project.files import npz
 
 DATA = Path(__file__).parents[1] / "data"
 ROWS = {"t": np.arange(50.0), "q": np.arange(100.0).reshape(50, 2), "gain": np.array(2.5)}

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.checks import check_robot
-from dynident.errors import ModelError
 from dynident.models import RigidBodies
+from dynident.runtime import ModelError
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
 
 RICH_URDF = urdf(

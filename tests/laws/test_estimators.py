@@ -13,7 +13,6 @@ from dynident.estimators import (
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
-    MaximumLikelihood,
     OutputError,
     PhysicallyConsistent,
     Problem,
@@ -22,11 +21,11 @@ from dynident.estimators import (
     TotalLeastSquares,
     WeightedLeastSquares,
 )
-from dynident.io.families import ESTIMATORS as FAMILY
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.models import Model
+from dynident.runtime.families import ESTIMATORS as FAMILY
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
-from dynident.testing.estimator import MODELS, Check, is_frozen_configuration
-from dynident.testing.settings import builds_itself_from_its_settings
+from dynident.testing.estimator import MODELS, Check, builds_itself_from_its_settings, is_frozen_configuration
 
 ESTIMATORS: list[Estimator] = [
     LeastSquares(),
@@ -79,7 +78,7 @@ def test_every_kind_is_checked() -> None:
 
 
 @dataclass(frozen=True)
-class Bold:
+class Bold(Estimator):
     """An estimator that thinks itself a hundred times better than it is."""
 
     def __call__(self, problem: Problem) -> Estimate:

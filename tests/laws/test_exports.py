@@ -10,8 +10,30 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.export import (
-    Identified,
+from dynident.models import (
+    CoupledMotor,
+    Model,
+    RigidBodies,
+    RotorInertia,
+    change_frame,
+    consistency_violations,
+    from_physical,
+)
+from dynident.models.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Counterbalance,
+    Offset,
+    Power,
+    Ripple,
+    Spring,
+    Stribeck,
+    Viscous,
+    WideCoulomb,
+)
+from dynident.project.export import (
+    IdentifiedModel,
     Mjcf,
     Numpy,
     Urdf,
@@ -22,28 +44,8 @@ from dynident.export import (
     identified_urdf,
     prove,
 )
-from dynident.export.identified import link_inertias
-from dynident.export.placement import placed
-from dynident.models import (
-    AsymmetricCoulomb,
-    AsymmetricViscous,
-    Coulomb,
-    Counterbalance,
-    CoupledMotor,
-    Model,
-    Offset,
-    Power,
-    RigidBodies,
-    Ripple,
-    RotorInertia,
-    Spring,
-    Stribeck,
-    Viscous,
-    WideCoulomb,
-    consistency_violations,
-    from_physical,
-    moved,
-)
+from dynident.project.export.identified import link_inertias
+from dynident.project.export.written import place_values
 from dynident.regression import structural_base_parameters
 from tests.laws.test_damaged_robot_files import RICH_MJCF, RICH_URDF
 from tests.laws.test_rigid_bodies import Peer, few, random_body, random_robot, states
@@ -69,7 +71,7 @@ def identified(bodies, rng, scale=1.0):
     joints = bodies.joints
     model = Model((bodies, Viscous(joints), Coulomb(joints)), name="arm")
     n = len(joints)
-    return Identified(model, np.concatenate([physical(rng, n, scale).ravel(), rng.uniform(0, 2, 2 * n)]))
+    return IdentifiedModel(model, np.concatenate([physical(rng, n, scale).ravel(), rng.uniform(0, 2, 2 * n)]))
 
 
 def assert_same(found, expected):
@@ -108,13 +110,13 @@ def test_links_sum_to_the_body_and_none_is_impossible(seed, count):
     bodies = RigidBodies(text, joints[:1])
     values = physical(rng, 1, rng.choice([0.01, 1.0, 100.0]))
     links = link_inertias(bodies, values).links
-    (body,) = bodies.arm.chosen
+    (body,) = bodies.arm.bodies_with_parameters
     total = np.zeros(10)
     for link, frame in zip(body.links, body.frames, strict=True):
         theta = links.get(link, bodies.file.links[link])
         assert theta is not None
         assert consistency_violations(theta) == ()
-        total += moved(theta, frame)
+        total += change_frame(theta, frame)
     np.testing.assert_allclose(total, values[0], rtol=1e-9, atol=1e-9 * np.abs(values).max())
 
 
@@ -135,7 +137,7 @@ def test_mimic_joints_several_joints_of_a_body_and_shapes_are_written(text, opti
     bodies = RigidBodies(text, **options)
     joints, count = bodies.joints, len(bodies.parameters) // 10
     model = Model((bodies, Viscous(joints), Coulomb(joints), RotorInertia(joints)), name="arm")
-    one = Identified(model, np.concatenate([physical(rng, count).ravel(), rng.uniform(0, 2, 3 * len(joints))]))
+    one = IdentifiedModel(model, np.concatenate([physical(rng, count).ravel(), rng.uniform(0, 2, 3 * len(joints))]))
     for exporter in (Urdf() if bodies.format == "urdf" else Mjcf(), Numpy(), Yaml()):
         made = export(one, exporter, states(rng, len(joints), 20))
         assert made.ready, made.refusal
@@ -160,7 +162,7 @@ def test_terms_that_no_robot_file_holds_are_listed_and_model_py_has_them(text, e
     )
     model = Model((bodies, Viscous(joints), Coulomb(joints, width=widths), *beyond), name="arm")
     rest = len(model.names) - 10 * n
-    one = Identified(model, np.concatenate([physical(rng, n).ravel(), rng.uniform(0.1, 2, rest)]))
+    one = IdentifiedModel(model, np.concatenate([physical(rng, n).ravel(), rng.uniform(0.1, 2, rest)]))
     state = states(rng, n, 50)
     assert export(one, Numpy(), state).ready
     made = export(one, exporter, state)
@@ -201,7 +203,7 @@ def with_rotors(bodies, rng):
     one = identified(bodies, rng)
     joints = bodies.joints
     model = Model((*one.model.terms, RotorInertia(joints)), name="arm")
-    return Identified(model, np.concatenate([one.value, rng.uniform(0, 1, len(joints))]))
+    return IdentifiedModel(model, np.concatenate([one.value, rng.uniform(0, 1, len(joints))]))
 
 
 @few
@@ -210,7 +212,7 @@ def test_rotors_go_into_links_as_far_as_the_torque_and_physics_allow(seed, count
     rng = np.random.default_rng(seed)
     text, joints = random_robot(rng, count, massless=0.0)
     one = with_rotors(RigidBodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3))), rng)
-    best, state = placed(one, armature=False), states(rng, len(joints), 20)
+    best, state = place_values(one, armature=False), states(rng, len(joints), 20)
     assert_same(best.model.torque(*state, best.value), one.model.torque(*state, one.value))
     assert all(consistency_violations(body) == () for body in best.bodies[1])
     n = len(joints)
@@ -274,7 +276,7 @@ def test_numpy_module_holds_any_values(seed, count):
     theta = rng.normal(size=len(model.parameters))
     state = states(rng, len(joints), 20)
     namespace = {}
-    exec(identified_module(Identified(model, theta)).text, namespace)
+    exec(identified_module(IdentifiedModel(model, theta)).text, namespace)
     found = namespace["inverse_dynamics"](*state)
     assert_same(found, model.torque(*state, theta))
     assert namespace["JOINTS"] == joints

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.io.families import TERMS
 from dynident.models import Joint, Model, Past
+from dynident.runtime.families import TERMS
 
 ROOT = Path(__file__).parents[2]
 

@@ -19,12 +19,12 @@ import polars as pl
 import pytest
 import yaml
 
-from dynident.cli.escapes import one_line, visible
-from dynident.cli.terminal import status
-from dynident.errors import Step
-from dynident.export import Identified, Mjcf, Numpy, Urdf, Yaml, export, random_states
-from dynident.models import Joint, Model, RigidBodies, Viscous, from_physical
-from dynident.report.fleet import fleet_page
+from dynident.apps.fleets.report import fleet_page
+from dynident.cli.terminal import escape_controls, one_line, status
+from dynident.models import Joint, Model, RigidBodies, from_physical
+from dynident.models.friction import Viscous
+from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, Yaml, export, random_states
+from dynident.runtime import Step, report_progress
 from tests.cli.commands import run
 from tests.report.fleets import fleet
 from tests.robots import joint, link, urdf
@@ -100,7 +100,7 @@ def test_no_export_runs_a_name(kind, name):
     bodies = RigidBodies(text, source=name)
     model = Model((bodies, Viscous(bodies.joints)), name=f"{name} @JOINTS@")
     assert tuple(one.name for one in model.joints) == names
-    one = Identified(model, np.concatenate([np.tile(BODY, len(names)), np.ones(len(names))]))
+    one = IdentifiedModel(model, np.concatenate([np.tile(BODY, len(names)), np.ones(len(names))]))
     made = export(one, kind, random_states(len(names), np.random.default_rng(0), 5))
     assert made.ready, made.refusal
     if isinstance(kind, Numpy):
@@ -120,7 +120,7 @@ def test_names_and_units_of_parameters(name):
     """Also where there is no robot file: parameters named, and with units and meanings, as the user's term has them."""
     joints = (Joint("b'+'"), Joint(name + " "), Joint("@JOINTS@ @ROWS@"))
     term = Viscous(joints, names=tuple(f"{name}{k}" for k in range(3)))
-    one = Identified(Model((term,), name=name), np.ones(3))
+    one = IdentifiedModel(Model((term,), name=name), np.ones(3))
     states = random_states(3, np.random.default_rng(0), 5)
     for kind in (Numpy(), Yaml()):
         assert export(one, kind, states).ready
@@ -135,7 +135,7 @@ def test_a_message_only_shows_a_name(name):
     assert not ACTS.search(shown)
     assert shown.count("\n") <= 1 + name.count("\n  ")
     shown.encode()  # no half of a surrogate pair is left
-    assert visible(shown) == shown
+    assert escape_controls(shown) == shown
 
 
 JOINTS = ("b'+'</script><b>\u202e=1+1", "a'+str(1)+'@JOINTS@[red]x\nVerdict: Good")
@@ -290,10 +290,10 @@ def test_progress_only_shows_names(monkeypatch):
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     name = f"{SEEN}[red]\u202e\nVerdict: Good"
-    with status() as say:
-        say(f"reading {name}")
+    with status():
+        report_progress(f"reading {name}")
         time.sleep(0.3)
-        say(Step(name, 1, 2))
+        report_progress(Step(name, 1, 2))
         time.sleep(0.3)
     shown = screen.getvalue()
     assert shown.count("[red]\\u202e\\nVerdict") >= 2

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import dynident as dy
-from dynident.errors import ConfigError
-from dynident.io.opener import keep, opened, refuse_inputs, watched
-from dynident.io.tables import read_columns
+from dynident.files.opener import open_input, refuse_inputs, remember_inputs, watch_inputs
+from dynident.files.tables import read_columns
+from dynident.runtime import ConfigError
 from tests.cli.commands import configure, run, write_log
 
 ROBOT = """<robot name="rail"><link name="wall"/><link name="cart"><inertial><mass value="5"/>
@@ -20,9 +20,9 @@ ROBOT = """<robot name="rail"><link name="wall"/><link name="cart"><inertial><ma
 <joint name="slider" type="prismatic"><parent link="wall"/><child link="cart"/><axis xyz="1 0 0"/>
 <limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>"""
 PART = """from dataclasses import dataclass
-from dynident.smoothers import Difference
+from dynident.motion.smoothers import Difference, Smoother
 @dataclass(frozen=True)
-class Mine:
+class Mine(Smoother):
     def __call__(self, log):
         return Difference()(log)
 """
@@ -167,11 +167,11 @@ def test_outside_a_command_nothing_is_remembered(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     file.write_text("t\n1\n2\n")
     read_columns(file)
-    with opened(file):
+    with open_input(file):
         refuse_inputs(file)
-    with watched():
-        keep(file)
-        with watched(), pytest.raises(ConfigError, match=r"a\.csv: would be replaced, but this run reads it;"):
+    with watch_inputs():
+        remember_inputs(file)
+        with watch_inputs(), pytest.raises(ConfigError, match=r"a\.csv: would be replaced, but this run reads it;"):
             refuse_inputs(file)
-    with watched():
+    with watch_inputs():
         refuse_inputs(file)

@@ -13,7 +13,7 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
-from dynident.io.project import read_project
+from dynident.project.project import read_project
 from tests.laws.test_new_user import URDF, truth
 
 T = np.arange(3000) * 0.004

@@ -10,37 +10,30 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import cumulative_simpson
 
-from dynident.models import (
+from dynident.models import CoupledFriction, CoupledMotor, Joint, Lagrangian, Model, RigidBodies, RotorInertia, Unknown
+from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
     Coulomb,
     Counterbalance,
-    CoupledFriction,
-    CoupledMotor,
     Dahl,
     Drift,
-    Joint,
-    Lagrangian,
     LoadCoulomb,
     LoadDahl,
     LoadRipple,
     LoadViscous,
-    Model,
     Offset,
     Power,
-    RigidBodies,
     Ripple,
-    RotorInertia,
     Spring,
     Stribeck,
-    Unknown,
     Viscous,
     WideCoulomb,
-    simulate,
 )
-from dynident.models.gallery import two_link_arm
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import simulate
 from dynident.testing import TERM_CHECKS, check_term
-from dynident.testing.term import states
+from dynident.testing.term import sample_states
 from tests.robots import ARM, ARM_MJCF
 
 GRAVITY = sp.Symbol("g")
@@ -170,7 +163,7 @@ def test_regressor_gives_the_euler_lagrange_torque(arm):
         s: sp.Float(x) for s, x in arm.constants.items()
     }
     lagrangian = (arm.kinetic - arm.potential).subs(numbers)
-    q, dq, ddq = states(len(arm.q), seed=7, samples=2)
+    q, dq, ddq = sample_states(len(arm.q), seed=7, samples=2)
     found = arm.regressor(q, dq, ddq) @ values(arm)
     for row in range(2):
         path = {s: q[row, k] + dq[row, k] * t + ddq[row, k] * t**2 / 2 for k, s in enumerate(arm.q)}
@@ -200,7 +193,7 @@ def test_mass_matrix_is_symmetric_and_positive_definite(arm):
 def test_mass_matrix_is_that_of_the_kinetic_energy(arm):
     """T = dq' D dq / 2: article, eq. (3)."""
     arm = arm()
-    q, dq, _ = states(len(arm.q), seed=8)
+    q, dq, _ = sample_states(len(arm.q), seed=8)
     D = Model((arm,)).mass_matrix(q, values(arm))
     kinetic = energy(arm, "kinetic")(q, dq)
     np.testing.assert_allclose(np.einsum("ni,nij,nj->n", dq, D, dq) / 2, kinetic, rtol=1e-12)

@@ -5,18 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.excitation.trajectories.bspline import Clamped
-from dynident.excitation.trajectories.dry_friction import slowest
-from dynident.excitation.trajectories.feasibility import Feasibility
-from dynident.excitation.trajectories.fourier import Fourier
-from dynident.excitation.trajectories.friction_program import friction_program
-from dynident.excitation.trajectories.limits import JointLimits, limits_of
-from dynident.excitation.trajectories.poses import gravity_program
-from dynident.excitation.trajectories.ramp import from_rest
-from dynident.excitation.trajectories.trajectory import Purpose, Trajectory
-from dynident.excitation.verify import verify
-from dynident.models import Coulomb, Model, RigidBodies, Viscous
-from tests.excitation.arms import scaled, smooth_and_at_rest
+from dynident.apps.excitation import (
+    JointLimits,
+    MotionRequest,
+    Purpose,
+    Trajectory,
+    min_fit_speeds,
+    motion_limits,
+    verify,
+)
+from dynident.apps.excitation.family import ClampedSpline, Fourier
+from dynident.apps.excitation.limits import Feasibility
+from dynident.apps.excitation.programs import friction_program, gravity_program
+from dynident.apps.excitation.way import from_rest
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Viscous
+from tests.apps.excitation.arms import scaled, smooth_and_at_rest
 from tests.laws.test_rigid_bodies import random_robot
 
 
@@ -25,7 +29,7 @@ def random_arm(rng):
     text, moving = random_robot(rng, int(rng.integers(1, 6)))
     bodies = RigidBodies(text, source="random.urdf", joints_used=moving)
     model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints)), name="random.urdf")
-    limits = limits_of(model, {one.name: JointLimits(velocity=float(rng.uniform(0.2, 5))) for one in bodies.joints})
+    limits = motion_limits(model, {one.name: JointLimits(velocity=float(rng.uniform(0.2, 5))) for one in bodies.joints})
     values = [one.value for one in bodies.parameters]
     theta = np.concatenate([values, 0.5 / limits.velocity, np.full(len(limits.joints), 0.5)])
     q = rng.uniform(limits.lower, limits.upper, (200, len(limits.joints)))
@@ -43,18 +47,18 @@ def test_what_is_made_passes_the_last_check(kind, seed):
     match kind:
         case "series":
             family = Fourier(8.0, 3)
-            pieces = from_rest(feasible, family, scaled(family, rng, limits, 0.7), 1, None, rng)
+            pieces = from_rest(feasible, family.course(scaled(family, rng, limits, 0.7)), 1, None, rng)
         case "spline":
-            family = Clamped(8.0, 10)
-            pieces = from_rest(feasible, family, scaled(family, rng, limits, 0.7), 1, limits.middle, rng)
+            family = ClampedSpline(8.0, 10)
+            pieces = from_rest(feasible, family.course(scaled(family, rng, limits, 0.7)), 1, limits.middle, rng)
         case "friction":
             pieces = friction_program(feasible, 15.0 * n, None, rng, speeds=3)
         case _:
-            pieces = gravity_program(feasible, 30.0, limits.middle, np.ones(n), rng)
+            pieces = gravity_program(feasible, MotionRequest(np.ones(n), duration=30.0, start=limits.middle), rng)
     trajectory = Trajectory(limits.joints, pieces)
     smooth_and_at_rest(trajectory, limits)
-    assert verify(trajectory, feasible.model, feasible.theta, limits).reached.max() <= 1 + 1e-6
-    slow = slowest(feasible.model, limits)
+    assert verify(trajectory, feasible).reached.max() <= 1 + 1e-6
+    slow = min_fit_speeds(feasible.model, limits)
     for one in pieces:
         if one.purpose in (Purpose.FRICTION, Purpose.POSE):
             t = np.linspace(0.0, one.course.duration, 999)

@@ -14,7 +14,8 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
 from tests.saved_results import errors_by_log
 
 URDF = """<robot name="arm">

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynident.apps.online import MotionBlock, Tracker, estimate_smoothing
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
 from dynident.identification import Identification, Recipe, identify
-from dynident.log import Log
-from dynident.models import Coulomb, Dahl, Model, Offset, RigidBodies, Viscous
-from dynident.online import Block, Tracker, smoothing_of
-from dynident.regression import ParallelFilter, Regression
-from dynident.smoothers import Spline
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Dahl, Offset, Viscous
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
+from dynident.regression import ParallelFilter, Regression, Selection
 from tests.robots import ARM
 
 SIGMA = 2e-5
@@ -61,7 +62,7 @@ def offline(result: Identification, log: Log, estimator: Any) -> Any:
     """The fit to all rows, with the weights of the result."""
     arm = result.model
     motion = arm.remembering(result.recipe.motion(log))
-    regression = Regression(arm, (motion,), result.recipe.filter, result.recipe.min_speeds(motion.joints))
+    regression = Regression(arm, (motion,), Selection(result.recipe.filter, result.recipe.min_speeds(motion.joints)))
     factors = regression.triangular_factors
     weights = result.estimate.residual.weights
     if weights is not None:
@@ -74,7 +75,7 @@ def test_the_end_is_the_offline_fit(name: str, jitter: float) -> None:
     log = recorded(jitter=jitter)
     result = identified(RECIPES[name], log)
     expected = offline(result, log, LeastSquares())
-    tracker, blocks = Tracker(result, *smoothing_of(result, log)), list[Block]()
+    tracker, blocks = Tracker(result, estimate_smoothing(result, log)), list[MotionBlock]()
     for start in range(0, len(log), 70):
         part = slice(start, start + 70)
         blocks += tracker.push(log.t[part], log.q[part], log.tau[part])
@@ -92,7 +93,7 @@ def test_the_end_is_the_offline_fit(name: str, jitter: float) -> None:
 def test_the_consistent_projection_is_the_offline_one() -> None:
     log = recorded()
     result = identified({"estimator": PhysicallyConsistent(costs=False)}, log)
-    tracker = Tracker(result, *smoothing_of(result, log))
+    tracker = Tracker(result, estimate_smoothing(result, log))
     tracker.push(log.t, log.q, log.tau)
     tracker.finish()
     expected = offline(result, log, PhysicallyConsistent(costs=False, weights="equal"))

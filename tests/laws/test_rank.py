@@ -12,13 +12,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from dynident.bounds import accuracy_bound
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
 from dynident.estimators.notes import HeldByConstraints, RankDeficient
-from dynident.export import Identified, Mjcf, Urdf, export, random_states
-from dynident.identification import Identification, Recipe, identify
-from dynident.log import Log, Motion
-from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.identification import Identification, Recipe, accuracy_bound, identify
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Smoother
+from dynident.project.export import IdentifiedModel, Mjcf, Urdf, export, random_states
 from dynident.regression import Regression, base_parameters, base_std, structural_base_parameters
 from tests.robots import joint, link, urdf
 
@@ -159,7 +160,7 @@ def test_angles_that_stand_for_nothing_but_are_nearly_right_add_no_rank(kind: st
     """Such as a compiler makes of 3.14159: there is no printed number to go by, but their effect is too small."""
     model = driven(arm(kind, off=off))
     on_data = base_parameters(
-        Regression(model, (moved(model, np.arange(1500) * 0.01),)).triangular_factors.stacked(), model.parameters
+        Regression(model, (moved(model, np.arange(1500) * 0.01),)).triangular_factors.stack(), model.parameters
     )
     assert (structural_base_parameters(model).rank, on_data.rank) == (exact(kind), exact(kind))
 
@@ -170,7 +171,7 @@ def test_files_with_rounded_angles_have_the_rank_of_the_exact_file(kind: str, di
     model = driven(arm(kind, digits))
     motion = moved(model, np.arange(1500) * 0.01)
     regression = Regression(model, (motion,))
-    on_data = base_parameters(regression.triangular_factors.stacked(), model.parameters)
+    on_data = base_parameters(regression.triangular_factors.stack(), model.parameters)
     estimates = [
         one(Problem(model, (motion,), regression)) for one in (LeastSquares(), PhysicallyConsistent(costs=False))
     ]
@@ -253,7 +254,7 @@ def test_a_rounded_angle_is_noted_and_written_as_it_was_read() -> None:
     (note,) = (note for note in bodies.notes if "rounded" in note)
     assert "3.1416 of 'j2' as 3.141592654" in note
     assert model.values is not None
-    made = export(Identified(model, model.values), Urdf(), random_states(2, np.random.default_rng(0)))
+    made = export(IdentifiedModel(model, model.values), Urdf(), random_states(2, np.random.default_rng(0)))
     assert made.ready, made.refusal
     assert made.written is not None
     assert repr(np.pi) in made.written.text
@@ -273,7 +274,7 @@ def test_angles_of_an_mjcf_too() -> None:
     assert any("3.1416 of 'b'" in note and "1.571 of 'c'" in note for note in rounded.notes)
     model = Model((rounded,))
     assert model.values is not None
-    made = export(Identified(model, model.values), Mjcf(), random_states(3, np.random.default_rng(0)))
+    made = export(IdentifiedModel(model, model.values), Mjcf(), random_states(3, np.random.default_rng(0)))
     assert made.ready, made.refusal
     assert made.written is not None
     assert f'euler="{HALF!r} 0 0"' in made.written.text
@@ -310,10 +311,13 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
     model = driven(arm("bent", seed=8), nominal=False)
     motion = moved(true, np.arange(4000) * 0.005)
 
-    def smoother(log: Log) -> Motion:  # the motion is known exactly, so that nothing else can bias the fit
-        return replace(motion, tau=log.tau)
+    class Exact(Smoother):
+        """The motion is known exactly, so that nothing else can bias the fit."""
 
-    recipe = Recipe(smoother, PhysicallyConsistent(costs=False), outliers="keep")
+        def __call__(self, log: Log) -> Motion:
+            return replace(motion, tau=log.tau)
+
+    recipe = Recipe(Exact(), PhysicallyConsistent(costs=False), outliers="keep")
     for seed in range(2):
         found = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
         basis, estimate, errors = found.base.on_data, found.estimate, found.errors

@@ -15,14 +15,14 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
-from dynident.errors import Severity
 from dynident.estimators.notes import NotWhite
-from dynident.export import exports
 from dynident.identification import Identification, judge
 from dynident.identification import identify as fit
-from dynident.identification.verdict.reasons import MassMatrixNotPositive, Repeats
-from dynident.io.project import read_project
-from dynident.io.saved import load
+from dynident.identification.verdict import MassMatrixNotPositive, Repeats
+from dynident.project.export import exports
+from dynident.project.project import read_project
+from dynident.project.saved import load
+from dynident.runtime import Severity
 from tests.saved_results import errors_by_log, runs_by_log
 
 ROOT = Path(__file__).parents[2]

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.bounds import normal_matrices
-from dynident.errors import brief
 from dynident.estimators import Problem
-from dynident.export import exports
-from dynident.models.gallery import slider
+from dynident.identification import normal_matrices
+from dynident.models.lagrangian import slider
+from dynident.project.export import exports
 from dynident.regression import ParallelFilter, Regression, structural_base_parameters
+from dynident.runtime import brief
 from tests.robots import joint, link, urdf
 
 NAMES = tuple(f"left_arm_joint_{k}" for k in range(1, 8))
@@ -106,9 +106,10 @@ def test_nouns_fit_a_few_lines(displayed: dict[str, list[str]]) -> None:
     }
     assert not long
     assert displayed.keys() >= {
-        "AccuracyBound", "BaseParameters", "Calibration", "CheckResult", "Choice", "Estimate", "FreeRun",
+        "AccuracyBound", "BaseParameters", "Calibration", "CheckResult", "Estimate", "ExportText", "FreeRun",
         "Identification", "Lagrangian", "Log", "LogValidation", "Model", "Motion", "Recipe", "Recording", "Regression",
-        "RigidBodies", "SmoothingSpline", "Sources", "StandardErrors", "TorqueErrors", "TriangularFactors", "Written",
+        "RigidBodies", "SmootherChoice", "SmoothingSpline", "Sources", "StandardErrors", "TorqueErrors",
+        "TriangularFactors",
     }  # fmt: skip
 
 
@@ -127,7 +128,7 @@ def test_large_fields_are_shown_by_size() -> None:
 
 
 def test_the_default_recipe_of_a_robot_is_short(tmp_path: Path) -> None:
-    from dynident.io.shortcuts import default_recipe
+    from dynident.project.shortcuts import default_recipe
 
     text = repr(default_recipe(dy.two_link_arm()))
     assert text.startswith("Recipe(smoother=(Spline(")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.models import Model, RigidBodies, consistency_violations, from_physical, to_physical
-from dynident.models.gallery import two_link_arm
+from dynident.models.lagrangian import two_link_arm
 from tests.robots import ARM, ARM_MJCF, AXIS, TURN, UPPER, joint, link, urdf
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"

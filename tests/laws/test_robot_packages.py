@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio
 import pytest
 
-from dynident.errors import ModelError
-from dynident.io.robot import robot_text
-from dynident.models import RigidBodies, from_physical, moved
-from dynident.models.robot_file import exact
+from dynident.models import RigidBodies, change_frame, from_physical
+from dynident.models.robot_files import exact_angle
+from dynident.project.config import robot_text
+from dynident.runtime import ModelError
 from tests.laws.test_rigid_bodies import states
 
 Follow = list[tuple[str, str, float, float]]  # a joint, the joint that it follows (itself), factor and offset
@@ -75,7 +75,7 @@ def exactly(text: str) -> str:
         if "$" in found[2]:  # in a comment
             return found[0]
         count = 1 if found[1] == "axisangle" else 3
-        return f'{found[1]}="{" ".join([*words[:-count], *(repr(exact(word)) for word in words[-count:])])}"'
+        return f'{found[1]}="{" ".join([*words[:-count], *(repr(exact_angle(word)) for word in words[-count:])])}"'
 
     in_radians = "<mujoco" not in text or re.search(r'angle\s*=\s*"radian"', text)
     return re.sub(r'\b(rpy|euler|axisangle)\s*=\s*"([^"]*)"', turned, text) if in_radians else text
@@ -164,10 +164,12 @@ def _beside(found: re.Match[str], path: Path) -> str:
 def known_values(term: RigidBodies, model: mujoco.MjModel) -> np.ndarray:
     """The values of the file, and MuJoCo's for the bodies whose meshes are not read."""
     out = []
-    for body in term.arm.chosen:
+    for body in term.arm.bodies_with_parameters:
         missing = np.isnan(body.theta).any()
         assert not missing or "mesh" in term.xml
-        parts = (moved(of_mujoco(term, model, link), at) for link, at in zip(body.links, body.frames, strict=True))
+        parts = (
+            change_frame(of_mujoco(term, model, link), at) for link, at in zip(body.links, body.frames, strict=True)
+        )
         out.append(sum(parts) if missing else body.theta)
     return np.concatenate(out)
 

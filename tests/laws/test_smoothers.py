@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from dynident.errors import MissingInputError
-from dynident.io.families import SMOOTHERS as FAMILY
-from dynident.log import Log, Motion
-from dynident.smoothers import (
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import (
     Butterworth,
     Difference,
     FourierSeries,
@@ -21,9 +19,11 @@ from dynident.smoothers import (
     Spline,
     TimeShifted,
 )
-from dynident.splines import GCV, REML, Fixed, Interpolation, smooth
+from dynident.motion.splines import GCV, REML, Fixed, Interpolation, smooth
+from dynident.runtime import MissingInputError
+from dynident.runtime.families import SMOOTHERS as FAMILY
 from dynident.testing import SMOOTHER_CHECKS, check_smoother
-from dynident.testing.smoother import made_for, recorded, two_sines
+from dynident.testing.smoother import make_log, motion_for, two_sines
 
 SMOOTHERS = [
     Difference(),
@@ -63,7 +63,7 @@ def test_every_kind_is_checked() -> None:
 
 @pytest.mark.parametrize("smoother", NOISY, ids=repr)
 def test_splines_take_irregular_times_as_they_are(smoother: Smoother) -> None:
-    made = smoother(recorded(0.0, jitter=0.9))
+    made = smoother(make_log(0.0, jitter=0.9))
     true = two_sines(made.t)[2]
     assert np.abs(made.ddq - true)[made.mask].max() < 3e-2 * np.abs(true).max()
 
@@ -71,7 +71,7 @@ def test_splines_take_irregular_times_as_they_are(smoother: Smoother) -> None:
 @pytest.mark.parametrize("time_offset", [0.003, -0.0071, 0.25])
 def test_a_shifted_spline_is_the_spline_at_later_times(time_offset: float) -> None:
     """Between samples a cubic spline's second derivative is straight: the shift is exact."""
-    log = recorded(1e-4, jitter=0.3)
+    log = make_log(1e-4, jitter=0.3)
     fit = smooth(log.t, log.q)
     made = TimeShifted(Spline(), time_offset)(log)
     seen = (log.t + time_offset >= log.t[0]) & (log.t + time_offset <= log.t[-1])
@@ -84,14 +84,14 @@ def test_a_shifted_spline_is_the_spline_at_later_times(time_offset: float) -> No
 
 @pytest.mark.parametrize("smoother", [SavitzkyGolay(), FourierSeries()], ids=repr)
 def test_what_is_least_squares_takes_irregular_times_as_they_are(smoother: Smoother) -> None:
-    motion = made_for(smoother)
-    made = smoother(recorded(0.0, jitter=0.9, motion=motion))
+    motion = motion_for(smoother)
+    made = smoother(make_log(0.0, jitter=0.9, motion=motion))
     true = motion(made.t)[2]
     assert np.abs(made.ddq - true)[made.mask].max() < 1e-5 * np.abs(true).max()
 
 
 @dataclass(frozen=True)
-class Picky:
+class Picky(Smoother):
     """A smoother that misses what no motion has."""
 
     def __call__(self, log: Log) -> Motion:
@@ -99,7 +99,7 @@ class Picky:
 
 
 @dataclass(frozen=True)
-class Lopsided:
+class Lopsided(Smoother):
     """A smoother that is not linear in the positions."""
 
     def __call__(self, log: Log) -> Motion:
@@ -108,7 +108,7 @@ class Lopsided:
 
 
 @dataclass(frozen=True)
-class Careless:
+class Careless(Smoother):
     """A smoother that says too much of the ends."""
 
     def __call__(self, log: Log) -> Motion:

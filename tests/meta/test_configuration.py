@@ -9,22 +9,22 @@ import pytest
 import yaml
 from pydantic import TypeAdapter
 
-from dynident.fleets.settings import FleetSettings, RobotChanges
-from dynident.io import channels, settings
-from dynident.io import simulation_settings as loops
-from dynident.io.config import parse_config
-from dynident.io.excitation_settings import BoxSettings, CylinderSettings, JointLimitSettings
-from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
-from dynident.io.fields import UNITS, Section
-from dynident.io.parts import built, section
+from dynident.apps.excitation.config import BoxSettings, CylinderSettings, ExcitationSettings, JointLimitSettings
+from dynident.apps.fleets.config import FleetSettings, RobotChanges
+from dynident.apps.ranking.config import CompareSettings
+from dynident.project import fields, settings
+from dynident.project.config import parse_config
+from dynident.project.fields import UNITS, Section
+from dynident.project.parts import build_part, section
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
 from tests.meta.test_docs import PAGES, ROOT, blocks, title
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.yaml"))
 SECTIONS: dict[str, type[Section]] = {
     "Top level": settings.Config,
     "Time": settings.Time,
-    "Position": channels.PositionChannel,
-    "Torque": channels.Channel,
+    "Position": fields.PositionChannel,
+    "Torque": fields.Channel,
     "Logs": settings.LogSpec,
     "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
     "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
@@ -48,17 +48,17 @@ SECTIONS: dict[str, type[Section]] = {
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,
     "Filter": settings.FilterSettings,
-    "Simulation cascade": loops.CascadeSettings,
-    "Drive": loops.CascadeJoint,
-    "Simulation pd": loops.PDSettings,
-    "Drive pd": loops.PDJoint,
-    "Simulation pid": loops.PIDSettings,
-    "Drive pid": loops.PIDJoint,
-    "Simulation by a function": loops.FunctionSettings,
-    "Drive by a function": loops.FunctionJoint,
-    "Simulation from torque": loops.TorqueInputSettings,
-    "Excitation": settings.ExcitationSettings,
-    "Compare": settings.CompareSettings,
+    "Simulation cascade": settings.CascadeSettings,
+    "Drive": settings.CascadeJoint,
+    "Simulation pd": settings.PDSettings,
+    "Drive pd": settings.PDJoint,
+    "Simulation pid": settings.PIDSettings,
+    "Drive pid": settings.PIDJoint,
+    "Simulation by a function": settings.FunctionSettings,
+    "Drive by a function": settings.FunctionJoint,
+    "Simulation from torque": settings.TorqueInputSettings,
+    "Excitation": ExcitationSettings,
+    "Compare": CompareSettings,
     "Joint limits": JointLimitSettings,
     "Box": BoxSettings,
     "Cylinder": CylinderSettings,
@@ -82,7 +82,7 @@ def default(section: type[Section], key: str) -> Any:
     field = section.model_fields[key]
     value = "required" if field.is_required() else field.get_default(call_default_factory=True)
     if section is settings.Config and key in FAMILIES:
-        return {"kind": FAMILIES[key].kind_of(built(value)[0] if key == "smoother" else built(value))}
+        return {"kind": FAMILIES[key].kind_of(build_part(value)[0] if key == "smoother" else build_part(value))}
     if section in MAPPINGS and key in MAPPINGS[section]:
         value = dict(value)
     return list(value) if isinstance(value, tuple) else value
@@ -109,13 +109,21 @@ def test_configuration_lists_every_term_with_its_settings() -> None:
 def test_configuration_has_every_section_and_unit() -> None:
     sections = {
         value
-        for module in (settings, channels, loops)
+        for module in (settings, fields)
         for value in vars(module).values()
         if isinstance(value, type) and issubclass(value, Section)
     }
     parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
-    own = {FleetSettings, RobotChanges, BoxSettings, CylinderSettings, JointLimitSettings}
-    bases = {Section, channels.Angle, loops.LoopSettings, loops.LoopJoint}
+    own = {
+        CompareSettings,
+        ExcitationSettings,
+        FleetSettings,
+        RobotChanges,
+        BoxSettings,
+        CylinderSettings,
+        JointLimitSettings,
+    }
+    bases = {Section, fields.Angle, settings.LoopSettings, settings.LoopJoint}
     assert set(SECTIONS.values()) == (sections - bases) | parts | own
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
@@ -136,10 +144,10 @@ def test_configurations_shown_are_valid(text: str) -> None:
     if "recipe" in (given := yaml.safe_load(text)):
         FleetSettings.model_validate(given)
     elif "compare" in given and "model" not in given:
-        settings.CompareSettings.model_validate(given["compare"])
+        CompareSettings.model_validate(given["compare"])
     elif given.keys() == {"simulation"}:
-        TypeAdapter(loops.Simulation).validate_python(given["simulation"])
+        TypeAdapter(settings.Simulation).validate_python(given["simulation"])
     elif "model" not in given:
-        settings.ExcitationSettings.model_validate(given)
+        ExcitationSettings.model_validate(given)
     else:
         assert parse_config(text).train

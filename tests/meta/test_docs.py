@@ -20,7 +20,7 @@ import click
 import pytest
 import yaml
 
-from dynident import __version__
+from dynident._version import __version__
 from dynident.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -132,7 +132,7 @@ def test_no_page_and_no_message_installs_dynident_from_an_index() -> None:
 
 def test_the_pages_show_the_main_commands() -> None:
     shown = {line for page, line in commands() if page == "README.md"}
-    assert {"python3 dev.py demo", "python3 dev.py run --help"} <= shown
+    assert {"python3 dev.py demo", "python3 dev.py test", "python3 dev.py run --help"} <= shown
     assert any(line.startswith("dynident identify") for line in shown)
 
 
@@ -181,7 +181,7 @@ def test_files_named_in_the_text_exist(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=title)
 def test_dotted_names_exist(page: Path) -> None:
     """`dynident.x.y` is a module or a name in one; `Class.attribute` belongs to a public class."""
-    text = without_old_names(prose(page))
+    text = prose(page)
     for name in re.findall(r"`(dynident(?:\.\w+)+)`", text):
         module, _, attribute = name.rpartition(".")
         found = hasattr(import_module(module), attribute) if module else False
@@ -190,12 +190,6 @@ def test_dotted_names_exist(page: Path) -> None:
     for owner, attribute in re.findall(r"`([A-Z]\w+)\.([a-z]\w*)`", text):
         assert owner in classes, f"{title(page)}: {owner}"
         assert attribute in classes[owner], f"{title(page)}: {owner}.{attribute}"
-
-
-def without_old_names(text: str) -> str:
-    """Take the first column off the tables of renamed names."""
-    tables = r"(?m)^\| old \| new \|\n(?:\|.*\n)+"
-    return re.sub(tables, lambda table: re.sub(r"(?m)^\|[^|]*", "", table[0]), text)
 
 
 @cache
@@ -240,22 +234,59 @@ def public(parent: ast.AST) -> Iterator[ast.ClassDef | ast.FunctionDef]:
                 yield from public(node)
 
 
-def test_architecture_names_every_module_and_folder() -> None:
-    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    words = set(re.findall(r"[\w]+(?:\.py)?", text))
-    for path in SOURCE.rglob("*.py"):
-        inside = path.parent != SOURCE
-        if path.stem in ("__init__", "__main__"):
-            continue
-        assert f"{path.stem}.py" in words or (not inside and path.stem in words), path.relative_to(SOURCE)
-    for folder in {path.parent for path in SOURCE.rglob("*.py")} - {SOURCE}:
-        assert folder.name in words, folder
+ARCHITECTURE = ROOT / "ARCHITECTURE.md"
+
+
+def table(page: Path, heading: str) -> list[list[str]]:
+    """The cells of the table below a heading, without its head."""
+    part = re.split(r"^## ", page.read_text(encoding="utf-8").partition(f"## {heading}\n")[2], flags=re.MULTILINE)[0]
+    rows = [line.strip("|").split("|") for line in part.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in row] for row in rows[2:]]
+
+
+def test_architecture_is_short_and_names_every_room_and_application() -> None:
+    text = ARCHITECTURE.read_text(encoding="utf-8")
+    assert len(text.split()) <= 2500
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    rooms = [room for layer in reversed(contract["contracts"][0]["layers"]) for room in layer.split(" | ")]
+    told = {room.strip("`"): line for room, line in table(ARCHITECTURE, "The rooms, from below")}
+    folders = {path.parent.name for path in SOURCE.glob("*/__init__.py")}
+    assert set(told) == set(rooms) == folders
+    order = list(told)
+    for layer in reversed(contract["contracts"][0]["layers"]):
+        assert {order.pop(0) for _ in layer.split(" | ")} == set(layer.split(" | "))
+    apps = {path.stem for path in (SOURCE / "apps").iterdir() if path.stem[0].isalpha()}
+    assert set(re.findall(r"`(\w+)`", told["apps"])) == apps
+
+
+def test_architecture_answers_where_things_are() -> None:
+    """Each name of the map is defined in a file of its row."""
+    rows = table(ARCHITECTURE, "Where is what")
+    assert len(rows) >= 20
+    for question, files, names in rows:
+        places = [SOURCE / place for place in re.findall(r"`([^`]+)`", files)]
+        assert all(place.exists() for place in places), question
+        trees = [ast.parse(place.read_text(encoding="utf-8")) for place in places if place.is_file()]
+        defined = {name for tree in trees for node in tree.body for name in defined_names(node)}
+        missing = set(re.findall(r"`(\w+)`", names)) - defined
+        assert trees, question
+        assert names, question
+        assert not missing, f"{question}: {files} {missing}"
+
+
+def defined_names(node: ast.stmt) -> Iterator[str]:
+    """The names that a statement of a module defines."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        yield node.name
+    elif isinstance(node, ast.Assign | ast.AnnAssign):
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        yield from (target.id for target in targets if isinstance(target, ast.Name))
 
 
 def test_architecture_shows_the_import_contract() -> None:
     contract = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     layers = contract["contracts"][0]["layers"]
-    shown = [block["body"].splitlines() for block in blocks(ROOT / "ARCHITECTURE.md")]
+    shown = [block["body"].splitlines() for block in blocks(ARCHITECTURE)]
     assert layers in shown
 
 

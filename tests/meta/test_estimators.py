@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.io.families import ESTIMATORS, SMOOTHERS
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 
 ROOT = Path(__file__).parents[2]
 Load = Callable[[str], ModuleType]

@@ -1,4 +1,4 @@
-"""Tests lie where their modules do."""
+"""Tests lie in the folder of their room: those of ``src/dynident/models/friction`` in ``tests/models/friction``."""
 
 from __future__ import annotations
 
@@ -9,14 +9,34 @@ TESTS, SOURCE = ROOT / "tests", ROOT / "src" / "dynident"
 FREE = ("browser", "laws", "meta")  # of pages in a browser, of whole families, and of the project
 
 
-def mirrors(path: Path) -> bool:
-    """``tests/io/test_logs.py`` tests ``io/logs.py``, or a folder ``io/logs``; ``tests/io/test_io.py`` the package."""
-    folder, name = SOURCE / path.parent.relative_to(TESTS), path.stem.removeprefix("test_")
-    return folder.is_dir() and ((folder / f"{name}.py").is_file() or (folder / name).is_dir() or name == folder.name)
+def has_room(path: Path) -> bool:
+    """Whether the folder of a test is one of the package; ``test_dynident.py`` tests the package itself."""
+    folder = path.parent.relative_to(TESTS)
+    return (SOURCE / folder).is_dir() and (folder.parts != () or path.name == "test_dynident.py")
 
 
-def test_every_test_lies_where_its_module_does() -> None:
+def rooms(folder: Path) -> set[str]:
+    """The rooms of the package below a folder of tests."""
+    return {path.name for path in folder.iterdir() if path.is_dir() and path.name[0].isalpha()} - {"data", *FREE}
+
+
+def test_every_test_lies_in_the_folder_of_its_room() -> None:
     paths = [path for path in TESTS.rglob("test_*.py") if path.relative_to(TESTS).parts[0] not in FREE]
     assert len(paths) > 50
-    assert [str(path) for path in sorted(paths) if not mirrors(path)] == []
-    assert not mirrors(TESTS / "io" / "test_nothing.py")
+    assert [str(path) for path in sorted(paths) if not has_room(path)] == []
+    assert not has_room(TESTS / "io" / "test_nothing.py")
+    assert not has_room(TESTS / "test_nothing.py")
+
+
+def test_every_room_and_application_has_tests() -> None:
+    """``dynident.testing`` is tested by its use in ``tests/laws``."""
+    assert rooms(TESTS) == rooms(SOURCE) - {"testing"}
+    single = {path.stem for path in (SOURCE / "apps").glob("*.py")} - {"__init__"}
+    tested = {path.stem.removeprefix("test_") for path in (TESTS / "apps").glob("test_*.py")}
+    assert rooms(TESTS / "apps") == rooms(SOURCE / "apps")
+    assert tested == single
+
+
+def test_the_top_of_the_package_has_few_names() -> None:
+    assert len(rooms(SOURCE)) <= 14
+    assert {path.name for path in SOURCE.glob("*.py")} == {"__init__.py", "__main__.py", "_version.py"}

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import dynident
-from dynident.fleets.settings import FleetSettings
-from dynident.io.families import EXPORTERS
-from dynident.io.schema import config_schema, result_schema
+from dynident.apps.fleets.config import FleetSettings
+from dynident.project.result_format import config_schema, result_schema
+from dynident.runtime.families import EXPORTERS
 
 SOURCE = Path(__file__).parents[2] / "src" / "dynident"
-OTHER = {"S", "numpy_source"}  # a keyword of the spline, a method of a term
+OTHER = {"S", "numpy_source", "partials"}  # a keyword of the spline, two methods of a term
 
 
 def quoted() -> Iterator[tuple[str, str]]:

@@ -23,8 +23,8 @@ def test_parts_name_files_and_tests_that_exist() -> None:
         assert len(found) >= len(part.files)
         for path in found:
             assert all((ROOT / one).exists() for one in RUN["tests_of"](part, path, ROOT)), path
-    first, *_ = RUN["tests_of"](RUN["PARTS"]["splines"], "src/dynident/splines/noise.py", ROOT)
-    assert first == "tests/splines/test_noise.py"
+    first, *_ = RUN["tests_of"](RUN["PARTS"]["splines"], "src/dynident/motion/splines/series.py", ROOT)
+    assert first == "tests/motion/splines/test_noise.py"
 
 
 def test_the_tests_of_a_file_run_before_the_others_of_its_folder() -> None:

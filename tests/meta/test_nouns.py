@@ -9,8 +9,9 @@ import pkgutil
 import dynident
 
 GATHER = {
-    *("_Program", "_Run", "Search", "Node", "Columns", "ResultFolder", "Run", "Voice", "_Body", "_System"),
-    *("_Choosing", "JointSearch", "LineReader", "SampleReader", "Watch", "Session", "Descent"),
+    *("ArrayColumns", "CommandLog", "InputRegistry", "LineReader", "ResultFolder", "SampleReader", "Session", "Watch"),
+    *("Descent", "InstrumentalRun", "JointSearch", "LikelihoodSearch", "_ConicProgram", "_LikelihoodRun"),
+    *("XmlNode", "_Body", "_System", "_TermSelection"),
 }
 
 

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from dynident.cli import main
-from dynident.io.project import read_project
+from dynident.project.project import read_project
 from tests.robots import joint, link, urdf
 
 PAGE = (Path(__file__).parents[2] / "docs" / "recipes.md").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from dynident import __version__
+from dynident._version import __version__
 
 ROOT = Path(__file__).parents[2]
 VERSIONS = ["3.11", "3.12", "3.13"]
@@ -55,9 +55,14 @@ def test_what_is_built_is_the_project(release: ModuleType, tmp_path: Path, monke
 
 def test_a_wheel_with_a_gap_or_with_more_is_noticed(release: ModuleType) -> None:
     about = "dynident-1.0.dist-info"
-    known = {"src/dynident/a.py", "src/dynident/demo/b.parquet", "tests/c.py", "LICENSE"}
+    known = {"src/dynident/a.py", "src/dynident/apps/demo/b.parquet", "tests/c.py", "LICENSE"}
     data = {"dynident/py.typed": 0, "dynident/report/templates/page.html": 9}
-    right = {"dynident/a.py": 1, "dynident/demo/b.parquet": 2, f"{about}/METADATA": 3, f"{about}/licenses/LICENSE": 4}
+    right = {
+        "dynident/a.py": 1,
+        "dynident/apps/demo/b.parquet": 2,
+        f"{about}/METADATA": 3,
+        f"{about}/licenses/LICENSE": 4,
+    }
     known |= {f"src/{name}" for name in data}
 
     def faults(**changes: int) -> list[str]:

@@ -13,9 +13,9 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from dynident import read_robot
 from dynident.cli import main
 from dynident.models import Model
+from dynident.project.shortcuts import read_robot
 from tests.saved_results import errors_by_log
 
 ROOT = Path(__file__).parents[2]

@@ -14,20 +14,21 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import pytest
 
-from dynident.checks.motion_notes import EffortAboveLimit, Search, SearchLeftOut
+from dynident.apps.excitation.expected_report import noise_words  # noqa: F401  # and those of designed motions
+from dynident.apps.payload import body as payload_notes
+from dynident.apps.payload.report import payload_words  # noqa: F401  # and those of payloads
+from dynident.checks.log_notes import EffortAboveLimit, SearchKind, SearchLeftOut
 from dynident.checks.notes import ReadingNote, SamplingJitter
 from dynident.checks.robot_notes import MissingTerm, TermKind
-from dynident.errors import Note, Remark, Use
-from dynident.identification.verdict.reasons import Noted, Reason
-from dynident.identification.verdict.steps import Sharpen
-from dynident.payload import notes as payload_notes
-from dynident.report.advice import sentences  # noqa: F401  # with it the words of reasons are there
-from dynident.report.excitation_words import noise_words  # noqa: F401  # and those of designed motions
+from dynident.identification import Reason
+from dynident.identification.verdict import ForbiddingFindings
+from dynident.identification.verdict_steps import Sharpen
+from dynident.models.simulation import Broken, Failure
 from dynident.report.finding_words import finding_words  # noqa: F401  # and those of findings
-from dynident.report.payload import payload_words  # noqa: F401  # and those of payloads
-from dynident.report.wording import words
-from dynident.simulation import Broken, Failure
-from dynident.validation.residuals import Cause
+from dynident.report.note_words import words
+from dynident.report.verdict_words import verdict_sentences  # noqa: F401  # with it the words of reasons are there
+from dynident.runtime import Note, Remark, Use
+from dynident.validation import Cause
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "symptoms.md").read_text(encoding="utf-8")
@@ -35,7 +36,7 @@ PAYLOAD_PAGE = (DOCS / "payload.md").read_text(encoding="utf-8")
 PLAIN = {int: 2, float: 1e-3, str: "one", bool: False}
 # what a reader needs no help with, and what passes on the words of another
 LEFT_OUT = {"Averaged", "SmoothSigns"}
-PASSED_ON = (Remark, Noted, Broken, ReadingNote)
+PASSED_ON = (Remark, ForbiddingFindings, Broken, ReadingNote)
 
 
 def kinds(base: type) -> Iterator[type]:
@@ -81,7 +82,7 @@ def texts(kind: type) -> tuple[str, ...]:
     if issubclass(kind, MissingTerm):
         return tuple(words(made(kind, effect=effect, period=0.0)) for effect in TermKind)
     if kind is SearchLeftOut:
-        return tuple(words(made(kind, search=search)) for search in Search)
+        return tuple(words(made(kind, search=search)) for search in SearchKind)
     if kind is EffortAboveLimit:
         return tuple(words(made(kind, far=far)) for far in (False, True))
     if kind is SamplingJitter:
@@ -106,7 +107,11 @@ def test_each_type_of_message_has_its_entry(kind: type) -> None:
 
 def test_each_type_of_note_on_a_payload_has_its_row_and_no_others() -> None:
     rows, kinds = re.findall(r'^\| "([^"]+)"', PAYLOAD_PAGE, flags=re.MULTILINE), of_payloads()
-    assert len(kinds) == len(payload_notes.__all__)
+    defined = [
+        kind for kind in vars(payload_notes).values() if getattr(kind, "__module__", "") == payload_notes.__name__
+    ]
+    assert set(kinds) == {kind for kind in defined if isinstance(kind, type) and issubclass(kind, Note)}
+    assert len(kinds) > 5
     for kind in kinds:
         assert any(row in text for row in rows for text in texts(kind)), f"docs/payload.md: {texts(kind)[0]}"
     assert [row for row in rows if not any(row in text for kind in kinds for text in texts(kind))] == []
@@ -126,4 +131,4 @@ def test_no_words_are_quoted_that_nobody_prints() -> None:
 def test_what_forbids_a_use_is_among_them() -> None:
     found = set(printed())
     assert len([kind for kind in found if getattr(kind, "forbids", None) in (Use.CONTROL, Use.SIMULATION)]) > 20
-    assert set(Reason.__subclasses__()) - {Noted} <= found
+    assert set(Reason.__subclasses__()) - {ForbiddingFindings} <= found

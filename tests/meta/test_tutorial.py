@@ -27,7 +27,7 @@ from click.testing import CliRunner
 
 from dynident.cli import main
 from dynident.identification import Identification
-from dynident.io import project
+from dynident.project import project
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from dynident import __version__
-from dynident.kernel.build import compilers, zig
+from dynident._version import __version__
+from dynident.runtime.kernel.build import compilers, zig
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "dynident"
@@ -80,7 +80,7 @@ def test_the_wheel_has_every_file_of_the_package(wheel: Path) -> None:
 @pytest.mark.skipif(not compilers(), reason="there is no C compiler")
 def test_the_wheel_has_the_kernel_of_this_system(wheel: Path, installed: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
-        assert {f"dynident/kernel/{name}" for name in KERNEL} <= set(archive.namelist())
+        assert {f"dynident/runtime/kernel/{name}" for name in KERNEL} <= set(archive.namelist())
         assert "Root-Is-Purelib: false" in archive.read(f"dynident-{__version__}.dist-info/WHEEL").decode()
     assert re.fullmatch(rf"dynident-{__version__}-py3-none-(linux|macosx|win)\w*\.whl", wheel.name)
     shown = run(installed / "python", "-m", "dynident", "--version", folder=tmp_path)

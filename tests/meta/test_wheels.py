@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 ABOUT = "dynident-1.0.dist-info"
 PURE = {
     "dynident/__init__.py": "",
-    "dynident/kernel/build.py": "1",
+    "dynident/runtime/kernel/build.py": "1",
     f"{ABOUT}/METADATA": "Name: dynident\n",
     f"{ABOUT}/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
     f"{ABOUT}/RECORD": "",
@@ -51,9 +51,9 @@ def test_a_wheel_is_the_one_without_a_kernel_and_its_library(wheels: ModuleType,
     with zipfile.ZipFile(made) as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
     assert list(files)[-1] == f"{ABOUT}/RECORD"
-    assert files.keys() == {*PURE, "dynident/kernel/kernel.bin", "dynident/kernel/kernel.bin.sum"}
-    assert files["dynident/kernel/kernel.bin"] == b"library"
-    assert hashlib.sha256(b"library").hexdigest() in files["dynident/kernel/kernel.bin.sum"].decode()
+    assert files.keys() == {*PURE, "dynident/runtime/kernel/kernel.bin", "dynident/runtime/kernel/kernel.bin.sum"}
+    assert files["dynident/runtime/kernel/kernel.bin"] == b"library"
+    assert hashlib.sha256(b"library").hexdigest() in files["dynident/runtime/kernel/kernel.bin.sum"].decode()
     _, *about = files[f"{ABOUT}/WHEEL"].decode().splitlines()
     tags = ["Tag: py3-none-manylinux_2_17_x86_64", "Tag: py3-none-manylinux2014_x86_64"]
     assert about == ["Root-Is-Purelib: false", *tags]

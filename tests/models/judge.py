@@ -46,7 +46,7 @@ class Judge:
     def __init__(self, bodies, theta):
         self.arm, self.model = bodies.arm, pin.Model()
         values = np.zeros((len(self.arm.bodies), 10))
-        values[self.arm.listed] = np.reshape(theta, (-1, 10))
+        values[self.arm.parameter_bodies] = np.reshape(theta, (-1, 10))
         for k, body in enumerate(self.arm.bodies):
             slides = body.joint.kind == "prismatic"
             kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
@@ -62,20 +62,22 @@ class Judge:
 
     def regressor(self, *states):
         bodies = self.model.nv
-        full = self._each(pin.computeJointTorqueRegressor, *self.arm.moved(*states)).reshape(-1, bodies, 10 * bodies)
+        full = self._each(pin.computeJointTorqueRegressor, *self.arm.body_states(*states)).reshape(
+            -1, bodies, 10 * bodies
+        )
         full = (self.arm.drive.T @ full).reshape(len(full), len(self.arm.driven), -1, 10)
-        return full[:, :, self.arm.listed].reshape(len(full), len(self.arm.driven), -1)
+        return full[:, :, self.arm.parameter_bodies].reshape(len(full), len(self.arm.driven), -1)
 
     def torque(self, *states):
-        return self._each(pin.rnea, *self.arm.moved(*states)).reshape(-1, self.model.nv) @ self.arm.drive
+        return self._each(pin.rnea, *self.arm.body_states(*states)).reshape(-1, self.model.nv) @ self.arm.drive
 
     def partials(self, *states):
-        found = self._each(lambda *state: np.array(pin.computeRNEADerivatives(*state)), *self.arm.moved(*states))
+        found = self._each(lambda *state: np.array(pin.computeRNEADerivatives(*state)), *self.arm.body_states(*states))
         found = found.reshape(-1, 3, self.model.nv, self.model.nv)
         return self.arm.drive.T @ found.swapaxes(0, 1) @ self.arm.drive
 
     def mass(self, q):
-        upper = self._each(lambda *state: np.triu(pin.crba(*state)), self.arm.moved(q, q, q)[0])
+        upper = self._each(lambda *state: np.triu(pin.crba(*state)), self.arm.body_states(q, q, q)[0])
         upper = upper.reshape(-1, self.model.nv, self.model.nv)
         return self.arm.drive.T @ (upper + np.triu(upper, 1).swapaxes(1, 2)) @ self.arm.drive
 

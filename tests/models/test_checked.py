@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.models import Joint, Model, Parameter, Partials, Viscous
-from dynident.models.gallery import two_link_arm
+from dynident.models import Joint, Model, Parameter, Partials, Term
+from dynident.models.friction import Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.runtime import ModelError
 
 RNG = np.random.default_rng(3)
 Q, DQ, DDQ = RNG.normal(size=(3, 7, 2))
@@ -15,7 +16,7 @@ JOINTS = (Joint("a"), Joint("b"))
 
 
 @dataclass(frozen=True)
-class Broken:
+class Broken(Term):
     """A user's term that returns what it is told to."""
 
     answer: object

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.models import CoupledFriction, CoupledMotor, Joint, Power
+from dynident.models import CoupledFriction, CoupledMotor, Joint
+from dynident.models.friction import Power
+from dynident.runtime import ModelError
 
 WRIST = tuple(map(Joint, ("a", "b", "c")))
 SHARES = {"b": 1.0, "c": -2.0}

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynident.models import FUNCTIONS, Joint, Offset, Viscous
+from dynident.models import FUNCTIONS, Joint
+from dynident.models.friction import Offset, Viscous
 
 JOINTS = Joint("a"), Joint("b")
 

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from dynident.models.gallery import MODELS, pendulum, slider, two_link_arm
+from dynident.models.lagrangian import MODELS, pendulum, slider, two_link_arm
 
 PUBLISHED = (0.0340, 0.0030, 0.0045, 0.1329, 0.0170, 0.6189, 0.6189)  # article, tables 2, 4 and 6, "True value"
 

@@ -4,16 +4,16 @@ import numpy as np
 import pinocchio
 import pytest
 
-from dynident.errors import ModelError
 from dynident.models import (
+    change_frame,
     consistency_violations,
     from_physical,
     from_pseudo,
-    moved,
     smallest_eigenvalue,
     to_physical,
     to_pseudo,
 )
+from dynident.runtime import ModelError
 
 
 def bodies(count=5, seed=0):
@@ -66,15 +66,15 @@ def test_moved_is_that_of_pinocchio():
     placement = pinocchio.SE3(pinocchio.utils.rpyToMatrix(0.1, -0.7, 2.0), np.array([0.3, -1.0, 2.0]))
     expected = placement.act(pinocchio.Inertia(mass[0], centre[0], about_centre[0])).toDynamicParameters()
     theta = from_physical(mass[0], centre[0], about_centre[0])
-    np.testing.assert_allclose(moved(theta, placement.homogeneous), expected, rtol=1e-11)
+    np.testing.assert_allclose(change_frame(theta, placement.homogeneous), expected, rtol=1e-11)
 
 
 def test_moved_is_linear_so_that_any_parameters_will_do():
     one, other = np.random.default_rng(1).normal(size=(2, 10))
     one[0] = -other[0]
     T = pinocchio.SE3(pinocchio.utils.rpyToMatrix(1.0, 0.2, 0.3), np.ones(3)).homogeneous
-    np.testing.assert_allclose(moved(one + other, T), moved(one, T) + moved(other, T), atol=1e-13)
-    assert moved(one + other, T)[0] == 0
+    np.testing.assert_allclose(change_frame(one + other, T), change_frame(one, T) + change_frame(other, T), atol=1e-13)
+    assert change_frame(one + other, T)[0] == 0
 
 
 def test_bodies_violate_nothing_and_have_positive_pseudo_inertias():

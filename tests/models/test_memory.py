@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.errors import InputError, ModelError
-from dynident.log import Motion, thinned
-from dynident.models import Coulomb, Dahl, Drift, LoadCoulomb, Model, Viscous, unloaded
-from dynident.models.gallery import pendulum
+from dynident.models import Model, drop_load_dependence
+from dynident.models.friction import Coulomb, Dahl, Drift, LoadCoulomb, Viscous
+from dynident.models.lagrangian import pendulum
+from dynident.motion.log import Motion, thin_motions
 from dynident.regression import Regression
+from dynident.runtime import InputError, ModelError
 
 JOINTS = pendulum().joints
 HYSTERETIC = pendulum().with_terms(Dahl(JOINTS, length=0.02), Viscous(JOINTS), Drift(JOINTS, time=2.0))
@@ -26,29 +27,31 @@ def test_a_motion_carries_what_is_remembered_of_it():
     motion = HYSTERETIC.remembering(swinging())
     assert HYSTERETIC.memory == 2
     assert motion.memory.shape == (5000, 2)
-    (few,) = thinned([motion], 100)
+    (few,) = thin_motions([motion], 100)
     np.testing.assert_array_equal(few.memory, motion.memory[np.searchsorted(motion.t, few.t)])
-    np.testing.assert_array_equal(motion.between(1.0, 2.0).memory, motion.memory)
-    assert pendulum().remembering(motion.between(0.0)).memory is motion.memory, "a model without memory needs none"
+    np.testing.assert_array_equal(motion.select_between(1.0, 2.0).memory, motion.memory)
+    assert pendulum().remembering(motion.select_between(0.0)).memory is motion.memory, (
+        "a model without memory needs none"
+    )
 
 
 def test_a_shift_interpolates_what_is_remembered():
     motion = HYSTERETIC.remembering(swinging())
     step = motion.t[1]
-    late = motion.shifted(3 * step)
+    late = motion.shift(3 * step)
     np.testing.assert_allclose(late.memory[:-4], motion.memory[3:-1], atol=1e-9)
-    half = motion.shifted(0.5 * step).memory
+    half = motion.shift(0.5 * step).memory
     np.testing.assert_allclose(half[:-1], (motion.memory[1:] + motion.memory[:-1]) / 2, atol=1e-12)
 
 
 def test_a_part_goes_on_from_the_memory_of_its_first_sample():
     motion = HYSTERETIC.remembering(swinging())
-    part = motion.shifted(0.0, np.arange(1700, 3100))
+    part = motion.shift(0.0, np.arange(1700, 3100))
     again = HYSTERETIC.remembering(replace(part, memory=None), part.memory[0])
     np.testing.assert_allclose(again.memory, part.memory, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", [HYSTERETIC, LOADED.loaded([0.1, 0.2, 0.0, 0.0])])
+@pytest.mark.parametrize("model", [HYSTERETIC, LOADED.with_load([0.1, 0.2, 0.0, 0.0])])
 def test_blocks_have_the_columns_of_the_whole(model):
     """A motion of several blocks, with a gap in the mask."""
     motion = model.remembering(swinging())
@@ -84,7 +87,7 @@ def test_the_mass_needs_no_memory():
 
 def test_the_load_is_the_torque_of_the_bodies():
     theta = np.array([0.1, 0.2, 5.0, 7.0])
-    model, motion = LOADED.loaded(theta), swinging()
+    model, motion = LOADED.with_load(theta), swinging()
     assert model.load == (0.1, 0.2)
     found = model.remembering(motion).memory
     np.testing.assert_allclose(found, pendulum().torque(**motion.states(), theta=theta[:2]))
@@ -92,10 +95,10 @@ def test_the_load_is_the_torque_of_the_bodies():
 
 
 def test_the_load_is_found_without_the_terms_that_need_it():
-    assert unloaded(LOADED).names == ("J", "h", "Fv_pivot")
-    assert unloaded(LOADED.loaded(np.ones(4))).needs_load
-    assert unloaded(HYSTERETIC) is HYSTERETIC
+    assert drop_load_dependence(LOADED).names == ("J", "h", "Fv_pivot")
+    assert drop_load_dependence(LOADED.with_load(np.ones(4))).needs_load
+    assert drop_load_dependence(HYSTERETIC) is HYSTERETIC
     with pytest.raises(ModelError, match="no term is of bodies"):
-        unloaded(Model((Coulomb(JOINTS), LoadCoulomb(JOINTS))))
+        drop_load_dependence(Model((Coulomb(JOINTS), LoadCoulomb(JOINTS))))
     with pytest.raises(ModelError, match="load has 1 parameters, but its bodies have 2"):
         replace(LOADED, load=(1.0,))

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.models import Coulomb, Joint, Model, Offset, Parameter, RigidBodies, RotorInertia, Viscous
-from dynident.models.gallery import pendulum, slider, two_link_arm
+from dynident.models import Joint, Model, Parameter, RigidBodies, RotorInertia, Term
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.lagrangian import pendulum, slider, two_link_arm
+from dynident.runtime import ModelError
 from tests.robots import ARM
 
 RNG = np.random.default_rng(3)
@@ -159,7 +160,7 @@ def test_partials_add_up_over_the_terms():
 
 
 @dataclass(frozen=True)
-class Pulled:
+class Pulled(Term):
     """A term with gravity."""
 
     joints: tuple = JOINTS

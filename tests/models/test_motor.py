@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
+from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 ARM = (Joint("shoulder"), Joint("elbow"))

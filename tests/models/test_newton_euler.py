@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynident.models import RigidBodies
-from dynident.models.newton_euler import NewtonEuler
+from dynident.models.tree import NewtonEuler
 from tests.models.judge import Judge, assert_same, random_bodies, random_states, recursion_of
 from tests.robots import joint, link, urdf
 
@@ -15,7 +15,7 @@ def of(bodies):
 
 
 def rows(layout, states):
-    return [np.ascontiguousarray(one.T) for one in layout.moved(*states)]
+    return [np.ascontiguousarray(one.T) for one in layout.body_states(*states)]
 
 
 @pytest.mark.parametrize("kinds", [("revolute",), ("prismatic",), ("revolute", "prismatic")])
@@ -50,4 +50,6 @@ def test_any_axis(axis):
     theta = np.random.default_rng(15).normal(size=20)
     states = random_states(bodies, 16, 3)
     mine, layout = of(bodies)
-    assert_same(mine.torque(rows(layout, states), layout.filled(theta)).T, Judge(bodies, theta).torque(*states))
+    assert_same(
+        mine.torque(rows(layout, states), layout.expand_parameters(theta)).T, Judge(bodies, theta).torque(*states)
+    )

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.errors import ModelError
 from dynident.models import RigidBodies
+from dynident.runtime import ModelError
 from tests.models.judge import Judge, assert_same, random_bodies, random_states
 from tests.robots import ARM, GRIPPER, link
 from tests.robots import joint as joint_of
@@ -17,7 +17,9 @@ few = settings(max_examples=20, deadline=None)
 
 def jacobians(found, body, points):
     """The derivatives (N, P, 3, n) by q of points (N, P, 3) that are fixed to their bodies."""
-    return np.stack([found.pulled(body, points, np.broadcast_to(one, points.shape)) for one in np.eye(3)], axis=2)
+    return np.stack(
+        [found.project_on_joints(body, points, np.broadcast_to(one, points.shape)) for one in np.eye(3)], axis=2
+    )
 
 
 @few
@@ -26,7 +28,7 @@ def test_any_tree_is_where_pinocchio_says(seed, count):
     bodies, theta = random_bodies(seed, count)
     (q, _, _), judge = random_states(bodies, seed, 3), Judge(bodies, theta)
     found = bodies.placements(q)
-    for i, moved in enumerate(bodies.arm.moved(q, q, q)[0]):
+    for i, moved in enumerate(bodies.arm.body_states(q, q, q)[0]):
         pin.forwardKinematics(judge.model, judge.data, moved)
         for k, place in enumerate(list(judge.data.oMi)[1:]):
             assert_same(found.rotations[i, k], place.rotation)
@@ -47,7 +49,7 @@ def test_points_move_with_their_joints(seed, count):
         ahead, behind = (bodies.placements(one).points(body, local) for one in (q + step, q - step))
         assert_same(J[..., k], (ahead - behind) / (2 * h), 1e-8)
     along = rng.normal(size=points.shape)
-    assert_same(found.pulled(body, points, along), np.einsum("ipck,ipc->ipk", J, along))
+    assert_same(found.project_on_joints(body, points, along), np.einsum("ipck,ipc->ipk", J, along))
 
 
 def test_the_root_link_does_not_move():

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.models import newton_euler, recursion
+from dynident.models import recursion
+from dynident.models import tree as newton_euler
 from tests.models.judge import Judge, assert_same, random_bodies, random_states, recursion_of
 
 few = settings(max_examples=30, deadline=None)
@@ -13,7 +14,7 @@ seeds, sizes = st.integers(0, 2**32 - 1), st.integers(1, 12)
 
 
 def full(bodies, theta):
-    return recursion_of(bodies).layout.filled(theta)
+    return recursion_of(bodies).layout.expand_parameters(theta)
 
 
 @few

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from dynident import kernel
-from dynident.kernel.build import LEVELS, architecture
 from dynident.models import recursion_kernel
 from dynident.models.recursion import Recursion
 from dynident.models.recursion_kernel import CompiledRecursion
+from dynident.runtime import kernel
+from dynident.runtime.kernel.build import LEVELS, architecture
 from tests.models.judge import assert_same, random_bodies, random_states, recursion_of
 
-LIBRARY = kernel._loaded()[0]
+LIBRARY = kernel._load_library()[0]
 NAMES = [name for name, _, _ in LEVELS[architecture()]]
 BEST = [] if LIBRARY is None else NAMES[: LIBRARY.dynident_best() + 1]
 pytestmark = pytest.mark.skipif(LIBRARY is None, reason=f"no kernel: {kernel.kernel()}")
@@ -44,7 +44,7 @@ def everything(mine, state, values):
 @pytest.mark.parametrize("seed", range(12))
 def test_the_kernel_is_numpy(level, seed):
     bodies, theta = random_bodies(seed, 1 + seed)
-    values = recursion_of(bodies).layout.filled(theta)
+    values = recursion_of(bodies).layout.expand_parameters(theta)
     for samples in SAMPLES:
         state = random_states(bodies, seed, samples)
         found = everything(recursion_of(bodies, CompiledRecursion), state, values)
@@ -54,7 +54,7 @@ def test_the_kernel_is_numpy(level, seed):
 
 def test_all_levels_give_the_same_bits(monkeypatch):
     bodies, theta = random_bodies(3, 9)
-    values, state = recursion_of(bodies).layout.filled(theta), random_states(bodies, 1, 45)
+    values, state = recursion_of(bodies).layout.expand_parameters(theta), random_states(bodies, 1, 45)
     found = []
     for name in BEST:
         monkeypatch.setattr(
@@ -87,7 +87,7 @@ def test_angles_of_any_size(level, size):
 def test_what_is_not_a_number_stays_in_its_sample(level):
     bodies, theta = random_bodies(4, 5, mimics=0.0)
     state, mine = random_states(bodies, 2, 11), recursion_of(bodies, CompiledRecursion)
-    values = mine.layout.filled(theta)
+    values = mine.layout.expand_parameters(theta)
     good = mine.torque(*state, values)
     for which in range(3):
         bad = [one.copy() for one in state]
@@ -108,5 +108,5 @@ def test_no_samples(level):
     bodies, theta = random_bodies(1, 3, mimics=0.0)
     none, mine = np.zeros((0, 3)), recursion_of(bodies, CompiledRecursion)
     assert mine.regressor(none, none, none).shape == (0, 3, 30)
-    assert mine.torque(none, none, none, mine.layout.filled(theta)).shape == (0, 3)
+    assert mine.torque(none, none, none, mine.layout.expand_parameters(theta)).shape == (0, 3)
     assert mine.weighted_gradient(none, none, none, np.zeros((0, 3, 30))).shape == (3, 0, 3)

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
 from dynident.models import Joint, Model, RigidBodies, from_physical, recursion_kernel
-from dynident.models.robot_file import Limits
+from dynident.models.robot_files import RobotJointLimits
+from dynident.runtime import ModelError
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
 
 
@@ -35,12 +35,12 @@ def test_joints_in_a_chosen_order():
 
 def test_links_that_do_not_move_against_each_other_are_one_body():
     """The tool is on the slide; with the rail locked, all of it is on the upper arm."""
-    assert RigidBodies(ARM).merged == {"slide": ("tool",)}
+    assert RigidBodies(ARM).merged_links == {"slide": ("tool",)}
     assert values(RigidBodies(ARM))[10] == 1.5
     locked = RigidBodies(ARM, locked={"rail": 0.3})
-    assert locked.merged == {"upper": ("slide", "tool")}
+    assert locked.merged_links == {"upper": ("slide", "tool")}
     assert values(locked)[0] == 3.5
-    assert RigidBodies(ARM, joints_used=("twist",)).merged == {"base": ("upper", "slide", "tool")}
+    assert RigidBodies(ARM, joints_used=("twist",)).merged_links == {"base": ("upper", "slide", "tool")}
 
 
 def test_a_locked_joint_stands_at_its_value():
@@ -53,14 +53,14 @@ def test_a_locked_joint_stands_at_its_value():
 def test_limits_and_nominal_friction():
     text = ARM.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0 1 0"/><dynamics damping="0.3" friction="0.1"/>')
     term = RigidBodies(text, joints_used=("twist", "shoulder"))
-    assert term.limits == {"twist": Limits(), "shoulder": Limits(10.0, 2.0, -1.0, 1.0)}
+    assert term.limits == {"twist": RobotJointLimits(), "shoulder": RobotJointLimits(10.0, 2.0, -1.0, 1.0)}
     assert (term.damping, term.friction, term.armature) == ({"twist": 0.3}, {"twist": 0.1}, {})
 
 
 def test_limits_and_nominal_values_of_an_mjcf():
     term = RigidBodies(ARM_MJCF)
     assert term.format == "mjcf"
-    assert term.limits["shoulder"] == Limits(effort=10.0, lower=-1.0, upper=1.0)
+    assert term.limits["shoulder"] == RobotJointLimits(effort=10.0, lower=-1.0, upper=1.0)
     assert term.damping == {"shoulder": 0.4, "rail": 0.1, "twist": 0.4}
     assert (term.friction, term.armature) == ({"shoulder": 0.2}, {"rail": 0.01})
 
@@ -73,12 +73,12 @@ def test_degrees_of_an_mjcf():
 
 def test_a_hanging_joint_without_limit_is_read():
     text = urdf(link("a"), link("b", 1.0), joint("j", "continuous", "a", "b").replace("continuous", "revolute"))
-    assert RigidBodies(text).limits == {"j": Limits()}
+    assert RigidBodies(text).limits == {"j": RobotJointLimits()}
 
 
 def test_an_undeclared_world_is_no_fault():
     text = urdf(link("a"), link("b", 1.0), joint("w", "fixed", "world", "a"), joint("j", "revolute", "a", "b"))
-    assert RigidBodies(text).merged == {"world": ("a",)}
+    assert RigidBodies(text).merged_links == {"world": ("a",)}
 
 
 def test_missing_meshes_and_materials_do_not_matter():
@@ -92,7 +92,7 @@ def test_missing_meshes_and_materials_do_not_matter():
 
 def test_a_mimic_joint_stands_where_it_follows():
     near, far = (RigidBodies(GRIPPER, joints_used=("elbow",), locked={"finger": x}) for x in (0.0, 0.05))
-    assert near.merged == {"arm": ("left", "right")}
+    assert near.merged_links == {"arm": ("left", "right")}
     my = [values(term)[2] for term in (near, far)]
     np.testing.assert_allclose(my, [-0.1 * 0.01, 0.1 * 0.05 - 0.1 * 0.11], rtol=1e-12)
 

@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError
 from dynident.models import (
-    Coulomb,
     CoupledMotor,
     Model,
+    Partials,
     RigidBodies,
     RotorInertia,
-    Viscous,
+    Structure,
+    Term,
+    common_structure,
     random_states,
-    structure_of,
 )
-from dynident.models.gallery import two_link_arm
-from dynident.models.structure import Structure, independent, is_selective, support_of
-from dynident.models.term import Partials
+from dynident.models.friction import Coulomb, Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.structure import is_selective, select_independent, term_support
+from dynident.runtime import ModelError
 from tests.robots import joint, link, urdf
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ ARM = urdf(
 
 
 @dataclass(frozen=True)
-class Chosen:
+class Chosen(Term):
     """Rigid bodies that give chosen entries by taking them from the regressor; ``wrong`` spoils what they say."""
 
     bodies: RigidBodies
@@ -117,7 +118,7 @@ def test_a_tilted_base_has_more_columns_than_a_level_one() -> None:
 
 
 def test_one_structure_under_four_gravities_holds_under_any() -> None:
-    structure = structure_of([arm(gravity) for gravity in ((0, 0, 0), (9.81, 0, 0), (0, 9.81, 0), (0, 0, 9.81))])
+    structure = common_structure([arm(gravity) for gravity in ((0, 0, 0), (9.81, 0, 0), (0, 9.81, 0), (0, 0, 9.81))])
     model = arm((1.0, -2.0, 5.0))
     states = random_states(model.joints, np.random.default_rng(3), 20)
     Y = model.regressor(*states)
@@ -139,7 +140,7 @@ def test_a_subclass_with_another_regressor_inherits_no_structure() -> None:
     heavier = Heavier(RigidBodies(ARM))
     assert is_selective(Chosen(RigidBodies(ARM)))
     assert not is_selective(heavier)
-    assert support_of(heavier).all()
+    assert term_support(heavier).all()
     states = random_states(heavier.joints, np.random.default_rng(0), 9)
     model = Model((heavier,))
     np.testing.assert_allclose(recovered(model.structure, model, *states), model.regressor(*states))
@@ -163,7 +164,7 @@ def test_entries_that_are_not_finite_are_named() -> None:
 def test_columns_are_dependent_only_to_rounding(step: float, kept: int) -> None:
     X = np.random.default_rng(1).normal(size=(200, 3))
     X[:, 2] = X[:, 0] - 2 * X[:, 1] + step * X[:, 2]
-    b, K = independent(X)
+    b, K = select_independent(X)
     assert len(b) == kept
     np.testing.assert_allclose(X[:, b] @ K, X, atol=1e-13)
 
@@ -171,14 +172,14 @@ def test_columns_are_dependent_only_to_rounding(step: float, kept: int) -> None:
 def test_what_holds_in_half_of_the_states_only_is_not_used() -> None:
     X = np.random.default_rng(1).normal(size=(200, 3))
     X[::2, 2] = X[::2, 0]
-    b, K = independent(X)
+    b, K = select_independent(X)
     assert b.tolist() == [0, 1, 2]
     np.testing.assert_array_equal(K, np.eye(3))
 
 
 def test_columns_beside_a_model() -> None:
     model = arm()
-    wide = model.structure.beside(2)
+    wide = model.structure.append_columns(2)
     p = len(model.parameters)
     assert [one[-2:].tolist() for one in wide.columns] == [[p, p + 1]] * 3
     for one, map_ in zip(model.structure.maps, wide.maps, strict=True):

@@ -10,8 +10,8 @@ from tests.robots import ARM, GRIPPER, joint, link, urdf
 
 def test_a_serial_arm_needs_no_copies():
     layout = Layout.of(RigidBodies(ARM).arm)
-    assert layout.plain
-    assert layout.complete
+    assert layout.is_identity
+    assert layout.is_complete
     assert layout.hosts == slice(0, 3)
     assert [chain.path for chain in layout.chains] == [slice(0, 1), slice(0, 2), slice(0, 3)]
     np.testing.assert_array_equal(layout.above, np.tri(3))
@@ -19,10 +19,10 @@ def test_a_serial_arm_needs_no_copies():
 
 def test_a_mimic_joint_has_the_gain_of_its_drive():
     layout = Layout.of(RigidBodies(GRIPPER).arm)
-    assert not layout.plain
+    assert not layout.is_identity
     assert layout.joints == 2
     np.testing.assert_array_equal(layout.gain, [1.0, 1.0, 2.0])
-    q, dq, _ = layout.moved(*np.ones((3, 1, 2)))
+    q, dq, _ = layout.body_states(*np.ones((3, 1, 2)))
     np.testing.assert_allclose(q, [[1.0, 1.0, 2.01]])
     np.testing.assert_allclose(dq, [[1.0, 1.0, 2.0]])
 

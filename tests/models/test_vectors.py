@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynident.models.vectors import back, cross, diagonal, dot, outer, product, turn
+from dynident.models.inertia import cross, diagonal, dot, matmul, matvec, outer, transposed_matvec
 
 A, B = np.random.default_rng(0).normal(size=(2, 3, 3, 4, 5))
 a, b = np.random.default_rng(1).normal(size=(2, 3, 4, 5))
@@ -17,9 +17,9 @@ def test_products():
     first, second, x, y = A.transpose(LAST), B.transpose(LAST), np.moveaxis(a, 0, -1), np.moveaxis(b, 0, -1)
     same(dot(a, b), (x * y).sum(axis=-1))
     same(cross(a, b), np.cross(x, y))
-    same(turn(A, b), (first @ y[..., None])[..., 0])
-    same(back(A, b), (first.swapaxes(2, 3) @ y[..., None])[..., 0])
-    same(product(A, B), first @ second)
+    same(matvec(A, b), (first @ y[..., None])[..., 0])
+    same(transposed_matvec(A, b), (first.swapaxes(2, 3) @ y[..., None])[..., 0])
+    same(matmul(A, B), first @ second)
     same(outer(a, b), x[..., :, None] * y[..., None, :])
     same(diagonal(a[0]), a[0][..., None, None] * np.eye(3))
 

@@ -5,22 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.models import (
-    Coulomb,
-    CoupledMotor,
-    Dahl,
-    Joint,
-    Model,
-    Offset,
-    RigidBodies,
-    Ripple,
-    RotorInertia,
-    Stribeck,
-    Viscous,
-)
-from dynident.models.weighted import _apart
-from dynident.testing.term import states
+from dynident.models import CoupledMotor, Joint, Model, RigidBodies, RotorInertia
+from dynident.models.evaluation import _disjoint_sets
+from dynident.models.friction import Coulomb, Dahl, Offset, Ripple, Stribeck, Viscous
+from dynident.runtime import ModelError
+from dynident.testing.term import sample_states
 from tests.robots import ARM, GRIPPER
 
 BODIES = RigidBodies(ARM)
@@ -55,7 +44,7 @@ def differences(model, state, weights, h=1e-3):
     ],
 )
 def test_they_are_the_differences_of_the_sum(model):
-    state = states(len(model.joints))
+    state = sample_states(len(model.joints))
     weights = np.random.default_rng(1).normal(size=(*state[0].shape, len(model.parameters)))
     found = model.weighted_gradient(*state, weights)
     np.testing.assert_allclose(found, differences(model, state, weights), rtol=1e-8, atol=1e-8)
@@ -63,7 +52,7 @@ def test_they_are_the_differences_of_the_sum(model):
 
 def test_a_term_that_remembers_is_at_constant_memory():
     model = Model((Dahl(JOINTS, length=0.1), Viscous(JOINTS)))
-    state, memory = states(3), np.random.default_rng(2).uniform(-1, 1, (6, 3))
+    state, memory = sample_states(3), np.random.default_rng(2).uniform(-1, 1, (6, 3))
     weights = np.random.default_rng(3).normal(size=(6, 3, 6))
     slopes = [model.partials(*state, one, memory) for one in np.eye(6)]
     expected = sum(np.einsum("ij,ijk->ik", weights[..., c], one.dq) for c, one in enumerate(slopes))
@@ -75,14 +64,14 @@ def test_a_term_that_remembers_is_at_constant_memory():
 
 def test_columns_that_share_no_joint_go_together():
     support = np.array([[1, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
-    sets = [(joints.tolist(), columns.tolist()) for joints, columns in _apart(support)]
+    sets = [(joints.tolist(), columns.tolist()) for joints, columns in _disjoint_sets(support)]
     assert sets == [([0, 1], [0, 1]), ([0, 1], [2, 2]), ([0], [3])]
-    assert len(list(_apart(Viscous(JOINTS).support))) == 1
+    assert len(list(_disjoint_sets(Viscous(JOINTS).support))) == 1
 
 
 def test_weights_of_another_shape_are_an_error():
     model = model_of()
-    state = states(3)
+    state = sample_states(3)
     for shape in ((6, 3, 32), (5, 3, 33), (6, 33), (6, 3, 33, 1)):
         with pytest.raises(ModelError, match=r"weights have shape .*, expected \(6, 3, 33\)"):
             model.weighted_gradient(*state, np.ones(shape))
@@ -111,14 +100,14 @@ class Doubled(Own):
 
 
 def test_other_derivatives_come_with_another_gradient():
-    state, weights = states(2), np.ones((6, 2, 2))
+    state, weights = sample_states(2), np.ones((6, 2, 2))
     found = Model((Doubled((Joint("a"), Joint("b"))),)).weighted_gradient(*state, weights)
     np.testing.assert_array_equal(found, [np.zeros((6, 2)), np.full((6, 2), 2.0), np.zeros((6, 2))])
 
 
 def test_a_term_may_have_its_own():
     term = Own((Joint("a"), Joint("b")), gives=5.0)
-    state, weights = states(2), np.ones((6, 2, 2))
+    state, weights = sample_states(2), np.ones((6, 2, 2))
     found = Model((term,)).weighted_gradient(*state, weights)
     assert found.sum() == found[1, 2, 1] == 5.0
     with pytest.raises(ModelError, match=r"weighted gradient of term Own has shape \(2, 6, 2\)"):

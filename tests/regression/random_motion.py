@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.log import Motion
-from dynident.models.gallery import two_link_arm
-from dynident.regression import ParallelFilter, Regression
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Motion
+from dynident.regression import ParallelFilter, Regression, Selection
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,5 +39,5 @@ def holes(samples: int = 1000) -> Mask:
 
 def drawn(found: Sequence[Motion], parallel_filter: ParallelFilter | None = None) -> tuple[Array, Array]:
     """All blocks in one."""
-    blocks = list(Regression(ARM, tuple(found), parallel_filter).blocks())
+    blocks = list(Regression(ARM, tuple(found), Selection(parallel_filter)).blocks())
     return np.concatenate([block.Y for block in blocks]), np.concatenate([block.tau for block in blocks])

@@ -8,22 +8,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, ModelError
-from dynident.log import Motion
-from dynident.models import Coulomb, Joint, Model, Offset, Parameter, RigidBodies, RotorInertia, Viscous, moved
-from dynident.models.gallery import two_link_arm
+from dynident.models import Joint, Model, Parameter, RigidBodies, RotorInertia, change_frame
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Motion
 from dynident.regression import (
     BaseParameters,
     Regression,
     RegressorBlock,
     base_parameters,
     base_std,
-    compare,
+    find_unexcited,
     informed_std,
     structural_base_parameters,
     triangularise,
 )
-from dynident.regression.base_parameters import _choose
+from dynident.regression.base_parameters import _choose_columns
+from dynident.runtime import ConfigError, ModelError
 from tests.estimators.welded import Drag, Welded, single, turned
 from tests.robots import joint, link, urdf
 
@@ -38,7 +39,7 @@ def columns(*names: str, **roles: tuple[str, str]) -> list[Parameter]:
 
 def read(X: Array, parameters: list[Parameter], **settings: float) -> BaseParameters:
     block = RegressorBlock(X[:, None], np.zeros((len(X), 1)))
-    return base_parameters(triangularise(iter([block]), 1, X.shape[1]).stacked(), parameters, **settings)
+    return base_parameters(triangularise(iter([block]), 1, X.shape[1]).stack(), parameters, **settings)
 
 
 def noise(p: int, rows: int = 50, seed: int = 0) -> Array:
@@ -62,7 +63,7 @@ def test_groupings_read_as_in_the_literature() -> None:
     assert found.groupings == ("Izz1 + Ia1 + 0.05185*m2", "Iyy2 - 2*m2", "Fv1")
     assert found.independent == (0, 2, 4)
     assert found.dependent == (1, 3)
-    assert found.determined == ("Fv1",)
+    assert found.single_parameters == ("Fv1",)
     assert found.gap > 1e12
     assert found.without_effect == ()
 
@@ -83,16 +84,16 @@ def test_later_bodies_lead() -> None:
 def test_column_without_effect_is_named() -> None:
     X = noise(3) * np.array([1.0, 0.0, 1e-6])
     found = read(X, columns("a", "b", "c"))
-    assert (found.rank, found.without_effect, found.determined) == (2, ("b",), ("a", "c"))
+    assert (found.rank, found.without_effect, found.single_parameters) == (2, ("b",), ("a", "c"))
 
 
 def test_full_rank_and_no_rank() -> None:
     full, none = read(noise(3), columns("a", "b", "c")), read(np.zeros((9, 2)), columns("a", "b"))
     np.testing.assert_array_equal(full.combination, np.eye(3))
-    assert full.determined == ("a", "b", "c")
+    assert full.single_parameters == ("a", "b", "c")
     assert full.gap == np.inf
     assert (none.rank, none.groupings, none.without_effect) == (0, (), ("a", "b"))
-    np.testing.assert_array_equal(none.to_standard([], near=[1.0, 2.0]), [1.0, 2.0])
+    np.testing.assert_array_equal(none.to_standard([], reference=[1.0, 2.0]), [1.0, 2.0])
 
 
 @given(st.integers(0, 10**6), st.integers(1, 8), st.integers(0, 4))
@@ -112,8 +113,10 @@ def test_base_parameters_carry_all_of_the_torque(seed: int, rank: int, extra: in
     for back in (found.to_standard(beta), found.to_standard(beta, near)):
         np.testing.assert_allclose(X @ back, X @ theta, atol=1e-12 * size)
     np.testing.assert_allclose(found.to_standard(beta, theta), theta, atol=1e-9 * np.abs(theta).max())
-    assert np.abs(X @ found.null).max(initial=0.0) <= 1e-8 * np.abs(X).max() * np.abs(found.null).max(initial=1.0)
-    assert found.null.shape == (p, extra)
+    assert np.abs(X @ found.null_directions).max(initial=0.0) <= 1e-8 * np.abs(X).max() * np.abs(
+        found.null_directions
+    ).max(initial=1.0)
+    assert found.null_directions.shape == (p, extra)
 
 
 def test_tolerance_decides_on_nearly_dependent_columns() -> None:
@@ -177,7 +180,7 @@ def test_welded_bodies_group_as_one_body() -> None:
     found = structural_base_parameters(Model((Welded((np.eye(4), X), (None, None)),)))
     first, second = np.random.default_rng(1).normal(size=(2, 10))
     assert found.rank == 10
-    total = moved(first, np.linalg.inv(X)) + second
+    total = change_frame(first, np.linalg.inv(X)) + second
     lone = [k - 10 for k in found.independent if k >= 10]
     assert set(range(1, 10)) <= set(lone)
     beta = found.to_base(np.concatenate((first, second)))
@@ -203,7 +206,7 @@ def motion(model: Model, still: tuple[int, ...] = ()) -> Motion:
 
 
 def on_data(model: Model, *motions: Motion) -> BaseParameters:
-    return base_parameters(Regression(model, motions).triangular_factors.stacked(), model.parameters)
+    return base_parameters(Regression(model, motions).triangular_factors.stack(), model.parameters)
 
 
 def test_missing_excitation_is_named() -> None:
@@ -211,11 +214,11 @@ def test_missing_excitation_is_named() -> None:
     joints = (Joint("a"), Joint("b"))
     model = Model((Viscous(joints), Coulomb(joints), Offset(joints)))
     made = motion(model, still=(1,))
-    missing = compare(structural_base_parameters(model), on_data(model, made), model, [made])
+    missing = find_unexcited(structural_base_parameters(model), on_data(model, made), model, [made])
     assert {m.groupings for m in missing} == {("Fv_b",), ("Fc_b",)}
     assert {m.joints for m in missing} == {("b",)}
     assert {(m.together, m.still) for m in missing} == {(False, ("b",))}
-    assert compare(structural_base_parameters(model), on_data(model, motion(model)), model) == ()
+    assert find_unexcited(structural_base_parameters(model), on_data(model, motion(model)), model) == ()
 
 
 def test_joints_that_help_only_together() -> None:
@@ -223,7 +226,7 @@ def test_joints_that_help_only_together() -> None:
     joints = (Joint("a"), Joint("b"))
     model = Model((Drag(joints, "viscous"), Product(joints)))
     made = motion(model, still=(1,))
-    (missing,) = compare(structural_base_parameters(model), on_data(model, made), model)
+    (missing,) = find_unexcited(structural_base_parameters(model), on_data(model, made), model)
     assert missing.groupings == ("product",)
     assert missing.joints == ("a", "b")
     assert (missing.together, missing.still) == (True, ())
@@ -250,9 +253,9 @@ def test_missing_excitation_is_the_same_in_any_unit(unit: float) -> None:
     joints = (Joint("a"), Joint("b"))
     model = Model((Drag(joints, "viscous"), InUnits(joints, unit), Drag(joints, "viscous", 1)))
     structural = structural_base_parameters(model)
-    assert compare(structural, on_data(model, motion(model)), model) == ()
+    assert find_unexcited(structural, on_data(model, motion(model)), model) == ()
     for still, kept in ((0, "viscous_a"), (1, "viscous_b")):
-        (missing,) = compare(structural, on_data(model, motion(model, still=(still,))), model)
+        (missing,) = find_unexcited(structural, on_data(model, motion(model, still=(still,))), model)
         assert [one.split(" ")[0] for one in missing.groupings] == [kept]
 
 
@@ -275,7 +278,7 @@ class Product(Drag):
 def test_what_is_compared_must_belong_together() -> None:
     free, arm = single(), two_link_arm()
     with pytest.raises(ModelError, match="must have the same parameters"):
-        compare(structural_base_parameters(free), structural_base_parameters(arm), free)
+        find_unexcited(structural_base_parameters(free), structural_base_parameters(arm), free)
 
 
 def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_independent_columns():
@@ -289,7 +292,7 @@ def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_in
     for _ in range(400):
         tau = noise * rng.standard_normal((400, 2))
         triangular = triangularise(iter([RegressorBlock(X, tau)]), 2, 4)
-        basis = base_parameters(triangular.stacked(), names)
+        basis = base_parameters(triangular.stack(), names)
         told = base_std(basis, triangular, noise) if told is None else told
         kept = X[..., list(basis.independent)].reshape(800, -1)
         found.append(np.linalg.lstsq(kept, tau.reshape(-1), rcond=None)[0])
@@ -312,7 +315,7 @@ def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
         model = Model((bodies, RotorInertia(bodies.joints)))
         found = structural_base_parameters(model, **settings)
         on_data = structural_base_parameters(model, np.random.default_rng(4), **settings)
-        assert compare(found, on_data, model) == ()
+        assert find_unexcited(found, on_data, model) == ()
         return found.rank
 
     assert rank(1.57080001) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
@@ -329,15 +332,15 @@ def test_missing_parameters_of_very_different_units_are_all_named(unit: float) -
             return unit * super().regressor(q, dq, ddq)
 
     model = Model((Viscous(joints), InOtherUnits(joints)))
-    missing = compare(structural_base_parameters(model), on_data(model, motion(model, still=(1,))), model)
+    missing = find_unexcited(structural_base_parameters(model), on_data(model, motion(model, still=(1,))), model)
     assert {one.groupings for one in missing} == {("Fv_b",), ("Fc_b",)}
 
 
 def test_of_columns_that_are_nearly_dependent_the_largest_remainder_leads() -> None:
     """After the first, none is a hundredth away from the others: the last is farthest."""
     R = np.array([[1.0, 1.0, 1.0], [0.0, 2e-3, 9e-3], [0.0, 0.0, 0.0]])
-    assert _choose(R, 2, [0, 1, 2]) == [0, 2]
-    assert _choose(R, 1, [1, 0, 2]) == [1]
+    assert _choose_columns(R, 2, [0, 1, 2]) == [0, 2]
+    assert _choose_columns(R, 1, [1, 0, 2]) == [1]
 
 
 def test_six_names_are_shown_of_the_parameters_that_lead() -> None:

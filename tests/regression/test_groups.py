@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.demo.arm import true_model
-from dynident.models import Coulomb, CoupledMotor, Joint, Model, Offset, Ripple, RotorInertia, Viscous
-from dynident.models.gallery import MODELS
+from dynident.apps.demo.arm import true_model
+from dynident.models import CoupledMotor, Joint, Model, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
+from dynident.models.lagrangian import MODELS
 from dynident.regression import GroupKind, groups_of, independent_columns, kinds_of, structural_base_parameters
 
 

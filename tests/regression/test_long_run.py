@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.regression.long_run import bandwidth, long_run
+from dynident.regression.whitening import bandwidth, long_run
 
 
 def test_bandwidth_is_andrews_for_a_known_series() -> None:

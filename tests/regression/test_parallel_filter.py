@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError
-from dynident.estimators.linear import solve
-from dynident.regression import ParallelFilter, Regression, linear_problem, stretches
+from dynident.estimators.least_squares import solve_least_squares
+from dynident.motion.splines import stretches
+from dynident.regression import ParallelFilter, Regression, Selection, linear_problem
+from dynident.runtime import ConfigError
 from tests.regression.random_motion import ARM, RATE, THETA, drawn, holes, motion
 
 FILTERS = [
@@ -44,7 +45,7 @@ def test_the_relation_survives_filter_and_decimation(parallel_filter: ParallelFi
     made = motion(2000, noise=0.0, mask=holes(2000))
     Y, tau = drawn((made,), parallel_filter)
     np.testing.assert_allclose(tau, Y @ THETA, rtol=0, atol=1e-12 * np.abs(tau).max())
-    found = solve(Regression(ARM, (made,), parallel_filter).triangular_factors.stacked())
+    found = solve_least_squares(Regression(ARM, (made,), Selection(parallel_filter)).triangular_factors.stack())
     np.testing.assert_allclose(found.value, THETA, rtol=1e-9)
 
 
@@ -52,7 +53,7 @@ def test_the_relation_survives_filter_and_decimation(parallel_filter: ParallelFi
 def test_memory_of_the_filter(pole: float, samples: int) -> None:
     """The slowest pole's power falls to 1e-12; one at zero forgets at once."""
     sections = np.array([[1.0, 1.0, 0.0, 1.0, -pole, 0.0]])
-    assert ParallelFilter(2).pad(sections) == samples
+    assert ParallelFilter(2).pad_samples(sections) == samples
     assert abs(pole) ** samples <= 1e-12
 
 
@@ -116,4 +117,4 @@ def test_any_positive_cutoff_is_a_setting() -> None:
 @pytest.mark.parametrize("cutoff", [50.0, 80.0, float("inf")])
 def test_cutoff_above_half_the_sampling_rate(cutoff: float) -> None:
     with pytest.raises(ConfigError, match=rf"made: .* {cutoff:g} Hz does not lie below half .* \(50 Hz\)"):
-        _ = Regression(ARM, (motion(),), ParallelFilter(cutoff=cutoff)).triangular_factors
+        _ = Regression(ARM, (motion(),), Selection(ParallelFilter(cutoff=cutoff))).triangular_factors

@@ -7,19 +7,20 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
 from dynident.regression import (
     ParallelFilter,
-    Part,
     Regression,
+    RegressionPart,
+    Selection,
     TriangularFactors,
-    divided,
+    divide_regression,
     factorise,
     factors_of_parts,
-    merged,
-    packed,
-    unpacked,
+    merge_factors,
+    pack_factors,
+    unpack_factors,
 )
+from dynident.runtime import InputError
 from tests.regression.test_linear_problem import ARM, THETA, holes, motion
 from tests.regression.test_triangular import MODEL, drawn, squares
 
@@ -28,7 +29,7 @@ def problem(parallel_filter: ParallelFilter | None = None) -> Regression:
     """Motions with holes and without, weights, a bias, and slow samples left out."""
     motions = (motion(mask=holes()), motion(3000, seed=1))
     weights = tuple(np.random.default_rng(k).uniform(0.5, 1.5, one.q.shape) for k, one in enumerate(motions))
-    return Regression(ARM, motions, parallel_filter, (0.5, 0.0), weights, 0.1 * THETA)
+    return Regression(ARM, motions, Selection(parallel_filter, (0.5, 0.0)), weights, 0.1 * THETA)
 
 
 def same(found: TriangularFactors, whole: TriangularFactors) -> None:
@@ -40,34 +41,35 @@ def same(found: TriangularFactors, whole: TriangularFactors) -> None:
 @pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4), ParallelFilter(cutoff=5.0)], ids=str)
 def test_merged_parts_are_the_whole_to_rounding(parallel_filter: ParallelFilter | None) -> None:
     regression = problem(parallel_filter)
-    parts = divided(regression, 90)
+    parts = divide_regression(regression, 90)
     assert len(parts) > 30
     found = factors_of_parts(regression, parts)
-    same(merged(iter(found)), regression.triangular_factors)
-    same(merged([merged(found[:7]), merged(found[7:])]), regression.triangular_factors)
+    same(merge_factors(iter(found)), regression.triangular_factors)
+    same(merge_factors([merge_factors(found[:7]), merge_factors(found[7:])]), regression.triangular_factors)
 
 
 def test_parts_hold_every_usable_sample_once_and_reach_over_no_gap() -> None:
     regression = problem()
     for samples in (1, 90, 10**6):
         used = [np.zeros(len(one), dtype=int) for one in regression.motions]
-        for part in divided(regression, samples):
+        for part in divide_regression(regression, samples):
             used[part.motion][part.rows] += 1
         for one, count in zip(regression.motions, used, strict=True):
             np.testing.assert_array_equal(count, one.mask)
 
 
 def test_a_part_has_the_rows_of_its_time() -> None:
-    regression = replace(problem(), min_speed=None)
-    parts = (Part(1, 100, 350), Part(0, 0, 200))
+    given = problem()
+    regression = replace(given, selection=Selection(given.filter))
+    parts = (RegressionPart(1, 100, 350), RegressionPart(0, 0, 200))
     assert [one.rows.tolist() for one in factors_of_parts(regression, parts)] == [[250, 250], [97, 97]]
 
 
 @pytest.mark.parametrize("kind", ["threads", "processes"])
 def test_any_executor_gives_the_same_factors_in_the_same_order(kind: str) -> None:
     regression = problem()
-    _ = regression.triangular_factors, regression.known.setdefault("not to be sent", lambda: None)
-    parts = divided(regression, 700)
+    _ = regression.triangular_factors, regression.cache.setdefault("not to be sent", lambda: None)
+    parts = divide_regression(regression, 700)
     pool: Executor = (
         ThreadPoolExecutor(2) if kind == "threads" else ProcessPoolExecutor(2, mp_context=get_context("forkserver"))
     )
@@ -80,15 +82,17 @@ def test_any_executor_gives_the_same_factors_in_the_same_order(kind: str) -> Non
 def test_packed_factors_are_unpacked_to_the_last_digit() -> None:
     one, _ = drawn(300)
     found = factorise([one], MODEL.structure)
-    content = packed(found, MODEL.structure)
+    content = pack_factors(found, MODEL.structure)
     assert len(content) < 0.4 * found.factors.nbytes  # zeros are left out
-    again = unpacked(content, found.rows.tolist(), MODEL.structure)
+    again = unpack_factors(content, found.rows.tolist(), MODEL.structure)
     np.testing.assert_array_equal(again.factors, found.factors)
     np.testing.assert_array_equal(again.rows, found.rows)
     with pytest.raises(ValueError, match="NumPy boolean array indexing"):
-        unpacked(content[:-8], found.rows.tolist(), MODEL.structure)
+        unpack_factors(content[:-8], found.rows.tolist(), MODEL.structure)
 
 
 def test_a_part_that_fails_is_named() -> None:
     with pytest.raises(InputError, match="made: samples 5 to 3"):
-        factors_of_parts(replace(problem(), filter=ParallelFilter(cutoff=1e9)), [Part(1, 5, 3000)])
+        factors_of_parts(
+            replace(problem(), selection=Selection(ParallelFilter(cutoff=1e9))), [RegressionPart(1, 5, 3000)]
+        )

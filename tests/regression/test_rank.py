@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError
 from dynident.models import Parameter
 from dynident.regression import Rank, precision, rank_of, rank_of_information
+from dynident.runtime import ConfigError
 
 Array = NDArray[np.float64]
 BODY = [Parameter(role, "", role=role, body="b") for role in ("mass", "mx", "my", "mz")]
@@ -47,9 +47,9 @@ def test_what_is_determined_acts_and_what_is_free_does_not() -> None:
     X = np.column_stack([X, X[:, 0] + X[:, 2]])
     found = rank_of(factor(X))
     assert found.rank == 3
-    assert found.undetermined.tolist() == [True, False, True, True]
-    assert np.abs(X @ found.free).max() < 1e-12
-    assert np.linalg.matrix_rank(X @ found.determined) == 3
+    assert found.undetermined_mask.tolist() == [True, False, True, True]
+    assert np.abs(X @ found.free_directions).max() < 1e-12
+    assert np.linalg.matrix_rank(X @ found.determined_directions) == 3
     assert found.condition > 1e12
 
 
@@ -61,11 +61,11 @@ def test_what_is_reached_is_what_is_determined_and_the_parameters_asked_for() ->
     none, asked = np.zeros(5, dtype=bool), np.arange(5) == 3
     way = np.array([4.0, 0.0, 0.0, 0.0, 1.0]) / np.sqrt(17)
     for axes, expected in ((none, [*np.eye(5)[[1, 2]], way]), (asked, [*np.eye(5)[[1, 2, 3]], way])):
-        reached = found.reached(axes)
+        reached = found.spanning_directions(axes)
         np.testing.assert_allclose(reached.T @ reached, np.eye(len(expected)), atol=1e-12)
         np.testing.assert_allclose(reached @ reached.T, np.transpose(expected) @ expected, atol=1e-9)
-    assert not found.reached(none)[3].any()
-    one = found.reached(np.arange(5) == 0)  # its partner makes up for it
+    assert not found.spanning_directions(none)[3].any()
+    one = found.spanning_directions(np.arange(5) == 0)  # its partner makes up for it
     np.testing.assert_allclose(one @ one.T, np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), atol=1e-9)
 
 
@@ -78,15 +78,15 @@ def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameter
     found: Rank = {
         "factor": lambda: rank_of(factor(X)),
         "information": lambda: rank_of_information(S),
-        "within": lambda: rank_of(factor(X)).within(S),
+        "within": lambda: rank_of(factor(X)).with_information(S),
     }[way]()
     inverse = found.inverse
     np.testing.assert_allclose(S @ inverse @ S, S, atol=1e-9 * S.max())
     assert found.rank == 3
-    assert found.undetermined.tolist() == [True, False, True, True]
-    assert np.abs(inverse[1, found.undetermined]).max() > 0
+    assert found.undetermined_mask.tolist() == [True, False, True, True]
+    assert np.abs(inverse[1, found.undetermined_mask]).max() > 0
     covariance = found.covariance(2.0)
-    assert np.isinf(np.diag(covariance)[found.undetermined]).all()
+    assert np.isinf(np.diag(covariance)[found.undetermined_mask]).all()
     assert covariance[1, 1] == 2.0 * inverse[1, 1]
     assert np.count_nonzero(covariance[1]) == np.count_nonzero(covariance[:, 1]) == 1
 
@@ -94,9 +94,9 @@ def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameter
 def test_an_information_that_says_less_than_the_factor_lowers_the_rank() -> None:
     X = columns([1.0, 1.0, 1.0])
     known = rank_of(factor(X))
-    assert known.within(np.diag([1.0, 2.0, 0.0])).rank == 2
-    assert known.within(np.zeros((3, 3))).rank == 0
-    assert np.isinf(np.diag(known.within(np.zeros((3, 3))).covariance())).all()
+    assert known.with_information(np.diag([1.0, 2.0, 0.0])).rank == 2
+    assert known.with_information(np.zeros((3, 3))).rank == 0
+    assert np.isinf(np.diag(known.with_information(np.zeros((3, 3))).covariance())).all()
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-9, float("nan")])
@@ -112,17 +112,17 @@ def test_weights_of_the_rows_do_not_decide() -> None:
     weighted = X * weight
     weighted[:5, :2] *= 1e-6  # only the third acts on the heavy rows
     shown = rank_of(factor(weighted / weight), BODY)
-    found = rank_of(factor(weighted), BODY, shown=shown)
+    found = rank_of(factor(weighted), BODY, unweighted=shown)
     assert rank_of(factor(weighted), BODY).rank < shown.rank == found.rank == 3
     assert found.groups == ((3,),)
-    np.testing.assert_allclose(found.determined[3], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.determined_directions[3], 0.0, atol=1e-12)
     full = rank_of(factor(X[:, :3]), FREE[:3])
-    again = rank_of(factor(X[:, :3]), FREE[:3], shown=full)
+    again = rank_of(factor(X[:, :3]), FREE[:3], unweighted=full)
     np.testing.assert_allclose(again.inverse, full.inverse, rtol=1e-12)
 
 
 def test_rounding_below_zero_in_an_information_is_zero() -> None:
-    found = rank_of(factor(columns([1.0, 1.0, 1.0]))).within(np.diag([4.0, 1.0, -1e-15]))
+    found = rank_of(factor(columns([1.0, 1.0, 1.0]))).with_information(np.diag([4.0, 1.0, -1e-15]))
     assert found.rank == 2
     assert found.values[-1] == 0.0
     assert found.condition == np.inf
@@ -130,6 +130,6 @@ def test_rounding_below_zero_in_an_information_is_zero() -> None:
 
 def test_a_regressor_of_zeros_determines_nothing_with_and_without_weights() -> None:
     shown = rank_of(np.zeros((4, 4)))
-    for found in (shown, rank_of(np.zeros((4, 4)), shown=shown)):
-        assert (found.rank, found.undetermined.all()) == (0, True)
+    for found in (shown, rank_of(np.zeros((4, 4)), unweighted=shown)):
+        assert (found.rank, found.undetermined_mask.all()) == (0, True)
         assert found.values.tolist() == [0.0, 0.0, 0.0]

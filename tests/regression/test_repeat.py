@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.log import Log
-from dynident.regression.repeat import repeat_of
+from dynident.motion.log import Log
+from dynident.regression import repeat_of
 
 T = np.arange(4000) * 0.0025
 

@@ -9,22 +9,23 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from dynident.errors import ConfigError
-from dynident.log import Motion
 from dynident.models import Structure
-from dynident.models.gallery import two_link_arm
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Motion
 from dynident.regression import (
     EntryBlock,
     ParallelFilter,
     Regression,
+    Selection,
     Whitening,
-    ages,
-    divided,
+    divide_regression,
     factors_of_parts,
-    merged,
+    merge_factors,
+    preceding_counts,
 )
-from dynident.testing.estimator import known_motion
-from tests.estimators.physically_consistent.arms import arm, problem
+from dynident.runtime import ConfigError
+from dynident.testing.estimator import multisine_motion
+from tests.estimators.arms import arm, problem
 
 Array = NDArray[np.float64]
 ARM = two_link_arm()
@@ -35,7 +36,7 @@ WAYS = [(None, None), (None, (0.3, 0.2)), (ParallelFilter(decimate=3), (0.3, 0.2
 
 def holed(samples: int = 2600) -> Motion:
     """More samples than a block, with gaps."""
-    motion = known_motion(ARM, 0.01, samples=samples)
+    motion = multisine_motion(ARM, 0.01, samples=samples)
     mask = motion.mask.copy()
     mask[[700, 701, 704]] = False
     mask[900:1000] = False
@@ -58,7 +59,7 @@ def variance_before(a: Array, k: int) -> tuple[Array, float]:
 def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
     """X' V^-1 X of [X | y], row by row, and the number of rows."""
     p, stretches, end = len(plain.model.parameters), [], None
-    for k, kept, block in plain.placed(plain.model.structure):
+    for k, kept, block in plain.placed_blocks(plain.model.structure):
         rows = np.concatenate([block.regressor(), block.tau.T[:, :, None]], axis=2)
         stretches += [] if end == (k, kept.start) else [[]]
         stretches[-1].append((rows, np.ones(rows.shape[:2], dtype=bool) if block.keep is None else block.keep.T))
@@ -69,7 +70,7 @@ def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
         rows, used = (np.concatenate(x) for x in zip(*one, strict=True))
         found = np.zeros_like(rows)
         for j, predictors in enumerate(best):
-            age = ages(used[:, j])
+            age = preceding_counts(used[:, j])
             for t in np.flatnonzero(used[:, j]):
                 known, variance = predictors[k := min(age[t], len(predictors) - 1)]
                 found[t, j] = (rows[t, j] - known @ rows[t - 1 - np.arange(k), j]) / np.sqrt(variance)
@@ -82,17 +83,17 @@ def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
 
 @pytest.mark.parametrize(("low", "slow"), WAYS, ids=str)
 def test_rows_are_those_of_a_dense_computation(low: ParallelFilter | None, slow: tuple[float, ...] | None) -> None:
-    plain = Regression(ARM, (holed(),), low, slow)
+    plain = Regression(ARM, (holed(),), Selection(low, slow))
     regression = replace(plain, whitening=NOISE)
     G, rows = dense(plain, NOISE)
     assert regression.triangular_factors.total == rows
-    R = regression.triangular_factors.stacked()
+    R = regression.triangular_factors.stack()
     np.testing.assert_allclose(R.T @ R, G, atol=1e-12 * np.abs(G).max())
-    parts = merged(factors_of_parts(regression, divided(regression, 300))).stacked()
+    parts = merge_factors(factors_of_parts(regression, divide_regression(regression, 300))).stack()
     np.testing.assert_allclose(parts.T @ parts, G, atol=1e-12 * np.abs(G).max())
     if low is None:  # with a filter, the ends of a stretch are not treated apart
         torque = regression.motions[0].tau[:, :, None] * np.eye(2)
-        pulls = regression.pulls([torque]).sum(axis=1)
+        pulls = regression.weighted_products([torque]).sum(axis=1)
         np.testing.assert_allclose(pulls, G[:-1, -1], atol=1e-12 * np.abs(G).max())
     Y = [block.Y.reshape(-1, 7) for block in regression.blocks()]
     used = [np.ones(b.tau.shape, dtype=bool) if b.keep is None else b.keep for b in regression.blocks()]
@@ -109,7 +110,7 @@ def test_columns_that_depend_on_others_do_so_in_mixed_rows() -> None:
     regression = replace(plain, whitening=noise)
     assert sum(map(len, regression.structure.columns)) < 0.5 * n * len(plain.model.parameters)
     G, _ = dense(plain, noise)
-    R = regression.triangular_factors.stacked()
+    R = regression.triangular_factors.stack()
     np.testing.assert_allclose(R.T @ R, G, atol=1e-11 * np.abs(G).max())
 
 
@@ -140,9 +141,9 @@ def test_the_first_rows_of_a_stretch_have_unit_variance_too() -> None:
 
 def test_ages_count_the_rows_before() -> None:
     np.testing.assert_array_equal(
-        ages(np.array([True, True, False, True, True, True]))[[0, 1, 3, 4, 5]], [0, 1, 0, 1, 2]
+        preceding_counts(np.array([True, True, False, True, True, True]))[[0, 1, 3, 4, 5]], [0, 1, 0, 1, 2]
     )
-    assert len(ages(np.zeros(0, dtype=bool))) == 0
+    assert len(preceding_counts(np.zeros(0, dtype=bool))) == 0
 
 
 @pytest.mark.parametrize(

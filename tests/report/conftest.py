@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynident.errors import Remark
-from dynident.estimators import Determined, Residual
+from dynident.estimators import DataRank, Residual
 from dynident.estimators.notes import NotAlone
 from dynident.identification import Calibration, Identifiability, Recipe, Sources, StandardErrors
-from dynident.log import Motion
 from dynident.models import Joint, MassMatrixCheck, Parameter
-from dynident.models.robot_file import Limits
-from dynident.smoothers import Spline
+from dynident.models.robot_files import RobotJointLimits
+from dynident.motion.log import Motion
+from dynident.motion.smoothers import Spline
+from dynident.runtime import KeepsFacts, Remark
 from dynident.validation import FloorOrigin, NoiseFloor, residual_test
 
 PARAMETERS = (
@@ -28,7 +28,7 @@ PARAMETERS = (
 TRUE = np.array([parameter.value for parameter in PARAMETERS])
 
 
-class Fake(SimpleNamespace):
+class Fake(KeepsFacts, SimpleNamespace):
     """An identification that is told from others by identity, as a real one."""
 
     __hash__ = object.__hash__
@@ -106,8 +106,8 @@ def log_validation(name, role, joints, filtered):
         name=name,
         role=role,
         motion=held,
-        predicted=held.tau + 0.02 * rng.standard_normal(held.tau.shape),
-        recorded=None,
+        predicted_torque=held.tau + 0.02 * rng.standard_normal(held.tau.shape),
+        recorded_log=None,
         free_run=None,
         floors={joint: NoiseFloor(0.01, 2.0, 2.1, FloorOrigin.WHITE) for joint in joints},
         over_floor=2.0,
@@ -144,7 +144,7 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         names=tuple(parameter.name for parameter in PARAMETERS),
         units=tuple(parameter.unit for parameter in PARAMETERS),
         notes=(NotAlone(("theta3",)),),
-        determined=Determined(6, 143.7),
+        determined=DataRank(6, 143.7),
         residual=Residual(np.full(len(joints), 0.0101), 2000),
         provenance=(),
         consistency=None,
@@ -152,7 +152,7 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
     model = SimpleNamespace(
         name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS, terms=(), limits={}, memory=0
     )
-    model.limits[joints[0]] = Limits(5.0, 2.0, -1.5, 1.5)
+    model.limits[joints[0]] = RobotJointLimits(5.0, 2.0, -1.5, 1.5)
     model.regressor = lambda q, dq, ddq, memory=None: np.ones((*q.shape, len(model.parameters)))
     return Fake(
         model=model,

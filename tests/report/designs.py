@@ -8,11 +8,19 @@ from tempfile import mkdtemp
 
 import numpy as np
 
-from dynident.excitation import Design, Nearest, Piece, Purpose, Trajectory, Verified, expected
-from dynident.excitation.expected import information_of
-from dynident.excitation.trajectories.fourier import Fourier
-from dynident.io.excitation import ExcitationProject, read_excitation
-from tests.excitation.arms import TWO
+from dynident.apps.excitation import (
+    ClosestApproach,
+    Design,
+    Piece,
+    Purpose,
+    Trajectory,
+    TrajectoryCheck,
+    expected_accuracy,
+)
+from dynident.apps.excitation.design import torque_information
+from dynident.apps.excitation.family import Fourier
+from dynident.apps.excitation.robot import ExcitationProject, read_excitation
+from tests.apps.excitation.arms import TWO
 
 CELL = {
     "floor": -1.5,
@@ -30,9 +38,9 @@ def designed(text: str = TWO) -> tuple[ExcitationProject, Design]:
     series, n = Fourier(4.0, 2), len(project.limits.joints)
     x = 0.1 * np.random.default_rng(0).standard_normal((2, n, series.size))
     pair = [Trajectory(project.limits.joints, (Piece(series.course(one), Purpose.MOTION),)) for one in x]
-    model, theta, request = project.known.model, project.known.theta, project.request
+    model, theta, request = project.prior.model, project.prior.theta, project.request
     states = pair[0].states(pair[0].times(request.rate))
-    told = expected(model, theta, information_of(model, states, 1 / request.sigma**2))
-    near = Nearest(0.0123, ("lower", "<i>table"), 1.5)
-    checked = (Verified(5000, np.full((5, n), 0.9), ("the regressor",), near, None),) * 2
+    told = expected_accuracy(model, theta, torque_information(model, states, 1 / request.sigma**2))
+    near = ClosestApproach(0.0123, ("lower", "<i>table"), 1.5)
+    checked = (TrajectoryCheck(5000, np.full((5, n), 0.9), ("the regressor",), near, None),) * 2
     return project, Design(model, theta, request, project.limits, project.space, *pair, told, checked)

@@ -7,21 +7,12 @@ from datetime import datetime, timedelta
 import numpy as np
 import polars as pl
 
-from dynident.fleets import (
-    Change,
-    Changes,
-    FleetBase,
-    FleetResult,
-    History,
-    Scatter,
-    Shape,
-)
-from dynident.fleets.components import Components
-from dynident.fleets.pooled import pooled
-from dynident.fleets.rows import schema
-from dynident.jobs import Status
+from dynident.apps.fleets import Change, Changes, ChangeShape, FleetBase, FleetResult, History, Scatter, pool_robots
+from dynident.apps.fleets.components import VarianceComponents
+from dynident.apps.fleets.fit import schema
 from dynident.models import Joint
-from dynident.regression import Group, GroupKind
+from dynident.regression import GroupKind, ParameterGroup
+from dynident.runtime.jobs import Status
 
 START = datetime(2026, 1, 5, 8)
 MEAN = np.array([12.0, 8.0, 9.0, 6.0, 0.1, -0.2, 0.3, 0.02, 0.1])
@@ -32,8 +23,8 @@ PAYLOAD = np.zeros((SIZE, 4))
 PAYLOAD[6:9, 1:] = np.eye(3)
 PAYLOAD[6:9, 0] = 0.5, 0.0, 0.2
 PAYLOAD = PAYLOAD[:, [0, 2, 3]]  # the first direction is no base parameter alone
-NONE = Scatter(Components(tuple(np.arange(SIZE)[:, None]), np.zeros((SIZE, SIZE))), 100.0)
-RESIDUAL = Scatter(Components(tuple(np.arange(2)[:, None]), np.zeros((2, 2))), 100.0)
+NONE = Scatter(VarianceComponents(tuple(np.arange(SIZE)[:, None]), np.zeros((SIZE, SIZE))), 100.0)
+RESIDUAL = Scatter(VarianceComponents(tuple(np.arange(2)[:, None]), np.zeros((2, 2))), 100.0)
 
 
 def names(odd: str = "") -> tuple[str, ...]:
@@ -43,17 +34,17 @@ def names(odd: str = "") -> tuple[str, ...]:
     ) + tuple(f"hand{odd}.{one}" for one in ("mx", "my", "mz"))
 
 
-def groups(odd: str = "") -> tuple[Group, ...]:
+def groups(odd: str = "") -> tuple[ParameterGroup, ...]:
     """Friction and offset of two joints, and the payload."""
     unit, all_names, joints = np.eye(SIZE), names(odd), (f"shoulder{odd}", f"elbow{odd}")
     found = [
-        Group(GroupKind.FRICTION, joint, unit[:, 2 * j : 2 * j + 2], all_names[2 * j : 2 * j + 2], UNITS[:2])
+        ParameterGroup(GroupKind.FRICTION, joint, unit[:, 2 * j : 2 * j + 2], all_names[2 * j : 2 * j + 2], UNITS[:2])
         for j, joint in enumerate(joints)
     ]
     parts = tuple(f"hand{odd}.{one}" for one in ("mass", "my", "mz"))
-    found.append(Group(GroupKind.PAYLOAD, joints[1], PAYLOAD, parts, ("kg", "kg m", "kg m")))
+    found.append(ParameterGroup(GroupKind.PAYLOAD, joints[1], PAYLOAD, parts, ("kg", "kg m", "kg m")))
     found += [
-        Group(GroupKind.OFFSET, joint, unit[:, 4 + j : 5 + j], all_names[4 + j : 5 + j], ("N m",))
+        ParameterGroup(GroupKind.OFFSET, joint, unit[:, 4 + j : 5 + j], all_names[4 + j : 5 + j], ("N m",))
         for j, joint in enumerate(joints)
     ]
     return tuple(found)
@@ -67,9 +58,11 @@ def history(robot: str, logs: int = 20, seed: int = 0, noise: float = 1.0) -> Hi
     return History(robot, files, days, value, np.tile(np.diag(STD**-2), (logs, 1, 1)))
 
 
-def change(one: History, group: Group, shape: Shape, index: int, size: list[float], **more: object) -> Change:
+def change(
+    one: History, group: ParameterGroup, shape: ChangeShape, index: int, size: list[float], **more: object
+) -> Change:
     given = {"std": np.full(len(size), 0.05), "odds": 50.0, "p_value": 0.001} | more
-    rate = np.array(size) / (one.days[-1] - one.days[index]) if shape is Shape.DRIFT else None
+    rate = np.array(size) / (one.days[-1] - one.days[index]) if shape is ChangeShape.DRIFT else None
     since, day, between = one.logs[index], float(one.days[index]), (one.logs[index - 1], one.logs[index])
     return Change(one.robot, group, shape, index, since, day, np.array(size), per_day=rate, between=between, **given)
 
@@ -89,9 +82,9 @@ def fleet(robots: int = 10, logs: int = 20, odd: str = "", changed: int = 3) -> 
     histories = [history(f"arm-{r}{odd}", logs, r) for r in range(robots)]
     kinds, half = groups(odd), logs // 2
     found = [
-        change(histories[0], kinds[2], Shape.STEP, half, [0.5, 0.0, 0.3]),
-        change(histories[min(1, robots - 1)], kinds[1], Shape.DRIFT, half, [0.0, 1.5], p_value=0.004),
-        change(histories[min(2, robots - 1)], kinds[4], Shape.STEP, half, [-0.4], p_value=0.008, odds=1.5),
+        change(histories[0], kinds[2], ChangeShape.STEP, half, [0.5, 0.0, 0.3]),
+        change(histories[min(1, robots - 1)], kinds[1], ChangeShape.DRIFT, half, [0.0, 1.5], p_value=0.004),
+        change(histories[min(2, robots - 1)], kinds[4], ChangeShape.STEP, half, [-0.4], p_value=0.008, odds=1.5),
     ][:changed]
     rows = [
         row(one.robot, log, day, k, type=f"ur10{odd}")
@@ -109,8 +102,8 @@ def fleet(robots: int = 10, logs: int = 20, odd: str = "", changed: int = 3) -> 
         groups=kinds,
         types={kind: tuple(one.robot for one in histories)},
         start=START,
-        fitted=7,
+        identified_count=7,
         warnings=(f"the column 'note{odd}' is not used",),
         changes=(Changes(0.01, tuple(found), {one.robot: 0.5 for one in histories}, (f"new{odd}",), NONE),),
-        pooled={kind: pooled(histories[:20], kinds, NONE)} if robots > 2 else {},
+        pooled={kind: pool_robots(histories[:20], kinds, NONE)} if robots > 2 else {},
     )

@@ -7,9 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynident.apps.ranking import (
+    Candidate,
+    Combination,
+    CombinationOutcome,
+    InapplicablePart,
+    RankedCombination,
+    Ranking,
+    TruthFigures,
+)
 from dynident.estimators import LeastSquares
-from dynident.ranking import Absent, Candidate, Combination, Outcome, Ranked, Ranking, TruthFigures
-from dynident.smoothers import Difference
+from dynident.motion.smoothers import Difference
 
 JOINTS = ("shoulder", "elbow")
 
@@ -19,7 +27,7 @@ def ranking(smoothers: int = 3, estimators: int = 2, joint: str = "elbow", *, ba
     joints = ("shoulder", joint)
     names = [(f"smoother{i}", f"estimator{j}") for j in range(estimators) for i in range(smoothers)]
     rows = [row(k, *pair, joints) for k, pair in enumerate(names)]
-    last = Ranked(rows[-1].combination, Outcome.FAILED, "InputError: <b>too short</b>")
+    last = RankedCombination(rows[-1].combination, CombinationOutcome.FAILED, "InputError: <b>too short</b>")
     parts = tuple(Candidate(f"smoother{i}", (Difference(),), "", i == 0) for i in range(smoothers))
     others = tuple(Candidate(f"estimator{j}", (LeastSquares(),), "", j == 0) for j in range(estimators))
     return Ranking(
@@ -27,7 +35,7 @@ def ranking(smoothers: int = 3, estimators: int = 2, joint: str = "elbow", *, ba
         joints,
         "train" if basis == "train" else "validation",
         (*rows[:-1], last),
-        (Absent("", "instruments", "monday: has no controller"),),
+        (InapplicablePart("", "instruments", "monday: has no controller"),),
         {"monday": 80.0, "tuesday": 95.0},
         {"smoother0": 99.0, "smoother1": 81.0},
         0.5,
@@ -42,13 +50,13 @@ def ranking(smoothers: int = 3, estimators: int = 2, joint: str = "elbow", *, ba
     )
 
 
-def row(k: int, smoother: str, estimator: str, joints: tuple[str, ...]) -> Ranked:
+def row(k: int, smoother: str, estimator: str, joints: tuple[str, ...]) -> RankedCombination:
     """Return the k-th best combination."""
     error, apart = 3.0 + 0.4 * k, 0.4 * k
     by_joint = dict(zip(joints, (error - 1.0, error + 1.0), strict=True))
-    return Ranked(
+    return RankedCombination(
         Combination(smoother, estimator, k == 0),
-        Outcome.OK,
+        CombinationOutcome.OK,
         error=error,
         overall=error - 0.5,
         held_out=by_joint,
@@ -68,4 +76,4 @@ def row(k: int, smoother: str, estimator: str, joints: tuple[str, ...]) -> Ranke
 def untold(found: Ranking) -> Ranking:
     """Return the same of logs that are too short to tell differences from chance."""
     rows = tuple(replace(one, interval=(math.nan, math.nan), p_value=math.nan) for one in found.rows)
-    return replace(found, rows=rows, told=False, blocks=4.0)
+    return replace(found, rows=rows, has_enough_blocks=False, blocks=4.0)

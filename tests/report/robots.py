@@ -9,9 +9,9 @@ import numpy as np
 
 from dynident.estimators import Estimator, LeastSquares
 from dynident.identification import Identification, Recipe, SourceFile, identify
-from dynident.log import Log
 from dynident.models import Model, RigidBodies
-from dynident.smoothers import Spline
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
 
 _LINK = """<link name="{0}"><inertial><origin xyz="{1}"/><mass value="{2}"/>
 <inertia ixx="0.02" iyy="0.025" izz="0.015" ixy="0.001" ixz="0" iyz="0"/></inertial>{3}</link>"""

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import Finding
-from dynident.errors import Severity
-from dynident.identification import HeldOut, Use, Verdict
-from dynident.identification.verdict import LargestResidual, WorstRun
-from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.unknown import CommonGain, Ratios, Zeros
-from dynident.report.advice import sentences
-from dynident.report.wording import words
-from dynident.validation import Driver, Reversals, Ripple
+from dynident.identification import HeldOut, LargestResidual, Verdict, WorstRun
+from dynident.identification import verdict as why
+from dynident.identification.verdict import CommonGain, MotionRatios, Zeros
+from dynident.report.note_words import words
+from dynident.report.verdict_words import verdict_sentences
+from dynident.runtime import Finding, Severity, Use
+from dynident.validation import Driver, ResidualRipple, Reversals
 
 RUN = WorstRun("fast", "elbow", 2.54)
 
 
 def second(use: Use, *reasons: why.Reason, run: WorstRun | None = RUN) -> str:
-    return sentences(Verdict(use, reasons, (), HeldOut(4.0, 3.0, None), run, None))[1]
+    return verdict_sentences(Verdict(use, reasons, (), HeldOut(4.0, 3.0, None), run, None))[1]
 
 
 def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
@@ -33,7 +31,7 @@ def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
 
 
 def test_a_reason_that_asks_ends_with_its_question_mark() -> None:
-    asking = why.Noted((Finding(Severity.WARNING, "a", "is it in degrees?"),))
+    asking = why.ForbiddingFindings((Finding(Severity.WARNING, "a", "is it in degrees?"),))
     plain, said = why.TorqueErrorTooLarge("fast", 12.0, 10.0), "Against its use: a: is it in degrees?"
     assert second(Use.DO_NOT_USE, asking) == said
     assert second(Use.DO_NOT_USE, asking, plain) == f"{said} And {words(plain)}."
@@ -44,10 +42,10 @@ def test_a_reason_that_asks_ends_with_its_question_mark() -> None:
 
 def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None:
     plain = Verdict(Use.SIMULATION, (), (), HeldOut(4.0, 3.0, None), RUN, LargestResidual("elbow", "fast", ()))
-    assert len(sentences(plain)) == 3
-    assert sentences(plain)[2] == "The torque residual is largest in elbow (fast) and has no clear cause."
-    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")), Ratios(("rail",)))})
-    assert sentences(unknown)[3] == (
+    assert len(verdict_sentences(plain)) == 3
+    assert verdict_sentences(plain)[2] == "The torque residual is largest in elbow (fast) and has no clear cause."
+    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")), MotionRatios(("rail",)))})
+    assert verdict_sentences(unknown)[3] == (
         "No data can show a factor that all torques share (wrong gains), which masses and friction take up, or a wrong "
         "zero of turn, wrist, or a wrong gear ratio, lead or unit of the position of rail: make sure of that by other "
         "means."
@@ -82,12 +80,12 @@ def test_reasons_hold_their_figures(reason: why.Reason, figures: tuple[str, ...]
 
 
 def verdict(use: Use = Use.SIMULATION, *reasons: why.Reason, unfiltered: tuple[float, float] | None = None) -> Verdict:
-    residual = LargestResidual("a", "fast", (Reversals(), Ripple(26.0)))
+    residual = LargestResidual("a", "fast", (Reversals(), ResidualRipple(26.0)))
     return Verdict(use, reasons, (), HeldOut(4.0, 3.0, unfiltered), WorstRun("fast", "a", 2.5), residual)
 
 
 def test_a_good_model_in_three_sentences() -> None:
-    first, second, third = sentences(verdict())
+    first, second, third = verdict_sentences(verdict())
     assert first == (
         "Good for simulation and control on motions like these: on held-out motion it leaves 4 % of the torque "
         "unexplained, in training 3 %."
@@ -104,7 +102,7 @@ def test_a_good_model_in_three_sentences() -> None:
 
 def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
     given = (why.NoFreeRun(), why.InertiasFree(), why.NegativeValues(("Fv",)))
-    first, second, _ = sentences(verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)))
+    first, second, _ = verdict_sentences(verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)))
     assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
     assert second == (
         "Not for simulation: no free simulation was run; the bodies' inertias were not constrained to be physically "
@@ -114,7 +112,7 @@ def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
 
 def test_what_is_not_known_is_said() -> None:
     nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
-    assert sentences(nothing) == (
+    assert verdict_sentences(nothing) == (
         "Do not use this model yet: no log was held out.",
         "Against its use: no log was held out, so the error on unseen motion is not known.",
         "The torque residual could not be tested.",

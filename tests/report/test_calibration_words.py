@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.identification import BaseTilt, Choice, Gain, Rests, TimeOffset
-from dynident.report.wording import words
-from dynident.smoothers import Difference, Spline
+from dynident.identification import BaseTilt, Gain, Rests, SmootherChoice, TimeOffset
+from dynident.motion.smoothers import Difference, Spline
+from dynident.report.note_words import words
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ from dynident.smoothers import Difference, Spline
         ),
         (Rests("a", 0.0, 0.0, 2.5), "a: rests of 2.5 s within are counted in its errors"),
         (
-            Choice(Difference(), (Difference(), Spline()), (1.5, np.inf)),
+            SmootherChoice(Difference(), (Difference(), Spline()), (1.5, np.inf)),
             (
                 "forward differences, by the cross-validated torque error on the training logs (forward differences: "
                 "1.5 %; smoothing spline, S = n: cannot smooth these logs)"

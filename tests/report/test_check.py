@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, Finding, Topic, log_notes
-from dynident.errors import Severity
+from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, Topic, log_notes
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
+from dynident.runtime import Finding, Severity
 
 
 def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
@@ -91,7 +91,7 @@ def test_the_most_severe_first_and_counted() -> None:
         )
     )
     assert list(rows(*found.findings)) == ["Errors", "Good to know"]
-    assert found.failed
+    assert found.has_errors
     assert check_summary(found) == "1 error."
     assert check_summary(CheckResult(())) == "No errors and no warnings."
 

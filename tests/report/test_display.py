@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.errors import InputError
-from dynident.models.gallery import slider
+from dynident.models.lagrangian import slider
+from dynident.runtime import InputError
 
 T = np.arange(1501) * 0.01
 EVIL = "<script>alert('x')</script>"
@@ -45,7 +45,7 @@ def test_a_terminal_shows_verdict_errors_and_parameters(found: dy.Identification
 
 
 def test_a_plot_lists_its_figures(found: dy.Identification) -> None:
-    figures = [name for name in dir(found.plot) if not name.startswith("_") and name != "found"]
+    figures = [name for name in dir(found.plot) if not name.startswith("_") and name != "identification"]
     assert sorted(figures) == sorted(re.findall(r"(\w+)\((?!file)", repr(found.plot)))
 
 

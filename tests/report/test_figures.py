@@ -6,16 +6,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
-from dynident.log import Log, Motion
+from dynident.apps.article import figures as study_figures
 from dynident.models import Parameter
-from dynident.report import figures as drawings
-from dynident.report.figures import canvas
-from dynident.report.figures import study as study_figures
+from dynident.motion.log import Log, Motion
+from dynident.report import figures as canvas
+from dynident.report.identification import figures as drawings
+from dynident.runtime import InputError
 
-DRAWN = {name: value for name, value in vars(drawings).items() if name.endswith("_figure")}
+DRAWN = {
+    name: value
+    for name, value in (vars(canvas) | vars(study_figures) | vars(drawings)).items()
+    if name.endswith("_figure")
+}
 figures = SimpleNamespace(  # as plotly for Python takes them, which checks every property
-    **vars(drawings)
+    **vars(canvas)
+    | vars(study_figures)
+    | vars(drawings)
     | {name: lambda *args, draw=draw, **more: draw(*args, **more).figure() for name, draw in DRAWN.items()}
 )
 QUARTILES = [0, 0.25, 0.5, 0.75, 1]
@@ -32,7 +38,7 @@ def motion(mask=None, n=400, spike=None, joints=("joint1", "joint2")):
 
 
 def validation(held):
-    return SimpleNamespace(motion=held, predicted=held.tau + 0.25)
+    return SimpleNamespace(motion=held, predicted_torque=held.tau + 0.25)
 
 
 def study(estimates, levels=(1e-6,), methods=("raw",)):
@@ -102,7 +108,7 @@ def test_trace_figure_has_the_colours_of_the_article():
     assert looks["filtered differences"] == (canvas.INK, "dash", True)
     assert looks["filtered differences, clipped"] == (canvas.GREEN, "dash", None)
     assert looks["raw differences"][2] == "legendonly"
-    assert looks["kalman"][0] in study_figures.MORE
+    assert looks["kalman"][0] in canvas.EXTRA_COLOURS
     assert [trace.meta == "ink" for trace in figure.data] == [trace.line.color == canvas.INK for trace in figure.data]
     kept, clipped = (next(t for t in figure.data if t.name.endswith(end)).y for end in ("differences", "clipped"))
     np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~late.mask)
@@ -152,7 +158,7 @@ def test_spread_figure_of_many_runs_keeps_quartiles_and_extremes():
     many = np.random.default_rng(0).normal(size=(5000, 2))
     box = figures.spread_figure(study(many)).data[0]
     values = box.customdata[: len(box.y) // 2, 0]
-    assert len(values) == study_figures.MOST_RUNS
+    assert len(values) == study_figures.MAX_RUNS
     np.testing.assert_allclose(np.quantile(values, QUARTILES), np.quantile(many[:, 0], QUARTILES), rtol=1e-5)
 
 
@@ -233,9 +239,9 @@ def test_interval_figure_holds_a_hundred_parameters_and_only_undetermined_ones()
 
 def test_nominal_values_are_not_called_true():
     parameters = (Parameter("a", "kg", value=1.0),)
-    assert not figures.only_nominal(SimpleNamespace(parameters=parameters))
+    assert not figures.has_nominal_values(SimpleNamespace(parameters=parameters))
     parameters = (replace(parameters[0], body="link"),)
-    assert figures.only_nominal(SimpleNamespace(parameters=parameters))
+    assert figures.has_nominal_values(SimpleNamespace(parameters=parameters))
 
 
 def test_names_cannot_carry_tags_into_a_figure():
@@ -272,7 +278,7 @@ def test_motion_figure_shows_what_smoothing_took_away(time_offset):
     truth = Motion(t, *(f(t)[:, None] for f in (np.sin, np.cos, lambda x: -np.sin(x), np.cos)), ("x",), t < 9)
     noise = 1e-3 * np.random.default_rng(2).standard_normal((len(t), 1))
     log = Log(t, truth.q + noise, truth.tau, ("x",))
-    figure = figures.motion_figure(truth.shifted(time_offset), "x", "m", 10_000, log, time_offset)
+    figure = figures.motion_figure(truth.shift(time_offset), "x", "m", 10_000, log)
     left = next(trace for trace in figure.data if "minus" in trace.name)
     shown = np.isfinite(left.y)
     assert shown.sum() > 3000
@@ -313,9 +319,9 @@ def test_stamps_far_from_zero_are_counted_from_the_first():
 
 
 def test_points_are_shared_among_curves():
-    assert figures.share(1) == 4000
-    assert figures.share(150) * 150 <= 300_000
-    assert figures.share(100_000) == 100
+    assert figures.points_per_curve(1) == 4000
+    assert figures.points_per_curve(150) * 150 <= 300_000
+    assert figures.points_per_curve(100_000) == 100
 
 
 def test_figures_are_transparent_small_and_valid_json():

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import Finding, file_notes, log_notes, motion_notes, notes
-from dynident.errors import Note, Severity
+from dynident.checks import log_notes, notes
+from dynident.checks import log_notes as motion_notes
+from dynident.checks import notes as file_notes
 from dynident.identification import TimeOffset
 from dynident.report.finding_words import finding_words
-from dynident.report.wording import words
+from dynident.report.note_words import words
+from dynident.runtime import Finding, Note, Severity
+from tests.classes import classes_of
 
 SAID = [
     (
@@ -364,7 +367,7 @@ SAID = [
         ),
     ),
     (
-        motion_notes.SearchLeftOut(motion_notes.Search.PAIRS, 30, 330),
+        motion_notes.SearchLeftOut(motion_notes.SearchKind.PAIRS, 30, 330),
         (
             "the model has 330 parameters of 30 joints, so that exchanged columns were looked for only among joints "
             "that follow each other."
@@ -387,9 +390,9 @@ def test_findings_say_their_figures_and_what_to_do(note: Note, said: str) -> Non
 
 def test_every_note_of_the_checks_is_tried() -> None:
     modules = (notes, file_notes, motion_notes)
-    kinds = {getattr(module, name) for module in modules for name in module.__all__} - {
+    kinds = {kind for module in modules for kind in classes_of(module)} - {
         notes.ReadingNote,
-        motion_notes.Search,
+        motion_notes.SearchKind,
     }
     assert {type(note) for note, _ in SAID} == kinds
     assert all(words.dispatch(kind) is not words.dispatch(object) for kind in kinds)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.errors import Note
-from dynident.estimators.instrumental_variables import notes
-from dynident.estimators.instrumental_variables.notes import InstrumentKind
-from dynident.report.wording import words
+from dynident.estimators import instruments as notes
+from dynident.estimators.instruments import InstrumentKind
+from dynident.report.note_words import words
+from dynident.runtime import Note
 
 SETTLED = "instruments have not settled after 2 simulations (the last one moved the value by 0.5 standard errors)"
 

@@ -6,7 +6,16 @@ from xml.etree import ElementTree
 import pytest
 
 from dynident.models import FUNCTIONS
-from dynident.report.mathml import Exact, formula, inline, named, pieces, symbol, valued, with_symbol
+from dynident.report.mathml import (
+    ExactNumber,
+    formula,
+    inline,
+    named_symbol,
+    number_markup,
+    signed_summands,
+    symbol,
+    with_symbol,
+)
 
 EVIL = '<script>alert("1")</script>&'
 
@@ -62,21 +71,21 @@ def test_too_deep_an_expression_stays_text():
 
 
 def test_values_stand_for_names_with_their_signs():
-    known = {"F_v": -0.4912, "c": 2.0, "k": Exact(100), "w": Exact(0.02)}
+    known = {"F_v": -0.4912, "c": 2.0, "k": ExactNumber(100), "w": ExactNumber(0.02)}
     assert text(inline("F_v * dq + c", known)) == "−0.491q˙+2.00"
     assert text(inline("c * cos(k * q) - F_v * tanh(dq / w)", known)) == "2.00cos(100q)+0.491tanh(q˙/0.02)"
-    assert [sign for sign, _ in pieces("F_v * dq + c - k", known)] == ["\u2212", "+", "\u2212"]
+    assert [sign for sign, _ in signed_summands("F_v * dq + c - k", known)] == ["\u2212", "+", "\u2212"]
 
 
 def test_numbers_have_powers_of_ten_and_no_sign():
-    assert text(valued(1.2345e-6)) == "1.23×10−6"
-    assert text(valued(-2.5e8, 2)) == "2.5×108"
-    assert text(valued(12.0)) == "12.0"
+    assert text(number_markup(1.2345e-6)) == "1.23×10−6"
+    assert text(number_markup(-2.5e8, 2)) == "2.5×108"
+    assert text(number_markup(12.0)) == "12.0"
 
 
 def test_names_of_the_user_are_escaped():
-    assert "<script" not in named("q", EVIL)
-    assert text(named("q", EVIL)) == "q" + EVIL.replace(" ", "")
+    assert "<script" not in named_symbol("q", EVIL)
+    assert text(named_symbol("q", EVIL)) == "q" + EVIL.replace(" ", "")
     for name in (EVIL, f"F_{EVIL}", f"dq{EVIL}"):
         assert "<script" not in symbol(name)
         ElementTree.fromstring(symbol(name))

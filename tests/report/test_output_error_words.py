@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.errors import Note
 from dynident.estimators import Didim, OutputError
-from dynident.estimators.notes import Start, StartedElsewhere
-from dynident.estimators.output_error.notes import StillSimulating
-from dynident.report.part_words import part_words
-from dynident.report.wording import words
+from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
+from dynident.report.note_words import words
+from dynident.report.words import part_words
+from dynident.runtime import Note
 
 
 @pytest.mark.parametrize(
     ("note", "said"),
     [
         (
-            StartedElsewhere(Start.INSTRUMENTS),
+            StartedElsewhere(FirstModel.INSTRUMENTS),
             "simulated, least squares fails or is farther off: the iteration began with instrumental variables",
         ),
         (

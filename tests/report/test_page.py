@@ -8,7 +8,8 @@ import pytest
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from dynident.report.figures.canvas import Drawing, trace
+from dynident.report import Drawing
+from dynident.report.figures import trace
 from dynident.report.page import (
     Badge,
     Code,
@@ -20,8 +21,8 @@ from dynident.report.page import (
     PageSection,
     PageTable,
     number,
-    pairs,
-    relative,
+    pair_table,
+    relative_link,
     render,
 )
 
@@ -95,7 +96,7 @@ def test_a_row_that_does_not_fit_is_named():
 def test_neighbouring_columns_share_a_heading():
     table = PageTable((Column("a"), Column("own", "raw"), Column("printed", "raw"), Column("own", "spline")), ())
     assert table.groups == (("", 1), ("raw", 2), ("spline", 1))
-    assert pairs("setting", [("x", "1")]).groups == ()
+    assert pair_table("setting", [("x", "1")]).groups == ()
     page = render("t", "l", [PageSection("s", (table,))])
     assert '<th colspan="2" scope="colgroup">raw</th>' in page
 
@@ -139,9 +140,9 @@ def test_a_gallery_offers_each_option_once():
 
 
 def test_a_table_without_titles_has_no_head():
-    page = render("t", "l", [PageSection("s", (pairs("", [("file", "arm.urdf")]),))])
+    page = render("t", "l", [PageSection("s", (pair_table("", [("file", "arm.urdf")]),))])
     assert "<tr hidden>" in page
-    assert "<tr hidden>" not in render("t", "l", [PageSection("s", (pairs("setting", [("a", "b")]),))])
+    assert "<tr hidden>" not in render("t", "l", [PageSection("s", (pair_table("setting", [("a", "b")]),))])
 
 
 def test_long_names_are_shortened_and_stand_whole_in_a_title():
@@ -155,7 +156,7 @@ def test_long_names_are_shortened_and_stand_whole_in_a_title():
     whole = "robot_cell_left_manipulator_arm_joint_1_&lt;b&gt;"
     assert f'<abbr title="{whole}">robot_cell_\u2060…\u2060oint_1_&lt;b&gt;</abbr> x</td>' in page
     assert f'<td class="words prose">{whole}</td>' in page
-    assert pairs("file", [(long[0], "1")]).short == {}
+    assert pair_table("file", [(long[0], "1")]).short == {}
 
 
 def test_names_that_are_somewhat_long_may_be_broken_at_their_underscores():
@@ -211,7 +212,7 @@ def test_the_page_fits_both_schemes_narrow_windows_and_paper():
 def test_a_page_with_figures_does_not_import_plotly():
     code = (
         "import sys\n"
-        "from dynident.report.figures.canvas import panels\n"
+        "from dynident.report.figures import panels\n"
         "from dynident.report.page import Figure, PageSection, render\n"
         "page = render('t', 'l', [PageSection('s', (Figure(panels([''], 200)),))])\n"
         "print('plotly' in sys.modules, len(page) > 1e6)"
@@ -239,7 +240,7 @@ def test_without_its_file_plotly_is_asked_for_the_script(monkeypatch):
     ],
 )
 def test_links_stay_below_the_page(path, link):
-    assert relative(path) == link
+    assert relative_link(path) == link
 
 
 def test_the_first_cell_of_a_row_leads_to_its_link():

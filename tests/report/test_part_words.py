@@ -8,17 +8,14 @@ from dynident.estimators import (
     AugmentedKalman,
     GeneralisedLeastSquares,
     LeastSquares,
-    MaximumLikelihood,
     PhysicallyConsistent,
     Ridge,
     RobustLeastSquares,
     TotalLeastSquares,
     WeightedLeastSquares,
 )
-from dynident.io.families import ESTIMATORS, SMOOTHERS
-from dynident.regression import ParallelFilter
-from dynident.report.part_words import part_words, value_words
-from dynident.smoothers import (
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.motion.smoothers import (
     Butterworth,
     Difference,
     FourierSeries,
@@ -27,7 +24,10 @@ from dynident.smoothers import (
     Spline,
     TimeShifted,
 )
-from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
+from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation
+from dynident.regression import ParallelFilter
+from dynident.report.words import part_words, value_words
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from dynident.identification import Reason
-from dynident.identification.verdict import reasons as why
-from dynident.report.wording import words
-from dynident.simulation import Singular
+from dynident.identification import verdict as why
+from dynident.models.simulation import Singular
+from dynident.report.note_words import words
 from dynident.validation import Driver
 
 

@@ -1,85 +1,49 @@
-"""The robot in its report: coloured links, along its recordings, with its inertia."""
+"""Surfaces and ellipsoids of links, in the frames of their bodies."""
 
 from __future__ import annotations
 
-from base64 import b64decode
-from dataclasses import replace
-
 import numpy as np
-import pytest
 
-from dynident.estimators import PhysicallyConsistent
-from dynident.identification.links import DeterminedBy
-from dynident.models import gallery
-from dynident.report.identification import identification_page
-from dynident.report.page import Figure
-from dynident.report.robot import COLOURS, robot_blocks, robot_view
-from tests.report.robots import identified
+from dynident.report import Ellipsoid, centre_marks, ellipsoid_circles, legend_key, lighten_colour, solid_ellipsoids
+
+TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+ONE = Ellipsoid(2, np.array([1.0, 2, 3]), np.array([0.3, 0.2, 0.1]), TURNED, "#0072b2")
+ROD = Ellipsoid(0, np.zeros(3), np.array([0.5, 0.0, 0.0]), np.eye(3), "#e69f00")
 
 
-def view(estimator: PhysicallyConsistent | None = None) -> Figure:
-    *_, figure = robot_blocks(identified(estimator))
-    return figure
+def level(points: np.ndarray) -> np.ndarray:
+    return np.linalg.norm((points - ONE.centre) @ ONE.axes / ONE.half, axis=1)
 
 
-def test_links_have_the_colour_of_what_determined_them() -> None:
-    drawn = view(PhysicallyConsistent()).figure.data
-    links = [one for one in drawn if one["type"] == "mesh3d" and one.get("hovertext")]
-    assert [one["name"] for one in links] == ["turret (+1)", "slide", "&lt;b&gt;hand", "finger"]
-    assert links[0]["color"] == COLOURS[DeterminedBy.DATA]
-    assert links[2]["color"] == COLOURS[DeterminedBy.PRIOR]
-    assert links[2]["hovertext"].startswith("&lt;b&gt;hand<br>mass 0.")
-    assert links[0]["hovertext"].endswith("<br>by the data 2, the prior 1")
-    words = [one["name"] for one in drawn if one.get("legendrank") == 1]
-    assert words == ["by the data", "by the prior"]
+def test_an_ellipsoid_is_where_its_axes_are_and_looks_outwards() -> None:
+    found = solid_ellipsoids([ONE, ROD], "found")
+    mine = found.body == 2
+    np.testing.assert_allclose(level(found.points[mine]), 1.0)
+    np.testing.assert_allclose(np.ptp(found.points[mine], axis=0), [0.4, 0.6, 0.2])
+    faces = np.stack([found.trace[name] for name in "ijk"], axis=1)
+    a, b, c = (found.points[faces[:, k]] for k in range(3))
+    middle = np.where(faces[:, :1] < mine.sum(), ONE.centre, ROD.centre)
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), a - middle) > 0).all()
+    assert len(found.trace["facecolor"]) == len(faces)
+    assert found.trace["facecolor"][0] == "#0072b2"
+    assert found.trace["facecolor"][-1] == "#e69f00"
 
 
-def test_it_moves_along_all_recordings_those_held_out_first() -> None:
-    found, figure = identified(), view().figure
-    replays = figure.motion["replays"]
-    assert [one["name"] for one in replays] == ["tuesday (held out)", "monday (training)"]
-    motion = found.validations[1].motion
-    q = np.frombuffer(b64decode(replays[0]["q"]), "<f4").reshape(-1, 4)
-    t = np.linspace(replays[0]["start"], replays[0]["stop"], len(q))
-    np.testing.assert_allclose(q[:, 2], np.interp(t, motion.t, motion.q[:, 2]), atol=1e-5)
-    np.testing.assert_allclose(q[:, 3], 0.2 - 0.5 * q[:, 2], atol=1e-6)  # mimics it
+def test_circles_lie_on_the_ellipsoid_with_gaps_between() -> None:
+    found = ellipsoid_circles([ONE], "file")
+    gaps = np.isnan(found.points).all(axis=1)
+    assert gaps.sum() == 3
+    np.testing.assert_allclose(level(found.points[~gaps]), 1.0)
 
 
-def test_inertia_is_hidden_until_it_is_asked_for() -> None:
-    for estimator, names in (
-        (None, ["inertia in the file", "centre in the file"]),
-        (PhysicallyConsistent(), ["found", "inertia in the file", "centre found", "centre in the file"]),
-    ):
-        figure = view(estimator).figure
-        (layer,) = figure.motion["layers"]
-        assert [figure.data[k]["name"] for k in layer["shown"]] == names
-        assert not any(figure.data[k]["visible"] for k in layer["shown"])
-        assert layer["faded"] == (0, 1, 2, 3)
+def test_a_rod_is_still_seen() -> None:
+    assert np.ptp(solid_ellipsoids([ROD], "found").points, axis=0).min() > 0
 
 
-def test_a_small_view_follows_without_a_player() -> None:
-    small = robot_view(identified())
-    assert not small.player
-    assert small.figure.layout["height"] == 250
-    scene = small.figure.layout["scene"]
-    assert not scene["xaxis"]["visible"]
-    links = [one for one in small.figure.data if one.get("hovertext")]
-    for axis in "xyz":  # it looks at the arm, where that stands in the view
-        middle = (min(one[axis].min() for one in links) + max(one[axis].max() for one in links)) / 2
-        low, high = scene[f"{axis}axis"]["range"]
-        side = scene["aspectratio"][axis] * ((middle - low) / (high - low) - 0.5)
-        assert scene["camera"]["center"][axis] == pytest.approx(side, abs=1e-6)
-
-
-def test_a_model_without_a_robot_file_has_no_view() -> None:
-    other = replace(identified(), model=gallery.slider())
-    assert list(robot_blocks(other)) == []
-    assert robot_view(other) is None
-
-
-def test_the_page_links_figures_over_time_with_the_view() -> None:
-    page = identification_page(identified())
-    assert page.count('"meta":{"run":"tuesday (held out)"}') == 7  # the head, torque and motion of three joints
-    assert page.count('class="player"') == 1
-    assert "<h2>The robot and its torques</h2>" in page
-    assert "<b>hand" not in page
+def test_marks_and_colours() -> None:
+    found = centre_marks({3: np.array([0.1, 0.2, 0.3])}, "centre", "circle")
+    assert found.body.tolist() == [3]
+    np.testing.assert_allclose(found.points, [[0.1, 0.2, 0.3]])
+    assert lighten_colour("#000000") == "#474747"
+    assert lighten_colour("#ffffff") == "#ffffff"
+    assert legend_key("by", "#ffffff")["x"] == [None]

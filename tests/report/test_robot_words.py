@@ -8,16 +8,17 @@ import json
 import pytest
 from pydantic import TypeAdapter
 
-from dynident.checks import Finding, robot_notes
-from dynident.checks.robot_notes import Channel, MissingTerm, TermKind
-from dynident.errors import Note, Severity
+from dynident.checks import robot_notes
+from dynident.checks.robot_notes import AffectedColumns, MissingTerm, TermKind
 from dynident.report.finding_words import finding_words
 from dynident.report.robot_words import remedy
+from dynident.runtime import Finding, Note, Severity
+from tests.classes import classes_of
 
-OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robot_notes.Quantity))
+OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robot_notes.SuspectQuantity))
 NOTES = [
-    *(robot_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in Channel),
-    *(robot_notes.ColumnReversed(channel, 30.0, 2.0) for channel in Channel),
+    *(robot_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in AffectedColumns),
+    *(robot_notes.ColumnReversed(channel, 30.0, 2.0) for channel in AffectedColumns),
     robot_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
     robot_notes.TorqueGain(1.25, 0.01, 0.2, OTHERS),
     robot_notes.ZeroOff(0.1, 0.01, 0.2),
@@ -49,7 +50,7 @@ def test_a_note_is_said_in_sentences(note: Note) -> None:
 
 
 def test_all_kinds_of_notes_are_said() -> None:
-    named = [getattr(robot_notes, name) for name in robot_notes.__all__]
+    named = classes_of(robot_notes)
     kinds = {one for one in named if issubclass(one, Note)}
     assert {type(note) for note in NOTES} == kinds - {robot_notes.Costly, robot_notes.WrongValue}
 

@@ -1,9 +1,9 @@
 """The meaning of parameters as formulas."""
 
 from dynident.models import Model
-from dynident.models.gallery import slider, two_link_arm
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.report.equations import term_words, with_formulas
 from dynident.report.page import MEANING, Column, PageSection, PageTable, render
-from dynident.report.term_words import term_words, with_formulas
 
 
 def meanings(model):

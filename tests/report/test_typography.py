@@ -2,7 +2,7 @@
 
 import pytest
 
-from dynident.report.typography import cell, said, sentence, unit_text
+from dynident.report.page import cell, sentence, typeset, unit_text
 
 
 @pytest.mark.parametrize(
@@ -40,11 +40,11 @@ def test_sentences_are_escaped_and_typeset():
 
 
 def test_negative_numbers_in_sentences_have_a_true_minus():
-    assert said("-0.5 (-0.49 +- 0.07), -1.0e-05 on log 5-7.4 s") == (
+    assert typeset("-0.5 (-0.49 +- 0.07), -1.0e-05 on log 5-7.4 s") == (
         "−0.5 (−0.49 ± 0.07), −1.0\u00a0×\u00a010⁻⁵ on log 5-7.4 s"
     )
 
 
 @pytest.mark.parametrize("name", ["run 1e-5.csv", "log_1e-5", "robot1e5", "1e5", "v2.1e3a"])
 def test_names_in_sentences_stay_as_they_are(name):
-    assert said(f"{name}: too short") == f"{name}: too short"
+    assert typeset(f"{name}: too short") == f"{name}: too short"

@@ -5,26 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.bounds import Measure, Origin
-from dynident.checks import Finding, robot_notes
+import dynident.apps.excitation.expected_report
+import dynident.apps.payload.report  # noqa: F401  # their words are registered with them
 from dynident.checks import notes as findings
-from dynident.errors import Note, Remark, Severity
+from dynident.checks import robot_notes
 from dynident.estimators import notes
-from dynident.identification import (
-    Reason,
-    Remedy,
-    Step,
-)
-from dynident.identification.verdict import steps
-from dynident.models.gallery import two_link_arm
+from dynident.identification import Measure, NextStep, Origin, Reason, Remedy
+from dynident.identification import verdict_steps as steps
+from dynident.models.lagrangian import two_link_arm
+from dynident.models.simulation import Broken, Failure, RunsAway, Singular
 from dynident.regression import UnexcitedParameters
-from dynident.report import excitation_words
-from dynident.report import payload as payload_report
 from dynident.report.finding_words import finding_words
-from dynident.report.wording import Line, note_lines, words
+from dynident.report.note_words import Line, note_lines, words
 from dynident.report.words import percent
-from dynident.simulation import Broken, Failure, RunsAway, Singular
-from dynident.validation import Cause, FrictionLevel, HighFrequency, LowFrequency, Reversals, Ripple
+from dynident.runtime import Finding, Note, Remark, Severity
+from dynident.validation import Cause, FrictionLevel, HighFrequency, LowFrequency, ResidualRipple, Reversals
+from tests.classes import classes_of
 
 
 def kinds(base: type) -> list[type]:
@@ -37,16 +33,15 @@ def _is_base(kind: type) -> bool:
     return kind in (notes.Undetermined, notes.Unsettled, robot_notes.Costly, robot_notes.WrongValue)
 
 
-@pytest.mark.parametrize("base", [Note, Cause, Failure, Reason, Step])
+@pytest.mark.parametrize("base", [Note, Cause, Failure, Reason, NextStep])
 def test_every_noun_has_words(base: type) -> None:
-    assert payload_report.__all__ + excitation_words.__all__  # their words are registered with them
     assert len(kinds(base)) > 1
     for kind in kinds(base):
         assert words.dispatch(kind) is not words.dispatch(object), kind
 
 
 def test_findings_of_the_checks_are_among_the_notes() -> None:
-    assert {getattr(findings, name) for name in findings.__all__} <= set(kinds(Note))
+    assert set(classes_of(findings)) <= set(kinds(Note))
     found = Finding(Severity.WARNING, "a", findings.ConstantTorque(1.0))
     assert finding_words(found) == words(found.message)
 
@@ -163,7 +158,7 @@ def test_a_noun_without_words_is_an_error() -> None:
         ),
         (Reversals(), "friction around reversals"),
         (FrictionLevel(), "a wrong level of friction (it follows the sign of the velocity)"),
-        (Ripple(26.04), "a ripple at 26 Hz"),
+        (ResidualRipple(26.04), "a ripple at 26 Hz"),
         (LowFrequency(), "an error of the model or its parameters (mostly below 5 Hz)"),
         (HighFrequency(), "noise, ripple, elasticity or a time offset (mostly above 5 Hz)"),
         (RunsAway(0.1234), "the simulated position diverges after 0.123 s"),
@@ -177,7 +172,7 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
-            notes.MotionLimits("Izz1 + Ia1", 3, 12),
+            notes.LimitedByMotion("Izz1 + Ia1", 3, 12),
             (
                 "a longer recording does not help 3 of 12 base parameters, Izz1 + Ia1 above all: most of their "
                 "standard errors is what errors of the smoothed motion leave; positions with less noise help"
@@ -205,7 +200,7 @@ def test_a_noun_without_words_is_an_error() -> None:
             steps.SlowReversals(("a", "b")),
             "a, b: record slow motion through zero speed, or try `coulomb_width` or `min_speed`.",
         ),
-        (steps.SlowReversals(("a",), chosen=True), "a: record slow motion through zero speed."),
+        (steps.SlowReversals(("a",), terms_chosen=True), "a: record slow motion through zero speed."),
         (
             steps.SlowReversals(("a",), (0.0312,), gain=0.456),
             (

@@ -7,13 +7,15 @@ import pytest
 from scipy.signal import lfilter
 from scipy.special import stdtrit
 
-from dynident.errors import ModelError
-from dynident.estimators.linear import solve
-from dynident.log import Motion
-from dynident.models import Joint, Model, Offset, Viscous
+from dynident.estimators.least_squares import solve_least_squares
+from dynident.models import Joint, Model
+from dynident.models.friction import Offset, Viscous
+from dynident.motion.log import Motion
+from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression
-from dynident.splines import NORMAL_95
-from dynident.validation import coloured, coloured_std, correlated_std, plain_std, robust_covariance
+from dynident.runtime import ModelError
+from dynident.validation import ColouredFit, correlated_std, plain_std, robust_covariance
+from dynident.validation import coloured_fit as coloured
 
 JOINTS = (Joint("a"), Joint("b"))
 MODEL = Model((Viscous(JOINTS), Offset(JOINTS)))
@@ -32,7 +34,7 @@ def regression(seed: int, rho: float, n: int = N, scale: float = 1.0) -> Regress
 
 
 def fit(one: Regression) -> np.ndarray:
-    return solve(one.triangular_factors.stacked()).value
+    return solve_least_squares(one.triangular_factors.stack()).value
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.9, 0.995])
@@ -58,38 +60,38 @@ def test_intervals_hold_what_they_say(rho: float) -> None:
 def test_white_residuals_have_the_plain_errors() -> None:
     one = regression(5, 0.0, 20_000)
     plain = plain_std(one, fit(one), np.ones(2), range(4))
-    np.testing.assert_allclose(coloured_std(one, fit(one)), plain, rtol=0.05)
-    white = solve(one.triangular_factors.stacked())
+    np.testing.assert_allclose(ColouredFit.of(one, fit(one)).std(), plain, rtol=0.05)
+    white = solve_least_squares(one.triangular_factors.stack())
     np.testing.assert_allclose(plain, np.sqrt(np.diag(white.inverse) * white.rss / 40_000), rtol=0.02)
 
 
 def test_the_correlation_that_the_fit_takes_away_is_put_back() -> None:
     """Over 60 runs the standard errors are the scatter of 400 estimates, within five deviations of both."""
-    told = np.array([coloured_std(one, fit(one)) for one in (regression(seed, 0.97) for seed in range(60))])
+    told = np.array([ColouredFit.of(one, fit(one)).std() for one in (regression(seed, 0.97) for seed in range(60))])
     errors = np.array([fit(regression(seed, 0.97)) - TRUTH for seed in range(400)])
     np.testing.assert_allclose(np.sqrt((told**2).mean(axis=0)), errors.std(axis=0), rtol=5 * (0.04 + 0.02))
 
 
 def test_few_independent_samples_widen_the_intervals() -> None:
     variance = np.array([2.0, 2.0])
-    found = coloured._quantile(variance, 2 * variance**2 / np.array([5.0, 0.5]))
+    found = coloured._student_quantile(variance, 2 * variance**2 / np.array([5.0, 0.5]))
     np.testing.assert_allclose(found, [stdtrit(5, 0.975), stdtrit(2, 0.975)])
 
 
 def test_units_and_weights_that_are_equal_do_not_matter() -> None:
     one, large = regression(3, 0.9), regression(3, 0.9, scale=1e3)
-    found = coloured_std(one, fit(one))
-    np.testing.assert_allclose(coloured_std(large, fit(large)), 1e3 * found, rtol=1e-6)
-    np.testing.assert_allclose(coloured_std(one, fit(one), weights=(3.0, 3.0)), found, rtol=1e-6)
-    np.testing.assert_allclose(coloured_std(one, fit(one), columns=range(4)), found, rtol=1e-12)
+    found = ColouredFit.of(one, fit(one)).std()
+    np.testing.assert_allclose(ColouredFit.of(large, fit(large)).std(), 1e3 * found, rtol=1e-6)
+    np.testing.assert_allclose(ColouredFit.of(one, fit(one), weights=(3.0, 3.0)).std(), found, rtol=1e-6)
+    np.testing.assert_allclose(ColouredFit.of(one, fit(one), columns=range(4)).std(), found, rtol=1e-12)
 
 
 def test_pieces_of_a_long_log_stand_for_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     one = regression(4, 0.9, 20_000)
-    monkeypatch.setattr(coloured, "MOST", 40_000)
-    whole = coloured_std(one, fit(one))
-    monkeypatch.setattr(coloured, "MOST", 10_000)
-    np.testing.assert_allclose(coloured_std(one, fit(one)), whole, rtol=0.25)
+    monkeypatch.setattr(coloured, "MAX_COLOURED_SAMPLES", 40_000)
+    whole = ColouredFit.of(one, fit(one)).std()
+    monkeypatch.setattr(coloured, "MAX_COLOURED_SAMPLES", 10_000)
+    np.testing.assert_allclose(ColouredFit.of(one, fit(one)).std(), whole, rtol=0.25)
 
 
 def test_dependent_columns_are_an_error() -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.log import Log, Motion
-from dynident.smoothers import Difference, Spline, TimeShifted
-from dynident.splines import Fixed, smooth
-from dynident.validation import LogValidation, Signals, SmoothedAway, TorqueErrors, follow_tests, smoothed_away
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Difference, Spline, TimeShifted
+from dynident.motion.splines import Fixed, smooth
+from dynident.validation import LogValidation, Signals, SmoothedAway, TorqueErrors, follow_tests, smoothing_losses
 
 N, STEP, NOISE = 2000, 0.005, 1e-4
 T = STEP * np.arange(N)
@@ -38,7 +38,7 @@ def test_the_shares_are_those_of_the_truth(factor: float) -> None:
     rows = motion.mask
     share = np.mean((position() - clean.values)[rows] ** 2) / np.mean((log.q - motion.q)[rows] ** 2)
     lost = np.sqrt(np.mean((position(2) - clean.derivative(2))[rows] ** 2) / np.mean(position(2)[rows] ** 2))
-    assert found.follows
+    assert found.is_following
     assert found.share == pytest.approx(100 * share, rel=0.1)
     assert found.lost == pytest.approx(100 * lost, abs=0.25)
 
@@ -51,7 +51,7 @@ def test_noise_alone_is_not_flagged(rho: float) -> None:
     for _ in range(60):
         noise = NOISE * lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], rng.standard_normal(N + 300))[300:]
         log = Log(T, (0.02 * np.sin(0.3 * T) + noise)[:, None], np.ones((N, 1)), ("hinge",))
-        flagged += follow_tests(Spline(Fixed(lam=lam), sigma=NOISE)(log), log)["hinge"].follows
+        flagged += follow_tests(Spline(Fixed(lam=lam), sigma=NOISE)(log), log)["hinge"].is_following
     assert flagged == 0
 
 
@@ -77,9 +77,9 @@ def validation(factor: float) -> LogValidation:
 
 
 def test_a_note_is_made_where_acceleration_is_lost() -> None:
-    (note,) = smoothed_away([validation(16.0)])
+    (note,) = smoothing_losses([validation(16.0)])
     assert note == SmoothedAway("monday", ("hinge",), note.share, note.lost)
     assert note.share > 80
     assert 2 < note.lost < 20
-    assert list(smoothed_away([validation(1.4)])) == []  # it follows the motion, but little is lost
-    assert list(smoothed_away([replace(validation(16.0), signals=Signals(smoothed(16.0)[0], T[:, None]))])) == []
+    assert list(smoothing_losses([validation(1.4)])) == []  # it follows the motion, but little is lost
+    assert list(smoothing_losses([replace(validation(16.0), signals=Signals(smoothed(16.0)[0], T[:, None]))])) == []

@@ -8,14 +8,15 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError
-from dynident.log import Motion
-from dynident.models import Coulomb, CoupledMotor, Joint, Model, RotorInertia, simulate
-from dynident.models.gallery import slider, two_link_arm
-from dynident.simulation import CascadePD, RunsAway, Singular
+from dynident.models import CoupledMotor, Joint, Model, RotorInertia
+from dynident.models.friction import Coulomb
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.models.simulation import CascadePD, RunsAway, Singular, simulate
+from dynident.motion.log import Motion
+from dynident.runtime import ConfigError, InputError
 from dynident.validation import FreeRun, free_run
 
-trace_module = import_module("dynident.simulation.trace")
+trace_module = import_module("dynident.models.simulation.trace")
 
 ARM = two_link_arm()
 T = np.arange(1001) * 0.002

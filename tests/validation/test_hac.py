@@ -9,14 +9,16 @@ import pytest
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
-from dynident.errors import ModelError
-from dynident.estimators.linear import solve
-from dynident.log import Motion
-from dynident.models import Coulomb, Joint, Model, Offset, Viscous
-from dynident.regression import ParallelFilter, Regression
+from dynident.estimators.least_squares import solve_least_squares
+from dynident.models import Joint, Model
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Motion
+from dynident.regression import ParallelFilter, Regression, Selection
 from dynident.regression import linear_problem as module
-from dynident.regression.long_run import bandwidth
-from dynident.validation import hac, robust_covariance
+from dynident.regression.whitening import bandwidth
+from dynident.runtime import ModelError
+from dynident.validation import robust_covariance
+from dynident.validation import standard_errors as hac
 
 JOINTS = (Joint("a"), Joint("b"))
 MODEL = Model((Viscous(JOINTS), Offset(JOINTS)))
@@ -34,7 +36,7 @@ def motion(seed: int, rho: float, n: int = N, mask: ArrayLike | None = None) -> 
 
 
 def fit(regression: Regression) -> np.ndarray:
-    return solve(regression.triangular_factors.stacked()).value
+    return solve_least_squares(regression.triangular_factors.stack()).value
 
 
 def by_hand(regression: Regression, theta: np.ndarray, length: int) -> np.ndarray:
@@ -75,7 +77,7 @@ def test_intervals_hold_what_they_promise_on_correlated_residuals() -> None:
         regression = Regression(MODEL, (motion(seed, 0.9),))
         theta = fit(regression)
         std = np.sqrt(np.diag(robust_covariance(regression, theta)))
-        white = solve(regression.triangular_factors.stacked())
+        white = solve_least_squares(regression.triangular_factors.stack())
         plain = np.sqrt(np.diag(white.inverse) * white.rss / (2 * N - 4))
         held.append(np.abs(theta - truth) < 1.96 * std)
         naive.append(np.abs(theta - truth) < 1.96 * plain)
@@ -146,7 +148,7 @@ def test_of_two_samples_one_parameter_leaves_one() -> None:
 
 
 def test_does_not_depend_on_units_or_blocks_or_unused_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    regression = Regression(MODEL, (motion(5, 0.7),), ParallelFilter(decimate=3), (0.1, 0.2))
+    regression = Regression(MODEL, (motion(5, 0.7),), Selection(ParallelFilter(decimate=3), (0.1, 0.2)))
     theta = fit(regression)
     found = robust_covariance(regression, theta)
     monkeypatch.setattr(module, "BLOCK", 500)
@@ -176,19 +178,19 @@ def test_pieces_of_a_long_log_say_about_the_same(monkeypatch: pytest.MonkeyPatch
     """The covariance falls with all samples, though only pieces are looked at."""
     regression = Regression(MODEL, (motion(3, 0.8, 20_000),))
     whole = robust_covariance(regression, fit(regression))
-    monkeypatch.setattr(hac, "MOST", 8000)
-    monkeypatch.setattr(hac, "PIECE", 2000)
-    assert len(hac.stretches_of(regression, hac.MOST, hac.PIECE)) == 4
+    monkeypatch.setattr(hac, "MAX_SCORED_SAMPLES", 8000)
+    monkeypatch.setattr(hac, "SCORED_PIECE", 2000)
+    assert len(hac.stretches_of(regression, hac.MAX_SCORED_SAMPLES, hac.SCORED_PIECE)) == 4
     pieces = robust_covariance(regression, fit(regression))
     np.testing.assert_allclose(np.sqrt(np.diag(pieces)), np.sqrt(np.diag(whole)), rtol=0.3)
 
 
 def test_pieces_are_spread_over_the_stretch() -> None:
-    parts = hac._pieces(slice(100, 100_100), 0.5, hac.PIECE)
+    parts = hac._pieces(slice(100, 100_100), 0.5, hac.SCORED_PIECE)
     assert len(parts) == 2 or sum(part.stop - part.start for part in parts) == 50_000
     assert all(100 <= part.start < part.stop <= 100_100 for part in parts)
     assert parts[-1].start > 40_000
-    assert hac._pieces(slice(0, 30), 1.0, hac.PIECE) == [slice(0, 30)]
+    assert hac._pieces(slice(0, 30), 1.0, hac.SCORED_PIECE) == [slice(0, 30)]
 
 
 def test_less_than_a_hundred_samples_are_taken_whole() -> None:

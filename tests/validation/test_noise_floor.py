@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.log import Motion
+from dynident.motion.log import Motion
 from dynident.validation import FloorOrigin, LogValidation, NoiseFloor, Signals, TorqueErrors, with_floors
 
 N, STEP, PERIOD, NOISE = 4000, 0.005, 10.0, 0.1
@@ -41,28 +41,28 @@ def test_the_scatter_of_a_motion_that_repeats_is_the_floor(rho: float) -> None:
     assert {one.origin for one in found} == {FloorOrigin.REPEATS}
     assert np.mean([one.size for one in found]) == pytest.approx(NOISE, rel=0.02)
     assert np.mean([one.upper < 1.0 for one in found]) < 0.15  # 95 % of at least 9 in 60: at most 5 % true
-    assert np.mean([one.reached for one in found]) > 0.9
+    assert np.mean([one.is_reached for one in found]) > 0.9
 
 
 def test_a_fault_of_the_model_is_above_the_floor() -> None:
     """A fault as large as the noise makes the ratio sqrt 2; the limit is below 1.15 in none of 40 cases."""
     found = [floor(log(np.random.default_rng(seed), fault=1.0, rho=0.8)) for seed in range(40)]
     assert np.mean([one.ratio for one in found]) == pytest.approx(np.sqrt(2.0), rel=0.05)
-    assert not any(one.reached for one in found)
+    assert not any(one.is_reached for one in found)
 
 
 def test_a_fault_at_the_limit_is_called_the_floor_in_five_of_a_hundred() -> None:
     """Noise and a fault of rms sqrt(1.15^2 - 1) are 1.15 times the noise: the stated level."""
     fault = np.sqrt(1.15**2 - 1)
-    called = np.mean([floor(log(np.random.default_rng(seed), fault, rho=0.5)).reached for seed in range(200)])
+    called = np.mean([floor(log(np.random.default_rng(seed), fault, rho=0.5)).is_reached for seed in range(200)])
     assert called < 0.11  # 5 %, with 99.9 % confidence of the binomial
 
 
 def test_white_noise_stands_in_where_nothing_repeats() -> None:
     found = [floor(log(np.random.default_rng(seed), period=47.0, white=True)) for seed in range(20)]
     assert {one.origin for one in found} == {FloorOrigin.WHITE}
-    assert all(one.reached for one in found)
-    assert not floor(log(np.random.default_rng(0), fault=1.0, period=47.0, white=True)).reached
+    assert all(one.is_reached for one in found)
+    assert not floor(log(np.random.default_rng(0), fault=1.0, period=47.0, white=True)).is_reached
     assert with_floors([log(np.random.default_rng(0), period=47.0)])[0].floors == {}
 
 
@@ -76,15 +76,15 @@ def test_another_log_of_the_motion_tells_the_scatter_too() -> None:
 def test_passes_that_the_model_tells_apart_are_no_scatter() -> None:
     """The positions repeat, but a torque that the model predicts differs, as with pulses on a stiff drive."""
     one = log(np.random.default_rng(0))
-    pushed = one.predicted + np.where(T < PERIOD, 3 * NOISE, 0.0)[:, None]
-    motion = replace(one.motion, tau=one.motion.tau + pushed - one.predicted)
+    pushed = one.predicted_torque + np.where(T < PERIOD, 3 * NOISE, 0.0)[:, None]
+    motion = replace(one.motion, tau=one.motion.tau + pushed - one.predicted_torque)
     assert with_floors([replace(one, signals=Signals(motion, pushed))])[0].floors == {}
 
 
 def test_too_few_independent_samples_tell_nothing() -> None:
     one = log(np.random.default_rng(0), rho=0.998)
-    assert "hinge" not in with_floors([one])[0].floors or not floor(one).reached
-    silent = replace(one, signals=Signals(replace(one.motion, tau=one.predicted), one.predicted))
+    assert "hinge" not in with_floors([one])[0].floors or not floor(one).is_reached
+    silent = replace(one, signals=Signals(replace(one.motion, tau=one.predicted_torque), one.predicted_torque))
     assert with_floors([silent])[0].floors == {}
 
 
@@ -108,8 +108,8 @@ def test_friction_that_changes_between_the_passes_is_no_scatter(size: float) -> 
         one = log(np.random.default_rng(seed), rho=0.8)
         speed = np.gradient(one.motion.q, T, axis=0)
         changed = one.motion.tau + size * NOISE * np.sign(speed) * (0.5 - T[:, None] / T[-1])
-        rmse = {"hinge": float(np.sqrt(np.mean((changed - one.predicted) ** 2)))}
-        signals = Signals(replace(one.motion, dq=speed, tau=changed), one.predicted)
+        rmse = {"hinge": float(np.sqrt(np.mean((changed - one.predicted_torque) ** 2)))}
+        signals = Signals(replace(one.motion, dq=speed, tau=changed), one.predicted_torque)
         found.append(floor(replace(one, errors=replace(one.errors, rmse=rmse), signals=signals)))
     assert np.mean([one.size for one in found]) == pytest.approx(NOISE, rel=0.03)
-    assert np.mean([one.reached for one in found]) == pytest.approx(float(size == 0.0), abs=0.1)
+    assert np.mean([one.is_reached for one in found]) == pytest.approx(float(size == 0.0), abs=0.1)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from dynident.errors import InputError, ModelError
-from dynident.log import Motion
-from dynident.models import Joint, Lagrangian, Model, Unknown, Viscous
-from dynident.models.robot_file import Limits
-from dynident.regression import ParallelFilter
+from dynident.models import Joint, Lagrangian, Model, Unknown
+from dynident.models.friction import Viscous
+from dynident.models.robot_files import RobotJointLimits
+from dynident.motion.log import Motion
+from dynident.regression import ParallelFilter, Selection
+from dynident.runtime import InputError, ModelError
 from dynident.validation import check_mass, relative_error, validate
 
 MODEL = Model((Viscous((Joint("a"), Joint("b", "prismatic"))),))
@@ -42,7 +43,7 @@ def test_relative_error(measured: tuple[float, ...], predicted: tuple[float, ...
 def test_errors_by_hand() -> None:
     """Predicted (2, 10) at the two samples that count; the residuals are (1, 0) and (1, -2)."""
     found = validate(MODEL, THETA, motion([[1, 1], [1, 1], [9, 9]], [[3, 10], [3, 8], [0, 0]], [1, 1, 0]))
-    np.testing.assert_array_equal(found.predicted, [[2, 10], [2, 10], [18, 90]])
+    np.testing.assert_array_equal(found.predicted_torque, [[2, 10], [2, 10], [18, 90]])
     assert found.errors.relative_error == pytest.approx(100 * np.sqrt(6 / 182))
     assert found.errors.relative_error_filtered is None
     assert found.errors.rmse == pytest.approx({"a": 1.0, "b": np.sqrt(2)})
@@ -65,7 +66,7 @@ def test_a_joint_without_torque_has_no_relative_error() -> None:
 
 
 def test_without_any_torque_there_is_no_relative_error() -> None:
-    found = validate(MODEL, THETA, motion([[1, 1]] * 50, [[0, 0]] * 50), parallel_filter=ParallelFilter(2))
+    found = validate(MODEL, THETA, motion([[1, 1]] * 50, [[0, 0]] * 50), selection=Selection(filter=ParallelFilter(2)))
     assert found.errors.relative_error_filtered is not None
     assert np.isnan(
         [found.errors.relative_error, found.errors.relative_error_filtered, *found.errors.per_joint.values()]
@@ -79,7 +80,7 @@ def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_
     velocity = np.column_stack((2 + np.sin(t), 2 + np.cos(t)))
     noise = np.outer((-1.0) ** np.arange(1000), [1.0, 1.0])
     made = motion(velocity, velocity * THETA + noise)
-    found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(decimate=4))
+    found = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(decimate=4)))
     assert found.errors.relative_error == pytest.approx(100 * np.sqrt(2000) / np.linalg.norm(made.tau))
     assert found.errors.relative_error_filtered is not None
     assert found.errors.relative_error_filtered < 0.1 * found.errors.relative_error
@@ -89,14 +90,16 @@ def test_filtered_error_keeps_what_is_below_the_cutoff() -> None:
     """An error of one tenth of the torque at all frequencies stays so."""
     velocity = np.random.default_rng(0).normal(size=(300, 2))
     mask = np.arange(300) % 100 > 3
-    found = validate(MODEL, THETA, motion(velocity, velocity * THETA / 0.9, mask), parallel_filter=ParallelFilter(3))
+    found = validate(
+        MODEL, THETA, motion(velocity, velocity * THETA / 0.9, mask), selection=Selection(filter=ParallelFilter(3))
+    )
     assert found.errors.relative_error == pytest.approx(10.0)
     assert found.errors.relative_error_filtered == pytest.approx(10.0)
 
 
 def test_single_samples_cannot_be_filtered() -> None:
     made = motion([[1, 1]] * 10, [[2, 10]] * 10, np.arange(10) % 2)
-    found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(2))
+    found = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
     assert found.errors.relative_error == 0.0
     assert np.isnan(found.errors.relative_error_filtered or 0.0)
 
@@ -115,8 +118,8 @@ class Limited(Viscous):
     """A term that knows the limits of its joints."""
 
     @property
-    def limits(self) -> dict[str, Limits]:
-        return {"a": Limits(effort=20.0, lower=-0.5, upper=0.5)}
+    def limits(self) -> dict[str, RobotJointLimits]:
+        return {"a": RobotJointLimits(effort=20.0, lower=-0.5, upper=0.5)}
 
 
 def test_errors_of_each_joint_in_other_measures() -> None:
@@ -132,7 +135,7 @@ def test_filtered_errors_of_each_joint_make_up_the_whole() -> None:
     rng = np.random.default_rng(1)
     velocity = rng.normal(size=(400, 2))
     made = motion(velocity, velocity * THETA + rng.normal(size=(400, 2)) * (1.0, 0.0))
-    found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(2))
+    found = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
     assert found.errors.per_joint_filtered["b"] < 1e-9 < 1 < found.errors.per_joint_filtered["a"]
     assert found.errors.relative_error_filtered is not None
     assert found.errors.relative_error_filtered < found.errors.per_joint_filtered["a"]

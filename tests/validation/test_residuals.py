@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.filters import autocorrelation, ljung_box
+from dynident.motion.filters import autocorrelation, ljung_box
 from dynident.validation import (
     FrictionLevel,
     HighFrequency,
     LowFrequency,
+    ResidualRipple,
     Reversals,
-    Ripple,
     decorrelation,
     residual_test,
 )
@@ -67,7 +67,7 @@ def test_a_friction_of_another_level_is_reported() -> None:
 def test_a_ripple_is_reported_with_its_frequency() -> None:
     found = residual_test(np.sin(2 * np.pi * 26 * T) + 0.3 * np.random.default_rng(4).standard_normal(N), DQ, STEP)
     assert found.peak == pytest.approx(26, abs=0.3)
-    assert Ripple(found.peak) in found.causes
+    assert ResidualRipple(found.peak) in found.causes
 
 
 def test_white_noise_is_no_ripple_and_no_model() -> None:

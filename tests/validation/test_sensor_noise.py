@@ -8,11 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.filters import butterworth, zero_phase
-from dynident.log import Log, Motion
-from dynident.models import Model, record, simulate
-from dynident.models.gallery import pendulum, two_link_arm
-from dynident.smoothers import Difference, KalmanSmoother, Spline
+from dynident.models import Model
+from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.simulation import record, simulate
+from dynident.motion.filters import butterworth, zero_phase
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Difference, KalmanSmoother, Spline
 from dynident.validation import TorqueErrors, sensor_noise, validate
 
 ARMS = {"pendulum": pendulum(), "arm": two_link_arm()}

@@ -5,46 +5,39 @@ Of models (``robot``, ``motion``, ``torque``, ``gravity``): the robot file, exci
 torque, the direction of gravity. ``run_checks`` runs all of them, ``with_findings`` beside an identification. An error
 would give wrong numbers, a warning should be looked at."""
 
-from dynident.checks import notes
-from dynident.checks.beside import with_findings
-from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, rest
-from dynident.checks.check import CheckResult, run_checks
-from dynident.checks.finding import Finding, Topic, reading_line, require
-from dynident.checks.loop import loop_findings
+from dynident.checks.channels import ChannelFacts, channel_facts, check_log, check_log_fully, rest_findings
+from dynident.checks.check import CheckResult, run_checks, with_findings
+from dynident.checks.finding import Topic, reading_line, reading_words, require
 from dynident.checks.motion import Excitation, ExcitedRank
-from dynident.checks.reading import reading_words
-from dynident.checks.relative_gains import relative_gains
-from dynident.checks.robot import JointFacts, LinkFacts, check_robot, joint_facts, link_facts
-from dynident.checks.time import GAP, MINIMUM_SAMPLES, Timing, respaced, split_gaps, timing
-from dynident.checks.torque import Agreement
+from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, joint_facts, link_facts
+from dynident.checks.stamps import MAX_GAP_STEPS, MINIMUM_SAMPLES, Timing, respace, split_gaps, timing
+from dynident.checks.torque import Agreement, loop_findings, relative_gains
 
 __all__ = [
-    "GAP",
+    "MAX_GAP_STEPS",
     "MINIMUM_SAMPLES",
     "Agreement",
     "ChannelFacts",
     "CheckResult",
     "Excitation",
     "ExcitedRank",
-    "Finding",
-    "JointFacts",
     "LinkFacts",
+    "RobotJointFacts",
     "Timing",
     "Topic",
-    "channels",
+    "channel_facts",
     "check_log",
     "check_log_fully",
     "check_robot",
     "joint_facts",
     "link_facts",
     "loop_findings",
-    "notes",
     "reading_line",
     "reading_words",
     "relative_gains",
     "require",
-    "respaced",
-    "rest",
+    "respace",
+    "rest_findings",
     "run_checks",
     "split_gaps",
     "timing",

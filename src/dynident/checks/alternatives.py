@@ -1,6 +1,7 @@
-"""Large faults, by trying: columns of two joints exchanged, signs reversed, another axis, another direction of gravity.
+"""Search for large faults by trial: exchanged columns, reversed signs, another axis or direction of gravity.
 
-Each is a case of its own, fitted by plain least squares, and named where it fits far better than what was given.
+Each alternative is a case of its own, fitted by plain least squares, and reported where it fits far better
+than the data as given.
 """
 
 from __future__ import annotations
@@ -15,31 +16,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import notes, robot_notes
-from dynident.checks.case import Case
-from dynident.checks.finding import Finding, Topic
-from dynident.checks.geometry import displaced
-from dynident.checks.misfit import misfit
-from dynident.checks.robot_notes import Channel
-from dynident.errors import Note, Severity, brief
-from dynident.models import HasGeometry, HasGravity, Model, Term
-
-__all__ = ["NEIGHBOURS", "better_alternative"]
+from dynident.checks.finding import Topic
+from dynident.checks.misfit import FitCase, misfit
+from dynident.checks.robot_notes import AffectedColumns
+from dynident.checks.suspects import displace_joint
+from dynident.runtime import Finding, Note, Severity, brief
 
 Array = NDArray[np.float64]
-POOR = 0.03  # relative error of the torque from which something else is tried
-MUCH = 0.5  # times the error as given: a better alternative is below
-ALIKE = 1.1  # times the least error: alternatives up to here fit as well
-SLACK = 1.05  # times an error: the normal equations have only half of the digits
-RIDGE = 1e-13  # of their diagonal, so that they can be solved
-NEIGHBOURS = 24  # joints: of more, only neighbours are exchanged, as all pairs would take minutes
-ACROSS = 0.1  # sine of the angle between axes that count as different
+MIN_ERROR_TO_TRY = 0.03  # relative error of the torque from which something else is tried
+MAX_ERROR_RATIO = 0.5  # times the error as given: a better alternative is below
+MAX_TIE_RATIO = 1.1  # times the least error: alternatives up to here fit as well
+NORMAL_EQUATIONS_SLACK = 1.05  # times an error: the normal equations have only half of the digits
+RIDGE_SHARE = 1e-13  # of their diagonal, so that they can be solved
+MAX_JOINTS_ALL_PAIRS = 24  # joints: of more, only neighbours are exchanged, as all pairs would take minutes
+MIN_AXIS_SINE = 0.1  # sine of the angle between axes that count as different
 
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """A case with one thing otherwise; the joint and topic; and its note, from the errors (%) before and after."""
+    """A case in which one thing is changed.
 
-    case: Case
+    ``joint`` and ``topic`` say what the finding is about; ``note`` makes its message from the errors (%) before
+    and after.
+    """
+
+    case: FitCase
     joint: str | None
     topic: Topic
     note: Callable[[float, float], Note]
@@ -47,69 +48,90 @@ class Alternative:
     __repr__ = brief
 
 
-def better_alternative(case: Case) -> Iterator[Finding]:
+def better_alternative(case: FitCase) -> Iterator[Finding]:
     """Yield the alternative that fits the torque far better than the case as given, if there is one.
 
-    Of several that fit about as well the first is named: columns before signs, axes and gravity. None is where simple
-    terms that the model lacks would fit better.
+    Of several that fit about equally well the first is reported: columns before signs, axes and gravity. None is
+    reported where simple terms that the model lacks would fit better.
     """
-    before = _error(case)
-    if before < POOR:
+    before = _relative_error(case)
+    if before < MIN_ERROR_TO_TRY:
         return
-    tried = [(_error(one.case), one) for one in _possible(case, _alternatives(case), MUCH * ALIKE * before)]
-    least = min((error for error, _ in tried), default=before)
-    if least < MUCH * before and least < _error(_with_terms(case)):
-        after, best = next(pair for pair in tried if pair[0] < ALIKE * least)
+    # screen by the normal equations first: a full fit of every alternative would take minutes
+    trials = [
+        (_relative_error(alternative.case), alternative)
+        for alternative in _plausible_alternatives(case, _alternatives(case), MAX_ERROR_RATIO * MAX_TIE_RATIO * before)
+    ]
+    min_error = min((error for error, _ in trials), default=before)
+    # an alternative must be much better than the case as given, and better than simple terms that the model may lack
+    if min_error < MAX_ERROR_RATIO * before and min_error < _relative_error(_with_plain_terms(case)):
+        after, best = next(pair for pair in trials if pair[0] < MAX_TIE_RATIO * min_error)
         note = best.note(100.0 * before, 100.0 * after)
         yield Finding(Severity.WARNING, best.joint, note, best.topic)
 
 
-def _error(case: Case) -> float:
-    """Return the root mean square over the joints of the relative error of the torque, all joints of equal weight."""
+def _relative_error(case: FitCase) -> float:
+    """Return the root mean square of the relative errors of the joints' torques, with equal weights."""
     size = np.asarray(np.linalg.norm(case.tau, axis=0), dtype=float)
     weight = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     return float(np.sqrt(misfit(case, weight).size / max(int(np.count_nonzero(size)), 1)))
 
 
-def _with_terms(case: Case) -> Case:
-    """Return the case with viscous and Coulomb friction, rotor inertia, offset and a spring of each joint besides."""
+def _with_plain_terms(case: FitCase) -> FitCase:
+    """Return the case with columns for friction, rotor inertia, offset and a spring of each joint."""
     columns = case.q, case.dq, case.ddq, np.sign(case.dq), np.ones_like(case.q)
     joints = np.eye(case.q.shape[1])
     return replace(case, extra=(*case.extra, *(column * joint for column in columns for joint in joints)))
 
 
-def _possible(case: Case, alternatives: Iterable[Alternative], most: float) -> Iterator[Alternative]:
-    """Yield the alternatives that may have an error of at most ``most``, by the normal equations: these are quickly
-    solved, and are the same for all orders and signs of the torques."""
-    given = moved = _NormalEquations(case)
-    for one in alternatives:
-        equations = next((x for x in (moved, given) if one.case.q is x.case.q and one.case.model is x.case.model), None)
+def _plausible_alternatives(
+    case: FitCase, alternatives: Iterable[Alternative], max_error: float
+) -> Iterator[Alternative]:
+    """Yield the alternatives whose error may be at most ``max_error``, judged by the normal equations.
+
+    These are solved quickly and are the same for all orders and signs of the torques.
+    """
+    given_equations = last_equations = _NormalEquations(case)
+    for alternative in alternatives:
+        # a change of the torques alone needs no new regressor: reuse the equations of the same motion and model
+        equations = next(
+            (
+                x
+                for x in (last_equations, given_equations)
+                if alternative.case.q is x.case.q and alternative.case.model is x.case.model
+            ),
+            None,
+        )
         if equations is None:
-            equations = moved = _NormalEquations(one.case)
-        if equations.error(one.case.tau) < SLACK * most:
-            yield one
+            equations = last_equations = _NormalEquations(alternative.case)
+        if equations.error(alternative.case.tau) < NORMAL_EQUATIONS_SLACK * max_error:
+            yield alternative
 
 
 @dataclass(frozen=True, eq=False)
 class _NormalEquations:
     """The normal equations of each joint of a case, for any torques."""
 
-    case: Case
+    case: FitCase
 
     __repr__ = brief
 
     def error(self, tau: Array) -> float:
-        """Return the least error with which any parameters explain the torques (M, n); ``_error`` is never below it."""
+        """Return the least relative error of any parameters for the torques (M, n).
+
+        It is a lower bound of ``_relative_error``.
+        """
         size = np.linalg.norm(tau, axis=0)
         squared = np.square(np.divide(1.0, size, out=np.zeros(len(size)), where=size > 0))
-        counted = tau * self.case.keep
+        kept_torque = tau * self.case.keep
         A = np.tensordot(squared, self._squares, 1)
-        b = np.einsum("n,nmp,mn->p", squared, self._rows, counted, optimize=True)
+        b = np.einsum("n,nmp,mn->p", squared, self._rows, kept_torque, optimize=True)
+        # scale to a unit diagonal, and add a small ridge as the parameters may be dependent
         scale = np.sqrt(np.diag(A))
         scale[scale == 0] = 1.0
-        A, b = A / np.outer(scale, scale) + RIDGE * np.eye(len(b)), b / scale
-        left = float(np.square(counted).sum(axis=0) @ squared - b @ np.linalg.solve(A, b))
-        return float(np.sqrt(max(left, 0.0) / max(int(np.count_nonzero(size)), 1)))
+        A, b = A / np.outer(scale, scale) + RIDGE_SHARE * np.eye(len(b)), b / scale
+        residual = float(np.square(kept_torque).sum(axis=0) @ squared - b @ np.linalg.solve(A, b))
+        return float(np.sqrt(max(residual, 0.0) / max(int(np.count_nonzero(size)), 1)))
 
     @cached_property
     def _rows(self) -> Array:
@@ -123,70 +145,80 @@ class _NormalEquations:
         return np.asarray(self._rows.swapaxes(1, 2) @ self._rows)
 
 
-def _alternatives(case: Case) -> Iterator[Alternative]:
-    yield from _swapped(case)
-    yield from _reversed(case)
-    yield from _axes(case)
-    yield from _gravities(case)
+def _alternatives(case: FitCase) -> Iterator[Alternative]:
+    yield from _swap_columns(case)
+    yield from _reverse_signs(case)
+    yield from _turn_axes(case)
+    yield from _turn_gravity(case)
 
 
-def _swapped(case: Case) -> Iterator[Alternative]:
+def _swap_columns(case: FitCase) -> Iterator[Alternative]:
     names = [joint.name for joint in case.model.joints]
-    pairs = combinations(range(len(names)), 2) if len(names) <= NEIGHBOURS else pairwise(range(len(names)))
+    pairs = combinations(range(len(names)), 2) if len(names) <= MAX_JOINTS_ALL_PAIRS else pairwise(range(len(names)))
     for i, j in pairs:
         order = np.arange(len(names))
         order[[i, j]] = j, i
-        for channel, other in _with(case, order=order):
+        for channel, swapped_case in _transform_columns(case, order=order):
             note = partial(robot_notes.JointsSwapped, (names[i], names[j]), channel)
-            yield Alternative(other, None, Topic.SWAPPED, note)
+            yield Alternative(swapped_case, None, Topic.SWAPPED, note)
 
 
-def _reversed(case: Case) -> Iterator[Alternative]:
+def _reverse_signs(case: FitCase) -> Iterator[Alternative]:
     for j, joint in enumerate(case.model.joints):
         sign = np.where(np.arange(len(case.model.joints)) == j, -1.0, 1.0)
-        for channel, other in _with(case, sign=sign):
-            yield Alternative(other, joint.name, Topic.SIGN, partial(robot_notes.ColumnReversed, channel))
+        for channel, reversed_case in _transform_columns(case, sign=sign):
+            yield Alternative(reversed_case, joint.name, Topic.SIGN, partial(robot_notes.ColumnReversed, channel))
 
 
-def _with(case: Case, order: Any = slice(None), sign: Array | float = 1.0) -> Iterator[tuple[Channel, Case]]:
-    """Yield the case with the columns of positions, of torques, and of both in another order, and times a sign."""
+def _transform_columns(
+    case: FitCase, order: Any = slice(None), sign: Array | float = 1.0
+) -> Iterator[tuple[AffectedColumns, FitCase]]:
+    """Yield the case with its columns reordered and multiplied by a sign: of positions, of torques, and of both."""
     q, dq, ddq, dddq = (sign * x[:, order] for x in (case.q, case.dq, case.ddq, case.dddq))
-    moved = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq, keep=case.keep[:, order])
+    moved_case = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq, keep=case.keep[:, order])
     tau, noise = sign * case.tau[:, order], case.noise[order]
-    yield Channel.POSITION, moved
-    yield Channel.TORQUE, replace(case, tau=tau, noise=noise)
-    yield Channel.BOTH, replace(moved, tau=tau, noise=noise)
+    yield AffectedColumns.POSITION, moved_case
+    yield AffectedColumns.TORQUE, replace(case, tau=tau, noise=noise)
+    yield AffectedColumns.BOTH, replace(moved_case, tau=tau, noise=noise)
 
 
-def _axes(case: Case) -> Iterator[Alternative]:
-    frames = {one.name: one for term in case.model.terms if isinstance(term, HasGeometry) for one in term.file.joints}
+def _turn_axes(case: FitCase) -> Iterator[Alternative]:
+    frames = {
+        file_joint.name: file_joint
+        for term in case.model.terms
+        if term.file is not None and term.has_own("with_displacement")
+        for file_joint in term.file.joints
+    }
+    # try the three coordinate axes of the joint's frame
     for joint in case.model.joints:
-        given = frames[joint.name].axis if joint.name in frames else np.zeros(3)
+        given_axis = frames[joint.name].axis if joint.name in frames else np.zeros(3)
         for axis in np.eye(3):
-            turn = np.cross(given, axis)
-            if np.linalg.norm(turn) > ACROSS:
-                angle = np.arctan2(np.linalg.norm(turn), given @ axis)
-                by = np.concatenate([np.zeros(6), angle * turn / np.linalg.norm(turn)])
-                other = replace(case, model=displaced(case.model, joint.name, by))
-                note = partial(robot_notes.OtherAxis, tuple(given.tolist()), tuple(axis.tolist()))
-                yield Alternative(other, joint.name, Topic.AXIS, note)
+            turn = np.cross(given_axis, axis)
+            if np.linalg.norm(turn) > MIN_AXIS_SINE:
+                # turn the axis alone, about the common normal of the old and the new one
+                angle = np.arctan2(np.linalg.norm(turn), given_axis @ axis)
+                displacement = np.concatenate([np.zeros(6), angle * turn / np.linalg.norm(turn)])
+                turned_case = replace(case, model=displace_joint(case.model, joint.name, displacement))
+                note = partial(robot_notes.OtherAxis, tuple(given_axis.tolist()), tuple(axis.tolist()))
+                yield Alternative(turned_case, joint.name, Topic.AXIS, note)
 
 
-def _gravities(case: Case) -> Iterator[Alternative]:
-    terms = [term for term in case.model.terms if isinstance(term, HasGravity)]
+def _turn_gravity(case: FitCase) -> Iterator[Alternative]:
+    terms = [term for term in case.model.terms if term.gravity is not None]
     assumed = np.array(terms[0].gravity) if len(terms) == 1 else np.zeros(3)
     size = float(np.linalg.norm(assumed))
     for down in (-assumed / (size or 1.0), *np.eye(3), *-np.eye(3)):
-        if size and down @ assumed < (1.0 - ACROSS) * size:
-            note = partial(_gravity, tuple((np.round(size * down, 1) + 0.0).tolist()), tuple(assumed.tolist()))
-            model = replace(case.model, terms=_under(case.model, size * down))
+        # directions near the assumed one are a tilt of the base, which is tested elsewhere
+        if size and down @ assumed < (1.0 - MIN_AXIS_SINE) * size:
+            note = partial(
+                _other_gravity_note, tuple((np.round(size * down, 1) + 0.0).tolist()), tuple(assumed.tolist())
+            )
+            x, y, z = (size * down).tolist()
+            model = replace(case.model, terms=tuple(term.with_gravity((x, y, z)) for term in case.model.terms))
             yield Alternative(replace(case, model=model), None, Topic.GRAVITY, note)
 
 
-def _under(model: Model, gravity: Array) -> tuple[Term, ...]:
-    x, y, z = gravity.tolist()
-    return tuple(term.with_gravity((x, y, z)) if isinstance(term, HasGravity) else term for term in model.terms)
-
-
-def _gravity(fitted: tuple[float, ...], assumed: tuple[float, ...], _before: float, _after: float) -> Note:
-    return notes.OtherGravity(fitted, assumed)
+def _other_gravity_note(
+    fitted_gravity: tuple[float, ...], assumed: tuple[float, ...], _before: float, _after: float
+) -> Note:
+    return notes.OtherGravity(fitted_gravity, assumed)

@@ -2,36 +2,164 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes, time, units
-from dynident.checks.finding import Finding, Topic
-from dynident.checks.outliers import jumps, position_outliers
-from dynident.checks.time import MINIMUM_SAMPLES
-from dynident.errors import InputError, Severity
-from dynident.identification import resting, whole_rests
-from dynident.log import Log
-from dynident.smoothers import repaired
-from dynident.splines import bridged, noise_sigma, stretches
-
-__all__ = ["ChannelFacts", "channels", "check_log", "check_log_fully"]
+from dynident.checks import log_notes, notes, stamps
+from dynident.checks.finding import Topic
+from dynident.checks.stamps import MINIMUM_SAMPLES
+from dynident.identification import arm_rests, rest_blocks
+from dynident.identification.dataset import TorqueOutliers, equal_runs
+from dynident.motion.log import Log
+from dynident.motion.smoothers import repair_log
+from dynident.motion.smoothers.smoother import suspects
+from dynident.motion.splines import bridge_gaps, grid_step, noise_sigma, stretches, trailing_maximum
+from dynident.runtime import Finding, InputError, Severity
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_RANGE = 4 * np.pi  # rad: joints of arms seldom turn further from stop to stop
-_SPEED = 40.0  # rad/s: no arm moves its joints so fast
-_SPEED_LAG = 0.02  # s: over this time position noise is small beside 40 rad/s
-_COARSE = 10.0  # median step in units of the resolution below which quantisation shapes the noise
-_GRID, _LARGEST = 0.95, 1000  # share of the steps below so many counts that must be whole, for values on a grid
-_STALE = 0.05  # share of repeated positions in motion to warn of
-_PIECE = 6  # samples between outliers, at least, to estimate the noise from
-_KNOWN: WeakKeyDictionary[Log, dict[object, tuple[Finding, ...]]] = WeakKeyDictionary()  # logs are checked when read
+MAX_NAMED_ROWS = 3  # rows that a finding names
+MIN_WRAP_SHARE = 0.9  # share of the range by which a position that wraps jumps
+MIN_JUMP_RATIO = 10.0  # largest steps nearby that a jump exceeds
+NEIGHBOUR_SAMPLES = 8  # samples nearby
+MAX_STRAIGHT_BEND = 1e-3  # of the usual bend: below, a sample lies on the line between its neighbours
+BEND_PERCENTILE = 95  # percentile of the bends, which most samples of an interpolated signal do not have
+MAX_STRAIGHT_SHARE = 0.3  # share of straight samples that no measurement has
+MAX_SPAN = 4 * np.pi  # rad: joints of arms seldom turn further from stop to stop
+MAX_SPEED = 40.0  # rad/s: no arm moves its joints so fast
+SPEED_LAG = 0.02  # s: over this time position noise is small beside 40 rad/s
+MIN_RESOLVED_STEPS = 10.0  # median step in units of the resolution below which quantisation shapes the noise
+MAX_REPEAT_SHARE = 0.05  # share of repeated positions in motion to warn of
+MIN_NOISE_SAMPLES = 6  # samples between outliers, at least, to estimate the noise from
+
+
+def jump_findings(log: Log) -> Iterator[Finding]:
+    """Yield where a position jumps and stays: an error where it wraps, else a warning."""
+    for j, name in enumerate(log.joints):
+        q = log.q[:, j]
+        jump_rows = _jump_rows(log.t, q)
+        if len(jump_rows):
+            # a spike or a frozen stretch begins and ends with a jump, too: these are reported elsewhere
+            is_outlier = suspects(log).position_spikes[:, j] | suspects(log).position_frozen[:, j]
+            jump_rows = jump_rows[~is_outlier[jump_rows] & ~is_outlier[jump_rows + 1]]
+        if not len(jump_rows):
+            continue
+        size, row = np.abs(np.diff(q))[jump_rows], int(jump_rows[0])
+        place = row, float(log.t[row])
+        if size.max() >= MIN_WRAP_SHARE * np.ptp(q) and np.ptp(q) > 1.0:
+            note = log_notes.WrappedPosition(len(jump_rows), float(size.max()), *place)
+            yield Finding(Severity.ERROR, name, note, Topic.WRAPPED)
+        else:
+            jump = log_notes.PositionJump(len(jump_rows), float(size[0]), *place)
+            yield Finding(Severity.WARNING, name, jump, Topic.JUMP)
+
+
+def _jump_rows(t: Array, q: Array) -> NDArray[np.intp]:
+    """Return the samples after which a position makes a step far larger than all steps near it."""
+    intervals = np.diff(t)
+    steps = np.abs(np.diff(q)) * np.median(intervals) / intervals  # lost samples are no jump
+    if len(steps) < 4 * NEIGHBOUR_SAMPLES or not steps.any():
+        return np.empty(0, dtype=int)
+    # the largest step among the neighbours on either side, by one running maximum
+    largest = trailing_maximum(steps, NEIGHBOUR_SAMPLES)
+    nearby = np.maximum(
+        largest[NEIGHBOUR_SAMPLES - 1 : -NEIGHBOUR_SAMPLES - 1], largest[2 * NEIGHBOUR_SAMPLES :]
+    )  # before a step, and after it
+    # a floor for the steps nearby, as those of a joint at rest are zero
+    min_step = max(float(np.percentile(steps[steps > 0], 90)), 1e-9 * float(np.ptp(q)))
+    return np.asarray(
+        NEIGHBOUR_SAMPLES
+        + np.flatnonzero(steps[NEIGHBOUR_SAMPLES:-NEIGHBOUR_SAMPLES] > MIN_JUMP_RATIO * np.maximum(nearby, min_step))
+    )
+
+
+def position_outlier_findings(log: Log, *, replaced: bool = True) -> Iterator[Finding]:
+    """Yield spikes, frozen stretches and interpolated samples of positions.
+
+    ``replaced`` tells whether they are replaced.
+    """
+    outliers = suspects(log)
+    for j, name in enumerate(log.joints):
+        spike = outliers.position_spikes[:, j]
+        if spike.any():
+            kind = (
+                log_notes.PositionSpikes if (spike <= outliers.positions[:, j]).all() else log_notes.ManyPositionSpikes
+            )
+            is_replaced = replaced and kind is log_notes.PositionSpikes
+            note = kind(*_describe_spikes(log.t, log.q[:, j], spike), replaced=is_replaced)
+            yield Finding(Severity.WARNING, name, note, Topic.POSITION_SPIKES)
+        for start, stop in equal_runs(outliers.position_frozen[:, j], log.q[:, j])[:MAX_NAMED_ROWS]:
+            is_replaced = replaced and bool(outliers.positions[start, j])
+            span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(log.q[start, j])
+            yield Finding(Severity.WARNING, name, log_notes.FrozenPosition(*span, replaced=is_replaced), Topic.FROZEN)
+        if (share := _interpolated_share(log.q[:, j])) > MAX_STRAIGHT_SHARE:
+            yield Finding(Severity.WARNING, name, log_notes.InterpolatedPositions(share), Topic.INTERPOLATED)
+
+
+def _describe_spikes(t: Array, x: Array, mask: Mask) -> tuple[int, tuple[int, ...], tuple[float, ...], float]:
+    """Return the number of spikes where ``mask`` is True, the first rows and times, and the largest height."""
+    rows = np.flatnonzero(mask)
+    largest = float(np.abs(x - bridge_gaps(t, x, mask)).max())
+    return len(rows), tuple(rows[:MAX_NAMED_ROWS].tolist()), tuple(t[rows[:MAX_NAMED_ROWS]].tolist()), largest
+
+
+def _interpolated_share(q: Array) -> float:
+    """Return the share of moving samples that lie on the line between their neighbours; zero for values on a grid."""
+    step = np.diff(q)
+    bend, moving = np.abs(np.diff(step)), (step[1:] != 0) & (step[:-1] != 0)
+    # compare with the usual bend: an interpolated signal has many samples with almost none
+    usual_bend = float(np.percentile(bend, BEND_PERCENTILE)) if len(bend) else 0.0
+    if (
+        usual_bend == 0
+        or moving.mean() < 0.5
+        or np.mean(step == 0) > 0.01
+        or len(np.unique(np.abs(bend))) < len(bend) / 20
+    ):
+        return 0.0
+    return float(np.mean(bend[moving] < MAX_STRAIGHT_BEND * usual_bend))
+
+
+def torque_findings(
+    logs: Sequence[Log], outliers: Sequence[TorqueOutliers | None], trained: int, *, masked: bool = True
+) -> Iterator[Finding]:
+    """Yield the torques of logs that are wrong; the first ``trained`` logs are of the training.
+
+    ``masked`` says whether the fit leaves them out.
+    """
+    for k, (log, log_outliers) in enumerate(zip(logs, outliers, strict=True)):
+        if log_outliers is not None:
+            yield from (
+                replace(finding, source=log.source)
+                for finding in _log_torque_findings(log, log_outliers, masked, k >= trained)
+            )
+
+
+def _log_torque_findings(log: Log, outliers: TorqueOutliers, masked: bool, held_out: bool) -> Iterator[Finding]:
+    left_out, masked = outliers.excluded_torques, masked and not held_out
+    for j, name in enumerate(log.joints):
+        tau, wrong = log.tau[:, j], outliers.wrong[:, j]
+        # more torques look wrong than are left out: so many are no outliers, and are not described one by one
+        if (wrong & ~left_out[:, j]).any() and not held_out:
+            row = int(np.argmax(wrong))
+            note = log_notes.ManyTorqueOutliers(float(wrong.mean()), row, float(log.t[row]))
+            yield Finding(Severity.WARNING, name, note, Topic.MANY_OUTLIERS)
+            continue
+        if outliers.spikes[:, j].any():
+            spikes = log_notes.TorqueSpikes(*_describe_spikes(log.t, tau, outliers.spikes[:, j]), masked, held_out)
+            yield Finding(Severity.WARNING, name, spikes, Topic.TORQUE_SPIKES)
+        for start, stop in equal_runs(outliers.frozen[:, j], tau)[:MAX_NAMED_ROWS]:
+            span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(tau[start])
+            yield Finding(Severity.WARNING, name, log_notes.FrozenTorque(*span, masked, held_out), Topic.FROZEN_TORQUE)
+        for value in np.unique(tau[outliers.clipped[:, j]]):
+            rows = np.flatnonzero(outliers.clipped[:, j] & (tau == value))
+            clipped = log_notes.ClippedTorque(
+                len(rows), float(value), int(rows[0]), float(log.t[rows[0]]), masked, held_out
+            )
+            yield Finding(Severity.WARNING, name, clipped, Topic.CLIPPED)
 
 
 @dataclass(frozen=True)
@@ -57,26 +185,27 @@ class ChannelFacts:
     torque_left_out: int = 0
 
 
-def channels(log: Log, positions: Mask | None = None, torques: Mask | None = None) -> tuple[ChannelFacts, ...]:
+def channel_facts(log: Log, positions: Mask | None = None, torques: Mask | None = None) -> tuple[ChannelFacts, ...]:
     """Return statistics of each joint of a log, which must have at least 6 samples.
 
-    ``positions`` and ``torques`` (N, n) are those that the fit leaves out, None for none.
+    ``positions`` and ``torques`` (N, n) mark the samples that the fit leaves out, None for none.
     """
-    none = np.zeros(log.q.shape, dtype=bool)
-    q_out, tau_out = none if positions is None else positions, none if torques is None else torques
-    q = np.stack([bridged(log.t, *one) for one in zip(log.q.T, q_out.T, strict=True)], axis=1)
-    still = resting(replace(log, q=q)).mean(axis=0)
+    no_mask = np.zeros(log.q.shape, dtype=bool)
+    q_out, tau_out = no_mask if positions is None else positions, no_mask if torques is None else torques
+    # bridge the samples that are left out, so that span and rests are those of the motion
+    q = np.stack([bridge_gaps(log.t, *column_pair) for column_pair in zip(log.q.T, q_out.T, strict=True)], axis=1)
+    still = rest_blocks(replace(log, q=q)).mean(axis=0)
     return tuple(
         ChannelFacts(
             joint=name,
             span=float(np.ptp(q[:, j])),
-            noise=_noise(log.t, log.q[:, j], ~q_out[:, j]),
-            resolution=_resolution(log.q[:, j]),
-            repeats=_repeats(q[:, j]),
+            noise=_kept_noise(log.t, log.q[:, j], ~q_out[:, j]),
+            resolution=grid_step(log.q[:, j]),
+            repeats=_repeat_share(q[:, j]),
             still=float(still[j]),
             rms=float(np.sqrt(np.mean(log.tau[~tau_out[:, j], j] ** 2))),
-            torque_noise=_noise(log.t, log.tau[:, j], ~tau_out[:, j]),
-            torque_resolution=_resolution(log.tau[:, j]),
+            torque_noise=_kept_noise(log.t, log.tau[:, j], ~tau_out[:, j]),
+            torque_resolution=grid_step(log.tau[:, j]),
             left_out=int(q_out[:, j].sum()),
             torque_left_out=int(tau_out[:, j].sum()),
         )
@@ -84,49 +213,48 @@ def channels(log: Log, positions: Mask | None = None, torques: Mask | None = Non
     )
 
 
-def _noise(t: Array, x: Array, kept: Mask) -> float:
-    """Return the noise of x (N) in the stretches that are kept, nan where none is long enough."""
-    parts = [part for part in stretches(kept) if part.stop - part.start >= _PIECE]
+def _kept_noise(t: Array, x: Array, mask: Mask) -> float:
+    """Return the noise of x (N) in the stretches where ``mask`` is True, nan where none is long enough."""
+    # the noise is estimated by differences, which need several samples in a row
+    parts = [part for part in stretches(mask) if part.stop - part.start >= MIN_NOISE_SAMPLES]
     squares = [noise_sigma(t[part], x[part])[0] ** 2 for part in parts]
     sizes = [part.stop - part.start for part in parts]
     return float(np.sqrt(np.average(squares, weights=sizes))) if parts else np.nan
 
 
 def check_log(
-    log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset(), *, torque: bool = True
+    log: Log,
+    kinds: Mapping[str, str],
+    multi_turn: Set[str] = frozenset(),
+    *,
+    torque: bool = True,
+    jumps: Sequence[Finding] | None = None,
 ) -> tuple[Finding, ...]:
     """Return all findings on a log, those on time first, then joint by joint.
 
     ``kinds`` maps each joint of the log to "revolute" or "prismatic"; joints named in ``multi_turn`` may make any
-    number of turns. With ``torque`` False the torques are not checked. Raises InputError where a joint of the log has
-    no kind.
+    number of turns. With ``torque`` False the torques are not checked. ``jumps`` are the ``jump_findings`` of the log
+    where they are known. Raises InputError where a joint of the log has no kind.
     """
-    asked, known = (frozenset(kinds.items()), frozenset(multi_turn), torque), _KNOWN.setdefault(log, {})
-    if asked not in known:
-        known[asked] = _quickly(log, kinds, multi_turn, torque)
-    return known[asked]
-
-
-def _jumped(log: Log) -> tuple[Finding, ...]:
-    known = _KNOWN.setdefault(log, {})
-    if Topic.JUMP not in known:
-        known[Topic.JUMP] = tuple(jumps(log))
-    return known[Topic.JUMP]
-
-
-def _quickly(log: Log, kinds: Mapping[str, str], multi_turn: Set[str], torque: bool) -> tuple[Finding, ...]:
     missing = [name for name in log.joints if name not in kinds]
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
-    clock = list(units.time_unit(log))
-    findings = [*time.samples(log), *time.gaps(log), *time.jitter(log), *clock]
-    findings += [found for found in _jumped(log) if found.topic is Topic.WRAPPED]
-    wrapped = [found.joint for found in findings if found.topic is Topic.WRAPPED]
+    clock = list(stamps.time_unit_findings(log))
+    findings = [*stamps.sample_findings(log), *stamps.gap_findings(log), *stamps.jitter_findings(log), *clock]
+    jumps = tuple(jump_findings(log)) if jumps is None else jumps
+    findings += [finding for finding in jumps if finding.topic is Topic.WRAPPED]
+    wrapped = [finding.joint for finding in findings if finding.topic is Topic.WRAPPED]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
+        # an angle may be in degrees only where the joint neither turns often nor wraps, and the time unit is right
         turns = kinds[name] == "revolute" and name not in multi_turn and not clock and name not in wrapped
-        found = [*_still(q), *(_degrees(log, j) if turns else ()), *_quantised(q), *(_torque(tau) if torque else ())]
-        findings += [replace(finding, joint=name) for finding in found]
+        joint_findings = [
+            *_still_findings(q),
+            *(_degree_findings(log, j) if turns else ()),
+            *_quantisation_findings(q),
+            *(_dead_torque_findings(tau) if torque else ()),
+        ]
+        findings += [replace(finding, joint=name) for finding in joint_findings]
     return tuple(findings)
 
 
@@ -136,40 +264,50 @@ def check_log_fully(
     multi_turn: Set[str] = frozenset(),
     *,
     replaced: bool = True,
-    kept: bool = False,
+    rests_kept: bool = False,
 ) -> tuple[Finding, ...]:
-    """Return the findings of ``check_log`` and of the slower checks: stamps, lost samples, stale positions, rests,
-    which are ``kept`` in the fit or not, outliers of the positions, which are ``replaced`` or not.
+    """Return the findings of ``check_log`` and of the slower checks.
 
-    Each finding names the log's source. Raises the errors of ``check_log``.
+    These are stamps, lost samples, stale positions, rests and outliers of the positions. ``rests_kept`` says
+    whether rests stay in the fit, ``replaced`` whether outliers of the positions are replaced. Each finding names
+    the log's source. Raises the errors of ``check_log``.
     """
-    found = [finding for finding in check_log(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
+    jumps = tuple(jump_findings(log))
+    quick_findings = check_log(log, kinds, multi_turn, jumps=jumps)
+    findings = [finding for finding in quick_findings if finding.topic is not Topic.JITTER]
+    # a log that is too short has an error already
     if len(log) >= MINIMUM_SAMPLES:
-        facts = time.timing(log)
-        found += [
-            *time.stamps(facts),
-            *time.lost(facts),
-            *rest(log, kept=kept),
-            *position_outliers(log, replaced=replaced),
+        facts = stamps.timing(log)
+        findings += [
+            *stamps.stamp_findings(facts),
+            *stamps.lost_sample_findings(facts),
+            *rest_findings(log, rests_kept=rests_kept),
+            *position_outlier_findings(log, replaced=replaced),
         ]
-        found += [one for one in _jumped(log) if one.topic is Topic.JUMP]
-        clean = repaired(log, torque=False)
-        found += [one for j, name in enumerate(log.joints) if kinds[name] == "prismatic" and name not in multi_turn
-                  for one in units.length_unit(name, log.t, clean.q[:, j])]  # fmt: skip
-        found += [replace(finding, joint=name) for j, name in enumerate(log.joints) for finding in _stale(log.q[:, j])]
-    return tuple(replace(finding, source=log.source) for finding in found)
+        findings += [finding for finding in jumps if finding.topic is Topic.JUMP]
+        # spikes would pass for motion of a joint in millimetres
+        clean = repair_log(log, torque=False)
+        for j, name in enumerate(log.joints):
+            if kinds[name] == "prismatic" and name not in multi_turn:
+                findings += stamps.length_unit_findings(name, log.t, clean.q[:, j])
+        findings += [
+            replace(finding, joint=name)
+            for j, name in enumerate(log.joints)
+            for finding in _stale_findings(log.q[:, j])
+        ]
+    return tuple(replace(finding, source=log.source) for finding in findings)
 
 
-def _still(q: Array) -> Iterator[Finding]:
+def _still_findings(q: Array) -> Iterator[Finding]:
     levels = len(np.unique(q))
     if levels <= 3:
         yield Finding(Severity.WARNING, None, notes.NeverMoves(levels, float(q[0])), Topic.STILL)
 
 
-def _degrees(log: Log, j: int) -> Iterator[Finding]:
+def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
     if not _far_or_fast(log.t, log.q[:, j]):
         return
-    clean = repaired(log, torque=False)  # spikes are no motion
+    clean = repair_log(log, torque=False)  # spikes are no motion
     q = clean.q[:, j]
     if _far_or_fast(clean.t, q):
         note = notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q))
@@ -177,64 +315,53 @@ def _degrees(log: Log, j: int) -> Iterator[Finding]:
 
 
 def _far_or_fast(t: Array, q: Array) -> bool:
-    return float(np.ptp(q)) > _RANGE or _peak_speed(t, q) > _SPEED
+    return float(np.ptp(q)) > MAX_SPAN or _peak_speed(t, q) > MAX_SPEED
 
 
 def _peak_speed(t: Array, q: Array) -> float:
     """Return the 99th percentile of the speed over 20 ms: from sample to sample it is too noisy."""
-    lag = int(np.clip(round(_SPEED_LAG / float(np.median(np.diff(t)))), 1, len(t) - 1))
+    lag = int(np.clip(round(SPEED_LAG / float(np.median(np.diff(t)))), 1, len(t) - 1))
     return float(np.percentile(np.abs(q[lag:] - q[:-lag]) / (t[lag:] - t[:-lag]), 99))
 
 
-def _quantised(q: Array) -> Iterator[Finding]:
-    resolution = _resolution(q)
+def _quantisation_findings(q: Array) -> Iterator[Finding]:
+    resolution = grid_step(q)
     counts = np.abs(np.diff(q)) / resolution
-    if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < _COARSE:
-        yield Finding(Severity.WARNING, None, notes.QuantisedPosition(resolution, _COARSE), Topic.QUANTISED)
+    if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < MIN_RESOLVED_STEPS:
+        yield Finding(Severity.WARNING, None, notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS), Topic.QUANTISED)
 
 
-def _torque(tau: Array) -> Iterator[Finding]:
+def _dead_torque_findings(tau: Array) -> Iterator[Finding]:
     low, high = float(tau.min()), float(tau.max())
     if low == high:
         yield Finding(Severity.WARNING, None, notes.ConstantTorque(low), Topic.DEAD)
 
 
-def _resolution(x: Array) -> float:
-    """Return the step of the grid on which the values lie, nan where they lie on none."""
-    steps = np.abs(np.diff(x))
-    steps = steps[steps > 1e-9 * np.ptp(x)]  # shorter ones are rounding of the arithmetic
-    if len(steps) < MINIMUM_SAMPLES:
-        return float("nan")
-    counts = steps / steps.min()
-    counts = counts[counts < _LARGEST]  # in larger ones the rounding of the smallest step adds up
-    on_grid = len(counts) >= MINIMUM_SAMPLES and np.mean(np.abs(counts - np.round(counts)) < 0.05) >= _GRID
-    return float(steps.min()) if on_grid else float("nan")
-
-
-def _repeats(q: Array, reach: int = 5) -> float:
-    """Return the share of positions equal to the previous one, while the joint moves by many smallest steps."""
+def _repeat_share(q: Array, reach: int = 5) -> float:
+    """Return the share of positions equal to the previous one, while the joint moves by many of its smallest steps."""
     steps = np.abs(np.diff(q))
-    moved = steps[steps > 1e-9 * np.ptp(q)]
-    if len(moved) < MINIMUM_SAMPLES or len(q) <= 2 * reach:
+    nonzero_steps = steps[steps > 1e-9 * np.ptp(q)]
+    if len(nonzero_steps) < MINIMUM_SAMPLES or len(q) <= 2 * reach:
         return 0.0
+    # the mean step over a window tells whether the joint moves, as single steps may be zero between updates
     pace = np.abs(q[2 * reach :] - q[: -2 * reach]) / (2 * reach)
-    moving = pace > 10 * moved.min()
-    same = steps[reach - 1 : reach - 1 + len(pace)] == 0
-    return float(same[moving].mean()) if moving.sum() >= MINIMUM_SAMPLES else 0.0
+    moving = pace > 10 * nonzero_steps.min()
+    is_repeat = steps[reach - 1 : reach - 1 + len(pace)] == 0
+    return float(is_repeat[moving].mean()) if moving.sum() >= MINIMUM_SAMPLES else 0.0
 
 
-def _stale(q: Array) -> Iterator[Finding]:
-    share = _repeats(q)
-    if share > _STALE:
-        every = round(1 / (1 - share)) if share < 1 else 0
-        yield Finding(Severity.WARNING, None, notes.RepeatedPositions(share, every), Topic.STALE)
+def _stale_findings(q: Array) -> Iterator[Finding]:
+    share = _repeat_share(q)
+    if share > MAX_REPEAT_SHARE:
+        update_interval = round(1 / (1 - share)) if share < 1 else 0
+        yield Finding(Severity.WARNING, None, notes.RepeatedPositions(share, update_interval), Topic.STALE)
 
 
-def rest(log: Log, *, kept: bool = False) -> Iterator[Finding]:
-    """Yield where the whole arm is at rest for longest; a warning where such rests are ``kept`` in the fit."""
-    rests = whole_rests(log)
+def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
+    """Yield where the whole arm is at rest for longest; a warning where rests stay in the fit (``rests_kept``)."""
+    rests = arm_rests(log)
     if rests:
         longest = max(rests, key=lambda part: part.stop - part.start)
         start, stop = log.t[longest.start], log.t[longest.stop - 1]
-        note = notes.ArmAtRest(float(start), float(stop), kept)
-        yield Finding(Severity.WARNING if kept else Severity.INFO, None, note, Topic.REST)
+        note = notes.ArmAtRest(float(start), float(stop), rests_kept)
+        yield Finding(Severity.WARNING if rests_kept else Severity.INFO, None, note, Topic.REST)

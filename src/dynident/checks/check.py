@@ -1,57 +1,57 @@
-"""All checks together: of the robot file, of the logs, and of the motions with the model."""
+"""Run all checks: of the robot file, of the logs, and of the motions with the model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dynident.checks import notes
-from dynident.checks.alternatives import NEIGHBOURS
-from dynident.checks.channels import ChannelFacts, channels, check_log_fully
+from dynident.checks.alternatives import MAX_JOINTS_ALL_PAIRS
+from dynident.checks.channels import ChannelFacts, channel_facts, check_log_fully, torque_findings
 from dynident.checks.explain import robot_findings
-from dynident.checks.finding import Finding, Topic
-from dynident.checks.fit import compensation_findings, friction_findings, repeat_findings, slow_findings
-from dynident.checks.gravity import gravity_findings
-from dynident.checks.loop import loop_findings
-from dynident.checks.missing import tried_by
+from dynident.checks.finding import Topic
+from dynident.checks.log_notes import SearchKind, SearchLeftOut
+from dynident.checks.missing import is_tried_effect
 from dynident.checks.motion import (
     Excitation,
     ExcitedRank,
+    compensation_findings,
     excitation,
     excited_rank,
-    held_findings,
+    friction_findings,
+    hardly_moving_findings,
     limit_findings,
     rank_findings,
+    repeat_findings,
+    slow_findings,
 )
-from dynident.checks.motion_notes import Search, SearchLeftOut
-from dynident.checks.outliers import torque_findings
-from dynident.checks.robot import JointFacts, LinkFacts, check_robot, link_facts
+from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, gravity_findings, link_facts
 from dynident.checks.robot_notes import MissingTerm
-from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
-from dynident.checks.torque import Agreement, agreement, agreement_findings
-from dynident.checks.units import radian_findings, thin
-from dynident.errors import DynidentError, Severity, Step
+from dynident.checks.stamps import MINIMUM_SAMPLES, Timing, radian_findings, thin_regression, timing
+from dynident.checks.torque import Agreement, agreement, agreement_findings, loop_findings
 from dynident.estimators import LeastSquares
-from dynident.identification import BaseTilt, Recipe, find_base_tilt, mounted, pair
-from dynident.identification.outliers import torque_outliers, without
-from dynident.identification.terms.added import first
-from dynident.log import Log, Motion, thinned
-from dynident.models import HasGravity, HasRobotFile, Model
-from dynident.regression import Regression, one_thread
-from dynident.smoothers import motion_of
-from dynident.smoothers.outliers import suspects
+from dynident.identification import BaseTilt, Identification, Recipe, align_motion, find_base_tilt, tilt_base
+from dynident.identification.calibration import preliminary_setup, with_plain_terms
+from dynident.identification.dataset import torque_outliers, without_outliers
+from dynident.models import Model
+from dynident.motion.log import Log, Motion, thin_motions
+from dynident.motion.smoothers import smooth_log
+from dynident.motion.smoothers.smoother import suspects
+from dynident.regression import Regression, Selection, one_thread
+from dynident.runtime import DynidentError, Finding, Severity, Step, report_progress
+from dynident.runtime.families import action
 
-__all__ = ["CheckResult", "run_checks"]
-
-PLAIN = LeastSquares()
-LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
-SILENT = (Topic.DEAD, Topic.FROZEN_TORQUE)  # explain by themselves what a fit leaves of a joint's torque
+PLAIN_ESTIMATOR = LeastSquares()
+COLUMN_TOPICS = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
+SILENT_TORQUE_TOPICS = (Topic.DEAD, Topic.FROZEN_TORQUE)  # explain by themselves what a fit leaves of a joint's torque
 TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
-FITTED = 1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
-SEARCHED = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
-TILT_SHARE = 0.03  # share of the error that a tilted base must explain to be reported
+MAX_FACTOR_NUMBERS = (
+    1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
+)
+MAX_SEARCH_NUMBERS = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
+MIN_TILT_SHARE = 0.03  # share of the error that a tilted base must explain to be reported
 
 
 @dataclass(frozen=True)
@@ -70,20 +70,16 @@ class CheckResult:
     agreements: tuple[Agreement, ...] = ()
     rank: ExcitedRank | None = None
     links: tuple[LinkFacts, ...] = ()
-    joints: tuple[JointFacts, ...] = ()
+    joints: tuple[RobotJointFacts, ...] = ()
 
     def __repr__(self) -> str:
-        from dynident.report.display import check_lines
-
-        return check_lines(self)
+        return str(action("check_lines")(self))
 
     def _repr_html_(self) -> str:
-        from dynident.report.display import check_html
-
-        return check_html(self)
+        return str(action("check_html")(self))
 
     @property
-    def failed(self) -> bool:
+    def has_errors(self) -> bool:
         """Whether there is an error among the findings."""
         return any(finding.severity is Severity.ERROR for finding in self.findings)
 
@@ -94,247 +90,293 @@ def run_checks(
     recipe: Recipe | None = None,
     *,
     multi_turn: Set[str] = frozenset(),
-    found: Sequence[Finding] = (),
+    initial_findings: Sequence[Finding] = (),
     motions: Mapping[str, Mapping[str, Motion]] | None = None,
     described: bool = True,
-    progress: Callable[[str], None] | None = None,
     plain: Model | None = None,
 ) -> CheckResult:
     """Check the robot file of a model and its logs before a fit.
 
-    ``logs`` are given by role ("train", "validation") and name; their joints are matched by name. ``recipe`` smooths
-    them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns; ``found`` are findings to
-    add, from reading the files; ``motions`` are the logs by role and name where they have been smoothed before; without
-    ``described`` the result has no statistics of the channels, which no finding needs; ``progress`` is called with a
-    few words before each step. ``plain`` is the model without terms that were chosen on these logs, as for
-    ``robot_findings``. Logs with an error are left out of the checks of the motion. A stage that
-    fails is a finding, so that none of its errors is raised; raises InputError where a log lacks a joint of the model.
+    ``logs`` are given by role ("train", "validation") and name; their joints are matched by name. ``recipe``
+    smooths them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns.
+    ``initial_findings`` are added to the result, such as those from reading the files. ``motions`` are the logs
+    by role and name where they have been smoothed before. Without ``described`` the result has no statistics of
+    the channels, which no finding needs. ``plain`` is the model without terms that were chosen on these logs, as
+    for ``robot_findings``. Logs with an error are left out of the checks of the motion. A stage that fails becomes a
+    finding, so that none of its errors is raised; raises InputError where a log lacks a joint of the model.
 
     >>> import numpy as np
-    >>> from dynident.models import simulate
-    >>> from dynident.models.gallery import pendulum
+    >>> from dynident.models.simulation import simulate
+    >>> from dynident.models.lagrangian import pendulum
     >>> from dynident.models.simulation import record
     >>> model, t = pendulum(), np.linspace(0.0, 10.0, 2001)
     >>> motion = simulate(model, model.values, lambda t: [np.sin(3.0 * t)], t)
     >>> log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
     >>> result = run_checks(model, {"train": {"swing": log}})
-    >>> result.failed, result.rank.on_data
+    >>> result.has_errors, result.rank.on_data
     (False, 2)
     """
-    joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
-    findings = [*found, *_of_file(model, joints)]
+    joints = tuple(joint.name for joint in model.joints)
+    findings = [*initial_findings, *_file_findings(model, joints)]
     recipe = recipe or Recipe()
-    model, _ = first(model, recipe)
+    model, _ = preliminary_setup(model, recipe)
+    run = _CheckRun(model, recipe, plain, findings)
     with one_thread():
-        whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
+        result, valid_logs = run.check_logs(logs, multi_turn, described=described)
         findings += repeat_findings(logs)
-        findings += loop_findings(sound["train"])
+        findings += loop_findings(valid_logs["train"])
+        # a stage that fails is a finding, so that the others are still reported
         try:
-            whole = _moving(whole, model, plain, sound, recipe, findings, motions, say) if sound["train"] else whole
+            result = run.check_motion(result, valid_logs, motions) if valid_logs["train"] else result
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
+    # effects that the choice of terms will try by itself are no findings
     if recipe.terms is not None:
-        findings = [one for one in findings if not tried_by(one)]
+        findings = [finding for finding in findings if not is_tried_effect(finding)]
     order = list(Severity)
-    return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
+    return replace(result, findings=tuple(sorted(findings, key=lambda finding: order.index(finding.severity))))
 
 
-def _recorded(
+def with_findings(
+    identification: Identification,
     model: Model,
     logs: Mapping[str, Mapping[str, Log]],
-    multi_turn: Set[str],
     recipe: Recipe,
-    findings: list[Finding],
-    progress: Callable[[str], None],
     *,
-    described: bool,
-) -> tuple[CheckResult, dict[str, list[Log]]]:
-    """Return the result of checking each log, and by role the logs without an error; adds to the findings."""
-    kinds = {joint.name: joint.kind for joint in model.joints}
-    timings: dict[str, Timing] = {}
-    facts = {}
-    every = sum(map(len, logs.values()))
-    sound: dict[str, list[Log]] = {role: [] for role in ("train", "validation", *logs)}
-    for role, named in logs.items():
-        for name, log in named.items():
-            progress(Step("checking the logs", len(timings), every))
-            log = log.select(tuple(kinds))
-            log = log if log.source == name else replace(log, source=name)  # the same log has been searched before
-            found = check_log_fully(
-                log, kinds, multi_turn, replaced=recipe.outliers == "mask", kept=_rests_kept(recipe)
+    multi_turn: Set[str] = frozenset(),
+) -> Identification:
+    """Return the identification with the errors and warnings of ``run_checks`` added.
+
+    These include what else would lower its error. Effects that a choice of terms has tried are left out.
+    ``model``, ``logs`` and ``recipe`` are those given to ``identify``; the motions are those of the fit.
+    """
+    motions: dict[str, dict[str, Motion]] = {"train": {}, "validation": {}}
+    for validation in identification.validations:
+        motions[validation.role][validation.name] = validation.motion
+    chosen_recipe, choice = identification.recipe, identification.calibration.terms
+    # terms are set to None: those of the choice are in the model already
+    recipe = replace(
+        recipe, base_tilt=chosen_recipe.base_tilt, min_speed=chosen_recipe.min_speed, terms=None
+    )  # as found
+    plain = None if choice is None else with_plain_terms(_memoryless(model))
+    model = model if choice is None else model.with_terms(*choice.terms)
+    model = replace(model, load=identification.model.load)
+    findings = run_checks(
+        model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, plain=plain
+    ).findings
+    if choice is not None:
+        findings = tuple(finding for finding in findings if not is_tried_effect(finding, choice))
+    warnings = tuple(finding for finding in findings if finding.severity is not Severity.INFO or finding.removed)
+    return replace(identification, warnings=(*identification.warnings, *warnings))
+
+
+@dataclass(frozen=True, eq=False)
+class _CheckRun:
+    """The checks of a model under a recipe: ``findings`` gathers what they find.
+
+    ``plain`` is the model without terms that were chosen on the logs, None where none were.
+    """
+
+    model: Model
+    recipe: Recipe
+    plain: Model | None
+    findings: list[Finding]
+
+    @property
+    def selection(self) -> Selection:
+        """Which samples of the training a fit uses."""
+        return self.recipe.selection(self.model.joints)
+
+    def check_logs(
+        self, logs: Mapping[str, Mapping[str, Log]], multi_turn: Set[str], *, described: bool
+    ) -> tuple[CheckResult, dict[str, list[Log]]]:
+        """Return the result of checking each log, and by role the logs without an error."""
+        recipe, kinds = self.recipe, {joint.name: joint.kind for joint in self.model.joints}
+        masked, rests_kept = recipe.outliers == "mask", recipe.rests == "keep" and recipe.min_speed is None
+        timings: dict[str, Timing] = {}
+        facts = {}
+        n_logs = sum(map(len, logs.values()))
+        valid_logs: dict[str, list[Log]] = {role: [] for role in ("train", "validation", *logs)}
+        for role, named_logs in logs.items():
+            for name, log in named_logs.items():
+                report_progress(Step("checking the logs", len(timings), n_logs))
+                log = log.select(tuple(kinds))
+                log = log if log.source == name else replace(log, source=name)  # the same log has been searched before
+                log_findings = check_log_fully(log, kinds, multi_turn, replaced=masked, rests_kept=rests_kept)
+                self.findings.extend(log_findings)
+                timings[name] = timing(log)
+                if described and len(log) >= MINIMUM_SAMPLES:
+                    facts[name] = channel_facts(log, suspects(log).positions if masked else None)
+                if not any(finding.severity == "error" for finding in log_findings):
+                    valid_logs[role].append(recipe.trim(log))
+        return CheckResult((), timings, facts, links=_robot_links(self.model)), valid_logs
+
+    def check_motion(
+        self,
+        result: CheckResult,
+        valid_logs: Mapping[str, Sequence[Log]],
+        smoothed: Mapping[str, Mapping[str, Motion]] | None,
+    ) -> CheckResult:
+        """Return the result with the checks of the smoothed training logs added."""
+        # a model of this size would take too long: say which checks are skipped
+        model, recipe, findings, selection = self.model, self.recipe, self.findings, self.selection
+        if _factor_size(model) > MAX_FACTOR_NUMBERS:
+            findings.append(_skipped_search_finding(SearchKind.FITS, model))
+            return result
+        logs, masked = valid_logs["train"], recipe.outliers == "mask"
+        all_logs = (*logs, *valid_logs["validation"])
+        if smoothed is None:
+            smoothed = self.smooth_logs(valid_logs)
+        report_progress("checking the motion")
+        all_motions = [
+            model.remembering(smoothed[role][log.source])
+            for role in ("train", "validation")
+            for log in valid_logs[role]
+        ]
+        # find torque outliers first: they must not disturb the fits of the other checks
+        outliers = torque_outliers(model, all_motions, all_logs, selection, len(logs))
+        findings += torque_findings(all_logs, outliers, len(logs), masked=masked)
+        if masked:
+            # what the motion excites does not depend on the torques that were never recorded: see ``_audible``
+            outliers = tuple(
+                None if entry is None else replace(entry, dead=np.zeros_like(entry.dead)) for entry in outliers
             )
-            findings += found
-            timings[name] = timing(log)
-            if described and len(log) >= MINIMUM_SAMPLES:
-                facts[name] = channels(log, suspects(log).positions if recipe.outliers == "mask" else None)
-            if not any(one.severity == "error" for one in found):
-                sound[role].append(recipe.trimmed(log))
-    return CheckResult((), timings, facts, links=_links(model)), sound
+            pairs = zip(all_logs, outliers, strict=True)
+            clean = {
+                log.source: channel_facts(log, suspects(log).positions, entry.excluded_torques)
+                for log, entry in pairs
+                if entry is not None and result.channels
+            }
+            result = replace(result, channels={**result.channels, **clean})
+            all_motions = [without_outliers(*entry) for entry in zip(all_motions, outliers, all_logs, strict=True)]
+        motions = tuple(all_motions[: len(logs)])
+        regression = Regression(model, motions, selection)
+        rank = excited_rank(model, regression, recipe.unfitted)  # an error where few are usable
+        excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
+        agreements = agreement(model, motions)
+        findings += hardly_moving_findings(excitations, model)
+        findings += _motion_findings(model, motions, excitations, agreements)
+        # a few samples are enough for checks that only compare fits
+        sample_regression = thin_regression(model, motions, selection.min_speed)
+        for find in (radian_findings, compensation_findings, friction_findings, slow_findings):
+            findings += find(sample_regression)
+        findings += rank_findings(rank)
+        self.find_robot_faults(motions, {motion.source: motion for motion in all_motions[len(logs) :]})
+        return replace(result, excitations=excitations, agreements=agreements, rank=rank)
 
-
-def _rests_kept(recipe: Recipe) -> bool:
-    return recipe.rests == "keep" and recipe.min_speed is None
-
-
-def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
-    """Return the findings on the robot file of a model; none is an error, because its inertias are only nominal."""
-    found: list[Finding] = []
-    for term in (term for term in model.terms if isinstance(term, HasRobotFile)):
-        found += check_robot(term.file, joints, inconsistent=Severity.WARNING)
-        if term.file.gravity not in (None, term.gravity):
-            note = notes.GravityIgnored(term.file.gravity, term.gravity)
-            found.append(Finding(Severity.WARNING, None, note, Topic.GRAVITY, source=term.source))
-    return found
-
-
-def _links(model: Model) -> tuple[LinkFacts, ...]:
-    return tuple(fact for term in model.terms if isinstance(term, HasRobotFile) for fact in link_facts(term.file))
-
-
-def _moving(
-    whole: CheckResult,
-    model: Model,
-    plain: Model | None,
-    sound: Mapping[str, Sequence[Log]],
-    recipe: Recipe,
-    findings: list[Finding],
-    smoothed: Mapping[str, Mapping[str, Motion]] | None,
-    progress: Callable[[str], None],
-) -> CheckResult:
-    """Return the result with the checks of the smoothed training logs; adds to the findings."""
-    if _size(model) > FITTED:
-        findings.append(_left_out(Search.FITS, model))
-        return whole
-    min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
-    logs, masked = sound["train"], recipe.outliers == "mask"
-    every = (*logs, *sound["validation"])
-    if smoothed is None:
-        smoothed = _smoothed(model, sound, recipe, findings, progress)
-    progress("checking the motion")
-    recorded = [
-        model.remembering(smoothed[role][log.source]) for role in ("train", "validation") for log in sound[role]
-    ]
-    outliers = torque_outliers(model, recorded, every, min_speed, len(logs))
-    findings += torque_findings(every, outliers, len(logs), masked=masked)
-    if masked:
-        # what the motion excites does not depend on the torques that were never recorded: see ``_audible``
-        outliers = tuple(None if one is None else replace(one, dead=np.zeros_like(one.dead)) for one in outliers)
-        pairs = zip(every, outliers, strict=True)
+    def smooth_logs(self, valid_logs: Mapping[str, Sequence[Log]]) -> dict[str, dict[str, Motion]]:
+        """Return the logs smoothed as for plain least squares; the time offset is a finding."""
+        recipe = self.recipe
         clean = {
-            log.source: channels(log, suspects(log).positions, one.masked)
-            for log, one in pairs
-            if one is not None and whole.channels
+            role: [recipe.repair(log, torque=role == "train") for log in part] for role, part in valid_logs.items()
         }
-        whole = replace(whole, channels={**whole.channels, **clean})
-        recorded = [without(*one) for one in zip(recorded, outliers, every, strict=True)]
-    motions = tuple(recorded[: len(logs)])
-    fitted = Regression(model, motions, recipe.filter, min_speed)
-    seen = excited_rank(model, fitted, recipe.unfitted)  # an error where few are usable
-    excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
-    agreements = agreement(model, motions)
-    findings += held_findings(excitations, model)
-    findings += _of_motion(model, motions, excitations, agreements)
-    few = thin(model, motions, min_speed)
-    for look in (radian_findings, compensation_findings, friction_findings, slow_findings):
-        findings += look(few)
-    findings += rank_findings(seen)
-    held_out = {motion.source: motion for motion in recorded[len(logs) :]}
-    findings[:] = _faults(model, plain, motions, held_out, recipe, min_speed, findings, progress)
-    return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
+        alignment = align_motion(
+            self.model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN_ESTIMATOR, self.selection
+        )
+        if alignment.time_offset is not None:
+            self.findings.append(Finding(Severity.INFO, None, alignment.time_offset, Topic.TIME_OFFSET))
+        return {
+            role: {log.source: smooth_log(alignment.smoother, log, judge_only=role != "train") for log in part}
+            for role, part in clean.items()
+        }
+
+    def find_robot_faults(self, motions: tuple[Motion, ...], held_out: Mapping[str, Motion]) -> None:
+        """Add the findings on the robot and its model, which cannot be found where gravity is wrong."""
+        model, plain, recipe, findings = self.model, self.plain, self.recipe, self.findings
+        if any(
+            isinstance(finding.message, notes.OtherGravity) for finding in findings if finding.topic is Topic.GRAVITY
+        ):
+            return
+        if _factor_size(model) > MAX_SEARCH_NUMBERS:
+            findings.append(_skipped_search_finding(SearchKind.CAUSES, model))
+            return
+        pairs = [_skipped_search_finding(SearchKind.PAIRS, model)] if len(model.joints) > MAX_JOINTS_ALL_PAIRS else []
+        motions = _without_silent_torques(motions)
+        tilt = self.base_tilt(motions)
+        # a tilt that is part of the recipe is applied, so that it is not found again as a fault
+        if recipe.base_tilt is not None:
+            x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
+            model, tilt = tilt_base(model, x, y), None
+            plain = None if plain is None else tilt_base(plain, x, y)
+        faults = list(robot_findings(model, motions, held_out, recipe.filter, self.selection.min_speed, tilt, plain))
+        # a fault explains others: the torque of the file's inertias was that of other columns
+        if any(finding.topic in COLUMN_TOPICS for finding in faults):
+            following = (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)
+            findings[:] = [finding for finding in findings if finding.topic not in following]
+        # a silent torque explains by itself what is left of that joint; what a wobble shows is no term
+        silent = {finding.joint for finding in findings if finding.topic in SILENT_TORQUE_TOPICS}
+        still = {finding.joint for finding in findings if finding.topic is Topic.STILL}
+        findings += [
+            finding
+            for finding in faults
+            if not (finding.topic is Topic.UNEXPLAINED and finding.joint in silent)
+            and not (isinstance(finding.message, MissingTerm) and finding.joint in still)
+        ]
+        findings += pairs
+
+    def base_tilt(self, motions: tuple[Motion, ...]) -> BaseTilt | None:
+        """Return the tilt of the base where it is not given and explains a large part of the error, else None."""
+        model = self.model
+        if isinstance(self.recipe.base_tilt, tuple) or not any(term.gravity is not None for term in model.terms):
+            return None
+        try:
+            tilt = find_base_tilt(model, thin_motions(motions, TILT_SAMPLES), PLAIN_ESTIMATOR, self.selection)
+        except DynidentError:  # not a small tilt: other findings name the fault
+            return None
+        return tilt if tilt.after < (1.0 - MIN_TILT_SHARE) * tilt.before else None
 
 
-def _smoothed(
-    model: Model,
-    sound: Mapping[str, Sequence[Log]],
-    recipe: Recipe,
-    findings: list[Finding],
-    progress: Callable[[str], None],
-) -> dict[str, dict[str, Motion]]:
-    """Return the logs smoothed as plain least squares would be given them; adds the time offset to the findings."""
-    min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
-    clean = {role: [recipe.repaired(log, torque=role == "train") for log in part] for role, part in sound.items()}
-    pairing = pair(model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
-    if pairing.time_offset is not None:
-        findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
-    return {
-        role: {log.source: motion_of(pairing.smoother, log, judged=role != "train") for log in part}
-        for role, part in clean.items()
-    }
+def _file_findings(model: Model, joints: tuple[str, ...]) -> list[Finding]:
+    """Return the findings on the robot file of a model; none is an error, because its inertias are only nominal."""
+    findings: list[Finding] = []
+    for term in model.terms:
+        if term.file is None:
+            continue
+        findings += check_robot(term.file, joints, inconsistent=Severity.WARNING)
+        if term.gravity is not None and term.file.gravity not in (None, term.gravity):
+            note = notes.GravityIgnored(term.file.gravity, term.gravity)
+            findings.append(Finding(Severity.WARNING, None, note, Topic.GRAVITY, source=term.file.source))
+    return findings
 
 
-def _of_motion(
+def _robot_links(model: Model) -> tuple[LinkFacts, ...]:
+    return tuple(fact for term in model.terms if term.file is not None for fact in link_facts(term.file))
+
+
+def _motion_findings(
     model: Model, motions: Sequence[Motion], excitations: Sequence[Excitation], agreements: Sequence[Agreement]
 ) -> Iterator[Finding]:
     """Yield the findings on gravity, and on each joint's limits and torque."""
     downward = list(gravity_findings(model, motions))
     yield from downward
-    for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
-        yield from limit_findings(moved, model.limits.get(joint.name), joint.effort)
+    for joint, joint_excitation, joint_agreement in zip(model.joints, excitations, agreements, strict=True):
+        yield from limit_findings(joint_excitation, model.limits.get(joint.name), joint.effort)
         if not downward:  # the nominal torques hold only for the right gravity
-            yield from agreement_findings(torque, joint.effort)
+            yield from agreement_findings(joint_agreement, joint.effort)
 
 
-def _tilt(
-    model: Model, motions: tuple[Motion, ...], recipe: Recipe, min_speed: tuple[float, ...] | None
-) -> BaseTilt | None:
-    """Return the tilt of the base where it is not given and explains much of the error."""
-    if isinstance(recipe.base_tilt, tuple) or not any(isinstance(term, HasGravity) for term in model.terms):
-        return None
-    try:
-        found = find_base_tilt(model, thinned(motions, TILT_SAMPLES), PLAIN, min_speed)
-    except DynidentError:  # not a small tilt: other findings name the fault
-        return None
-    return found if found.after < (1.0 - TILT_SHARE) * found.before else None
-
-
-def _faults(
-    model: Model,
-    plain: Model | None,
-    motions: tuple[Motion, ...],
-    held_out: Mapping[str, Motion],
-    recipe: Recipe,
-    min_speed: tuple[float, ...] | None,
-    findings: Sequence[Finding],
-    progress: Callable[[str], None],
-) -> list[Finding]:
-    """Return the findings with those on the robot and its model; where gravity is wrong, these could not be told."""
-    if any(one.topic is Topic.GRAVITY and isinstance(one.message, notes.OtherGravity) for one in findings):
-        return list(findings)
-    if _size(model) > SEARCHED:
-        return [*findings, _left_out(Search.CAUSES, model)]
-    pairs = [_left_out(Search.PAIRS, model)] if len(model.joints) > NEIGHBOURS else []
-    motions = _audible(motions)
-    tilt = _tilt(model, motions, recipe, min_speed)
-    if recipe.base_tilt is not None:
-        x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
-        model, tilt = mounted(model, x, y), None
-        plain = None if plain is None else mounted(plain, x, y)
-    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt, progress, plain))
-    if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
-        findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
-    silent = {one.joint for one in findings if one.topic in SILENT}
-    found = [one for one in found if one.topic is not Topic.UNEXPLAINED or one.joint not in silent]
-    held = {one.joint for one in findings if one.topic is Topic.STILL}  # what a wobble shows is no term
-    found = [one for one in found if one.joint not in held or not isinstance(one.message, MissingTerm)]
-    return [*findings, *found, *pairs]
-
-
-def _audible(motions: tuple[Motion, ...]) -> tuple[Motion, ...]:
-    """Return the motions without the torques that never change, which would spoil what others show."""
-    alive = np.any([np.ptp(one.tau, axis=0) > 0 for one in motions], axis=0)
-    if alive.all() or not alive.any():
+def _without_silent_torques(motions: tuple[Motion, ...]) -> tuple[Motion, ...]:
+    """Return the motions without torques that never change, which would disturb the fit of the other joints."""
+    varies = np.any([np.ptp(motion.tau, axis=0) > 0 for motion in motions], axis=0)
+    if varies.all() or not varies.any():
         return motions
     return tuple(
-        replace(one, keep=alive & (np.ones(one.q.shape, bool) if one.keep is None else one.keep)) for one in motions
+        replace(motion, keep=varies & (np.ones(motion.q.shape, bool) if motion.keep is None else motion.keep))
+        for motion in motions
     )
 
 
-def _size(model: Model) -> int:
-    """Return how many numbers the triangular factors of all joints have."""
+def _factor_size(model: Model) -> int:
+    """Return the number of elements in the triangular factors of all joints."""
     return len(model.joints) * (len(model.parameters) + 1) ** 2
 
 
-def _left_out(search: Search, model: Model) -> Finding:
-    severity = Severity.INFO if search is Search.PAIRS else Severity.WARNING
+def _skipped_search_finding(search: SearchKind, model: Model) -> Finding:
+    severity = Severity.INFO if search is SearchKind.PAIRS else Severity.WARNING
     note = SearchLeftOut(search, len(model.joints), len(model.parameters))
     return Finding(severity, None, note, Topic.LEFT_OUT)
+
+
+def _memoryless(model: Model) -> Model:
+    """Return the model without the terms that remember, for which the plain set stands in."""
+    return replace(model, terms=tuple(term for term in model.terms if not term.memory))

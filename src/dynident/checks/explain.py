@@ -1,41 +1,162 @@
-"""What of the robot or its model would explain the residual: the likeliest suspect, then the next with it set right."""
+"""Search for what would explain the residual: the likeliest suspect, then the next with that one corrected."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynident.checks.alternatives import better_alternative
-from dynident.checks.case import SAMPLES, Case, cases_of
-from dynident.checks.clock import clock_suspect
-from dynident.checks.cost import Cost, cost
-from dynident.checks.delays import delay_findings
-from dynident.checks.finding import Finding, Topic
-from dynident.checks.gains import gain_suspects
-from dynident.checks.geometry import geometry_suspects
-from dynident.checks.misfit import Misfit, misfit
-from dynident.checks.missing import Missing, missing, with_missing
-from dynident.checks.odd_log import odd_log_findings
-from dynident.checks.payload import payload_findings
+from dynident.checks.finding import Topic
+from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, fit_cases, measured_case, misfit
+from dynident.checks.missing import (
+    Cost,
+    MissingEffect,
+    cost,
+    find_missing_effects,
+    mean_square,
+    payload_findings,
+    reversal_findings,
+    torque_rate,
+    unexplained_findings,
+    with_missing,
+)
+from dynident.checks.motion import odd_log_findings
 from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase, Unexplained
-from dynident.checks.suspect import Found, Suspect, promising, refined
-from dynident.checks.unexplained import reversal_findings, unexplained
-from dynident.errors import Severity, Step
-from dynident.identification import BaseTilt, mounted
-from dynident.log import Motion
+from dynident.checks.suspects import (
+    MIN_STANDARD_ERRORS,
+    Suspect,
+    SuspectEstimate,
+    clock_suspect,
+    estimate_suspect,
+    gain_suspects,
+    geometry_suspects,
+    promising_suspects,
+)
+from dynident.identification import BaseTilt, tilt_base
 from dynident.models import Model
+from dynident.motion.log import Motion, subsample
 from dynident.regression import ParallelFilter
+from dynident.regression.whitening import long_run
+from dynident.runtime import Finding, Severity, Step, report_progress
 
-__all__ = ["explained", "robot_findings"]
+Array = NDArray[np.float64]
+DELAY_SAMPLES = 2000  # of all motions, up to twice as many
+MAX_DELAY = 0.05  # s; a later torque is another fault
+MIN_HALF_WIDTH = 5e-3  # s, least half width of the differences by time
+MAX_DELAY_PER_WIDTH, WIDTH_PER_DELAY = (
+    0.8,
+    1.5,
+)  # a delay of more than so much of the half width needs one of so many times the delay
+MIN_DELAY_SIGNIFICANCE = 2.5  # standard errors of the low-passed torque
+MIN_DELAY_SHARE = 0.1  # share of the joint's squared residual, as measured, that its delay must explain
+MIN_DELAY = 1e-3  # s
 
-TRIAL = 150  # samples with which other columns, signs and axes are tried
-LOOKING = "looking for what explains the residual"
-MOST = 6  # causes that are looked for one after the other
-TRIED = 4  # suspects whose value is sought, of those that one step explains best
-NEAR = 0.6  # times the largest share by one step: suspects below are not tried
-AT_REVERSALS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
-ALIKE = 0.9  # times the largest share: suspects from here on cannot be told apart
+
+def delay_findings(
+    fit: Misfit, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None
+) -> Iterator[Finding]:
+    """Yield the joints whose torque is late or early relative to the common time offset.
+
+    ``fit`` is that of the low-passed torque.
+    """
+    low_passed_delay, std, _ = _estimate_delays(fit, torque_rate(fit, fit.case))
+    likely = (np.abs(low_passed_delay) > MIN_DELAY_SIGNIFICANCE * std) & (np.abs(low_passed_delay) < MAX_DELAY)
+    # both ends are left out, where a shifted motion has no samples
+    rows = subsample(motions, DELAY_SAMPLES, MAX_DELAY)
+    if not likely.any() or all(len(indices) < 2 for indices in rows):
+        return
+    model = fit.case.model
+    delay, error, share, size = _measured_delays(model, motions, rows, min_speed)
+    # both estimates must agree in sign, and the delay must be significant and long enough to matter
+    likely &= (np.sign(delay) == np.sign(low_passed_delay)) & (
+        np.abs(delay) > np.maximum(MIN_STANDARD_ERRORS * error, MIN_DELAY)
+    )
+    for j in np.flatnonzero(likely & (share > MIN_DELAY_SHARE)):
+        # the cost is that of correcting the delay in the low-passed fit, which the other causes are measured by, too
+        rate = _mask_other_joints(-torque_rate(fit, fit.case), int(j))
+        corrected_fit = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
+        figures = float(delay[j]), float(error[j]), float(share[j])
+        name, removed = model.joints[j].name, float(share[j] * size[j])
+        note = MissingTerm(TermKind.DELAY, *figures, cost=cost(fit, corrected_fit).all, removed=((name, removed),))
+        yield Finding(Severity.WARNING, name, note, Topic.MISSING_TERM)
+
+
+def _measured_delays(
+    model: Model, motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], min_speed: tuple[float, ...] | None
+) -> tuple[Array, Array, Array, Array]:
+    """Return the delays (n) in the torque as measured, with their standard errors.
+
+    Also return the share that each explains of its joint's squared residual, and the mean squared residual (n).
+    The time differences are narrow at first, and widened for the value of a delay that explains something then:
+    slow errors of a model look like delays over long times, too.
+    """
+    step = max(float(np.median(np.diff(motion.t))) for motion in motions)
+    fit = misfit(_shifted_case(model, motions, rows, min_speed, 0.0))
+    half_width, next_half_width = 0.0, max(MIN_HALF_WIDTH, step)
+    shares: list[Array] = []
+    # a difference is valid only for delays within its width: widen it until the largest delay fits
+    while half_width < next_half_width:
+        half_width = next_half_width
+        torque_after, torque_before = (
+            _shifted_case(model, motions, rows, min_speed, side * half_width).torque(fit.theta) for side in (1.0, -1.0)
+        )
+        estimates = _estimate_delays(fit, (torque_after - torque_before) / (2 * half_width))
+        shares.append(estimates[2])
+        longest = float(np.abs(estimates[0][shares[0] > MIN_DELAY_SHARE]).max(initial=0.0))
+        next_half_width = (
+            min(WIDTH_PER_DELAY * longest, MAX_DELAY) if longest > MAX_DELAY_PER_WIDTH * half_width else half_width
+        )
+    return estimates[0], estimates[1], shares[0], mean_square(fit)
+
+
+def _shifted_case(
+    model: Model,
+    motions: Sequence[Motion],
+    rows: Sequence[NDArray[np.intp]],
+    min_speed: tuple[float, ...] | None,
+    time_offset: float,
+) -> FitCase:
+    """Return the case of the motions, not low-passed, shifted by ``time_offset`` (s) relative to their torque."""
+    shifted_motions = [
+        motion.shift(time_offset, indices) for motion, indices in zip(motions, rows, strict=True) if len(indices) > 1
+    ]
+    return measured_case(model, shifted_motions, min_speed)
+
+
+def _estimate_delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:
+    """Return the delays (n) of all joints, their standard errors, and the shares that they explain.
+
+    Each share is that of the joint's squared residual. The standard errors are robust to correlated residuals.
+    ``rate`` (M, n) is the rate of change of the torque.
+    """
+    n = rate.shape[1]
+    Z = np.moveaxis(fit.orthogonal_part(np.stack([_mask_other_joints(-rate, j) for j in range(n)])), 0, 2)
+    # least squares for all delays at once, with a sandwich estimate of their covariance
+    inverse = np.linalg.pinv(np.einsum("mni,mnj->ij", Z, Z), hermitian=True)
+    delays = inverse @ np.einsum("mni,mn->i", Z, fit.residual)
+    residual = fit.residual - Z @ delays
+    scores = np.split(np.einsum("mni,mn->mi", Z, residual), np.cumsum(fit.case.lengths)[:-1])
+    std = np.sqrt(np.diag(inverse @ long_run(scores) @ inverse))
+    before = np.square(fit.residual).sum(axis=0)
+    return delays, std, 1.0 - np.square(residual).sum(axis=0) / np.where(before > 0, before, 1.0)
+
+
+def _mask_other_joints(x: Array, j: int) -> Array:
+    """Return the columns (M, n) with zeros for all joints but j."""
+    return np.where(np.arange(x.shape[1]) == j, x, 0.0)
+
+
+TRIAL_SAMPLES = 150  # samples with which other columns, signs and axes are tried
+STEP_TEXT = "looking for what explains the residual"
+MAX_CAUSES = 6  # causes that are looked for one after the other
+MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
+MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
+REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
+MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
 
 
 def robot_findings(
@@ -45,123 +166,155 @@ def robot_findings(
     parallel_filter: ParallelFilter | None = None,
     min_speed: tuple[float, ...] | None = None,
     tilt: BaseTilt | None = None,
-    progress: Callable[[str], None] = lambda _: None,
     plain: Model | None = None,
 ) -> Iterator[Finding]:
     """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
 
-    A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best;
-    ``progress`` is called before each cause is sought. Large faults are sought with ``plain``, the model without the
-    terms that were chosen with them, where it is given.
+    A large fault is reported alone, as small ones cannot be found beside it. ``tilt`` is the tilt of the base
+    that fits best; ``progress`` is called before each cause is searched. Large faults are searched with
+    ``plain``, the model without the terms that were chosen with them, where it is given.
     """
-    progress(Step(LOOKING))
-    few, case = cases_of(model, motions, parallel_filter, min_speed, (TRIAL, SAMPLES))
-    few = few if plain is None else replace(few, model=plain, memory=None)
-    large = list(better_alternative(few))
+    report_progress(Step(STEP_TEXT))
+    # two cases of the same motions: a small one for the many trials of large faults, and one for the tests
+    trial_case, case = fit_cases(model, motions, parallel_filter, min_speed, (TRIAL_SAMPLES, CASE_SAMPLES))
+    trial_case = trial_case if plain is None else replace(trial_case, model=plain, memory=None)
+    large = list(better_alternative(trial_case))
     yield from large
+    # with a large fault the residual shows nothing else
     if large:
         return
-    found = list(explained(case, tilt, progress))
-    left = [one for one in found if isinstance(one.message, Unexplained)]
-    yield from (one for one in found if one not in left)
-    late = _joints_with(found, TermKind.DELAY)
-    delays = [one for one in delay_findings(misfit(case), motions, min_speed) if one.joint not in late]
+    findings = list(explain_residual(case, tilt))
+    remaining = [finding for finding in findings if isinstance(finding.message, Unexplained)]
+    yield from (finding for finding in findings if finding not in remaining)
+    # a delay explains what is left at reversals, so that such joints are not reported twice
+    delayed_joints = _joints_with(findings, TermKind.DELAY)
+    delays = [
+        finding for finding in delay_findings(misfit(case), motions, min_speed) if finding.joint not in delayed_joints
+    ]
     yield from delays
-    known = _joints_with([*found, *delays], *AT_REVERSALS)
-    yield from (one for one in reversal_findings(model, motions, min_speed) if one.joint not in known)
-    loaded = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
-    yield from loaded
+    explained_joints = _joints_with([*findings, *delays], *REVERSAL_TERMS)
+    yield from (
+        finding for finding in reversal_findings(model, motions, min_speed) if finding.joint not in explained_joints
+    )
+    payloads = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
+    yield from payloads
     odd = odd_log_findings(model, motions, held_out, parallel_filter, min_speed)
-    others = [one for one in odd if one.source not in {other.source for other in loaded}]
-    yield from others or left  # a log that does not fit with the others explains what is left
+    odd_logs = [
+        finding for finding in odd if finding.source not in {payload_finding.source for payload_finding in payloads}
+    ]
+    yield from odd_logs or remaining  # a log that does not fit with the others explains what is left
 
 
-def _joints_with(found: Sequence[Finding], *effects: TermKind) -> set[str | None]:
-    return {one.joint for one in found if isinstance(one.message, MissingTerm) and one.message.effect in effects}
+def _joints_with(findings: Sequence[Finding], *effects: TermKind) -> set[str | None]:
+    return {
+        finding.joint
+        for finding in findings
+        if isinstance(finding.message, MissingTerm) and finding.message.effect in effects
+    }
 
 
-def explained(
-    case: Case, tilt: BaseTilt | None = None, progress: Callable[[str], None] = lambda _: None
-) -> Iterator[Finding]:
-    """Yield what would explain much of the training residual, one cause after the other.
+def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Finding]:
+    """Yield what would explain a large part of the training residual, one cause after the other.
 
-    A cause is a gain, a zero, a length or an axis that is wrong, or an effect that the model lacks. Each is tested with
-    those found before set right, so that none is named for what another one causes. Last comes what none explains.
+    A cause is a gain, a zero, a length or an axis that is wrong, or an effect that the model lacks. Each is
+    tested with those found before corrected, so that none is reported for what another one causes. Last comes
+    what none explains.
     """
     names = tuple(joint.name for joint in case.model.joints)
     suspects = [*geometry_suspects(case.model), *gain_suspects(case.model), clock_suspect()]
-    said: set[tuple[TermKind, int]] = set()
-    for k in range(MOST + 1):
-        progress(Step(LOOKING, k, MOST + 1))
+    named_effects: set[tuple[TermKind, int]] = set()
+    for k in range(MAX_CAUSES + 1):
+        report_progress(Step(STEP_TEXT, k, MAX_CAUSES + 1))
         fit = misfit(case)
         if not fit.size:  # nothing is left, or counts
             return
-        if k == MOST:
-            yield from unexplained(fit)
+        if k == MAX_CAUSES:
+            yield from unexplained_findings(fit)
             return
         weight = fit.weight.max(axis=0)
-        absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
-        share = max((one.evidence.share for one in absent), default=0.0)
-        level = replace(case, model=mounted(case.model, tilt.x, tilt.y)) if tilt else case
-        tilted = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
-        share = max(share, tilted)
-        found, others = _likeliest(fit, suspects, share)
-        if found is not None and ALIKE * found.share > share:
-            yield _finding(fit, found, others)
-            case = found.case
-        elif tilt and share == tilted > fit.worth:
-            yield _tilted(tilt, cost(fit, misfit(level, weight)))
+        # compare the three kinds of causes by the share of the residual that each explains
+        effects = [effect for effect in find_missing_effects(fit) if (effect.kind, effect.j) not in named_effects]
+        share = max((effect.score.share for effect in effects), default=0.0)
+        level = replace(case, model=tilt_base(case.model, tilt.x, tilt.y)) if tilt else case
+        # the share of a tilted base is that of the fit on the tilted model
+        tilt_share = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
+        share = max(share, tilt_share)
+        best, rivals = _likeliest_suspect(fit, suspects, share)
+        # wrong values come before missing effects that explain about as much
+        if best is not None and MIN_TIE_RATIO * best.share > share:
+            yield _suspect_finding(fit, best, rivals)
+            case = best.case
+        elif tilt and share == tilt_share > fit.min_share:
+            yield _tilt_finding(tilt, cost(fit, misfit(level, weight)))
             case, tilt = level, None
-        elif absent:
-            alike = _of_one_kind(absent)
+        elif effects:
+            # an effect is added at all joints that show it, as the cost is that of all of them together
+            alike = _select_simplest_kind(effects)
             case = reduce(with_missing, alike, case)
             price = cost(fit, misfit(case, weight))
-            said |= {(one.kind, one.j) for one in alike}
-            yield from (one.finding(names, price) for one in alike)
+            named_effects |= {(effect.kind, effect.j) for effect in alike}
+            yield from (effect.finding(names, price) for effect in alike)
         else:
-            yield from unexplained(fit)
+            yield from unexplained_findings(fit)
             return
 
 
-def _of_one_kind(absent: Sequence[Missing]) -> list[Missing]:
-    """Return the effect that explains the most, the simplest of those that explain as much, and it at other joints."""
+def _select_simplest_kind(effects: Sequence[MissingEffect]) -> list[MissingEffect]:
+    """Return the effects of one kind: the simplest of those that explain about the most, at all joints that have it."""
     kinds = list(TermKind)
-    alike = [one for one in absent if one.evidence.share > ALIKE * absent[0].evidence.share]
-    first = min(alike, key=lambda one: kinds.index(one.kind))
-    return [one for one in absent if one.kind is first.kind and (one is first or one.partner is None)]
+    alike = [effect for effect in effects if effect.score.share > MIN_TIE_RATIO * effects[0].score.share]
+    simplest = min(alike, key=lambda effect: kinds.index(effect.kind))
+    return [
+        effect for effect in effects if effect.kind is simplest.kind and (effect is simplest or effect.partner is None)
+    ]
 
 
-def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[Found | None, list[Found]]:
-    """Return the suspect that explains the most, the simplest of those that explain as much, and these.
+def _likeliest_suspect(
+    fit: Misfit, suspects: Sequence[Suspect], min_share: float
+) -> tuple[SuspectEstimate | None, list[SuspectEstimate]]:
+    """Return the suspect that explains the most, and those that explain about as much, of which it is the simplest.
 
-    Only suspects that may explain more than ``least`` are looked at: several steps explain at most about twice as much
-    as the first.
+    Only suspects that may explain more than ``min_share`` are tried: several steps explain at most about twice as
+    much as the first.
     """
-    seen = sorted(promising(fit, suspects), key=lambda pair: -round(pair[1].share, 6))  # equal ones in their order
-    most = max(NEAR * seen[0][1].share, least / 2) if seen else 0.0
-    tried = [one for one, evidence in seen[:TRIED] if evidence.share > most]
-    if any(one.topic is Topic.GAIN for one in tried):  # a small gain looks like large ones of the others at first
-        tried += [one for one in suspects if one.topic is Topic.GAIN and one not in tried]
-    found = [one for suspect in tried if (one := refined(fit, suspect)) is not None]
-    most = max((one.share for one in found), default=0.0)
-    alike = sorted((one for one in found if one.share > ALIKE * most), key=lambda one: one.suspect.order)
+    # one step per suspect is cheap; only the best ones are estimated by iteration
+    ranked_suspects = sorted(
+        promising_suspects(fit, suspects), key=lambda pair: -round(pair[1].share, 6)
+    )  # equal ones in their order
+    reference_share = max(MIN_SHARE_RATIO * ranked_suspects[0][1].share, min_share / 2) if ranked_suspects else 0.0
+    tried_suspects = [
+        candidate for candidate, score in ranked_suspects[:MAX_TRIED_SUSPECTS] if score.share > reference_share
+    ]
+    if any(
+        candidate.topic is Topic.GAIN for candidate in tried_suspects
+    ):  # a small gain looks like large ones of the others at first
+        tried_suspects += [
+            candidate for candidate in suspects if candidate.topic is Topic.GAIN and candidate not in tried_suspects
+        ]
+    estimates = [candidate for suspect in tried_suspects if (candidate := estimate_suspect(fit, suspect)) is not None]
+    reference_share = max((candidate.share for candidate in estimates), default=0.0)
+    alike = sorted(
+        (candidate for candidate in estimates if candidate.share > MIN_TIE_RATIO * reference_share),
+        key=lambda candidate: candidate.suspect.order,
+    )
     return (alike[0], alike[1:]) if alike else (None, [])
 
 
-def _tilted(tilt: BaseTilt, price: Cost) -> Finding:
+def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:
     figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
     note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed)
     return Finding(Severity.WARNING, None, note, Topic.BASE_TILT)
 
 
-def _finding(fit: Misfit, found: Found, others: Sequence[Found]) -> Finding:
-    one, prices = found.suspect, [_price(fit, other) for other in (found, *others)]
-    note = one.note(found.value, found.std, found.share, tuple(other.rival for other in others))
-    worst = max(x.all for x in prices), max(x.joint for x in prices)
-    note = replace(note, cost=worst[0], joint_cost=worst[1], removed=prices[0].removed)
-    return Finding(Severity.WARNING, one.joint, note, one.topic)
+def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[SuspectEstimate]) -> Finding:
+    suspect, prices = best.suspect, [_suspect_cost(fit, estimate) for estimate in (best, *rivals)]
+    note = suspect.note(best.value, best.std, best.share, tuple(estimate.rival for estimate in rivals))
+    max_costs = max(x.all for x in prices), max(x.joint for x in prices)
+    note = replace(note, cost=max_costs[0], joint_cost=max_costs[1], removed=prices[0].removed)
+    return Finding(Severity.WARNING, suspect.joint, note, suspect.topic)
 
 
-def _price(fit: Misfit, found: Found) -> Cost:
-    met = replace(fit, case=found.suspect.in_use(fit.case, found.value))
-    return cost(met, misfit(found.case, fit.weight.max(axis=0)))
+def _suspect_cost(fit: Misfit, estimate: SuspectEstimate) -> Cost:
+    # where only the log is wrong, as with its clock, the fit is used on the correct motion
+    used_fit = replace(fit, case=estimate.suspect.in_use(fit.case, estimate.value))
+    return cost(used_fit, misfit(estimate.case, fit.weight.max(axis=0)))

@@ -1,33 +1,13 @@
-"""What the checks find in a log beyond its stamps, as data: outliers, units, repeats, and what a motion cannot show."""
+"""Notes on a log beyond its time stamps: outliers, units, repeats, and what a motion cannot show."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import ClassVar
 
 from dynident.checks.notes import ReadingNote
-from dynident.errors import Note, Use
-
-__all__ = [
-    "ClippedTorque",
-    "FrozenPosition",
-    "FrozenTorque",
-    "GravityCompensated",
-    "InterpolatedPositions",
-    "ManyPositionSpikes",
-    "ManyTorqueOutliers",
-    "NoFriction",
-    "PerhapsMillimetres",
-    "PerhapsRadians",
-    "PositionJump",
-    "PositionSpikes",
-    "RepeatedMotion",
-    "SameData",
-    "SlowMotion",
-    "TorqueSpikes",
-    "WrappedPosition",
-    "WrongTimeUnit",
-]
+from dynident.runtime import Note, Use
 
 
 @dataclass(frozen=True)
@@ -43,7 +23,10 @@ class WrappedPosition(ReadingNote):
 
 @dataclass(frozen=True)
 class WrongTimeUnit(ReadingNote):
-    """A rate (Hz) and speed (rad/s, m/s) that no recording has; stamps multiplied by ``factor`` would be usual."""
+    """A rate (Hz) and speed (rad/s, m/s) that no recording has.
+
+    With the stamps multiplied by ``factor`` both would be plausible.
+    """
 
     rate: float
     speed: float
@@ -52,7 +35,7 @@ class WrongTimeUnit(ReadingNote):
 
 @dataclass(frozen=True)
 class PerhapsMillimetres(ReadingNote):
-    """A sliding joint that moves further, or faster, than one does: span (m) and speed (m/s)."""
+    """A sliding joint whose span (m) or speed (m/s) is larger than usual."""
 
     span: float
     speed: float
@@ -74,7 +57,7 @@ class PositionSpikes(Note):
 
 @dataclass(frozen=True)
 class ManyPositionSpikes(PositionSpikes):
-    """The same where they are too many to be replaced."""
+    """As ``PositionSpikes``, where they are too many to be replaced."""
 
     forbids: ClassVar[Use | None] = Use.CONTROL
 
@@ -126,7 +109,10 @@ class TorqueSpikes(Note):
 
 @dataclass(frozen=True)
 class ManyTorqueOutliers(Note):
-    """This ``share`` of the torques looks wrong, too much to be outliers, first at sample ``row`` at ``time`` (s)."""
+    """The ``share`` of torques that look wrong is too large for outliers.
+
+    The first is sample ``row`` at ``time`` (s).
+    """
 
     forbids: ClassVar[Use | None] = Use.CONTROL
     share: float
@@ -163,7 +149,7 @@ class ClippedTorque(Note):
 
 @dataclass(frozen=True)
 class SameData(Note):
-    """Two logs hold the same samples, the ``other`` ones ``lag`` (s) later, so that nothing is held out."""
+    """Two logs hold the same samples, in the ``other`` one ``lag`` (s) later, so that nothing is held out."""
 
     forbids: ClassVar[Use | None] = Use.CONTROL
     other: str
@@ -172,7 +158,7 @@ class SameData(Note):
 
 @dataclass(frozen=True)
 class RepeatedMotion(Note):
-    """A held-out log repeats the motion of the ``other``, ``lag`` (s) later, with a difference of ``error`` %."""
+    """A held-out log repeats the motion of the ``other`` one, ``lag`` (s) later, with a difference of ``error`` %."""
 
     other: str
     lag: float
@@ -181,7 +167,7 @@ class RepeatedMotion(Note):
 
 @dataclass(frozen=True)
 class PerhapsRadians(Note):
-    """All positions multiplied by 180/pi explain the torque with ``after`` % of error instead of ``before``."""
+    """All positions multiplied by 180/pi explain the torque with an error of ``after`` % instead of ``before`` %."""
 
     forbids: ClassVar[Use | None] = Use.CONTROL
     span: float
@@ -191,8 +177,10 @@ class PerhapsRadians(Note):
 
 @dataclass(frozen=True)
 class GravityCompensated(Note):
-    """The torque shows the share ``factor`` +- ``std`` of the gravity that the inertias have; errors (%) of the fit
-    with gravity and without."""
+    """The torque contains the share ``factor`` +- ``std`` of the gravity of the inertias.
+
+    ``before`` and ``after`` are the errors (%) of the fit with gravity and without.
+    """
 
     forbids: ClassVar[Use | None] = Use.CONTROL
     factor: float
@@ -218,3 +206,132 @@ class SlowMotion(Note):
     share: float
     residual: float
     faster: float
+
+
+@dataclass(frozen=True)
+class FewReversals(Note):
+    """The number of reversals of a joint."""
+
+    count: int
+
+
+@dataclass(frozen=True)
+class HardlyMoves(Note):
+    """The span of a joint in all of the training, and that of the joint that moves the most (rad or m).
+
+    ``near`` is the middle of its positions.
+    """
+
+    span: float
+    largest: float
+    near: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class LoopDiffers(Note):
+    """The share of a joint's torque by which its controller, at the measured motion, commands another one."""
+
+    error: float
+
+
+@dataclass(frozen=True)
+class LoopGain(Note):
+    """The measured torque is ``factor`` times what the controller commands.
+
+    ``error`` and ``left`` are the differences between both without and with the factor, as shares of the torque.
+    """
+
+    factor: float
+    error: float
+    left: float
+
+
+@dataclass(frozen=True)
+class LoopUnused(Note):
+    """Columns that are named as reference positions but used by no controller."""
+
+    columns: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LoopVelocity(Note):
+    """The number of steps over which drives difference positions: as ``given``, and as it fits the measured torque.
+
+    ``error`` and ``left`` are the shares of the torque that do not fit with the given and with the fitted number;
+    zero steps where the drives are faster than they are said to be.
+    """
+
+    given: int
+    steps: int
+    error: float
+    left: float
+
+
+@dataclass(frozen=True)
+class PositionBeyondLimits(Note):
+    """The range of a position, and the one that the robot file allows (rad or m).
+
+    ``far`` beyond it the position is a motor's.
+    """
+
+    lower: float
+    upper: float
+    least: float
+    most: float
+    far: bool = False
+
+
+@dataclass(frozen=True)
+class VelocityAboveLimit(Note):
+    """A peak velocity and its limit in the robot file (rad/s or m/s)."""
+
+    peak: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class EffortAboveLimit(Note):
+    """A peak torque and its limit in the robot file, in ``unit``.
+
+    ``far`` above it the torque is another quantity or unit.
+    """
+
+    peak: float
+    limit: float
+    unit: str
+    far: bool
+
+
+@dataclass(frozen=True)
+class EffortFarBelowLimit(Note):
+    """A peak torque below a thousandth of its limit in the robot file, in ``unit``."""
+
+    peak: float
+    limit: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class CorrelatedParameters(Note):
+    """The number of base parameters, and their condition number in these motions."""
+
+    rank: int
+    condition: float
+
+
+class SearchKind(StrEnum):
+    """Kinds of searches that are skipped in a model of many joints."""
+
+    FITS = "whatever needs a fit"
+    CAUSES = "what explains the residual"
+    PAIRS = "exchanged columns of joints that are no neighbours"
+
+
+@dataclass(frozen=True)
+class SearchLeftOut(Note):
+    """A search that was skipped because the model has so many joints and parameters."""
+
+    search: SearchKind
+    joints: int
+    parameters: int

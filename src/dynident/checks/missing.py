@@ -1,37 +1,92 @@
-"""Effects that a model lacks: friction of other kinds, springs, rotors, coupled or cogging motors; joint by joint."""
+"""Effects that a model may lack: friction of other kinds, springs, rotors, coupled or cogging motors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, tee
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks.case import Case
-from dynident.checks.cost import Cost, faster
-from dynident.checks.finding import Finding, Topic
-from dynident.checks.misfit import Evidence, Misfit
-from dynident.checks.ripple import ripple
-from dynident.checks.robot_notes import MissingTerm, TermKind, TermLeftOut
-from dynident.checks.suspect import CERTAIN
-from dynident.errors import Severity, brief
+from dynident.checks.finding import Topic
+from dynident.checks.misfit import FOLDS, FitCase, Misfit, ScoreTest, fit_case, measured_case, misfit, steady_mask
+from dynident.checks.robot_notes import (
+    MAX_SIMULATION_COST,
+    LeftAtReversals,
+    MissingTerm,
+    OtherPayload,
+    TermKind,
+    TermLeftOut,
+    Unexplained,
+)
+from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple
 from dynident.identification.terms import TermChoice
-from dynident.models import INERTIAL
-
-__all__ = ["Missing", "missing", "torque_rate", "tried_by", "with_missing"]
+from dynident.identification.verdict_rules import SPEED_FACTOR
+from dynident.models import INERTIAL, Model
+from dynident.motion.log import Motion, subsample, thin_motions
+from dynident.regression import ParallelFilter
+from dynident.runtime import Finding, Severity, brief
 
 Array = NDArray[np.float64]
-STEP = 1e-4  # s, of the differences in time
-SLOW = 0.05  # of the rms speed: width of the sign of a velocity
-STRIBECK = 0.2  # of the rms speed: where friction has fallen
-WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
-FELT = 0.005  # share of a joint's torque (rms) below which an effect is none
-WARNED = 0.4  # ... and to be warned of
-OFFERED = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
-POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
-TRIED = {  # the kinds by which a choice of terms has tried an effect
+
+
+@dataclass(frozen=True)
+class Cost:
+    """The cost of a fault: the change of the torque at twice the speed in %, of ``all`` joints and of the worst one.
+
+    ``removed`` is the decrease of the mean squared residual by joint, in (N m)^2 or N^2, where there is one. An
+    unknown that is six standard errors from zero explains 1/36 of this by chance.
+    """
+
+    all: float
+    joint: float
+    removed: tuple[tuple[str, float], ...] = ()
+
+
+def faster_case(case: FitCase) -> FitCase:
+    """Return the case with the same path at twice the speed; its torque is still the measured one."""
+    dq, ddq, dddq = (SPEED_FACTOR**k * x for k, x in enumerate((case.dq, case.ddq, case.dddq), start=1))
+    return replace(case, dq=dq, ddq=ddq, dddq=dddq, gain=1.0)
+
+
+def cost(before: Misfit, after: Misfit) -> Cost:
+    """Return how much the torque at twice the speed differs between two fits, relative to the second."""
+    right_torque = _faster_torque(after)
+    change = _faster_torque(before) - right_torque
+    # a joint without torque counts as unchanged
+    size = np.linalg.norm(right_torque, axis=0)
+    joints = np.linalg.norm(change, axis=0) / np.where(size > 0, size, np.inf)
+    relative_change = float(np.linalg.norm(change) / (np.linalg.norm(right_torque) or np.inf))
+    decrease = mean_square(before) - mean_square(after)
+    removed = tuple(
+        (joint.name, float(x)) for joint, x in zip(before.case.model.joints, decrease, strict=True) if x > 0
+    )
+    return Cost(100.0 * relative_change, 100.0 * float(joints.max()), removed)
+
+
+def mean_square(fit: Misfit) -> Array:
+    """Return the mean squared residual (n) of the samples that count."""
+    mask = fit.case.keep
+    residual = np.where(mask, fit.case.tau - fit.predicted, 0.0)
+    return np.asarray(np.square(residual).sum(axis=0) / np.maximum(mask.sum(axis=0), 1))
+
+
+def _faster_torque(fit: Misfit) -> Array:
+    """Return the torque (M, n) of a fit at twice the speed, with a fitted gain divided out of the extra columns."""
+    added = sum((value * column for value, column in zip(fit.extra, fit.case.beyond, strict=False)), np.float64(0.0))
+    return np.asarray(faster_case(fit.case).torque(fit.theta) + added / fit.case.gain)
+
+
+TIME_STEP = 1e-4  # s, of the differences in time
+SIGN_WIDTH = 0.05  # of the rms speed: width of the sign of a velocity
+STRIBECK_SPEED = 0.2  # of the rms speed: where friction has fallen
+MIN_JOINT_SHARE = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
+MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effect is none
+MIN_WARNING_SHARE = 0.4  # ... and to be warned of
+LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
+POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
+TRIED_KINDS = {  # the kinds by which a choice of terms has tried an effect
     TermKind.VISCOUS: {"viscous"},
     TermKind.COULOMB: {"coulomb", "dahl"},
     TermKind.SMOOTH: {"coulomb", "dahl"},
@@ -48,88 +103,114 @@ Effect = tuple[TermKind, int, int | None, float, Array]  # kind, joint, other jo
 
 
 @dataclass(frozen=True, eq=False)
-class Missing:
-    """An effect that would explain much of the residual: of joint ``j``, with the joint ``partner``, of a ripple the
-    ``period``, by its column, and the column ``beyond``, at twice the speed."""
+class MissingEffect:
+    """An effect that would explain much of the residual, with the score test of it.
+
+    It is one of joint ``j``, with the joint ``partner``; ``period`` is that of a ripple. ``fast_column`` is its
+    ``column`` (M, n) at twice the speed.
+    """
 
     kind: TermKind
     j: int
     partner: int | None
     period: float
     column: Array
-    beyond: Array
-    evidence: Evidence
+    fast_column: Array
+    score: ScoreTest
 
     __repr__ = brief
 
     @property
     def share(self) -> float:
-        """Share of the joint's own squared residual."""
-        return float(self.evidence.by_joint[self.j])
+        """Share of the joint's own squared residual that the effect explains."""
+        return float(self.score.by_joint[self.j])
 
     def finding(self, names: tuple[str, ...], cost: Cost) -> Finding:
         """Return the finding, with what the effect costs."""
         partner = "" if self.partner is None else names[self.partner]
-        figures = self.evidence.value, self.evidence.std, self.share, partner, self.period
-        left_out = self.share > WARNED and self.kind in OFFERED
-        own = tuple(one for one in cost.removed if one[0] in (names[self.j], partner))
-        note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all, removed=own)
-        severity = Severity.WARNING if self.share > WARNED or note.forbidden else Severity.INFO
+        figures = self.score.value, self.score.std, self.share, partner, self.period
+        left_out = self.share > MIN_WARNING_SHARE and self.kind in LIBRARY_TERMS
+        removed = tuple(entry for entry in cost.removed if entry[0] in (names[self.j], partner))
+        note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all, removed=removed)
+        severity = Severity.WARNING if self.share > MIN_WARNING_SHARE or note.forbidden else Severity.INFO
         return Finding(severity, names[self.j], note, Topic.MISSING_TERM)
 
 
-def missing(fit: Misfit) -> list[Missing]:
-    """Return the effects that explain much of a joint's residual, the most explaining first."""
-    ripples = [ripple(fit, j) for j in range(fit.case.q.shape[1])]
-    columns, same = tee(_columns(fit, fit.case, ripples))
-    seen = zip(columns, fit.evidence(column for *_, column in same), strict=True)
+def find_missing_effects(fit: Misfit) -> list[MissingEffect]:
+    """Return the effects that explain much of a joint's residual, in descending order of their share."""
+    ripples = [find_ripple(fit, j) for j in range(fit.case.q.shape[1])]
+    # columns and their tests pass in batches: all of them together may not fit in memory
+    columns, columns_copy = tee(_effect_columns(fit, fit.case, ripples))
+    scores = zip(columns, fit.score_tests(column for *_, column in columns_copy), strict=True)
     error = fit.error
-    found = {k: (what, one) for k, (what, one) in enumerate(seen) if one is not None and _counts(*what[:3], one, error)}
-    if not found:
+    significant = {
+        k: (description, score)
+        for k, (description, score) in enumerate(scores)
+        if score is not None and _is_significant(*description[:3], score, error)
+    }
+    if not significant:
         return []
-    beyond = (column for k, (*_, column) in enumerate(_columns(fit, faster(fit.case), ripples)) if k in found)
-    every = [Missing(*what, far, one) for (what, one), far in zip(found.values(), beyond, strict=True)]
-    return sorted(every, key=lambda one: -one.evidence.share)
+    # columns at twice the speed are only made for the effects that count
+    beyond = (
+        column
+        for k, (*_, column) in enumerate(_effect_columns(fit, faster_case(fit.case), ripples))
+        if k in significant
+    )
+    effects = [
+        MissingEffect(*description, fast_column, score)
+        for (description, score), fast_column in zip(significant.values(), beyond, strict=True)
+    ]
+    return sorted(effects, key=lambda effect: -effect.score.share)
 
 
-def _counts(kind: TermKind, j: int, partner: int | None, evidence: Evidence, error: Array) -> bool:
-    """Tell whether an effect explains enough of a joint's torque, of which the fit leaves the share ``error`` (n),
-    makes sense, and is no chance."""
-    share = float(evidence.by_joint[j])
-    sensible = kind not in POSITIVE or evidence.value > 0
-    mutual = kind is not TermKind.COUPLED or partner is None or evidence.by_joint[partner] > WORTH
-    if not (share > WORTH and share**0.5 * error[j] > FELT and sensible and mutual):
+def _is_significant(kind: TermKind, j: int, partner: int | None, score: ScoreTest, error: Array) -> bool:
+    """Return whether an effect explains enough of a joint's torque, is sensible, and is not due to chance.
+
+    ``error`` (n) is the share of the torque that the fit leaves.
+    """
+    share = float(score.by_joint[j])
+    is_sensible = kind not in POSITIVE_TERMS or score.value > 0
+    is_mutual = kind is not TermKind.COUPLED or partner is None or score.by_joint[partner] > MIN_JOINT_SHARE
+    # cheap tests come first, as most effects fail them
+    if not (share > MIN_JOINT_SHARE and share**0.5 * error[j] > MIN_TORQUE_SHARE and is_sensible and is_mutual):
         return False
-    lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
-    return lasting and abs(evidence.value) > CERTAIN * evidence.std
+    is_lasting = score.has_constant_sign and score.held_out > 0.5 * score.share
+    return is_lasting and abs(score.value) > MIN_STANDARD_ERRORS * score.std
 
 
-def with_missing(case: Case, found: Missing) -> Case:
-    """Return the case with the effect among its columns."""
-    return replace(case, extra=(*case.extra, found.column), beyond=(*case.beyond, found.beyond))
+def with_missing(case: FitCase, effect: MissingEffect) -> FitCase:
+    """Return the case with the column of an effect added."""
+    return replace(case, extra=(*case.extra, effect.column), beyond=(*case.beyond, effect.fast_column))
 
 
-def tried_by(finding: Finding, choice: TermChoice | None = None) -> bool:
-    """Return whether a finding is an effect that a choice of terms has tried on that joint, where it entered or was
-    refused by samples kept aside; without a choice, whether one would try it."""
+def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
+    """Return whether a finding is an effect that a choice of terms has tried on that joint.
+
+    It entered there, or was rejected by samples kept aside. Without a choice, return whether one would try it.
+    """
     if not isinstance(finding.message, MissingTerm) or finding.joint is None:
         return False
-    kinds = TRIED.get(finding.message.effect, set())
+    kinds = TRIED_KINDS.get(finding.message.effect, set())
     if choice is None:
         return bool(kinds)
-    return not kinds.isdisjoint(one.kind.split()[0] for one in choice.of(finding.joint))  # ripple, ripple 2, ...
+    return not kinds.isdisjoint(
+        term.kind.split()[0] for term in choice.trials_of(finding.joint)
+    )  # ripple, ripple 2, ...
 
 
-def _columns(fit: Misfit, case: Case, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
-    """Yield every kind of effect, in the motion of a case, with the values of the fit and its ``ripples`` by joint."""
-    (load, friction), n = _parts(fit, case), case.q.shape[1]
+def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
+    """Yield every kind of effect in the motion of a case, with the values of the fit and its ``ripples`` by joint."""
+    (load, friction), n = _load_and_friction(fit, case), case.q.shape[1]
+    # a drift grows linearly over the samples
     age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
-    rate = torque_rate(fit, case)
+    torque_derivative = torque_rate(fit, case)
     friction_jumps = _has_coulomb(case)
+    # smooth signs over a fraction of the rms speed: a jump would test the noise of the velocity
     speed = np.maximum(np.sqrt(np.mean(fit.case.dq**2, axis=0)), 1e-12)
-    sign = np.tanh(case.dq / (SLOW * speed))
-    torque, usual = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
-    met = np.minimum(np.abs(torque), np.abs(fit.torque).max(axis=0)) / usual  # beyond, nobody knows
+    sign = np.tanh(case.dq / (SIGN_WIDTH * speed))
+    torque, rms_torque = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
+    load_ratio = np.minimum(np.abs(torque), np.abs(fit.torque).max(axis=0)) / rms_torque  # beyond, nobody knows
+    # each shape is made only when it is asked for, as their columns together are large
     shapes: dict[TermKind, Callable[[int], Array]] = {
         TermKind.VISCOUS: lambda j: case.dq[:, j],
         TermKind.COULOMB: lambda j: sign[:, j],
@@ -138,53 +219,180 @@ def _columns(fit: Misfit, case: Case, ripples: Sequence[tuple[float, Array] | No
         TermKind.SPRING: lambda j: case.q[:, j],
         TermKind.ASYMMETRIC: lambda j: np.abs(case.dq[:, j]),
         TermKind.QUADRATIC: lambda j: np.abs(case.dq[:, j]) * case.dq[:, j],
-        TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK * speed[j])),
+        TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK_SPEED * speed[j])),
         TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
-        TermKind.DELAY: lambda j: -rate[:, j],
-        TermKind.SATURATION: lambda j: -(met[:, j] ** 2) * torque[:, j],
+        TermKind.DELAY: lambda j: -torque_derivative[:, j],
+        TermKind.SATURATION: lambda j: -(load_ratio[:, j] ** 2) * torque[:, j],
     }
     for kind, shape in shapes.items():
         for j in range(n):
-            known = kind is TermKind.COULOMB and friction_jumps[j]
-            yield TermKind.SMOOTH if known else kind, j, None, 0.0, _only(case, j, shape(j))
-    for j, found in enumerate(ripples):
-        if found is not None:
-            yield TermKind.RIPPLE, j, None, found[0], _only(case, j, found[1])
+            has_coulomb = kind is TermKind.COULOMB and friction_jumps[j]
+            yield TermKind.SMOOTH if has_coulomb else kind, j, None, 0.0, _column_of_joint(case, j, shape(j))
+    for j, ripple_fit in enumerate(ripples):
+        if ripple_fit is not None:
+            yield TermKind.RIPPLE, j, None, ripple_fit[0], _column_of_joint(case, j, ripple_fit[1])
+    # the torque of a neighbour shows wrong wiring and coupled drives, in both directions of the chain
     for i, j in (*pairwise(range(n)), *pairwise(range(n - 1, -1, -1))):
-        yield TermKind.NEIGHBOUR, j, i, 0.0, _only(case, j, torque[:, i])
+        yield TermKind.NEIGHBOUR, j, i, 0.0, _column_of_joint(case, j, torque[:, i])
     for i in range(n):
         for j in range(i + 1, n):
-            yield TermKind.COUPLED, j, i, 0.0, _only(case, i, case.ddq[:, j]) + _only(case, j, case.ddq[:, i])
+            yield (
+                TermKind.COUPLED,
+                j,
+                i,
+                0.0,
+                _column_of_joint(case, i, case.ddq[:, j]) + _column_of_joint(case, j, case.ddq[:, i]),
+            )
 
 
-def _only(case: Case, j: int, x: Array) -> Array:
-    """Return columns (M, n) that are x (M) at one joint."""
+def _column_of_joint(case: FitCase, j: int, x: Array) -> Array:
+    """Return columns (M, n) that are x (M) at joint j and zero elsewhere."""
     column = np.zeros_like(case.q)
     column[:, j] = x
     return column
 
 
-def _parts(fit: Misfit, case: Case) -> tuple[Array, Array]:
-    """Return the torques (M, n) of the rigid bodies and of friction; without bodies, of all but friction."""
+def _load_and_friction(fit: Misfit, case: FitCase) -> tuple[Array, Array]:
+    """Return the torques (M, n) of the rigid bodies and of friction; without bodies, of all terms but friction."""
     parameters = case.model.parameters
-    rigid = np.array([parameter.role in INERTIAL for parameter in parameters])
-    rubs = np.array([parameter.role in ("viscous", "coulomb") for parameter in parameters])
-    rigid = rigid if rigid.any() else ~rubs
-    load, friction = (case.torque(np.where(part, fit.theta, 0.0)) for part in (rigid, rubs))
+    is_rigid = np.array([parameter.role in INERTIAL for parameter in parameters])
+    is_friction = np.array([parameter.role in ("viscous", "coulomb") for parameter in parameters])
+    is_rigid = is_rigid if is_rigid.any() else ~is_friction
+    load, friction = (case.torque(np.where(part, fit.theta, 0.0)) for part in (is_rigid, is_friction))
     return load, friction
 
 
-def _has_coulomb(case: Case) -> NDArray[np.bool_]:
+def _has_coulomb(case: FitCase) -> NDArray[np.bool_]:
     """Return which joints (n) have Coulomb friction in the model."""
     coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
     return np.asarray(case.torque(coulomb.astype(float)).any(axis=0))
 
 
-def torque_rate(fit: Misfit, case: Case) -> Array:
-    """Return the rate of change (M, n) of the fitted torque in the motion of a case, in N m/s or N/s."""
+def torque_rate(fit: Misfit, case: FitCase) -> Array:
+    """Return the time derivative (M, n) of the fitted torque in the motion of a case, in N m/s or N/s."""
+    # move the states along their own derivatives, so that also thinned samples have a derivative
     ahead, behind = (
         replace(case, q=case.q + h * case.dq, dq=case.dq + h * case.ddq, ddq=case.ddq + h * case.dddq)
-        for h in (STEP, -STEP)
+        for h in (TIME_STEP, -TIME_STEP)
     )
-    return np.asarray((ahead.torque(fit.theta) - behind.torque(fit.theta)) / (2 * STEP))
+    return np.asarray((ahead.torque(fit.theta) - behind.torque(fit.theta)) / (2 * TIME_STEP))
+
+
+MIN_PAYLOAD_SHARE = 0.5  # of the squared residual of both logs that another payload must explain
+PAYLOAD_SAMPLES = 800
+MIN_PAYLOAD_MASS = 0.02  # kg
+
+
+def payload_findings(
+    model: Model,
+    motions: Sequence[Motion],
+    held_out: Mapping[str, Motion],
+    parallel_filter: ParallelFilter | None = None,
+    min_speed: tuple[float, ...] | None = None,
+) -> Iterator[Finding]:
+    """Yield the held-out logs in which the last body is heavier or lighter than in training.
+
+    The training logs and one other are fitted together, with separate columns for the last body in that log: what
+    training does not determine then explains nothing.
+    """
+    last = [k for k, parameter in enumerate(model.parameters) if parameter.role in INERTIAL][-10:]
+    for name, motion in held_out.items() if last else ():
+        note = _other_payload(fit_case(model, [*motions, motion], parallel_filter, min_speed, PAYLOAD_SAMPLES), last)
+        if note is not None:
+            yield Finding(Severity.WARNING, None, note, Topic.PAYLOAD, source=name)
+
+
+def _other_payload(case: FitCase, last: Sequence[int]) -> OtherPayload | None:
+    in_log = np.arange(len(case.q)) >= len(case.q) - case.lengths[-1]
+    # the columns of the last body count only in the other log
+    columns = _last_body_regressor(case, last) * in_log[:, None, None]
+    before = misfit(case)
+    weight = before.weight.max(axis=0)
+    # the mass is tested with the nine other parameters of the last body free, as a payload changes all ten
+    extended_case = replace(case, extra=tuple(columns[:, :, k] for k in range(1, 10)))
+    fit = misfit(extended_case, weight)
+    (score,) = fit.score_tests([columns[:, :, 0]])
+    if score is None or abs(score.value) < max(MIN_STANDARD_ERRORS * score.std, MIN_PAYLOAD_MASS):
+        return None
+    share = 1.0 - fit.size * (1.0 - score.share) / before.size
+    return (
+        OtherPayload(score.value, score.std, share, cost=_payload_cost(case, last, in_log))
+        if share > MIN_PAYLOAD_SHARE
+        else None
+    )
+
+
+def _payload_cost(case: FitCase, last: Sequence[int], in_log: NDArray[np.bool_]) -> float:
+    """Return the torque of the payload in the other log at twice its speed, in % of the total torque there."""
+    columns = _last_body_regressor(case, last) * in_log[:, None, None]
+    fit, fast_case = misfit(replace(case, extra=tuple(columns[:, :, k] for k in range(10)))), faster_case(case)
+    added = (_last_body_regressor(fast_case, last) @ fit.extra)[in_log]
+    total = added + fast_case.torque(fit.theta)[in_log]
+    return 100.0 * float(np.linalg.norm(added) / (np.linalg.norm(total) or np.inf))
+
+
+def _last_body_regressor(case: FitCase, last: Sequence[int]) -> Array:
+    """Return the regressor (M, n, 10) of the last body."""
+    return case.model.regressor(**case.states)[:, :, list(last)]
+
+
+REVERSAL_SAMPLES = 1000  # of all motions, up to twice as many
+REVERSAL_TIME = 0.05  # s, from a reversal
+MIN_REVERSAL_SHARE = 0.4  # share of a joint's squared residual, as for effects that are warned of
+MIN_REVERSAL_ERROR = 0.5  # %, of a joint's torque, as there
+MIN_LASTING_SHARE = (
+    0.2  # share of it that must be outside the fifth of the data with the most: more than a single event
+)
+
+
+def unexplained_findings(fit: Misfit) -> Iterator[Finding]:
+    """Yield that much of the low-passed torque is left that is no white noise, for the joint with the most of it.
+
+    Samples near reversals do not count, as everywhere in the low-passed torque.
+    """
+    case, counted = fit.case, fit.case.keep
+    residual = np.where(counted, case.tau - fit.predicted, 0.0)
+    # subtract the expected white noise, which no model explains
+    power = np.maximum(np.square(residual).sum(axis=0) - counted.sum(axis=0) * case.noise, 0.0)
+    torque = np.square(np.where(counted, case.tau, 0.0)).sum(axis=0)
+    share = 100.0 * float(np.sqrt(power.sum() / (torque.sum() or np.inf)))
+    if share > MAX_SIMULATION_COST:
+        j = int(np.argmax(power))
+        note = Unexplained(share, 100.0 * float(np.sqrt(power[j] / torque[j])))
+        yield Finding(Severity.WARNING, case.model.joints[j].name, note, Topic.UNEXPLAINED)
+
+
+def reversal_findings(
+    model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None
+) -> Iterator[Finding]:
+    """Yield the joints whose torque, as measured, has most of its residual near their reversals."""
+    motion_rows = [
+        (motion, indices)
+        for motion, indices in zip(motions, subsample(motions, REVERSAL_SAMPLES), strict=True)
+        if len(indices) > 1
+    ]
+    if not motion_rows:
+        return
+    fit = misfit(measured_case(model, thin_motions(motions, REVERSAL_SAMPLES), min_speed))
+    near_reversals = np.concatenate([~steady_mask(motion, REVERSAL_TIME)[indices] for motion, indices in motion_rows])
+    for j, joint in enumerate(model.joints):
+        share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], fit.weight[:, j] > 0)
+        excess_error = 100.0 * share**0.5 * float(fit.error[j])
+        if share > MIN_REVERSAL_SHARE and excess_error > MIN_REVERSAL_ERROR:
+            yield Finding(Severity.WARNING, joint.name, LeftAtReversals(excess_error, share), Topic.UNEXPLAINED)
+
+
+def _share_near(squared: Array, near_reversals: NDArray[np.bool_], counted: NDArray[np.bool_]) -> float:
+    """Return the share of the squared residuals (M) by which those near reversals exceed the others.
+
+    Zero where most of it may be a single event.
+    """
+    inside, outside = near_reversals & counted, ~near_reversals & counted
+    if not inside.any() or not outside.any():
+        return 0.0
+    excess = np.where(inside, squared - float(squared[outside].mean()), 0.0)
+    # without the part of the data that has the most, the excess must remain
+    parts = np.array([part.sum() for part in np.array_split(excess, FOLDS)])
+    lasting = parts.sum() - parts.max() > MIN_LASTING_SHARE * parts.sum()
+    return float(parts.sum()) / float(squared[counted].sum()) if lasting else 0.0

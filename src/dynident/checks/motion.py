@@ -1,41 +1,144 @@
-"""Excitation: how far, fast and often each joint moves, its limits, and which base parameters the motion excites."""
+"""Excitation: how far, fast and often each joint moves, its limits, and the base parameters that are excited."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import motion_notes
-from dynident.checks.finding import Finding, Topic
-from dynident.errors import Severity
-from dynident.identification import hardly_moving
-from dynident.log import Motion
+from dynident.checks import log_notes
+from dynident.checks.finding import Topic
+from dynident.checks.misfit import FitCase, fit_case
+from dynident.checks.robot_notes import OddLog
+from dynident.checks.stamps import joint_errors, rms_error
+from dynident.estimators.least_squares import solve_least_squares
+from dynident.identification import held_joints
 from dynident.models import Model
-from dynident.models.robot_file import Limits
-from dynident.regression import Regression, UnexcitedParameters, base_parameters, compare, structural_base_parameters
+from dynident.models.robot_files import RobotJointLimits
+from dynident.motion.log import Log, Motion
+from dynident.regression import (
+    MAX_REPEAT_DIFFERENCE,
+    ParallelFilter,
+    Regression,
+    UnexcitedParameters,
+    base_parameters,
+    find_unexcited,
+    repeat_of,
+    structural_base_parameters,
+)
+from dynident.runtime import Finding, Severity
 
-__all__ = [
-    "Excitation",
-    "ExcitedRank",
-    "excitation",
-    "excited_rank",
-    "held_findings",
-    "limit_findings",
-    "rank_findings",
-]
+MAX_COMPENSATED_ERROR = 0.8  # of the error with gravity: without it, a fit must be better by that much
+MAX_GRAVITY_SHARE = 0.3  # share of gravity from which on it is not compensated
+SHARE_STEP = 0.05  # of the share, for the curvature of the error
+MAX_SAME_DATA_ERROR = 1e-4  # %, difference of logs that hold the same samples
+MIN_ACCELERATION_SHARE = 1 / 3  # of the residual: less of the torque from accelerations does not show inertias
+MAX_FIT_ERROR = 30.0  # %: what a fit leaves of a torque that another fault explains
+TARGET_ACCELERATION_SHARE = 3.0  # times the residual: more shows them well
+FRICTION_ROLES = ("viscous", "coulomb")
+MIN_FRICTION_SHARE = 1.0  # %, of a joint's torque: drives and gears have several times this friction
+
+
+def compensation_findings(regression: Regression) -> Iterator[Finding]:
+    """Yield that the torque fits the model far better without gravity, which was then compensated before logging.
+
+    The share of gravity is fitted, with the parameters eliminated at each trial; its standard error assumes white
+    residuals.
+    """
+    from scipy.optimize import minimize_scalar
+
+    if not any(any(term.gravity or ()) for term in regression.model.terms):
+        return
+
+    def error(share: float) -> float:
+        return rms_error(replace(regression, model=regression.model.with_gravity(lambda g: share * g)))
+
+    before, after = rms_error(regression), error(0.0)
+    if not after < MAX_COMPENSATED_ERROR * before:
+        return
+    # the share is near zero where gravity is compensated: search there only, and stop at the bounds
+    factor = float(
+        minimize_scalar(
+            error, bounds=(-MAX_GRAVITY_SHARE, MAX_GRAVITY_SHARE), method="bounded", options={"xatol": 1e-3}
+        ).x
+    )
+    if abs(factor) > 0.9 * MAX_GRAVITY_SHARE:
+        return
+    # the standard error follows from the curvature of the squared error, by a second difference
+    middle, *sides = (error(factor + side) ** 2 for side in (0.0, -SHARE_STEP, SHARE_STEP))
+    curvature = max((sides[0] + sides[1] - 2 * middle) / SHARE_STEP**2, 1e-12)
+    count = sum(int(motion.mask.sum()) for motion in regression.motions) * len(regression.model.joints)
+    std = float(np.sqrt(2 * middle / (count * curvature)))
+    note = log_notes.GravityCompensated(factor, std, before, after)
+    yield Finding(Severity.WARNING, None, note, Topic.COMPENSATED)
+
+
+def friction_findings(regression: Regression) -> Iterator[Finding]:
+    """Yield that no joint shows the friction that the model has: the torque is then not that of the drives."""
+    roles = np.array([parameter.role for parameter in regression.model.parameters])
+    factors = regression.triangular_factors.factors
+    size = np.square(factors[:, :, -1]).sum(axis=1)
+    is_excited = all(factors[:, :, np.flatnonzero(roles == role)].any() for role in FRICTION_ROLES)
+    # without excited friction, or with a poor fit, the test would say nothing
+    if not is_excited or not size.all() or (joint_errors(regression) > MAX_FIT_ERROR).any():
+        return
+    # weigh each joint by the size of its torque, so that weak joints count as much as strong ones
+    theta = solve_least_squares(regression.triangular_factors.stack(1 / np.sqrt(size))).value
+    torque = factors[:, :, :-1] @ np.where(np.isin(roles, FRICTION_ROLES), theta, 0.0)
+    share = 100.0 * np.sqrt(np.square(torque).sum(axis=1) / size)
+    if (share < MIN_FRICTION_SHARE).all():
+        yield Finding(Severity.WARNING, None, log_notes.NoFriction(float(share.max())), Topic.FRICTION)
+
+
+def slow_findings(regression: Regression) -> Iterator[Finding]:
+    """Yield that accelerations explain less of every joint's torque than a third of the residual."""
+    # the share of the accelerations is what the error grows by when they are set to zero
+    static_motions = tuple(replace(motion, ddq=np.zeros_like(motion.ddq)) for motion in regression.motions)
+    full_error, static_error = joint_errors(regression), joint_errors(replace(regression, motions=static_motions))
+    share = np.sqrt(np.maximum(static_error**2 - full_error**2, 0.0))
+    has_torque = regression.triangular_factors.factors[:, :, -1].any(axis=1)
+    # all joints must be slow: the advice is to repeat the whole motion faster
+    if (
+        has_torque.any()
+        and (full_error[has_torque] < MAX_FIT_ERROR).all()
+        and (share[has_torque] < MIN_ACCELERATION_SHARE * full_error[has_torque]).all()
+    ):
+        k = int(np.argmax(np.where(has_torque, share / np.maximum(full_error, 1e-12), -1.0)))
+        speed_factor = float(np.sqrt(TARGET_ACCELERATION_SHARE * full_error[k] / max(share[k], 1e-3 * full_error[k])))
+        yield Finding(
+            Severity.WARNING,
+            None,
+            log_notes.SlowMotion(float(share[k]), float(full_error[k]), speed_factor),
+            Topic.SLOW,
+        )
+
+
+def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
+    """Yield the held-out logs that hold samples of the training, or repeat one of its motions, at any lag."""
+    for name, held_out_log in logs.get("validation", {}).items():
+        for train_name, log in logs.get("train", {}).items():
+            repeat = repeat_of(held_out_log, log.select(held_out_log.joints))
+            if repeat.error < MAX_SAME_DATA_ERROR:
+                note = log_notes.SameData(train_name, repeat.lag)
+                yield Finding(Severity.WARNING, None, note, Topic.REPEAT, source=name)
+                break
+            if repeat.error < MAX_REPEAT_DIFFERENCE:
+                alike = log_notes.RepeatedMotion(train_name, repeat.lag, repeat.error)
+                yield Finding(Severity.WARNING, None, alike, Topic.REPEAT, source=name)
+                break
+
 
 Array = NDArray[np.float64]
 
-SLOW = 0.02  # of the peak speed: below, a joint hardly moves
-OVER = 1.02  # x the limit
-BEYOND = 0.02  # share of the range (or rad, m) past a limit of position
-FAR = 3.0  # times the range that the file allows
-MOVING = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
-FEW = 2  # reversals below which friction and offset are strongly correlated
-ILL = 1e4  # condition number of the base parameters above which they are strongly correlated
+SLOW_SPEED_SHARE = 0.02  # of the peak speed: below, a joint hardly moves
+LIMIT_TOLERANCE = 1.02  # x the limit
+RANGE_TOLERANCE = 0.02  # share of the range (or rad, m) past a limit of position
+MAX_RANGE_RATIO = 3.0  # times the range that the file allows
+MIN_PEAK_SPEED = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
+MIN_REVERSALS = 2  # reversals below which friction and offset are strongly correlated
+MAX_CONDITION = 1e4  # condition number of the base parameters above which they are strongly correlated
 
 
 @dataclass(frozen=True)
@@ -74,8 +177,8 @@ def excitation(motions: Sequence[Motion], joint: str) -> Excitation:
         rms_speed=_rms(dq),
         peak_acceleration=_peak(ddq),
         rms_acceleration=_rms(ddq),
-        reversals=sum(_reversals(motion.dq[:, j][motion.mask], SLOW * peak) for motion, j in rows),
-        slow=float(np.mean(np.abs(dq) < SLOW * peak)) if peak > 0 else 1.0,
+        reversals=sum(_reversal_count(motion.dq[:, j][motion.mask], SLOW_SPEED_SHARE * peak) for motion, j in rows),
+        slow=float(np.mean(np.abs(dq) < SLOW_SPEED_SHARE * peak)) if peak > 0 else 1.0,
         torque=_peak(tau),
     )
 
@@ -89,67 +192,76 @@ def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _reversals(dq: Array, floor: float) -> int:
-    """Return how often the velocity changes sign, speeds below ``floor`` ignored."""
+def _reversal_count(dq: Array, floor: float) -> int:
+    """Return how often the velocity changes sign, with speeds below ``floor`` ignored."""
+    # near zero speed the sign is that of the noise
     signs = np.sign(dq[np.abs(dq) > floor])
     return int(np.count_nonzero(np.diff(signs)))
 
 
-def held_findings(moved: Sequence[Excitation], model: Model) -> Iterator[Finding]:
-    """Yield the joints that only give way a little where controllers hold them: what is fitted is no friction."""
-    reach, kinds = np.array([one.upper - one.lower for one in moved]), [joint.kind for joint in model.joints]
-    for one, joint, held in zip(moved, model.joints, hardly_moving(reach, kinds), strict=True):
-        if held and one.upper > one.lower:  # of one that never moves, its log says so
+def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> Iterator[Finding]:
+    """Yield the joints that a controller holds and that hardly move: friction cannot be identified from these."""
+    reach, kinds = (
+        np.array([joint_excitation.upper - joint_excitation.lower for joint_excitation in excitations]),
+        [joint.kind for joint in model.joints],
+    )
+    for joint_excitation, joint, is_held in zip(excitations, model.joints, held_joints(reach, kinds), strict=True):
+        if is_held and joint_excitation.upper > joint_excitation.lower:  # of one that never moves, its log says so
             largest = max(x for x, kind in zip(reach.tolist(), kinds, strict=True) if kind == joint.kind)
-            middle = (one.lower + one.upper) / 2
-            note = motion_notes.HardlyMoves(one.upper - one.lower, largest, middle, joint.unit)
-            yield Finding(Severity.WARNING, one.joint, note, Topic.STILL)
+            middle = (joint_excitation.lower + joint_excitation.upper) / 2
+            note = log_notes.HardlyMoves(joint_excitation.upper - joint_excitation.lower, largest, middle, joint.unit)
+            yield Finding(Severity.WARNING, joint_excitation.joint, note, Topic.STILL)
 
 
-def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Iterator[Finding]:
+def limit_findings(joint_excitation: Excitation, limits: RobotJointLimits | None, effort: str) -> Iterator[Finding]:
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
-    joint = found.joint
-    if found.reversals < FEW and found.peak_speed > MOVING:
-        yield Finding(Severity.WARNING, joint, motion_notes.FewReversals(found.reversals), Topic.REVERSALS)
+    joint = joint_excitation.joint
+    if joint_excitation.reversals < MIN_REVERSALS and joint_excitation.peak_speed > MIN_PEAK_SPEED:
+        yield Finding(Severity.WARNING, joint, log_notes.FewReversals(joint_excitation.reversals), Topic.REVERSALS)
     if limits is not None:
-        yield from _position(found, limits)
-        yield from _speed(found, limits)
-        yield from _effort(found, limits, effort)
+        yield from _position_findings(joint_excitation, limits)
+        yield from _speed_findings(joint_excitation, limits)
+        yield from _effort_findings(joint_excitation, limits, effort)
 
 
-def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
+def _position_findings(joint_excitation: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
     if limits.lower is None or limits.upper is None or limits.lower >= limits.upper:
         return
-    slack = BEYOND * max(limits.upper - limits.lower, 1.0)
-    if found.lower < limits.lower - slack or found.upper > limits.upper + slack:
-        far = found.upper - found.lower > FAR * (limits.upper - limits.lower)
-        note = motion_notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper, far)
-        yield Finding(Severity.WARNING, found.joint, note, Topic.POSITION_LIMIT)
+    slack = RANGE_TOLERANCE * max(limits.upper - limits.lower, 1.0)
+    if joint_excitation.lower < limits.lower - slack or joint_excitation.upper > limits.upper + slack:
+        is_far = joint_excitation.upper - joint_excitation.lower > MAX_RANGE_RATIO * (limits.upper - limits.lower)
+        note = log_notes.PositionBeyondLimits(
+            joint_excitation.lower, joint_excitation.upper, limits.lower, limits.upper, is_far
+        )
+        yield Finding(Severity.WARNING, joint_excitation.joint, note, Topic.POSITION_LIMIT)
 
 
-def _speed(found: Excitation, limits: Limits) -> Iterator[Finding]:
-    if limits.velocity is not None and 0 < OVER * limits.velocity < found.peak_speed:
-        note = motion_notes.VelocityAboveLimit(found.peak_speed, limits.velocity)
-        yield Finding(Severity.WARNING, found.joint, note, Topic.VELOCITY_LIMIT)
+def _speed_findings(joint_excitation: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
+    if limits.velocity is not None and 0 < LIMIT_TOLERANCE * limits.velocity < joint_excitation.peak_speed:
+        note = log_notes.VelocityAboveLimit(joint_excitation.peak_speed, limits.velocity)
+        yield Finding(Severity.WARNING, joint_excitation.joint, note, Topic.VELOCITY_LIMIT)
 
 
-def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
+def _effort_findings(joint_excitation: Excitation, limits: RobotJointLimits, unit: str) -> Iterator[Finding]:
     limit = limits.effort
     if limit is None or limit <= 0:
         return
-    if found.torque > OVER * limit:
-        above = motion_notes.EffortAboveLimit(found.torque, limit, unit, far=found.torque > 3 * limit)
-        yield Finding(Severity.WARNING, found.joint, above, Topic.EFFORT_LIMIT)
-    elif 0 < found.torque < 1e-3 * limit:  # a torque of zero is a dead channel
-        below = motion_notes.EffortFarBelowLimit(found.torque, limit, unit)
-        yield Finding(Severity.WARNING, found.joint, below, Topic.EFFORT_LIMIT)
+    if joint_excitation.torque > LIMIT_TOLERANCE * limit:
+        above = log_notes.EffortAboveLimit(
+            joint_excitation.torque, limit, unit, far=joint_excitation.torque > 3 * limit
+        )
+        yield Finding(Severity.WARNING, joint_excitation.joint, above, Topic.EFFORT_LIMIT)
+    elif 0 < joint_excitation.torque < 1e-3 * limit:  # a torque of zero is a dead channel
+        below = log_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit)
+        yield Finding(Severity.WARNING, joint_excitation.joint, below, Topic.EFFORT_LIMIT)
 
 
 @dataclass(frozen=True)
 class ExcitedRank:
-    """Rank and condition of a model's ``count`` parameters in the training motions, and what is ``missing``.
+    """Rank and condition of the parameters of a model in the training motions.
 
-    ``on_data`` is the rank in these motions, ``structural`` the largest rank of any motion; ``condition`` is the
+    ``missing`` are the base parameters that the motions do not excite. ``count`` is the number of parameters,
+    ``on_data`` the rank in these motions, ``structural`` the largest rank of any motion; ``condition`` is the
     condition number of the base parameters, with scaled columns.
     """
 
@@ -161,19 +273,92 @@ class ExcitedRank:
 
 
 def excited_rank(model: Model, regression: Regression, unfitted: Collection[str] = ()) -> ExcitedRank:
-    """Return the rank on the data and the structural rank, where the torques of ``unfitted`` joints are not fitted."""
-    on_data = base_parameters(regression.triangular_factors.stacked(), model.parameters)
+    """Return the rank on the data and the structural rank; torques of ``unfitted`` joints are not fitted."""
+    on_data = base_parameters(regression.triangular_factors.stack(), model.parameters)
     structural = structural_base_parameters(model, unfitted=unfitted)
     values = on_data.singular_values
     condition = float(values[0] / values[on_data.rank - 1]) if on_data.rank else float("inf")
-    missing = compare(structural, on_data, model, regression.motions)
+    missing = find_unexcited(structural, on_data, model, regression.motions)
     return ExcitedRank(len(model.parameters), on_data.rank, structural.rank, condition, missing)
 
 
-def rank_findings(found: ExcitedRank) -> Iterator[Finding]:
+def rank_findings(rank: ExcitedRank) -> Iterator[Finding]:
     """Yield the base parameters that the motions do not excite, and the joints to move."""
-    for one in found.missing:
-        yield Finding(Severity.WARNING, None, one, Topic.NOT_EXCITED)
-    if found.condition > ILL and not found.missing:
-        note = motion_notes.CorrelatedParameters(found.on_data, found.condition)
+    for unexcited_parameters in rank.missing:
+        yield Finding(Severity.WARNING, None, unexcited_parameters, Topic.NOT_EXCITED)
+    if rank.condition > MAX_CONDITION and not rank.missing:
+        note = log_notes.CorrelatedParameters(rank.on_data, rank.condition)
         yield Finding(Severity.WARNING, None, note, Topic.CONDITION)
+
+
+ODD_LOG_SAMPLES = 1000  # of all motions, up to twice as many
+MIN_ROWS_PER_PARAMETER = 5  # equations of a log for each parameter: fewer are explained by any fit of their own
+MIN_COMMON_ERROR = 2.0  # %, of the torque: a smaller error of all logs together is none
+RANK_TOLERANCE = 1e-7  # share of the largest singular value below which the data say nothing
+MAX_ODD_ERROR_RATIO = (
+    0.6  # times that error: with a fit of its own for the odd log it is below; real robots have 0.86 and more
+)
+
+
+def odd_log_findings(
+    model: Model,
+    motions: Sequence[Motion],
+    held_out: Mapping[str, Motion],
+    parallel_filter: ParallelFilter | None = None,
+    min_speed: tuple[float, ...] | None = None,
+) -> Iterator[Finding]:
+    """Yield the log that, fitted on its own, lets plain least squares leave far less of all torques.
+
+    Of two logs it is the second. Errors are root mean squares over the joints, so that small torques count as
+    much as large ones. Each fit is judged by the samples it is made of, so that noise in one log, or a motion
+    that the others do not excite, makes it no odd one.
+    """
+    # a log needs several times as many equations as parameters, or its own fit explains anything
+    min_samples = MIN_ROWS_PER_PARAMETER * len(model.parameters) // len(model.joints)
+    # of a log without torque more is said elsewhere
+    logs = [
+        motion
+        for motion in (*motions, *held_out.values())
+        if motion.mask.sum() >= min_samples and motion.tau[motion.mask].any()
+    ]
+    if len(logs) < 2:
+        return
+    factors = _log_factors(
+        fit_case(model, logs, parallel_filter, min_speed, max(ODD_LOG_SAMPLES, min_samples * len(logs)))
+    )
+    torque = float(np.linalg.norm(np.concatenate([factor[:, -1] for factor in factors])))
+    before = 100.0 * _residual_norm(factors) / (torque or np.inf)
+    if not before > MIN_COMMON_ERROR:
+        return
+    # the error of each split into one log and all others, from the triangular factors without the samples
+    separate_errors = [
+        np.hypot(_residual_norm([*factors[:k], *factors[k + 1 :]]), _residual_norm([factors[k]]))
+        for k in range(len(logs))
+    ]
+    odd = int(np.argmin(separate_errors)) if len(logs) > 2 else 1
+    after = 100.0 * float(separate_errors[odd]) / torque
+    if after < MAX_ODD_ERROR_RATIO * before:
+        yield Finding(Severity.WARNING, None, OddLog(before, after), Topic.ODD_LOG, source=logs[odd].source)
+
+
+def _log_factors(case: FitCase) -> list[Array]:
+    """Return for each log the triangular factor (k, p + 1) of regressor and torque.
+
+    The rows of each joint are divided by the rms of its torque in all logs.
+    """
+    size = np.sqrt((case.tau**2 * case.keep).sum(axis=0) / np.maximum(case.keep.sum(axis=0), 1))
+    weight = case.keep / np.where(size > 0, size, np.inf)
+    Y = case.model.regressor(**case.states)
+    X = np.concatenate([Y, case.tau[:, :, None]], axis=2) * weight[:, :, None]
+    parts = np.split(X, np.cumsum(case.lengths)[:-1])
+    return [np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r")) for rows in parts]
+
+
+def _residual_norm(factors: Sequence[Array]) -> float:
+    """Return the norm of the torque that one fit to all of these logs leaves."""
+    stacked = np.concatenate(factors)
+    A, y = stacked[:, :-1], stacked[:, -1]
+    # scale the columns, so that the rank tolerance does not depend on units
+    scale = np.linalg.norm(A, axis=0)
+    A = A / np.where(scale > 0, scale, 1.0)
+    return float(np.linalg.norm(y - A @ np.linalg.lstsq(A, y, rcond=RANK_TOLERANCE)[0]))

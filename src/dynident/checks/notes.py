@@ -1,44 +1,23 @@
-"""What the checks find, as data: each is the message of a ``Finding``, which has its severity and place.
+"""What the checks find, as data: each note is the message of a ``Finding``, which has its severity and place.
 
-``report/finding_words.py`` puts them into words, except those of ``ReadingNote``."""
+``report/finding_words.py`` puts them into words, except those of ``ReadingNote``.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dynident.errors import Note, Use
-
-__all__ = [
-    "ArmAtRest",
-    "ConstantTorque",
-    "EquallySpaced",
-    "GravityIgnored",
-    "LongGap",
-    "LostSamples",
-    "NeverMoves",
-    "OddScale",
-    "OtherGravity",
-    "PerhapsDegrees",
-    "QuantisedPosition",
-    "ReadingNote",
-    "RepeatedPositions",
-    "ReversedSign",
-    "SamplingJitter",
-    "StampsJitter",
-    "TooFewSamples",
-    "UnevenSteps",
-    "UnrelatedTorque",
-]
+from dynident.runtime import Note, Use
 
 
 class ReadingNote(Note):
-    """Base of what reading a log raises or warns of, below ``report``; its words are in ``checks/reading.py``."""
+    """Base of notes that reading a log raises or warns of, below ``report``; their text is in ``checks/finding.py``."""
 
 
 @dataclass(frozen=True)
 class TooFewSamples(ReadingNote):
-    """A log has fewer samples than ``least``, which can be smoothed; ``step`` (s) is what they are apart."""
+    """A log has fewer samples than the ``least`` number that can be smoothed; ``step`` (s) is their spacing."""
 
     samples: int
     least: int
@@ -107,9 +86,9 @@ class ArmAtRest(ReadingNote):
 
 @dataclass(frozen=True)
 class EquallySpaced(ReadingNote):
-    """Equal spacing is used, at a ``rate`` (Hz), and not the stamps, whose steps vary by rms ``jitter``.
+    """Equal spacing at a ``rate`` (Hz) is used instead of the stamps, whose steps have an rms ``jitter``.
 
-    The positions are ``factor`` times less noisy on it; so many ``lost`` samples keep their place.
+    The positions are ``factor`` times less noisy on it; ``lost`` samples keep their place.
     """
 
     jitter: float
@@ -120,10 +99,10 @@ class EquallySpaced(ReadingNote):
 
 @dataclass(frozen=True)
 class StampsJitter(Note):
-    """The positions would be ``factor`` times less noisy with equal spacing, the stamps' rms jitter being ``jitter``.
+    """The positions would be ``factor`` times less noisy with equal spacing.
 
-    The remedy is the ``rate`` (Hz), or stamps rounded to multiples of ``step`` (s) where samples were lost: the other
-    is None.
+    ``jitter`` is the rms jitter of the stamps. The remedy is the ``rate`` (Hz), or stamps rounded to multiples of
+    ``step`` (s) where samples were lost: the other one is None.
     """
 
     jitter: float
@@ -134,7 +113,10 @@ class StampsJitter(Note):
 
 @dataclass(frozen=True)
 class SamplingJitter(Note):
-    """The time steps vary by rms ``jitter``; equal spacing makes positions ``factor`` times noisier, None: unclear."""
+    """The time steps have an rms ``jitter``.
+
+    Equal spacing makes positions ``factor`` times noisier, None where unclear.
+    """
 
     jitter: float
     factor: float | None
@@ -159,7 +141,7 @@ class RepeatedPositions(Note):
 
 @dataclass(frozen=True)
 class GravityIgnored(Note):
-    """The gravity of a robot file (m/s^2) and another one that is used instead."""
+    """The gravity of a robot file (m/s^2), and the one that is used instead."""
 
     given: tuple[float, ...]
     used: tuple[float, ...]
@@ -176,7 +158,10 @@ class OtherGravity(Note):
 
 @dataclass(frozen=True)
 class ReversedSign(Note):
-    """A torque that opposes the nominal one, by its correlation; None: friction and inertia come out negative."""
+    """A torque that opposes the nominal one, by its correlation.
+
+    None where friction and inertia come out negative instead.
+    """
 
     forbids: ClassVar[Use | None] = Use.CONTROL
     correlation: float | None
@@ -198,3 +183,106 @@ class UnrelatedTorque(Note):
     forbids: ClassVar[Use | None] = Use.CONTROL
     ratio: float
     correlation: float
+
+
+@dataclass(frozen=True)
+class ImpossibleInertia(Note):
+    """How the inertia of a link violates physical consistency, in the words of ``consistency_violations``."""
+
+    violation: str
+
+
+@dataclass(frozen=True)
+class NoMass(Note):
+    """The links that a joint moves have no mass."""
+
+    links: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FloatingBase(Note):
+    """A joint with several coordinates carries the whole robot, which is taken as fixed."""
+
+
+@dataclass(frozen=True)
+class SeveralLimbs(Note):
+    """Several joints move limbs of a base with a mass, which is taken as fixed; it may be a trunk."""
+
+    base: str
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class OnlyShapes(Note):
+    """A link has shapes of files instead of an inertia."""
+
+
+@dataclass(frozen=True)
+class PointMass(Note):
+    """A link has a mass (kg) without an inertia about its centre."""
+
+    mass: float
+
+
+@dataclass(frozen=True)
+class FarCentre(Note):
+    """The distance (m) of a centre of mass from its link's frame."""
+
+    distance: float
+
+
+@dataclass(frozen=True)
+class LargeGyration(Note):
+    """A largest moment (kg m^2) and its radius of gyration (m), large for the mass (kg) and size (m) of the link."""
+
+    moment: float
+    gyration: float
+    mass: float
+    size: float
+
+
+@dataclass(frozen=True)
+class InertiaAboutOrigin(Note):
+    """The links whose inertias may be about the origins of their frames."""
+
+    links: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class EqualLinks(Note):
+    """Links with the same mass (kg) and moments; ``alone`` says that there are no others."""
+
+    links: tuple[str, ...]
+    mass: float
+    alone: bool
+
+
+@dataclass(frozen=True)
+class OddTotalMass(Note):
+    """A mass of all links (kg) that no arm has."""
+
+    mass: float
+
+
+@dataclass(frozen=True)
+class EmptyRange(Note):
+    """A lower limit of position that is not below the upper one (rad or m)."""
+
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class LimitNotPositive(Note):
+    """A limit that is not positive: of "effort" or "velocity"."""
+
+    quantity: str
+    value: float
+
+
+@dataclass(frozen=True)
+class NoLimit(Note):
+    """The joints without a limit of "effort" or "velocity"."""
+
+    quantity: str
+    joints: tuple[str, ...]

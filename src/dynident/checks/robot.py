@@ -8,26 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import file_notes
-from dynident.checks.finding import Finding, Topic
-from dynident.errors import Note, Severity
-from dynident.models import consistency_violations, from_physical, to_physical
-from dynident.models.robot_file import Limits, RobotFile, RobotJoint
-
-__all__ = ["JointFacts", "LinkFacts", "check_robot", "joint_facts", "link_facts"]
+from dynident.checks import notes
+from dynident.checks.finding import Topic
+from dynident.checks.torque import nominal_torque, nuisance_columns, thin_samples
+from dynident.models import Model, consistency_violations, from_physical, to_physical
+from dynident.models.robot_files import RobotFile, RobotJoint, RobotJointLimits
+from dynident.motion.log import Motion
+from dynident.runtime import Finding, Note, Severity
 
 Array = NDArray[np.float64]
 
-FAR = 1.0  # m: a centre of mass so far from its link's frame is rather in millimetres
-SPREAD = 0.6  # radius of gyration over the size of the link; a rod has 0.29, two masses at its ends 0.5
-SMALLEST = 0.15  # m: size of a link without a known length, motors and all
-OFFSET = 0.6  # share of m c^2 in the largest moment from which on the tensor may be about the frame's origin
-LIGHTEST, HEAVIEST = 0.05, 5000.0  # kg: masses of whole arms
+MAX_CENTRE_DISTANCE = 1.0  # m: a centre of mass so far from its link's frame is rather in millimetres
+MAX_GYRATION_RATIO = 0.6  # radius of gyration over the size of the link; a rod has 0.29, two masses at its ends 0.5
+MIN_LINK_SIZE = 0.15  # m: size of a link without a known length, motors and all
+MIN_STEINER_SHARE = 0.6  # share of m c^2 in the largest moment from which on the tensor may be about the frame's origin
+MIN_ARM_MASS, MAX_ARM_MASS = 0.05, 5000.0  # kg: masses of whole arms
 
 
 @dataclass(frozen=True, eq=False)
 class LinkFacts:
-    """A link with a mass: kg; its centre (3) in m in the link's frame; principal moments (3) about it in kg m^2."""
+    """A link with a mass (kg), its centre (3) in its frame (m), and principal moments (3) about it (kg m^2)."""
 
     link: str
     mass: float
@@ -36,40 +36,41 @@ class LinkFacts:
 
 
 @dataclass(frozen=True)
-class JointFacts:
-    """A joint of a robot file: its kind, its ``limits``, what it ``follows`` (joint, multiplier, offset) as a mimic
-    joint, why it is ``held`` fixed (empty: it moves), and the ``mass`` (kg) of the body that it carries: of its link
-    and those fixed to it, nan where the file leaves that to shapes.
+class RobotJointFacts:
+    """A joint of a robot file: its kind, its ``limits``, and the ``mass`` (kg) of the body that it carries.
+
+    ``follows`` (joint, multiplier, offset) is set for a mimic joint; ``held`` says why the joint is fixed, empty
+    where it moves. The mass is that of its link and those fixed to it, nan where the file leaves it to shapes.
     """
 
     joint: str
     kind: str
-    limits: Limits
+    limits: RobotJointLimits
     follows: tuple[str, float, float] | None
     held: str
     mass: float
 
 
-def joint_facts(file: RobotFile) -> tuple[JointFacts, ...]:
+def joint_facts(file: RobotFile) -> tuple[RobotJointFacts, ...]:
     """Return the joints that can move, or could if they had one coordinate, in the order of the file."""
-    found = []
-    for one in file.joints:
-        if one.kind == "fixed" and not one.refusal:
+    facts = []
+    for joint in file.joints:
+        if joint.kind == "fixed" and not joint.refusal:
             continue
-        thetas = [file.links[name] for name in _rigid(file, one.child)]
+        thetas = [file.links[name] for name in _rigid_links(file, joint.child)]
         mass = float(sum(np.nan if theta is None else theta[0] for theta in thetas))
-        found.append(JointFacts(one.name, one.kind, one.limits, one.follows, one.refusal, mass))
-    return tuple(found)
+        facts.append(RobotJointFacts(joint.name, joint.kind, joint.limits, joint.follows, joint.refusal, mass))
+    return tuple(facts)
 
 
 def link_facts(file: RobotFile) -> tuple[LinkFacts, ...]:
     """Return mass, centre and moments of all links that have a mass, in the order of the file."""
-    found = []
+    facts = []
     for name, theta in file.links.items():
         if theta is not None and theta[0] != 0:
             mass, centre, tensor = to_physical(theta)
-            found.append(LinkFacts(name, float(mass), centre, np.asarray(np.linalg.eigvalsh(tensor), float)))
-    return tuple(found)
+            facts.append(LinkFacts(name, float(mass), centre, np.asarray(np.linalg.eigvalsh(tensor), float)))
+    return tuple(facts)
 
 
 def check_robot(
@@ -82,105 +83,107 @@ def check_robot(
     """
     facts = link_facts(file)
     moving = [joint for joint in file.joints if joint.kind != "fixed" and (joints is None or joint.name in joints)]
-    found = [
-        *_impossible(file, inconsistent),
-        *_massless(file, moving),
-        *_far(facts),
-        *_spread(file, [fact for fact in facts if fact.link not in _rigid(file, file.root)]),
-        *_about_origin(file, facts),
-        *_copies(file, facts),
-        *_total(facts),
-        *_limits(file, moving),
-        *_base(file, moving),
+    findings = [
+        *_inertia_findings(file, inconsistent),
+        *_mass_findings(file, moving),
+        *_centre_findings(facts),
+        *_gyration_findings(file, [fact for fact in facts if fact.link not in _rigid_links(file, file.root)]),
+        *_origin_findings(file, facts),
+        *_copy_findings(file, facts),
+        *_total_mass_findings(facts),
+        *_limit_findings(file, moving),
+        *_base_findings(file, moving),
         *(Finding(Severity.INFO, None, f"{note}.", Topic.UNREAD) for note in file.notes),
     ]
-    return tuple(Finding(x.severity, x.joint, x.message, x.topic, file.source, x.link) for x in found)
+    return tuple(Finding(x.severity, x.joint, x.message, x.topic, file.source, x.link) for x in findings)
 
 
-def _impossible(file: RobotFile, severity: Severity) -> Iterator[Finding]:
+def _inertia_findings(file: RobotFile, severity: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
         for violation in () if theta is None else consistency_violations(theta):
-            yield Finding(severity, None, file_notes.ImpossibleInertia(violation), Topic.IMPOSSIBLE, link=name)
+            yield Finding(severity, None, notes.ImpossibleInertia(violation), Topic.IMPOSSIBLE, link=name)
 
 
-def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
+def _mass_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     """Yield the moving bodies without mass, links whose inertia comes from shapes, and point masses."""
     for joint in moving:
-        carried = _rigid(file, joint.child)
-        given = [file.links[name] for name in carried]
-        if all(theta is not None and not theta.any() for theta in given):
-            note = file_notes.NoMass(tuple(carried))
+        carried = _rigid_links(file, joint.child)
+        thetas = [file.links[name] for name in carried]
+        if all(theta is not None and not theta.any() for theta in thetas):
+            note = notes.NoMass(tuple(carried))
             yield Finding(Severity.WARNING, joint.name, note, Topic.MASSLESS, link=joint.child)
     for name, theta in file.links.items():
         if theta is None:
-            yield Finding(Severity.INFO, None, file_notes.OnlyShapes(), Topic.SHAPES, link=name)
+            yield Finding(Severity.INFO, None, notes.OnlyShapes(), Topic.SHAPES, link=name)
         elif theta[0] > 0 and not np.abs(to_physical(theta)[2]).max() > 0:
-            yield Finding(Severity.INFO, None, file_notes.PointMass(float(theta[0])), Topic.POINT, link=name)
+            yield Finding(Severity.INFO, None, notes.PointMass(float(theta[0])), Topic.POINT, link=name)
 
 
-def _base(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
+def _base_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
     for name in file.floating:
-        yield Finding(Severity.WARNING, name, file_notes.FloatingBase(), Topic.FLOATING)
+        yield Finding(Severity.WARNING, name, notes.FloatingBase(), Topic.FLOATING)
     limbs = file.limbs({joint.name for joint in moving})
     if limbs is not None:
-        yield Finding(Severity.INFO, None, file_notes.SeveralLimbs(*limbs), Topic.LIMBS)
+        yield Finding(Severity.INFO, None, notes.SeveralLimbs(*limbs), Topic.LIMBS)
 
 
-def _rigid(file: RobotFile, link: str) -> list[str]:
+def _rigid_links(file: RobotFile, link: str) -> list[str]:
     """Return the link and those fixed to it further out."""
-    found = [link]
-    for name in found:
-        found += [joint.child for joint in file.joints if joint.parent == name and joint.kind == "fixed"]
-    return found
+    links = [link]
+    # the list grows while it is read: a breadth-first search over fixed joints
+    for name in links:
+        links += [joint.child for joint in file.joints if joint.parent == name and joint.kind == "fixed"]
+    return links
 
 
-def _far(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+def _centre_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     for fact in facts:
         distance = float(np.linalg.norm(fact.centre))
-        if distance > FAR:
-            yield Finding(Severity.WARNING, None, file_notes.FarCentre(distance), Topic.FAR, link=fact.link)
+        if distance > MAX_CENTRE_DISTANCE:
+            yield Finding(Severity.WARNING, None, notes.FarCentre(distance), Topic.FAR, link=fact.link)
 
 
-def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+def _gyration_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     """Yield the links whose radius of gyration is too large for their length."""
     for fact in facts:
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
-        size = _size(file, fact)
-        if gyration > SPREAD * size:
-            note = file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size)
+        size = _link_size(file, fact)
+        if gyration > MAX_GYRATION_RATIO * size:
+            note = notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size)
             yield Finding(Severity.WARNING, None, note, Topic.SPREAD, link=fact.link)
 
 
-def _size(file: RobotFile, fact: LinkFacts) -> float:
-    """Return the approximate length of a link: to its joints, or twice the distance to its centre of mass."""
+def _link_size(file: RobotFile, fact: LinkFacts) -> float:
+    """Return the approximate length of a link: the distance to its joints, or twice that to its centre of mass."""
     lengths = [float(np.linalg.norm(x.placement[:3, 3])) for x in file.joints if fact.link in (x.parent, x.child)]
-    return max([SMALLEST, 2 * float(np.linalg.norm(fact.centre)), *lengths])
+    return max([MIN_LINK_SIZE, 2 * float(np.linalg.norm(fact.centre)), *lengths])
 
 
-def _about_origin(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
-    """Yield a question where most tensors would be physically consistent also if taken about the frame's origin."""
-    judged, fits = [], []
+def _origin_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    """Yield a question where most tensors would be physically consistent also if they were about the frame's origin."""
+    candidates, consistent_links = [], []
     for fact in facts:
+        # only where the centre is far from the origin do the two conventions differ enough to be told apart
         lever = fact.mass * float(fact.centre @ fact.centre)
         theta = file.links[fact.link]
-        if theta is None or fact.mass <= 0 or lever < OFFSET * fact.moments[-1] or not fact.moments[-1] > 0:
+        if theta is None or fact.mass <= 0 or lever < MIN_STEINER_SHARE * fact.moments[-1] or not fact.moments[-1] > 0:
             continue
-        judged.append(fact.link)
-        shifted = to_physical(theta)[2] - _point(fact)
+        candidates.append(fact.link)
+        shifted = to_physical(theta)[2] - _point_inertia(fact)
         if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
-            fits.append(fact.link)
-    if len(fits) >= 2 and 2 * len(fits) > len(judged):
-        yield Finding(Severity.WARNING, None, file_notes.InertiaAboutOrigin(tuple(fits)), Topic.ABOUT_ORIGIN)
+            consistent_links.append(fact.link)
+    if len(consistent_links) >= 2 and 2 * len(consistent_links) > len(candidates):
+        yield Finding(Severity.WARNING, None, notes.InertiaAboutOrigin(tuple(consistent_links)), Topic.ABOUT_ORIGIN)
 
 
-def _point(fact: LinkFacts) -> Array:
+def _point_inertia(fact: LinkFacts) -> Array:
     """Return the tensor (3, 3) about the frame's origin of a point mass at the link's centre of mass."""
     c = fact.centre
     return np.asarray(fact.mass * (float(c @ c) * np.eye(3) - np.outer(c, c)))
 
 
-def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+def _copy_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     """Yield links of the same mass and moments, except on one parent, as the fingers of a gripper are."""
     alike: dict[tuple[float, ...], list[LinkFacts]] = {}
     for fact in facts:
@@ -192,28 +195,146 @@ def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
             continue
         alone = len(group) == len(facts) > 2
         severity = Severity.WARNING if alone else Severity.INFO
-        yield Finding(severity, None, file_notes.EqualLinks(names, group[0].mass, alone), Topic.COPIED)
+        yield Finding(severity, None, notes.EqualLinks(names, group[0].mass, alone), Topic.COPIED)
 
 
-def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+def _total_mass_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     total = sum(fact.mass for fact in facts)
-    if facts and not LIGHTEST <= total <= HEAVIEST:
-        yield Finding(Severity.WARNING, None, file_notes.OddTotalMass(total), Topic.TOTAL_MASS)
+    if facts and not MIN_ARM_MASS <= total <= MAX_ARM_MASS:
+        yield Finding(Severity.WARNING, None, notes.OddTotalMass(total), Topic.TOTAL_MASS)
 
 
-def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
+def _limit_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     for joint in moving:
-        for note in _impossible_limits(joint.limits):
+        for note in _limit_notes(joint.limits):
             yield Finding(Severity.WARNING, joint.name, note, Topic.LIMITS)
     for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # MJCF has no velocity limit
-        bare = [joint.name for joint in moving if getattr(joint.limits, name) is None]
-        if bare:
-            yield Finding(Severity.INFO, None, file_notes.NoLimit(name, tuple(bare)), Topic.LIMITS)
+        unlimited = [joint.name for joint in moving if getattr(joint.limits, name) is None]
+        if unlimited:
+            yield Finding(Severity.INFO, None, notes.NoLimit(name, tuple(unlimited)), Topic.LIMITS)
 
 
-def _impossible_limits(limits: Limits) -> Iterator[Note]:
+def _limit_notes(limits: RobotJointLimits) -> Iterator[Note]:
     if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
-        yield file_notes.EmptyRange(limits.lower, limits.upper)
+        yield notes.EmptyRange(limits.lower, limits.upper)
     for name, value in (("effort", limits.effort), ("velocity", limits.velocity)):
         if value is not None and value <= 0:
-            yield file_notes.LimitNotPositive(name, value)
+            yield notes.LimitNotPositive(name, value)
+
+
+MIN_ANGLE = 40.0  # deg from which another direction is asked about; smaller angles are a tilt, or wrong inertias
+MIN_EXPLAINED_VARIANCE = (
+    0.7  # share of the torque's variance, beside friction and rotor, that the found direction must explain
+)
+MAX_VARIANCE_RATIO = (
+    0.5  # times the unexplained variance of the assumed direction: above, both explain it about as well
+)
+MIN_SINGULAR_SHARE = 0.02  # share of the largest singular value below which the motion does not show a direction
+STANDARD_GRAVITY = 9.81  # m/s^2, the size where no gravity was assumed
+MAX_SIZE_FACTOR = 3.0  # times the assumed size, or a third: then inertias or units are wrong, not the direction
+
+
+def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Finding]:
+    """Yield a question where the robot file's inertias fit the torques under another direction of gravity.
+
+    One factor of the inertial torque and the three components of gravity are fitted over all joints, each scaled
+    by its torque, together with friction, rotor inertia and offset of each joint. Nothing is yielded where the
+    motion does not determine them.
+    """
+    terms = [term for term in model.terms if term.gravity is not None]
+    if len(terms) != 1:
+        return
+    assumed = np.array(terms[0].gravity)
+    size = float(np.linalg.norm(assumed)) or STANDARD_GRAVITY
+    X, y = _scaled_rows(model, motions, size)
+    down = _gravity_direction(X, y, assumed / size) if len(y) else None
+    if down is not None:
+        gravity = np.round(size * down, 1) + 0.0
+        note = notes.OtherGravity(tuple(gravity.tolist()), tuple(assumed.tolist()))
+        yield Finding(Severity.WARNING, None, note, Topic.GRAVITY)
+
+
+def _scaled_rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, Array]:
+    """Return the nominal torques (M, 4) of ``_gravity_columns`` and the measured ones (M), for all joints.
+
+    The rows of a joint are divided by the norm of its torque, and friction, rotor inertia and offset are
+    projected out. Both are empty where a nominal inertia is missing.
+    """
+    q, dq, ddq, tau = thin_samples(motions)
+    if nominal_torque(model, q, dq, ddq) is None:
+        return np.empty((0, 4)), np.empty(0)
+    columns = _gravity_columns(model, q, dq, ddq, size)
+    # without the parts that friction, rotor and offset explain, only bodies are left to compare
+    projected = [
+        _project_out(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance_columns(q, dq, ddq, j))
+        for j in range(q.shape[1])
+    ]
+    # scale each joint by its torque, so that all count the same; joints without any are left out
+    scaled_joints = [
+        joint_rows / weight for joint_rows in projected if (weight := float(np.linalg.norm(joint_rows[:, -1]))) > 0
+    ]
+    rows = np.concatenate([np.empty((0, 5)), *scaled_joints])
+    return rows[:, :-1], rows[:, -1]
+
+
+def _gravity_direction(X: Array, y: Array, assumed: Array) -> Array | None:
+    """Return the direction (3) of gravity that fits y (M) by X (M, 4), None unless it differs from the assumed one."""
+    # fit gravity only along the directions that the motion shows
+    _, singular_values, axes = np.linalg.svd(X[:, 1:], full_matrices=False)
+    observable = axes[
+        singular_values > MIN_SINGULAR_SHARE * singular_values[0]
+    ]  # of a planar arm not the axis of its joints
+    A = np.column_stack([X[:, 0], X[:, 1:] @ observable.T])
+    singular = np.linalg.svd(A, compute_uv=False)
+    if singular[-1] <= MIN_SINGULAR_SHARE * singular[0]:
+        return None
+    share, *components = np.linalg.lstsq(A, y)[0]
+    # the alternative: gravity in the assumed direction, with factors that cannot be negative
+    along = np.column_stack([X[:, 0], X[:, 1:] @ assumed])
+    assumed_fit = np.maximum(np.linalg.lstsq(along, y)[0], 0.0)
+    residual, assumed_residual = (
+        float(np.square(y - A @ [share, *components]).sum()),
+        float(np.square(y - along @ assumed_fit).sum()),
+    )
+    # what the motion does not show of the direction is completed by the assumed gravity
+    gravity = _complete_gravity(components @ observable, observable, assumed)
+    length = float(np.linalg.norm(gravity))
+    likely = share > 0 and 1 / MAX_SIZE_FACTOR < length < MAX_SIZE_FACTOR
+    explains = (
+        residual < (1 - MIN_EXPLAINED_VARIANCE) * float(y @ y) and residual < MAX_VARIANCE_RATIO * assumed_residual
+    )
+    if likely and explains and float(gravity @ assumed) / length < np.cos(np.deg2rad(MIN_ANGLE)):
+        return np.asarray(gravity / length)
+    return None
+
+
+def _complete_gravity(fitted: Array, observable: Array, assumed: Array) -> Array:
+    """Return the ``fitted`` gravity (3), observable along r directions, extended to at least the assumed size.
+
+    ``observable`` (r, 3) are these directions.
+    """
+    hidden = assumed - assumed @ observable.T @ observable
+    size = float(np.linalg.norm(hidden))
+    hidden_size = np.sqrt(max(float(assumed @ assumed) - float(fitted @ fitted), 0.0))
+    return fitted + hidden / size * hidden_size if size > MIN_SINGULAR_SHARE else fitted
+
+
+def _gravity_columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Array:
+    """Return the nominal torques (4, M, n) of inertia, and of gravity along x, y and z of the root link."""
+    zeros = np.zeros_like(q)
+
+    def set_gravity(gravity: Array) -> Model:
+        return model.with_gravity(lambda _: gravity)
+
+    gravity_torques = [_torque_or_zero(set_gravity(size * axis), q, zeros, zeros) for axis in np.eye(3)]
+    return np.array([_torque_or_zero(set_gravity(np.zeros(3)), q, dq, ddq), *gravity_torques])
+
+
+def _torque_or_zero(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    torque = nominal_torque(model, q, dq, ddq)
+    return np.zeros_like(q) if torque is None else torque
+
+
+def _project_out(series: Array, columns: Array) -> Array:
+    """Return ``series`` minus its projection on the columns."""
+    return np.asarray(series - columns @ np.linalg.lstsq(columns, series)[0])

@@ -1,7 +1,8 @@
-"""What the checks find wrong with the robot or its model, as data: each is the message of a ``Finding``.
+"""Notes on the robot or its model, as data: each is the message of a ``Finding``.
 
-``share`` is the share of the squared training residual, each joint weighted by its own noise, that the correction
-removes; ``std`` are standard errors robust to correlated residuals. ``report/robot_words.py`` puts them into words.
+``share`` is the share of the squared training residual, with each joint weighted by its own noise, that the
+correction removes; ``std`` are standard errors robust to correlated residuals. ``report/robot_words.py`` puts
+them into words.
 """
 
 from __future__ import annotations
@@ -10,18 +11,17 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar
 
-from dynident.errors import Note, Use
+from dynident.runtime import Note, Use
 
-__all__ = ["AxisTilted", "Channel", "ClockWrong", "ColumnReversed", "Costly", "JointsSwapped",
-           "LeftAtReversals", "LengthWrong", "MissingTerm", "OddLog", "OtherAxis", "OtherPayload", "Quantity", "Rival",
-           "TermKind", "TermLeftOut", "TiltedBase", "TorqueGain", "Unexplained", "WrongValue", "ZeroOff"]  # fmt: skip
+MAX_CONTROL_COST, MAX_JOINT_COST = (
+    10.0,
+    25.0,
+)  # %, of the torque and of one joint's: the verdict's limits of held-out errors
+MAX_SIMULATION_COST = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
 
-CONTROL, JOINT = 10.0, 25.0  # %, of the torque and of one joint's: the verdict's limits of held-out errors
-SIMULATION = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
 
-
-class Channel(StrEnum):
-    """Which columns of a log are concerned."""
+class AffectedColumns(StrEnum):
+    """The columns of a log that are affected."""
 
     POSITION = "position"
     TORQUE = "torque"
@@ -49,8 +49,8 @@ class TermKind(StrEnum):
     RIPPLE = "ripple"
 
 
-class Quantity(StrEnum):
-    """What an unknown is, and what its value means."""
+class SuspectQuantity(StrEnum):
+    """The kinds of unknowns, which say what their values mean."""
 
     GAIN = "gain"
     ZERO = "zero"
@@ -64,14 +64,17 @@ class Rival:
     """Another unknown that explains the residual as well: the factor of a gain or clock, else a change in rad or m."""
 
     joint: str
-    quantity: Quantity
+    quantity: SuspectQuantity
     value: float
 
 
 @dataclass(frozen=True)
 class Costly(Note):
-    """Base of what forbids a use by what it costs: ``cost`` is the change of the torque, in %, of all joints together,
-    on the training motion at twice its speed; ``removed`` is what it removes of the low-passed residual, by joint."""
+    """Base of notes that forbid a use by what the fault costs.
+
+    ``cost`` is the change of the torque, in % of all joints together, on the training motion at twice its speed;
+    ``removed`` is what the correction removes of the low-passed residual, by joint.
+    """
 
     cost: float = field(default=0.0, kw_only=True)
     removed: tuple[tuple[str, float], ...] = field(default=(), kw_only=True)
@@ -79,14 +82,20 @@ class Costly(Note):
     @property
     def forbidden(self) -> Use | None:
         """Control where the cost is large, simulation where it is more than a fit of a real robot leaves."""
-        return Use.CONTROL if self.cost > CONTROL else Use.SIMULATION if self.cost > SIMULATION else self.forbids
+        return (
+            Use.CONTROL
+            if self.cost > MAX_CONTROL_COST
+            else Use.SIMULATION
+            if self.cost > MAX_SIMULATION_COST
+            else self.forbids
+        )
 
 
 @dataclass(frozen=True)
 class WrongValue(Costly):
-    """Base of values that a model takes for known and that are wrong; ``joint_cost`` (%) is that of the worst joint.
+    """Base of values that a model takes as known and that are wrong; ``joint_cost`` (%) is that of the worst joint.
 
-    The user can set them right, so that any forbids simulation.
+    The user can correct them, so that any of them forbids simulation.
     """
 
     forbids: ClassVar[Use | None] = Use.SIMULATION
@@ -95,16 +104,19 @@ class WrongValue(Costly):
     @property
     def forbidden(self) -> Use | None:
         """Control where a joint's torque is far off, else simulation."""
-        return Use.CONTROL if self.joint_cost > JOINT else self.forbids
+        return Use.CONTROL if self.joint_cost > MAX_JOINT_COST else self.forbids
 
 
 @dataclass(frozen=True)
 class JointsSwapped(Note):
-    """The columns of two joints fit the other one; errors (%) of the torque, mean over the joints, before and after."""
+    """The columns of two joints fit the other joint better.
+
+    ``before`` and ``after`` are the errors (%) of the torque, mean over the joints.
+    """
 
     forbids: ClassVar[Use | None] = Use.CONTROL
     joints: tuple[str, str]
-    channel: Channel
+    channel: AffectedColumns
     before: float
     after: float
 
@@ -114,7 +126,7 @@ class ColumnReversed(Note):
     """The columns of a joint fit with the other sign; errors (%) as above."""
 
     forbids: ClassVar[Use | None] = Use.CONTROL
-    channel: Channel
+    channel: AffectedColumns
     before: float
     after: float
 
@@ -132,7 +144,10 @@ class OtherAxis(Note):
 
 @dataclass(frozen=True)
 class TorqueGain(WrongValue):
-    """The torque of a joint is ``factor`` times what the others ask for; ``others`` explain the residual as well."""
+    """The torque of a joint is ``factor`` times what the other joints require.
+
+    ``others`` explain the residual as well.
+    """
 
     factor: float
     std: float
@@ -197,9 +212,11 @@ class TiltedBase(WrongValue):
 
 @dataclass(frozen=True)
 class MissingTerm(Costly):
-    """An effect that the model lacks at a joint: its value in SI units, and the share of that joint's own residual
-    (squared) that it removes; ``partner`` is the other joint of a coupled motor or torque, ``period`` that of a ripple
-    (rad or m). The value of a saturation is the share of the torque that is lost at its rms.
+    """An effect that the model lacks at a joint: its value in SI units.
+
+    ``share`` is that of the joint's own squared residual that it removes. ``partner`` is the other joint of a
+    coupled motor or torque, ``period`` that of a ripple (rad or m). The value of a saturation is the share of the
+    torque that is lost at its rms.
     """
 
     effect: TermKind
@@ -212,17 +229,18 @@ class MissingTerm(Costly):
 
 @dataclass(frozen=True)
 class TermLeftOut(MissingTerm):
-    """The same of a term that the library has: the user can add it, so that it forbids simulation at any cost."""
+    """A missing effect that the library has as a term, so that it forbids simulation at any cost."""
 
     forbids: ClassVar[Use | None] = Use.SIMULATION
 
 
 @dataclass(frozen=True)
 class LeftAtReversals(Note):
-    """Of a joint's torque ``left`` % remain within 50 ms of its reversals, beyond what remains elsewhere: ``share`` of
-    its squared residual as measured.
+    """The residual torque near the reversals of a joint.
 
-    Backlash and elastic gears do this, and friction that builds up gradually, which the torque alone does not tell.
+    ``left`` % of its torque are left within 50 ms of them, beyond what is left elsewhere. ``share`` is its share
+    of the joint's squared residual as measured. Backlash and elastic gears do this, and friction that builds up
+    gradually, which the torque alone does not tell.
     """
 
     left: float
@@ -231,10 +249,10 @@ class LeftAtReversals(Note):
 
 @dataclass(frozen=True)
 class Unexplained(Note):
-    """Of the low-passed torque ``left`` % remain that are no white noise, and that nothing sought explains; and the
-    ``joint_left`` % of the joint of the finding, of which the most is left.
+    """The low-passed torque that is neither white noise nor explained by anything searched: ``left`` % of it.
 
-    The model lacks something, unless the sensors' noise is slow: that forbids simulation.
+    ``joint_left`` (%) is that of the joint of the finding, of which the most is left. The model lacks something,
+    unless the sensors' noise is slow: that forbids simulation.
     """
 
     forbids: ClassVar[Use | None] = Use.SIMULATION
@@ -244,11 +262,10 @@ class Unexplained(Note):
 
 @dataclass(frozen=True)
 class OtherPayload(Costly):
-    """The last link is ``mass`` (kg) heavier in one log than in training, which explains ``share`` of the
-    squared residual of both.
+    """The last link is ``mass`` (kg) heavier in one log than in training.
 
-    A model of one payload is none of the other: any forbids simulation, and a large one control. The ``cost`` is the
-    torque of the payload in that log.
+    This explains ``share`` of the squared residual of both. A model of one payload is not valid for the other:
+    any forbids simulation, and a large one control. The ``cost`` is the torque of the payload in that log.
     """
 
     forbids: ClassVar[Use | None] = Use.SIMULATION
@@ -259,10 +276,10 @@ class OtherPayload(Costly):
 
 @dataclass(frozen=True)
 class OddLog(Note):
-    """One fit of all logs leaves ``before`` % of the torque, mean over the joints; with one of its own for this log
-    ``after`` % are left.
+    """One log does not fit together with the others.
 
-    What the model is a model of has changed between the logs, so that it forbids simulation.
+    One fit of all logs leaves ``before`` % of the torque, mean over the joints; with a separate fit of this log
+    ``after`` %. What was modelled has changed between the logs, so that it forbids simulation.
     """
 
     forbids: ClassVar[Use | None] = Use.SIMULATION

@@ -1,42 +1,180 @@
-"""Sign and scale of the measured torque against the torque of the robot file's inertias, reported as questions."""
+"""Sign and scale of the measured torque relative to that of the robot file's inertias, reported as questions."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import notes
-from dynident.checks.finding import Finding, Topic
-from dynident.errors import Severity
-from dynident.log import Motion, subsample
+from dynident.checks.finding import Topic
+from dynident.checks.log_notes import LoopDiffers, LoopGain, LoopVelocity
 from dynident.models import INERTIAL, Model
-
-__all__ = ["Agreement", "agreement", "agreement_findings", "nominal", "nuisance", "thinned"]
+from dynident.models.simulation import DifferencingLoop, HasTimes, longest_stretch
+from dynident.motion.log import Controller, HasState, Log, Motion, subsample
+from dynident.motion.smoothers import Spline, smooth_log
+from dynident.runtime import DynidentError, Finding, Severity
 
 Array = NDArray[np.float64]
+MAX_LOOP_SAMPLES, MAX_STATEFUL_SAMPLES = (
+    1000,
+    5000,
+)  # of a log, at which a controller is asked; in a row, of one that remembers
+MIN_LOOP_SAMPLES = 10  # samples, of which nothing is told
+VELOCITY_STEPS = range(11)  # of a drive, over which its velocity may be a difference; 0 where it is faster than is said
+MAX_VELOCITY_ERROR_RATIO, MAX_SCALED_ERROR_RATIO = (
+    0.65,
+    0.5,
+)  # of the error, which another velocity or factor must leave at most
+MIN_FACTOR_DEVIATION, MAX_SCALED_SHARE = (
+    0.05,
+    0.2,
+)  # by how much a factor must differ from 1 to be named, and what it may leave of the torque
+MIN_DIFFERENCE_SHARE = 0.5  # share of the torque above which a controller is another one
+MIN_NOISE_RATIO = 3.0  # times what the noise of the positions explains of that
 
-SAMPLES = 2000  # of all motions: enough to see a sign
-NONE, ASKED = (
+
+@dataclass(frozen=True, eq=False)
+class _ControllerTorques:
+    """Torques (K, n) along a motion: the measured ones, and those that the controller commands, by number of steps.
+
+    ``noise`` (n) is the root mean square change of the command by the noise of the positions.
+    """
+
+    tau: Array
+    by_steps: dict[int, Array]
+    noise: Array
+
+    def error(self, steps: int, factor: Array | float = 1.0) -> Array:
+        """Return the root mean squares (n) of measured minus commanded torque, with a ``factor`` (n) on the command."""
+        return np.asarray(np.sqrt(np.mean(np.square(self.tau - factor * self.by_steps[steps]), axis=0)))
+
+
+def loop_findings(logs: Sequence[Log]) -> Iterator[Finding]:
+    """Yield what differs between the controllers that logs name and those that ran.
+
+    That is the velocity that they see, a factor on a joint's torque, or all of it.
+    """
+    for log in logs:
+        if log.controller is None or log.controller.joints != log.joints:
+            continue
+        try:
+            with np.errstate(all="ignore"):  # what is not finite is left to the simulation, too
+                torques, steps = _command_torques(log, log.controller), _difference_steps(log.controller)
+        except DynidentError:  # the simulation says it
+            continue
+        if len(torques.tau) > MIN_LOOP_SAMPLES and all(
+            np.isfinite(commanded).all() for commanded in torques.by_steps.values()
+        ):
+            yield from _controller_findings(log, torques, steps)
+
+
+def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps: int) -> Iterator[Finding]:
+    size = np.sqrt(np.mean(np.square(torques.tau), axis=0))
+    has_torque = size > 0
+    if not has_torque.any():
+        return
+    # over how many steps the drives difference positions; it must be clearly better than the given number
+    total = {steps: _rms_share(torques.error(steps)[has_torque] / size[has_torque]) for steps in torques.by_steps}
+    best = min(total, key=lambda steps: total[steps])
+    if total[best] > MAX_VELOCITY_ERROR_RATIO * total[configured_steps]:
+        best = configured_steps
+    else:
+        velocity = LoopVelocity(configured_steps, best, total[configured_steps], total[best])
+        yield Finding(Severity.WARNING, None, velocity, Topic.LOOP, source=log.source)
+    # then fit a factor of each joint's command: the least squares slope
+    commanded, error = torques.by_steps[best], torques.error(best)
+    power = np.sum(commanded**2, axis=0)
+    factor = np.where(power > 0, np.sum(commanded * torques.tau, axis=0) / np.where(power > 0, power, 1.0), 1.0)
+    scaled_error = torques.error(best, factor)
+    for j in np.flatnonzero(has_torque):
+        name, share = log.joints[j], float(error[j] / size[j])
+        if abs(factor[j] - 1.0) > MIN_FACTOR_DEVIATION and scaled_error[j] < min(
+            MAX_SCALED_ERROR_RATIO * error[j], MAX_SCALED_SHARE * size[j]
+        ):
+            gain_note = LoopGain(float(factor[j]), share, float(scaled_error[j] / size[j]))
+            yield Finding(Severity.WARNING, name, gain_note, Topic.LOOP, source=log.source)
+        elif share > MIN_DIFFERENCE_SHARE and error[j] > MIN_NOISE_RATIO * torques.noise[j]:
+            yield Finding(Severity.WARNING, name, LoopDiffers(share), Topic.LOOP, source=log.source)
+
+
+def _rms_share(shares: Array) -> float:
+    """Return the root mean square of shares (n)."""
+    return float(np.sqrt(np.mean(np.square(shares))))
+
+
+def _difference_steps(controller: Controller) -> int:
+    return controller.steps if isinstance(controller, DifferencingLoop) else 1
+
+
+def _command_torques(log: Log, controller: Controller) -> _ControllerTorques:
+    """Return the torques that a controller commands along the smoothed motion of a log.
+
+    They are computed for each number of velocity steps.
+    """
+    loop = controller.loop if isinstance(controller, DifferencingLoop) else controller
+    motion = smooth_log(Spline(), log)
+    # steps are those of the controller, which may be faster than the log
+    times = controller.t if isinstance(controller, HasTimes) and len(controller.t) > 1 else log.t
+    period = float(np.median(np.diff(times)))
+    if isinstance(loop, HasState):  # without gaps, over which its state would be unknown
+        rows = np.arange(len(motion))[longest_stretch(motion)][:MAX_STATEFUL_SAMPLES]
+    else:
+        rows = np.flatnonzero(motion.mask)
+        rows = rows[:: max(len(rows) // MAX_LOOP_SAMPLES, 1)]
+    if len(rows) <= MIN_LOOP_SAMPLES:
+        return _ControllerTorques(motion.tau[rows], {}, np.zeros(len(log.joints)))
+    by_steps = {steps: _loop_torques(loop, motion, rows, motion.q[rows], steps * period) for steps in VELOCITY_STEPS}
+    # the measured positions instead of the smoothed ones show how much noise the controller passes on
+    noisy = _loop_torques(loop, motion, rows, log.q[rows], period)
+    noise = np.sqrt(np.mean(np.square(noisy - by_steps[1]), axis=0))
+    return _ControllerTorques(motion.tau[rows], by_steps, noise)
+
+
+def _loop_torques(loop: Controller, motion: Motion, rows: NDArray[np.intp], q: Array, difference_time: float) -> Array:
+    """Return the torques (K, n) that a controller commands at positions q (K, n).
+
+    The velocity is that of a difference over ``difference_time`` (s) before each sample, so that of its middle.
+    """
+    t = motion.t[rows]
+    dq = np.column_stack([np.interp(t - difference_time / 2, motion.t, velocity) for velocity in motion.dq.T])
+    # without a state the samples are independent; with one they must be passed in their order
+    torques = np.empty_like(q)
+    if not isinstance(loop, HasState):
+        for k, time in enumerate(t.tolist()):
+            torques[k] = loop(time, q[k], dq[k])
+        return torques
+    gaps = np.diff(t, prepend=2 * t[0] - t[1]).tolist()
+    state = loop.begin(float(t[0]), gaps[0], q[0], dq[0], motion.tau[rows[0]])
+    for k, (time, gap) in enumerate(zip(t.tolist(), gaps, strict=True)):
+        torques[k], state = loop.advance(time, gap, q[k], dq[k], state)
+    return torques
+
+
+AGREEMENT_SAMPLES = 2000  # of all motions: enough to see a sign
+MAX_UNRELATED_CORRELATION, MIN_UNRELATED_RATIO = (
     0.3,
     2.0,
 )  # |correlation| below NONE counts as none, where the nominal torque is over ASKED times the measured one
-CLEAR = 0.6  # partial correlation from which a sign is trusted
-SCALE = 3.0  # factor from which a scale is questioned, where the correlation is beyond STRONG
-STRONG = 0.85
-ALONE = 1e-3  # share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
-DRIVES = 0.2  # share of rms torque times rms speed by which friction must drive the joint, to count
+MIN_SIGN_CORRELATION = 0.6  # partial correlation from which a sign is trusted
+MAX_SCALE = 3.0  # factor from which a scale is questioned, where the correlation is beyond STRONG
+MIN_SCALE_CORRELATION = 0.85
+MIN_INDEPENDENT_SHARE = (
+    1e-3  # share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
+)
+MIN_DRIVING_SHARE = 0.2  # share of rms torque times rms speed by which friction must drive the joint, to count
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """The measured torque of one joint against the nominal one; ``scale`` times the nominal torque fits best.
+    """The measured torque of one joint compared with the nominal one; ``scale`` times the nominal torque fits best.
 
-    ``scale`` and ``correlation`` (partial) are taken with friction, rotor inertia and offset projected out; both are
-    nan where the file has no inertias. ``rotor`` (kg m^2 or kg) and ``friction``, the share of the power dissipated by
-    friction, are those of a fit of this joint alone. ``asked`` is the rms of the nominal over the measured torque.
+    ``scale`` and ``correlation`` (partial) are taken with friction, rotor inertia and offset projected out; both
+    are nan where the file has no inertias. ``rotor`` (kg m^2 or kg) and ``friction``, the share of the power
+    dissipated by friction, are those of a fit of this joint alone. ``asked`` is the rms of the nominal over the
+    measured torque.
     """
 
     joint: str
@@ -49,68 +187,127 @@ class Agreement:
 
 def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
     """Return for each joint of the model how its measured torque agrees with the nominal one."""
-    q, dq, ddq, tau = thinned(motions)
-    asked_for = nominal(model, q, dq, ddq)
-    asked_for = np.zeros_like(q) if asked_for is None else asked_for
-    found = []
+    q, dq, ddq, tau = thin_samples(motions)
+    file_torque = nominal_torque(model, q, dq, ddq)
+    file_torque = np.zeros_like(q) if file_torque is None else file_torque
+    agreements = []
     for j, joint in enumerate(model.joints):
-        around = (np.sin(q[:, j]), np.cos(q[:, j])) if joint.kind == "revolute" else ()
-        columns = nuisance(q, dq, ddq, j)
-        known = np.ptp(asked_for[:, j]) > 0
-        own = np.linalg.lstsq(np.column_stack([columns, *around]), tau[:, j])[0]
-        lost = own[1] * np.mean(dq[:, j] ** 2) + own[2] * np.mean(columns[:, 2] * dq[:, j])
-        power = _speed(dq, j) * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
-        compared = _partial(asked_for[:, j], tau[:, j], columns) if known else (np.nan,) * 3
-        scale, correlation, asked = map(float, compared)
-        found.append(Agreement(joint.name, scale, correlation, float(own[0]), float(lost / power), asked))
-    return tuple(found)
+        # sine and cosine of the angle stand for gravity, so that this joint alone gives rotor inertia and friction
+        gravity_columns = (np.sin(q[:, j]), np.cos(q[:, j])) if joint.kind == "revolute" else ()
+        columns = nuisance_columns(q, dq, ddq, j)
+        has_nominal = np.ptp(file_torque[:, j]) > 0
+        coefficients = np.linalg.lstsq(np.column_stack([columns, *gravity_columns]), tau[:, j])[0]
+        friction_power = coefficients[1] * np.mean(dq[:, j] ** 2) + coefficients[2] * np.mean(columns[:, 2] * dq[:, j])
+        power = _rms_speed(dq, j) * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
+        compared = _partial_regression(file_torque[:, j], tau[:, j], columns) if has_nominal else (np.nan,) * 3
+        scale, correlation, ratio = map(float, compared)
+        agreements.append(
+            Agreement(joint.name, scale, correlation, float(coefficients[0]), float(friction_power / power), ratio)
+        )
+    return tuple(agreements)
 
 
-def _speed(dq: Array, joint: int) -> float:
+def _rms_speed(dq: Array, joint: int) -> float:
     """Return the rms speed of a joint."""
     return max(float(np.sqrt(np.mean(dq[:, joint] ** 2))), 1e-12)
 
 
-def nuisance(q: Array, dq: Array, ddq: Array, joint: int) -> Array:
+def nuisance_columns(q: Array, dq: Array, ddq: Array, joint: int) -> Array:
     """Return the regressor columns (M, 4) of rotor inertia, viscous and Coulomb friction, and offset of a joint."""
-    sign = np.tanh(dq[:, joint] / (0.05 * _speed(dq, joint)))
+    # a smooth sign, as the sign of a noisy velocity near zero is noise
+    sign = np.tanh(dq[:, joint] / (0.05 * _rms_speed(dq, joint)))
     return np.column_stack([ddq[:, joint], dq[:, joint], sign, np.ones(len(q))])
 
 
-def thinned(motions: Sequence[Motion]) -> tuple[Array, ...]:
+def thin_samples(motions: Sequence[Motion]) -> tuple[Array, ...]:
     """Return q, dq, ddq, tau (M, n) of a few thousand usable samples of all motions."""
-    pairs = list(zip(motions, subsample(motions, SAMPLES), strict=True))
+    pairs = list(zip(motions, subsample(motions, AGREEMENT_SAMPLES), strict=True))
     return tuple(
         np.concatenate([getattr(motion, name)[rows] for motion, rows in pairs]) for name in ("q", "dq", "ddq", "tau")
     )
 
 
-def nominal(model: Model, q: Array, dq: Array, ddq: Array) -> Array | None:
-    """Return the torque (M, n) of the inertias that the robot file gives, None where it does not give all of them."""
+def nominal_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array | None:
+    """Return the torque (M, n) of the inertias of the robot file, None where it does not give all of them."""
     values = [parameter.value if parameter.role in INERTIAL else 0.0 for parameter in model.parameters]
     if any(value is None for value in values):
         return None
     return model.torque(q, dq, ddq, np.array(values, dtype=float), np.zeros((len(q), model.memory)))
 
 
-def _partial(x: Array, y: Array, others: Array) -> tuple[float, float, float]:
-    """Return slope, correlation and relative size of x against y, with the other columns projected out of both."""
-    left, rest = (series - others @ np.linalg.lstsq(others, series)[0] for series in (x, y))
-    a, b = float(np.linalg.norm(left)), float(np.linalg.norm(rest))
-    if a < ALONE * float(np.linalg.norm(x)) or b == 0:
+def _partial_regression(x: Array, y: Array, columns: Array) -> tuple[float, float, float]:
+    """Return slope, correlation and relative size of x against y, with the columns projected out of both."""
+    x_residual, y_residual = (series - columns @ np.linalg.lstsq(columns, series)[0] for series in (x, y))
+    a, b = float(np.linalg.norm(x_residual)), float(np.linalg.norm(y_residual))
+    # where the nominal torque is almost that of rotor and friction there is nothing to compare
+    if a < MIN_INDEPENDENT_SHARE * float(np.linalg.norm(x)) or b == 0:
         return (float("nan"),) * 3
-    inner = float(left @ rest)
+    inner = float(x_residual @ y_residual)
     return inner / a**2, inner / (a * b), a / b
 
 
-def agreement_findings(found: Agreement, unit: str) -> Iterator[Finding]:
+def agreement_findings(joint_agreement: Agreement, unit: str) -> Iterator[Finding]:
     """Yield a question where the sign or scale of a torque looks wrong; ``unit`` is that of the torque."""
-    against = not found.correlation > 0 and found.rotor < 0 and found.friction < -DRIVES
-    if found.correlation < -CLEAR or against:
-        sign = notes.ReversedSign(None if against else found.correlation)
-        yield Finding(Severity.WARNING, found.joint, sign, Topic.SIGN)
-    elif found.correlation > STRONG and not 1 / SCALE < found.scale < SCALE:
-        yield Finding(Severity.WARNING, found.joint, notes.OddScale(found.scale, unit), Topic.SCALE)
-    elif abs(found.correlation) < NONE and found.asked > ASKED:
-        foreign = notes.UnrelatedTorque(found.asked, found.correlation)
-        yield Finding(Severity.WARNING, found.joint, foreign, Topic.FOREIGN)
+    # friction that drives the joint, and a negative rotor inertia, show a reversed sign, too
+    is_driven = (
+        not joint_agreement.correlation > 0
+        and joint_agreement.rotor < 0
+        and joint_agreement.friction < -MIN_DRIVING_SHARE
+    )
+    if joint_agreement.correlation < -MIN_SIGN_CORRELATION or is_driven:
+        sign = notes.ReversedSign(None if is_driven else joint_agreement.correlation)
+        yield Finding(Severity.WARNING, joint_agreement.joint, sign, Topic.SIGN)
+    elif joint_agreement.correlation > MIN_SCALE_CORRELATION and not 1 / MAX_SCALE < joint_agreement.scale < MAX_SCALE:
+        yield Finding(Severity.WARNING, joint_agreement.joint, notes.OddScale(joint_agreement.scale, unit), Topic.SCALE)
+    elif abs(joint_agreement.correlation) < MAX_UNRELATED_CORRELATION and joint_agreement.asked > MIN_UNRELATED_RATIO:
+        foreign = notes.UnrelatedTorque(joint_agreement.asked, joint_agreement.correlation)
+        yield Finding(Severity.WARNING, joint_agreement.joint, foreign, Topic.FOREIGN)
+
+
+JACKKNIFE_BLOCKS = 10  # of the time, left out in turn for the standard error
+MAX_RELATIVE_STD = 0.2  # standard error over gain, from which a gain is not given
+
+
+@dataclass(frozen=True)
+class RelativeGain:
+    """The factor that turns a recorded value into a torque (N m or N) of the file's bodies, and its standard error.
+
+    The standard error is by the jackknife over ten blocks of time; it does not include errors of the file's
+    masses.
+    """
+
+    value: float
+    std: float
+
+
+def relative_gains(model: Model, motions: Sequence[Motion]) -> dict[str, RelativeGain]:
+    """Return by joint the gain with which the recorded ``tau`` agrees with the torque of the file's bodies.
+
+    The recorded value is fitted joint by joint as a multiple of the torque of the file's inertias, with rotor
+    inertia, viscous and Coulomb friction and an offset beside it. Joints are left out whose motion does not show
+    the gain: where the correlation (with the rest projected out) is below 0.85, or the standard error over a
+    fifth. All are left out where the file has no inertias.
+    """
+    agreements = agreement(model, motions)
+    # the jackknife leaves out each block of time in turn, as neighbouring samples are correlated
+    parts = [agreement(model, [_drop_block(motion, k) for motion in motions]) for k in range(JACKKNIFE_BLOCKS)]
+    gain_by_joint = {}
+    for j, joint_agreement in enumerate(agreements):
+        scales = np.array([part[j].scale for part in parts])
+        if (
+            not abs(joint_agreement.correlation) > MIN_SCALE_CORRELATION
+            or not np.isfinite(scales).all()
+            or not scales.all()
+        ):
+            continue
+        gains = 1.0 / scales
+        std = float(np.sqrt((JACKKNIFE_BLOCKS - 1) / JACKKNIFE_BLOCKS * np.sum((gains - gains.mean()) ** 2)))
+        if std < MAX_RELATIVE_STD / abs(joint_agreement.scale):
+            gain_by_joint[joint_agreement.joint] = RelativeGain(1.0 / joint_agreement.scale, std)
+    return gain_by_joint
+
+
+def _drop_block(motion: Motion, block: int) -> Motion:
+    """Return the motion with one block of its time masked out."""
+    blocks = np.floor(JACKKNIFE_BLOCKS * np.arange(len(motion)) / len(motion))
+    return replace(motion, mask=motion.mask & (blocks != block))

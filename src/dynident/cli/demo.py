@@ -1,27 +1,28 @@
-"""``dynident demo``: the whole way with the arm that comes with dynident, and how far from the truth it ends."""
+"""Runs that come with dynident: ``dynident demo``, the arm whose truth is known, and ``reproduce``, the article."""
 
 from __future__ import annotations
 
 import os
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynident.cli.identify import write_result
-from dynident.cli.init import drafted
-from dynident.cli.launcher import command
-from dynident.cli.options import DIRECTORY
-from dynident.cli.terminal import console, status
+from dynident.cli.failures import command
+from dynident.cli.identification import draft_from_files, write_result
+from dynident.cli.options import DIRECTORY, FILE, WorkerOptions, add_worker_options
+from dynident.cli.terminal import console, print_path, status
+from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
-    from dynident.cli.screen import Screen
-    from dynident.demo import Comparison
+    from dynident.apps.article import Reproduction
+    from dynident.apps.demo import Comparison
+    from dynident.cli.terminal import Screen
     from dynident.identification import Identification
 
-__all__ = ["demo"]
-
 LOGS = ("monday.parquet", "tuesday.parquet")
+PRELOADED_MODULES = ("dynident.apps.article.article",)  # by all workers at once
 
 
 @click.command(short_help="Identify the arm that comes with dynident, to see how it goes.")
@@ -32,54 +33,56 @@ def demo(out: Path, files: bool) -> None:
 
     The commands that do this are printed, and the folder is left to try others.
     """
-    from dynident.demo import compare_with_truth, demo_files
-    from dynident.io.opener import keep
+    from dynident.apps.demo import compare_with_truth, demo_files
+    from dynident.files.opener import remember_inputs
 
     screen = console()
     demo_files(out)
     for name in ("arm.urdf", *LOGS):
-        keep(out / name)
+        remember_inputs(out / name)
     screen.say(f"In {out.resolve()}: a robot file, arm.urdf, and two recordings of that arm, which are simulated.")
     if files:
         return
-    _check(screen, out, _init(screen, out))
-    found = _identify(screen, out)
-    _compare(screen, compare_with_truth(found))
-    _command(screen, "Next")
-    for what, how in _next(out):
-        screen.remark(f"{what}:")
-        screen.remark(f"  {how}", whole=True)
+    _check_config(screen, out, _draft_config(screen, out))
+    identification = _run_identify(screen, out)
+    _show_comparison(screen, compare_with_truth(identification))
+    _print_heading(screen, "Next")
+    for title, hint in _next_steps(out):
+        screen.remark(f"{title}:")
+        screen.remark(f"  {hint}", no_wrap=True)
 
 
-def _next(out: Path) -> tuple[tuple[str, str], ...]:
-    """Return what can be done with the folder, and how."""
+def _next_steps(out: Path) -> tuple[tuple[str, str], ...]:
+    """Return what can be done with the folder: titles, and commands or paths."""
     config, result, free = out / "robot.yaml", out / "result", out / "free"
-    more = f"Add the lines of {out / 'controller.yaml'} to {config} for a free simulation in the loop of its controller"
+    loop_hint = (
+        f"Add the lines of {out / 'controller.yaml'} to {config} for a free simulation in the loop of its controller"
+    )
     return (
         ("Look at the report, in a browser", str((result / "report.html").resolve())),
         ("The torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
         ("How accurate any method could be", command("bound", config)),
-        (more, command("identify", config, "--out", free)),
+        (loop_hint, command("identify", config, "--out", free)),
         ("Your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
     )
 
 
-def _command(screen: Screen, text: str) -> None:
+def _print_heading(screen: Screen, text: str) -> None:
     screen.say("")
     screen.say(text, "bold")
 
 
-def _init(screen: Screen, out: Path) -> str:
-    """Draft robot.yaml and return its text; InputError where another one, perhaps edited, is there."""
-    from dynident.errors import InputError
-    from dynident.io.opener import content
-    from dynident.io.results import write_text
+def _draft_config(screen: Screen, out: Path) -> str:
+    """Draft robot.yaml and return its text; raises InputError where another, perhaps edited, one exists."""
+    from dynident.files.opener import content
+    from dynident.files.results import write_text
+    from dynident.runtime import InputError
 
     config = out / "robot.yaml"
     files = [out / name for name in ("arm.urdf", *LOGS)]
-    _command(screen, f"$ {command('init', *files, '-o', config)}")
-    with status() as say:
-        text = drafted(str(out / "arm.urdf"), [str(out / name) for name in LOGS], out, say)[0].text
+    _print_heading(screen, f"$ {command('init', *files, '-o', config)}")
+    with status():
+        text = draft_from_files(str(out / "arm.urdf"), [str(out / name) for name in LOGS], out)[0].text
     if os.path.lexists(config) and content(config, remember=False) != text.encode():
         raise InputError(f"{config}: exists already, and is not the one that is drafted; give another folder by --out.")
     write_text(config, text)
@@ -87,54 +90,148 @@ def _init(screen: Screen, out: Path) -> str:
     return text
 
 
-def _check(screen: Screen, out: Path, text: str) -> None:
-    """Check the draft."""
-    from dynident.errors import Severity
-    from dynident.io.project import parse_project
+def _check_config(screen: Screen, out: Path, text: str) -> None:
+    """Check the drafted configuration and print the findings."""
+    from dynident.project.project import parse_project
     from dynident.report.check import check_summary
     from dynident.report.finding_words import finding_words
+    from dynident.runtime import Severity
 
     config = out / "robot.yaml"
-    _command(screen, f"$ {command('check', config)}")
-    with status() as say:
-        checked = parse_project(text, config).examine(say)
-    screen.say(check_summary(checked))
-    for finding in checked.findings:
+    _print_heading(screen, f"$ {command('check', config)}")
+    with status():
+        check_result = parse_project(text, config).examine()
+    screen.say(check_summary(check_result))
+    for finding in check_result.findings:
         if finding.severity is not Severity.INFO:
             screen.say(finding_words(finding))
 
 
-def _identify(screen: Screen, out: Path) -> Identification:
-    from dynident.export import exports
-    from dynident.io.folder import result_folder
-    from dynident.io.model_files import moved_to
-    from dynident.io.project import read_project
-    from dynident.report.verdict import verdict_text
+def _run_identify(screen: Screen, out: Path) -> Identification:
+    from dynident.files.folder import result_folder
+    from dynident.project.export import exports
+    from dynident.project.export.proof import relocate_exports
+    from dynident.project.project import read_project
+    from dynident.report.identification.report import verdict_text
 
-    _command(screen, f"$ {command('identify', out / 'robot.yaml', '--out', out / 'result')}")
+    _print_heading(screen, f"$ {command('identify', out / 'robot.yaml', '--out', out / 'result')}")
     with result_folder(out / "result") as folder:
-        with status() as say:
-            found = read_project(out / "robot.yaml", say).identify(say)
-            say("writing and verifying the model")
-            written = write_result(folder, found, moved_to(folder.path, exports(found), found.provenance))
-        screen.say(verdict_text(found)[0])
-        for what, path in written:
-            screen.say(f"  {what}: result/{path.name}")
-    return found
+        with status():
+            identification = read_project(out / "robot.yaml").identify()
+            report_progress("writing and verifying the model")
+            written = write_result(
+                folder,
+                identification,
+                relocate_exports(folder.path, exports(identification), identification.provenance),
+            )
+        screen.say(verdict_text(identification)[0])
+        for label, path in written:
+            screen.say(f"  {label}: result/{path.name}")
+    return identification
 
 
-def _compare(screen: Screen, found: Comparison) -> None:
+def _show_comparison(screen: Screen, comparison: Comparison) -> None:
     from dynident.report.page import Column, PageTable, number
 
-    _command(screen, "How far that is from the truth, which only a simulation knows")
+    _print_heading(screen, "How far that is from the truth, which only a simulation knows")
     screen.say(
-        f"On a motion that was never recorded, the model's torque is {number(found.torque_error, 2)} % from the true "
-        f"one; with the inertias of arm.urdf it would be {number(found.file_error, 2)} %, the friction being known."
+        f"On a motion that was never recorded, the model's torque is {number(comparison.torque_error, 2)} % from the "
+        f"true one; with the inertias of arm.urdf it would be {number(comparison.file_error, 2)} %, the friction being "
+        "known."
     )
     screen.say(
-        f"Of the {found.base} base parameters, {found.within} are within 1.96 of their standard errors, where 95 % "
-        "should be."
+        f"Of the {comparison.base} base parameters, {comparison.within} are within 1.96 of their standard errors, "
+        "where 95 % should be."
     )
-    rows = [(one.name, number(one.found, 4), number(one.true, 4), number(one.std, 2), one.unit) for one in found.values]
+    rows = [
+        (value.name, number(value.estimate, 4), number(value.true, 4), number(value.std, 2), value.unit)
+        for value in comparison.values
+    ]
     titles = (Column("", numeric=False), Column("found"), Column("true"), Column("std. error"))
     screen.show(PageTable((*titles, Column("unit", numeric=False)), tuple(rows)))
+
+
+@click.command(short_help="Run the article's study again.")
+@click.option("--scenario", default="tabulated", show_default=True, help="tabulated, stated or weak.")
+@click.option("--runs", default=30, show_default=True, help="Recordings per noise level.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
+@click.option(
+    "--methods", default="raw,filtered,spline", show_default=True,
+    help="Methods, separated by commas; also spline-early (the transient dropped before smoothing), ml (maximum "
+    "likelihood), any kind of smoother, and any kind of estimator, on the article's spline.",
+)  # fmt: skip
+@add_worker_options
+@click.option("--out", type=DIRECTORY, help="Folder for report.html and study.parquet; a study in it is resumed.")
+@click.option("--rerun", is_flag=True, help="Compute all runs anew, also those of an earlier study in the folder.")
+@click.option("--json", "json_file", type=FILE, help="File for the sample means and variances.")
+def reproduce(
+    scenario: str,
+    runs: int,
+    seed: int,
+    methods: str,
+    spread: WorkerOptions,
+    out: Path | None,
+    rerun: bool,
+    json_file: Path | None,
+) -> None:
+    """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
+    from dynident.apps.article import study_page, study_text
+    from dynident.files.folder import result_folder
+    from dynident.files.results import check_json, probe_folder, write_json
+    from dynident.runtime.kernel import kernel
+
+    if json_file:
+        check_json(json_file)
+        probe_folder(json_file.parent)
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    table = out / "study.parquet" if out else None
+    with result_folder(out) if out else nullcontext() as folder:
+        reproduction = _run_study(spread, table, scenario=scenario, runs=runs, seed=seed, methods=names, rerun=rerun)
+        written = folder.replace({"report.html": study_page(reproduction)}) if folder else ()
+    screen = console()
+    screen.print_and_log(study_text(reproduction))
+    screen.remark(f"Computed by {kernel()}.")
+    if json_file:
+        write_json(json_file, reproduction.summary())
+    for path in written:
+        print_path(screen, "Report", path)
+
+
+def _run_study(
+    spread: WorkerOptions, table: Path | None, *, scenario: str, runs: int, rerun: bool, **how: Any
+) -> Reproduction:
+    """Run the study; where it is stopped in any way, add to the error where the finished runs are."""
+    from dynident.apps.article import article
+    from dynident.runtime import InputError, Step
+
+    has_begun = False
+    try:
+        with status(), spread.executor(*PRELOADED_MODULES) as executor:
+
+            def progress(completed: int, total: int) -> None:
+                nonlocal has_begun
+                has_begun = True
+                report_progress(Step(f"{scenario}, {runs} runs", completed, total))
+
+            return article.reproduce(
+                scenario, runs, rerun=rerun, path=table, executor=executor, limits=spread.limits, progress=progress,
+                **how,
+            )  # fmt: skip
+    except KeyboardInterrupt as stop:
+        stop.add_note(_resume_hint(table, rerun))
+        raise
+    except InputError as error:
+        if not has_begun:
+            raise
+        hint = _resume_hint(table, rerun)
+        raise InputError(f"{error} {hint[0].upper()}{hint[1:]}") from error
+
+
+def _resume_hint(table: Path | None, rerun: bool) -> str:
+    from dynident.files.row_store import parts_folder
+
+    if table is None:
+        return "no run is kept; give --out to keep them."
+    place = next((path for path in (table, parts_folder(table)) if path.exists()), None)
+    hint = f"finished runs are kept in {place}" if place else "no run is finished"
+    return f"{hint}; run the same command again to {'begin anew' if rerun else 'go on'}."

@@ -1,4 +1,4 @@
-"""The end of a command that fails: one message and an exit code, whatever went wrong; the traceback on request."""
+"""The end of a command that fails: one message and an exit code in every case; the traceback on request."""
 
 from __future__ import annotations
 
@@ -6,38 +6,114 @@ import errno
 import io
 import os
 import platform
+import shlex
+import shutil
+import signal
+import subprocess
 import sys
+import threading
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn
 
 import click
 
-from dynident import __version__
-from dynident.cli.escapes import one_line, visible
-from dynident.cli.interrupt import interruptible
-from dynident.cli.launcher import launcher
-from dynident.cli.voice import complain, speaking, voice
-from dynident.errors import DynidentError
-from dynident.io.opener import watched
+from dynident._version import __version__
+from dynident.cli.terminal import begin_command_log, command_log, escape_controls, one_line, print_error
+from dynident.files.opener import watch_inputs
+from dynident.runtime import DynidentError
 
-__all__ = ["FAULT", "Commands"]
+SIGNALS = [number for name in ("SIGTERM", "SIGHUP") if (number := getattr(signal, name, None)) is not None]
+COMMAND = "DYNIDENT_COMMAND"  # the environment variable with what the user typed in place of ``dynident``
 
-FAULT = 70  # EX_SOFTWARE of sysexits.h
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-INTERRUPTED = 130  # 128 + SIGINT, as shells have it
-LEAST_ROOM = 2_000_000_000  # bytes of address space; a small project takes 1.2 GB
+UNEXPECTED_EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+FULL_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+INTERRUPTED_EXIT_CODE = 130  # 128 + SIGINT, as shells have it
+MIN_ADDRESS_SPACE = 2_000_000_000  # bytes of address space; a small project takes 1.2 GB
 PROGRAM = "dynident"
+
+
+class StopSignal(KeyboardInterrupt):
+    """A signal other than that of Ctrl-C, which ends a command in the same way: open files are closed first."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn signals to stop, and Ctrl-C, into one line and an exit code."""
+    previous_handlers = {}
+    try:
+        for number in SIGNALS if threading.current_thread() is threading.main_thread() else ():
+            if signal.getsignal(number) is signal.SIG_DFL:  # nohup, or a caller, may have other wishes
+                previous_handlers[number] = signal.signal(number, _raise_stop)
+        yield
+    except KeyboardInterrupt as stop:
+        kept_text = " ".join(
+            getattr(stop, "__notes__", ["each file is as it was or complete; run the same command again."])
+        )
+        print_error(one_line(f"Interrupted: {kept_text}"))
+        raise SystemExit(128 + getattr(stop, "number", signal.SIGINT)) from None
+    finally:
+        for number, handler in previous_handlers.items():
+            signal.signal(number, handler)
+
+
+def _raise_stop(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 -- so are handlers called
+    raise StopSignal(number)
+
+
+def launcher() -> str:
+    """Return the words with which the user started dynident."""
+    if typed := os.environ.get(COMMAND):
+        return typed
+    started = Path(sys.argv[0] if sys.argv else "")
+    if started.name == "__main__.py" and started.parent.name == "dynident":
+        return f"{_program_name(sys.executable)} -m dynident"
+    return _program_name(str(started)) if started.stem == "dynident" else "dynident"
+
+
+def command(*words: object) -> str:
+    """Return a command to paste: the launcher and words, quoted for the shell.
+
+    A ``Path`` is never taken for an option.
+
+    >>> command("check", "my robot.yaml").removeprefix(launcher())
+    " check 'my robot.yaml'"
+    """
+    texts = [
+        f".{os.sep}{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words
+    ]
+    return f"{launcher()} {_quote_words(texts)}"
+
+
+def _program_name(path: str) -> str:
+    """Return the name of a program if the shell finds it by that name, else its path."""
+    name = Path(path).name if os.name != "nt" else Path(path).stem
+    resolved = shutil.which(name)
+    is_on_path = resolved is not None and os.path.realpath(os.path.dirname(resolved)) == os.path.realpath(
+        os.path.dirname(path)
+    )
+    return name if is_on_path else _quote_words([path])
+
+
+def _quote_words(words: list[str]) -> str:
+    return subprocess.list2cmdline(words) if os.name == "nt" else shlex.join(words)
+
+
 PACKAGE = str(Path(__file__).parents[1])
 
 
-class Fault(click.ClickException):
-    """The message for an error that nobody foresaw."""
+class UnexpectedError(click.ClickException):
+    """The message for an unexpected error."""
 
-    exit_code = FAULT
+    exit_code = UNEXPECTED_EXIT_CODE
 
 
 class Commands(click.Group):
@@ -45,40 +121,41 @@ class Commands(click.Group):
 
     def main(self, args: Sequence[str] | None = None, **how: Any) -> Any:  # type: ignore[override]  # its overloads
         """Run, and end the process, as ``click.Command.main``; names in messages are shown as text."""
-        with speaking():
+        with begin_command_log():
             if not how.pop("standalone_mode", True):
                 return super().main(args, standalone_mode=False, **how)
-            return self._alone(args, **how)
+            return self._run_standalone(args, **how)
 
-    def _alone(self, args: Sequence[str] | None, **how: Any) -> NoReturn:
+    def _run_standalone(self, args: Sequence[str] | None, **how: Any) -> NoReturn:
         """Run, and end the process."""
+        # streams may be closed, or lack characters: no output may fail before the command has run
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:  # closed by who started us
                 setattr(sys, name, io.StringIO())
             if isinstance(stream := getattr(sys, name), io.TextIOWrapper):  # not every encoding has every name
                 stream.reconfigure(errors="backslashreplace")
         try:
-            code: object = super().main(args, **(_named() | how), standalone_mode=False)
+            code: object = super().main(args, **(_program_names() | how), standalone_mode=False)
         except click.ClickException as error:
-            _show(error)
+            _show_error(error)
             sys.exit(error.exit_code)
         except click.Abort:
-            complain("Interrupted.")
-            sys.exit(INTERRUPTED)
+            print_error("Interrupted.")
+            sys.exit(INTERRUPTED_EXIT_CODE)
         except OSError as error:  # of --help; all else is in ``invoke``
-            ended = _ended(error)
-            _show(ended)
-            sys.exit(ended.exit_code)
+            click_error = _as_click_error(error)
+            _show_error(click_error)
+            sys.exit(click_error.exit_code)
         sys.exit(code if isinstance(code, int) else 0)
 
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command, whose work asks for room: its help, the version and completion need little."""
+        """Add a command, whose work requires address space: its help, the version and completion need little."""
         if cmd.callback is not None:
-            cmd.callback = _in_room(cmd.callback)
+            cmd.callback = _with_address_space(cmd.callback)
         super().add_command(cmd, name)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse what stands before the command; without any word, print the help."""
+        """Parse the arguments before the command; without any, print the help."""
         if not args and not ctx.resilient_parsing:
             click.echo(ctx.get_help(), err=True)
             ctx.exit(2)
@@ -86,7 +163,7 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what it raises becomes an exception that ``main`` shows."""
-        with interruptible(), watched():
+        with interruptible(), watch_inputs():
             return self._invoke(ctx)
 
     def _invoke(self, ctx: click.Context) -> Any:
@@ -99,30 +176,30 @@ class Commands(click.Group):
             sys.exit(1)
         except BaseException as error:  # such as a panic of a library written in Rust
             if ctx.params.get("debug"):
-                complain(visible("".join(traceback.format_exception(error))))
-            raise _ended(error) from error
+                print_error(escape_controls("".join(traceback.format_exception(error))))
+            raise _as_click_error(error) from error
 
 
-def _in_room(work: Callable[..., Any]) -> Callable[..., Any]:
+def _with_address_space(work: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(work)
-    def run(*given: Any, **named: Any) -> Any:
-        from dynident.kernel import kernel  # what it loads, the help does not need
+    def run(*args: Any, **kwargs: Any) -> Any:
+        from dynident.runtime.kernel import kernel  # what it loads, the help does not need
 
-        _require_room()
-        voice().keep(f"kernel: {kernel()}")  # and a wrong DYNIDENT_KERNEL is said before long work
-        return work(*given, **named)
+        _require_address_space()
+        command_log().keep(f"kernel: {kernel()}")  # and a wrong DYNIDENT_KERNEL is said before long work
+        return work(*args, **kwargs)
 
     return run
 
 
-def _named() -> dict[str, str]:
-    """Return how messages call the program; a shell's completion knows it by its own name."""
+def _program_names() -> dict[str, str]:
+    """Return the name of the program in messages; a shell's completion uses its own name."""
     completed = f"_{PROGRAM.upper()}_COMPLETE"
     return {"prog_name": PROGRAM if completed in os.environ else launcher(), "complete_var": completed}
 
 
-def _require_room() -> None:
-    """Refuse an address space (``ulimit -v``) in which OpenBLAS would try for ever to get its buffers."""
+def _require_address_space() -> None:
+    """Reject an address space (``ulimit -v``) in which OpenBLAS would try for ever to get its buffers."""
     try:
         import resource
     except ImportError:  # Windows has no such limit
@@ -131,18 +208,19 @@ def _require_room() -> None:
     if kind is None:  # nor does OpenBSD
         return
     limit, _ = resource.getrlimit(kind)
-    if limit != resource.RLIM_INFINITY and limit < LEAST_ROOM:
+    if limit != resource.RLIM_INFINITY and limit < MIN_ADDRESS_SPACE:
         raise click.ClickException(
             f"the address space is limited to {limit / 1e9:.2g} GB (`ulimit -v`); dynident and its libraries need "
-            f"{LEAST_ROOM / 1e9:.2g} GB of it. Raise the limit, or bound the reading of files by --memory instead."
+            f"{MIN_ADDRESS_SPACE / 1e9:.2g} GB of it. Raise the limit, or bound the reading of files by --memory "
+            "instead."
         )
 
 
-def _ended(error: BaseException) -> click.ClickException:
-    """Return the message and exit code for an error of a command."""
+def _as_click_error(error: BaseException) -> click.ClickException:
+    """Return the click exception, with message and exit code, for an error of a command."""
     if isinstance(error, DynidentError):
         return click.ClickException(str(error))
-    if isinstance(error, OSError) and error.errno in FULL:  # files that are written say so by themselves
+    if isinstance(error, OSError) and error.errno in FULL_DISK_ERRORS:  # files that are written say so by themselves
         _close_output()
         return click.ClickException(f"the output cannot be written: {error.strerror}.")
     if isinstance(error, MemoryError):
@@ -150,38 +228,38 @@ def _ended(error: BaseException) -> click.ClickException:
         return click.ClickException(
             f"there is not enough memory{reason}; use a shorter `window`, fewer recordings, or `filter: decimate`."
         )
-    return Fault(_fault(error))
+    return UnexpectedError(_unexpected_message(error))
 
 
-def _fault(error: BaseException) -> str:
-    """Return the message for an error that nobody foresaw, in one line."""
-    what = " ".join(f"{type(error).__name__}: {error}".split())[:300].rstrip(": ")
+def _unexpected_message(error: BaseException) -> str:
+    """Return the message for an unexpected error, in one line."""
+    description = " ".join(f"{type(error).__name__}: {error}".split())[:300].rstrip(": ")
     command = " ".join(["dynident", *map(repr, sys.argv[1:])])
     return (
-        f"dynident failed with {what}{_place(error)}. This is a fault of dynident, not of your input. Please report "
-        f"this line with the input, and what `dynident --debug ...` prints: dynident {__version__}, "
+        f"dynident failed with {description}{_error_location(error)}. This is a fault of dynident, not of your input. "
+        f"Please report this line with the input, and what `dynident --debug ...` prints: dynident {__version__}, "
         f"Python {platform.python_version()}, {platform.system()} {platform.machine()}; {command}"
     )
 
 
-def _place(error: BaseException) -> str:
-    """Return the last line of dynident that the error went through."""
-    frames = [one for one in traceback.extract_tb(error.__traceback__) if one.filename.startswith(PACKAGE)]
+def _error_location(error: BaseException) -> str:
+    """Return the last line of dynident that the error passed through."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.startswith(PACKAGE)]
     return f" at {os.path.relpath(frames[-1].filename, PACKAGE)}:{frames[-1].lineno}" if frames else ""
 
 
-def _show(error: click.ClickException) -> None:
+def _show_error(error: click.ClickException) -> None:
     """Print the message of an error, with the usage where an option or argument is wrong."""
     text = one_line(error.format_message())
     if isinstance(error, click.UsageError):
         click.UsageError(text, error.ctx).show()
-        voice().keep(f"Error: {text}")
+        command_log().keep(f"Error: {text}")
     else:
-        complain(f"Error: {text}")
+        print_error(f"Error: {text}")
 
 
 def _close_output() -> None:
-    """Send what is still to be printed to nowhere; Python would fail when it ends."""
+    """Redirect the remaining output to nowhere; otherwise Python would fail when it ends."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     with suppress(OSError, ValueError):  # a stream without a file
         os.dup2(nowhere, sys.stdout.fileno())

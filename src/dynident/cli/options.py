@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+import platform
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
+from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from dynident.cli.voice import voice
-from dynident.io.opener import keep, set_memory
+from dynident._version import __version__
+from dynident.cli.terminal import command_log
+from dynident.files.opener import remember_inputs, set_memory
+from dynident.runtime.kernel import kernel
 
-__all__ = [
-    "ALLOW_CODE",
-    "CONFIG",
-    "DESIGNED",
-    "DIRECTORY",
-    "FILE",
-    "LOG",
-    "LOGS",
-    "RESULT",
-    "ROBOT",
-    "ROBOTS",
-    "Range",
-    "common",
-    "noise_given",
-]
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from dynident.runtime.jobs import Limits
 
 CONFIGS = (".yaml", ".yml")
 ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
@@ -36,10 +33,20 @@ LOGS = (
     ".csv", ".txt", ".tsv", ".dat", ".log", ".parquet", ".npz", ".npy", ".mat", ".h5", ".hdf5", ".bag", ".db3", ".mcap",
 )  # fmt: skip
 Decorated = TypeVar("Decorated", bound=Callable[..., Any] | click.Command)
+ALLOW_CODE = click.option(
+    "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
+)
+
+_LOG_HELP = "File to which all that is said is added, with the time, the version and the command line."
+
+PACKAGES = ("numpy", "scipy", "polars", "click")
 
 
-class _Path(click.Path):
-    """A path without ``..``: what is written into a/../b would make a, too. ``kinds`` are the suffixes to complete."""
+class _FilePath(click.Path):
+    """A path without ``..``, as what is written into a/../b would create a, too.
+
+    ``kinds`` are the suffixes to complete.
+    """
 
     def __init__(self, kinds: tuple[str, ...] = (), **how: Any) -> None:
         super().__init__(path_type=Path, **how)
@@ -52,21 +59,21 @@ class _Path(click.Path):
         return path.resolve() if ".." in path.parts else path
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        return complete(incomplete, self.kinds) or super().shell_complete(ctx, param, incomplete)
+        return complete_path(incomplete, self.kinds) or super().shell_complete(ctx, param, incomplete)
 
 
-class Range(click.FloatRange):
-    """A range of numbers, in which "nan" is not: it is neither below nor above any limit."""
+class FiniteRange(click.FloatRange):
+    """A range of finite numbers; "nan" would be neither below nor above any limit."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number; a click.BadParameter, as for one out of the range, where it is not finite."""
+        """Return the number; raises click.BadParameter, as for one out of the range, where it is not finite."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is no finite number.", param, ctx)
         return number
 
 
-class _Name(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions
+class _FileNameText(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions
     """A text that usually names a file, such as a log or several joined by a plus sign."""
 
     name = "text"
@@ -78,35 +85,35 @@ class _Name(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic
         return str(value)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        return complete(incomplete, self.kinds) or [CompletionItem(incomplete, type="file")]
+        return complete_path(incomplete, self.kinds) or [CompletionItem(incomplete, type="file")]
 
 
-def complete(incomplete: str, kinds: tuple[str, ...]) -> list[CompletionItem]:
-    """Return the files of these kinds whose name begins so, and folders; nothing where the shell should list all."""
+def complete_path(incomplete: str, kinds: tuple[str, ...]) -> list[CompletionItem]:
+    """Return the files of these kinds whose name begins with ``incomplete``, and folders.
+
+    Empty where the shell should list all.
+    """
     folder, start = os.path.split(incomplete)
     try:
-        inside = sorted(os.scandir(os.path.expanduser(folder) or "."), key=lambda one: one.name)
+        entries = sorted(os.scandir(os.path.expanduser(folder) or "."), key=lambda entry: entry.name)
     except OSError:
         return []
-    inside = [one for one in inside if one.name.startswith(start) and (start or not one.name.startswith("."))]
-    files = [one.name for one in inside if one.is_file() and one.name.lower().endswith(kinds)] if kinds else []
-    folders = [f"{one.name}/" for one in inside if one.is_dir()] if files else []
+    entries = [entry for entry in entries if entry.name.startswith(start) and (start or not entry.name.startswith("."))]
+    files = [entry.name for entry in entries if entry.is_file() and entry.name.lower().endswith(kinds)] if kinds else []
+    folders = [f"{entry.name}/" for entry in entries if entry.is_dir()] if files else []
     if not files:  # the shell completes folders better: it adds no space
-        return [CompletionItem(incomplete, type="dir")] if kinds and any(one.is_dir() for one in inside) else []
+        return [CompletionItem(incomplete, type="dir")] if kinds and any(entry.is_dir() for entry in entries) else []
     return [CompletionItem(os.path.join(folder, name)) for name in (*files, *folders)]
 
 
-DIRECTORY = _Path(file_okay=False)
-FILE = _Path(dir_okay=False)
-LOG = _Path(LOGS)  # a ROS 2 bag is a folder
-CONFIG = _Path(CONFIGS, dir_okay=False)
-CHECKED = _Path((*CONFIGS, *ROBOTS), dir_okay=False)
-DESIGNED = _Path((*CONFIGS, *ROBOTS, ".json"), dir_okay=False)
-RESULT = _Path((".json",), dir_okay=False)
-ROBOT, LOG_NAME = _Name(ROBOTS), _Name(LOGS)
-ALLOW_CODE = click.option(
-    "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
-)
+DIRECTORY = _FilePath(file_okay=False)
+FILE = _FilePath(dir_okay=False)
+LOG = _FilePath(LOGS)  # a ROS 2 bag is a folder
+CONFIG = _FilePath(CONFIGS, dir_okay=False)
+CHECKED = _FilePath((*CONFIGS, *ROBOTS), dir_okay=False)
+DESIGNED = _FilePath((*CONFIGS, *ROBOTS, ".json"), dir_okay=False)
+RESULT = _FilePath((".json",), dir_okay=False)
+ROBOT, LOG_NAME = _FileNameText(ROBOTS), _FileNameText(LOGS)
 
 
 def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None) -> None:  # noqa: ARG001
@@ -114,28 +121,28 @@ def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None
 
 
 _MEMORY = click.option(
-    "--memory", type=Range(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
+    "--memory", type=FiniteRange(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
     help="Most memory that reading one file may take (GB); else DYNIDENT_MEMORY, else 4.",
 )  # fmt: skip
 
 
 def _set_verbose(ctx: click.Context, option: click.Parameter, value: bool) -> None:  # noqa: ARG001
-    voice().verbose |= value
+    command_log().verbose |= value
 
 
 def _set_quiet(ctx: click.Context, option: click.Parameter, value: bool) -> None:  # noqa: ARG001
-    voice().quiet |= value
+    command_log().quiet |= value
 
 
 def _set_log(ctx: click.Context, option: click.Parameter, value: Path | None) -> None:  # noqa: ARG001
-    voice().path = value or voice().path
+    command_log().path = value or command_log().path
 
 
 def _open_log(ctx: click.Context, option: click.Parameter, value: Path | None) -> None:
     _set_log(ctx, option, value)
-    if not ctx.resilient_parsing and (path := voice().path):
-        voice().open()
-        keep(path)
+    if not ctx.resilient_parsing and (path := command_log().path):
+        command_log().open()
+        remember_inputs(path)
 
 
 _VERBOSE = click.option(
@@ -146,24 +153,23 @@ _QUIET = click.option(
     "-q", "--quiet", is_flag=True, expose_value=False, callback=_set_quiet,
     help="Print only results, what was written, and errors: no notes, warnings, next steps or progress.",
 )  # fmt: skip
-_LOG_HELP = "File to which all that is said is added, with the time, the version and the command line."
 
 
-def said(group: Decorated) -> Decorated:
-    """Add the options on what is said to the group, where they stand before a command's name."""
+def add_output_options(group: Decorated) -> Decorated:
+    """Add the options on output to the group, where they come before the name of a command."""
     log = click.option("--log-file", type=FILE, expose_value=False, callback=_set_log, help=_LOG_HELP)
     return _VERBOSE(_QUIET(log(group)))
 
 
-def common(command: Decorated) -> Decorated:
+def add_common_options(command: Decorated) -> Decorated:
     """Add the options that every command has."""
     log = click.option("--log-file", type=FILE, expose_value=False, callback=_open_log, help=_LOG_HELP)
     return log(_QUIET(_VERBOSE(_MEMORY(command))))
 
 
-def noise_given(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
+def parse_noise(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
     """Return the value of an option: one number, numbers by joint, or None."""
-    from dynident.errors import ConfigError
+    from dynident.runtime import ConfigError
 
     by_joint: dict[str, float] = {}
     for word in words:
@@ -177,3 +183,110 @@ def noise_given(option: str, words: tuple[str, ...]) -> dict[str, float] | float
     if len(words) > 1:
         raise ConfigError(f"{option} is given {len(words)} times; give one number for all, or one joint=number each.")
     return by_joint[""]
+
+
+POSITIVE = FiniteRange(0, min_open=True)
+
+
+@dataclass(frozen=True)
+class WorkerOptions:
+    """Where the work of a command runs, and the limits of one job of it: ``seconds``, and ``memory`` (GB)."""
+
+    workers: int
+    cluster: str | None = None
+    seconds: float | None = None
+    memory: float | None = None
+
+    @property
+    def limits(self) -> Limits:
+        """The limits of one job."""
+        from dynident.runtime.jobs import Limits
+
+        return Limits(self.seconds, self.memory)
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether this process does the work itself: there is one worker, and no limit that would have to end it."""
+        return self.cluster is None and self.workers == 1 and self.seconds is None and self.memory is None
+
+    @contextmanager
+    def executor(self, *preload: str) -> Iterator[Executor | None]:
+        """Yield the executor, None where this process does the work itself; ``preload`` are modules that workers
+        import.
+
+        Raises InputError where the cluster cannot be used.
+        """
+        if self.is_serial:
+            yield None
+            return
+        if self.cluster is None:
+            from dynident.runtime.jobs import local_workers
+
+            workers = local_workers(self.workers, preload)
+        else:
+            from dynident.runtime.jobs.cluster import cluster_workers
+
+            workers = cluster_workers(self.cluster, preload)
+        with workers as executor:
+            yield executor
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def add_worker_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add ``--workers``, ``--cluster``, ``--time-limit`` and ``--worker-memory``, passed together as ``spread``."""
+
+    @click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one for each core]")
+    @click.option(
+        "--cluster", metavar="ADDRESS", help="Work on the cluster of this Dask scheduler, such as tcp://HOST:8786."
+    )
+    @click.option("--time-limit", type=POSITIVE, metavar="S", help="Most seconds that one job may take.")
+    @click.option("--worker-memory", type=POSITIVE, metavar="GB", help="Most memory that one worker may take (GB).")
+    @wraps(command)
+    def spread_command(
+        workers: int | None, cluster: str | None, time_limit: float | None, worker_memory: float | None, **options: Any
+    ) -> Any:
+        if workers is not None and cluster is not None:
+            raise click.UsageError("--workers are processes of this machine, --cluster has its own; give one of them.")
+        return command(
+            spread=WorkerOptions(workers or available_cores(), cluster, time_limit, worker_memory), **options
+        )
+
+    return spread_command
+
+
+def version_text() -> str:
+    """Return the versions of dynident, Python and the libraries that results depend on most, and what computes.
+
+    Raises ConfigError, as ``kernel``.
+    """
+    dynident_version = f"dynident {__version__}" + (f", commit {revision}" if (revision := commit()) else "")
+    python = f"{platform.python_implementation()} {platform.python_version()}, {platform.platform()}"
+    packages = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    return "\n".join((dynident_version, python, packages, f"kernel: {kernel()}"))
+
+
+def commit() -> str | None:
+    """Return the commit of the clone from which dynident runs, or was built (`hatch_build.py`), with "-dirty" where
+    files differed from it; None where it is not known.
+    """
+    root, built = Path(__file__).parents[3], Path(__file__).parents[1] / "commit.txt"
+    if built.is_file():
+        return built.read_text().strip()
+    if not (root / ".git").exists() or not (root / "src" / "dynident").is_dir():
+        return None
+    arguments = ["git", "-C", str(root), "describe", "--always", "--dirty", "--exclude=*"]
+    try:
+        return subprocess.run(arguments, capture_output=True, text=True, timeout=5, check=True).stdout.strip()  # noqa: S603
+    except (OSError, subprocess.SubprocessError):  # there is no git, or it does not trust the folder
+        return None
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "not installed"

@@ -1,61 +1,90 @@
-"""Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their protocol."""
+"""Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their base class."""
 
-from dynident.estimators.augmented_kalman.fit import AugmentedKalman
+from dynident.estimators.augmented_kalman import AugmentedKalman
+from dynident.estimators.barrier import Barrier, PenalisedQuadratic
 from dynident.estimators.estimator import (
     Consistency,
-    Determined,
+    DataRank,
     Estimate,
     Estimator,
-    NamesParameters,
-    NeedsSamples,
     Pieces,
     Problem,
     Provenance,
     Residual,
-    among,
-    needs_samples,
-    quick,
 )
-from dynident.estimators.generalised_least_squares import GeneralisedLeastSquares
+from dynident.estimators.generalised_least_squares import GeneralisedLeastSquares, WeightedLeastSquares
 from dynident.estimators.instrumental_variables import InstrumentalVariables
-from dynident.estimators.least_squares import LeastSquares
-from dynident.estimators.linear import IsLinear, LinearFit, estimate_of, of_information
-from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
+from dynident.estimators.least_squares import (
+    LeastSquares,
+    LinearEstimator,
+    LinearFit,
+    estimate_of,
+    fit_from_information,
+)
 from dynident.estimators.output_error import Didim, OutputError
-from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
+from dynident.estimators.physical_constraints import (
+    NONNEGATIVE_ROLES,
+    BodyConstraint,
+    Bounds,
+    Constraints,
+    Corners,
+    Limit,
+    PsdConstraint,
+    bodies_of,
+    centre_of_mass_limit,
+    estimate_sizes,
+    interval_limit,
+    mass_constraints,
+    parameter_scales,
+    physical_constraints,
+    sign_limits,
+    total_mass_limit,
+)
+from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.estimators.ridge import Ridge
-from dynident.estimators.robust import RobustLeastSquares
+from dynident.estimators.robust_least_squares import RobustLeastSquares
 from dynident.estimators.total_least_squares import TotalLeastSquares
-from dynident.estimators.weighted_least_squares import WeightedLeastSquares
 
 __all__ = [
+    "NONNEGATIVE_ROLES",
     "AugmentedKalman",
+    "Barrier",
+    "BodyConstraint",
+    "Bounds",
     "Consistency",
-    "Determined",
+    "Constraints",
+    "Corners",
+    "DataRank",
     "Didim",
     "Estimate",
     "Estimator",
     "GeneralisedLeastSquares",
     "InstrumentalVariables",
-    "IsLinear",
     "LeastSquares",
+    "Limit",
+    "LinearEstimator",
     "LinearFit",
-    "MaximumLikelihood",
-    "NamesParameters",
-    "NeedsSamples",
     "OutputError",
+    "PenalisedQuadratic",
     "PhysicallyConsistent",
     "Pieces",
     "Problem",
     "Provenance",
+    "PsdConstraint",
     "Residual",
     "Ridge",
     "RobustLeastSquares",
     "TotalLeastSquares",
     "WeightedLeastSquares",
-    "among",
+    "bodies_of",
+    "centre_of_mass_limit",
     "estimate_of",
-    "needs_samples",
-    "of_information",
-    "quick",
+    "estimate_sizes",
+    "fit_from_information",
+    "interval_limit",
+    "mass_constraints",
+    "parameter_scales",
+    "physical_constraints",
+    "sign_limits",
+    "total_mass_limit",
 ]

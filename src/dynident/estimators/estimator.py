@@ -1,35 +1,21 @@
-"""The protocol of an estimator: Problem -> Estimate."""
+"""What an estimator takes, gives and is: Problem -> Estimate."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Note, brief, listed
 from dynident.estimators.notes import Unsettled
-from dynident.log import Log, Motion
 from dynident.models import Model, Parameter
+from dynident.motion.log import Log, Motion
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
-
-__all__ = [
-    "Consistency",
-    "Determined",
-    "Estimate",
-    "Estimator",
-    "HasQuick",
-    "NeedsSamples",
-    "Problem",
-    "Provenance",
-    "Residual",
-    "needs_samples",
-    "quick",
-]
+from dynident.runtime import Note, brief, join_names
 
 Array = NDArray[np.float64]
 
@@ -49,7 +35,6 @@ class Problem:
 
     ``logs`` may be empty: the positions of the motions are then used as the measured ones. The positions of the logs
     are stamped ``time_offset`` (s) later than the torque; the motions are corrected for it, the logs are not.
-    ``progress`` is called with each `Step` of long work.
     """
 
     model: Model
@@ -57,16 +42,16 @@ class Problem:
     regression: Regression
     logs: tuple[Log, ...] = ()
     time_offset: float = 0.0
-    progress: Callable[[str], None] = field(default=lambda _: None, repr=False)
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
-class Determined:
-    """What the data determine: the ``rank``, and the ``condition`` of the column-scaled regressor.
+class DataRank:
+    """How much the data determine: the ``rank``, and the ``condition`` of the column-scaled regressor.
 
-    ``directions`` are those of the parameters of which the rank is the number, where the estimator says them.
+    ``directions`` are the determined directions of the parameters, as many as the rank, where the estimator gives
+    them.
     """
 
     rank: int
@@ -78,10 +63,11 @@ class Determined:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """What a fit in pieces leaves of the torque, in each of K pieces of long recordings: is it the same all the time?
+    """The residual torque in each of K pieces of long recordings, to see whether a fit is equally good all the time.
 
-    ``recording`` (K) names it; ``begins`` and ``ends`` (K) in s; ``rows`` (K, n) is how many torques of each joint were
-    fitted, ``torque`` and ``residual`` (K, n) their rms (N m or N), zero where there are none.
+    ``recording`` (K) names the recording, ``begins`` and ``ends`` (K) are in s; ``rows`` (K, n) is how many
+    torques of each joint were fitted, ``torque`` and ``residual`` (K, n) are their rms values (N m or N), zero
+    where there are none.
     """
 
     recording: tuple[str, ...]
@@ -96,20 +82,20 @@ class Pieces:
     @property
     def relative_error(self) -> Array:
         """The residual (n) of all pieces relative to the torque, in %; nan where a joint has no torque."""
-        left, whole = (np.sqrt((self.rows * one**2).sum(axis=0)) for one in (self.residual, self.torque))
-        return np.asarray(100.0 * np.divide(left, whole, out=np.full_like(whole, np.nan), where=whole > 0))
+        residual, torque = (np.sqrt((self.rows * rms**2).sum(axis=0)) for rms in (self.residual, self.torque))
+        return np.asarray(100.0 * np.divide(residual, torque, out=np.full_like(torque, np.nan), where=torque > 0))
 
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """What the fit leaves of the torque: standard deviation ``sigma`` (n) of each joint (N m or N), of ``samples``.
+    """The residual torque of a fit: standard deviation ``sigma`` (n) of each joint (N m or N), of ``samples``.
 
-    How rows were weighted: ``weights`` (n) are what each joint's rows were multiplied with, None where all count the
-    same; ``sample_weights`` holds for each motion of the regression what its rows (N, n) were multiplied with besides,
-    empty where all count the same, and ``slopes`` (N, n) the derivative of w^2 e by the residual e where the weights w
-    depend on it (empty: w^2); ``whitening`` is what the rows of all joints went through before that, None where it is
-    nothing. ``pieces`` is what is left in each piece of recordings that were fitted in pieces. Where it is
-    ``correlated``, the errors of the estimate allow for its correlation in time.
+    The weighting of the rows: ``weights`` (n) multiplied the rows of each joint, None where all count the same;
+    ``sample_weights`` multiplied the rows (N, n) of each motion in addition, empty where all count the same;
+    ``slopes`` (N, n) are the derivatives of w^2 e by the residual e where the weights w depend on it (empty:
+    w^2); ``whitening`` was applied to the rows of all joints before, None for none. ``pieces`` are the residuals
+    piece by piece, of recordings that were fitted in pieces. Where the residual is ``correlated``, the errors of
+    the estimate account for its correlation in time.
     """
 
     sigma: Array
@@ -123,26 +109,32 @@ class Residual:
 
     __repr__ = brief
 
-    def weighted(self, plain: Regression) -> Regression:
-        """Return a regression of these motions whose rows are whitened and weighted by sample as those of the fit."""
+    def weight_rows(self, regression: Regression) -> Regression:
+        """Return a regression of these motions, with the whitening and the sample weights of the fit."""
         if not self.sample_weights and self.whitening is None:
-            return plain
-        return replace(plain, weights=self.sample_weights, whitening=self.whitening)
+            return regression
+        return replace(regression, weights=self.sample_weights, whitening=self.whitening)
 
-    def responding(self, weighted: Regression) -> Regression:
-        """Return a regression whose rows are those of the fit, weighted by how much it follows them: by the slopes."""
-        return replace(weighted, weights=tuple(np.sqrt(one) for one in self.slopes)) if self.slopes else weighted
+    def weight_by_slopes(self, regression: Regression) -> Regression:
+        """Return a regression whose rows are weighted by the slopes, which tell how strongly the fit responds to
+        them."""
+        return (
+            replace(regression, weights=tuple(np.sqrt(slope) for slope in self.slopes)) if self.slopes else regression
+        )
 
     def row_deviation(self, triangular: TriangularFactors, value: Array) -> Array:
-        """Return the deviation (n) of what ``value`` leaves of the rows of the fit, where that is not ``sigma``: where
-        they were whitened (about one), or weighted by sample. With ``slopes``, ``sigma`` is the one that counts."""
+        """Return the standard deviation (n) of the weighted rows at ``value``.
+
+        It differs from ``sigma`` where the rows were whitened (about one) or weighted by sample; with ``slopes``,
+        ``sigma`` is the deviation that counts.
+        """
         if self.slopes or not (self.sample_weights or self.whitening):
             return self.sigma
         return np.asarray(np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)))
 
     @property
     def joint_weights(self) -> Array | None:
-        """The weights (n) of the joints for a fit without whitening: where there was some, one over ``sigma``."""
+        """The weights (n) of the joints for a fit without whitening: where there was whitening, one over ``sigma``."""
         if self.whitening is None:
             return self.weights
         return 1.0 / np.maximum(self.sigma, 1e-7 * (self.sigma.max(initial=0.0) or 1.0))
@@ -150,11 +142,13 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class Consistency:
-    """How an estimate stands to physics: ``eigenvalues`` is the smallest one of each body's pseudo-inertia, relative
-    to the body's usual mass (kg) and length (m); ``costs`` is what each family of constraints alone, and "all" of them,
-    add to the weighted relative error of the training data (percentage points of the torque); ``unconstrained`` (p) is
-    a solution of the same fit without constraints, None where it has none. What constraints move a value by may be its
-    error, and counts as such in the covariance.
+    """How an estimate agrees with physics.
+
+    ``eigenvalues`` is the smallest eigenvalue of each body's pseudo-inertia, relative to the body's typical mass
+    (kg) and length (m); ``costs`` is what each family of constraints alone, and "all" of them, add to the
+    weighted relative error of the training data (percentage points of the torque); ``unconstrained`` (p) is a
+    solution of the same fit without constraints, None where it has none. A change of a value by the constraints
+    may be its error, and counts as such in the covariance.
     """
 
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
@@ -168,18 +162,20 @@ class Consistency:
 class Estimate:
     """Parameters with their uncertainty.
 
-    ``value`` (p) of the model's ``parameters``, in their units; ``covariance`` (p, p), infinite variance where the data
-    do not determine a parameter; ``notes`` say what was not as it should be, none where all is well.
+    ``value`` (p) of the model's ``parameters``, in their units; ``covariance`` (p, p), with infinite variance
+    where the data do not determine a parameter; ``notes`` tell what was not as it should be, none where all is
+    well.
 
-    Where the estimator can tell: ``provenance`` (p) says what each parameter was determined by (else empty);
-    ``consistency`` how it stands to physics; ``interval`` (p, 2) are the ends of 95 % intervals that need not be
-    symmetric; ``information`` (p, p) is Fisher's of all, where the errors of the motion count, too.
+    Where the estimator can tell: ``provenance`` (p) is what determines each parameter (else empty);
+    ``consistency`` is the agreement with physics; ``interval`` (p, 2) are the ends of 95 % intervals that need
+    not be symmetric; ``information`` (p, p) is the Fisher information of all data, where the errors of the motion
+    count, too.
     """
 
     parameters: tuple[Parameter, ...]
     value: Array
     covariance: Array
-    determined: Determined
+    determined: DataRank
     residual: Residual
     notes: tuple[Note, ...] = ()
     provenance: tuple[Provenance, ...] = ()
@@ -189,8 +185,10 @@ class Estimate:
 
     def __repr__(self) -> str:
         rows = zip(self.parameters, self.value, self.std, strict=True)
-        few = listed((f"{one.name} = {value:.4g} +- {std:.2g} {one.unit}" for one, value, std in rows), 3)
-        return f"<Estimate of {len(self.value)} parameters, rank {self.determined.rank}: {few}>"
+        summary = join_names(
+            (f"{parameter.name} = {value:.4g} +- {std:.2g} {parameter.unit}" for parameter, value, std in rows), 3
+        )
+        return f"<Estimate of {len(self.value)} parameters, rank {self.determined.rank}: {summary}>"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -214,64 +212,44 @@ class Estimate:
 
     @property
     def needs_samples(self) -> bool:
-        """Whether triangular factors alone do not give it: samples had weights, or errors of the motion count, or rows
-        were whitened."""
+        """Whether the estimate needs the samples, and not only triangular factors.
+
+        It does where samples had weights, rows were whitened, or errors of the motion count.
+        """
         residual = self.residual
         return self.information is not None or bool(residual.sample_weights) or residual.whitening is not None
 
     @property
-    def shown(self) -> Rank | None:
-        """What the motion shows by rows that are not whitened, where those of the fit are."""
+    def unwhitened_rank(self) -> Rank | None:
+        """The rank of the rows before whitening, where those of the fit are whitened; else None."""
         directions = self.determined.directions
         return None if self.residual.whitening is None or directions is None else directions.unweighted or directions
 
 
-class Estimator(Protocol):
-    """A frozen dataclass of settings; calling it with the data gives the estimate."""
+class Estimator(ABC):
+    """Base of the estimators: a frozen dataclass of settings, which maps a problem to an estimate.
 
+    All but the call has a default, which an estimator overrides where it differs.
+    """
+
+    @abstractmethod
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate the parameters of the problem's model."""
 
-
-@runtime_checkable
-class HasQuick(Protocol):
-    """An estimator with a fast substitute for searches over many trial values, such as that of the time offset."""
-
     def quick(self) -> Estimator:
-        """Return an estimator that minimises a similar error, as fast as least squares."""
-
-
-@runtime_checkable
-class NeedsSamples(Protocol):
-    """An estimator that may need the samples of the motions, and not only the triangular factors of their rows."""
+        """Return an estimator that minimises a similar error as fast as least squares, for searches: here itself."""
+        return self
 
     @property
     def needs_samples(self) -> bool:
-        """Whether it does."""
-
-
-@runtime_checkable
-class NamesParameters(Protocol):
-    """An estimator whose settings name parameters."""
+        """Whether the samples of the motions are needed, and not only the triangular factors of their rows."""
+        return False
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The parameters that are named."""
+        """The parameters that the settings name."""
+        return ()
 
-    def among(self, names: Collection[str]) -> Estimator:
-        """Return the estimator without what it says of other parameters than these."""
-
-
-def among(estimator: Estimator, names: Collection[str]) -> Estimator:
-    """Return an estimator without what its settings say of other parameters than these."""
-    return estimator.among(names) if isinstance(estimator, NamesParameters) else estimator
-
-
-def needs_samples(estimator: Estimator) -> bool:
-    """Return whether an estimator needs more of the samples than the triangular factors of their rows."""
-    return isinstance(estimator, NeedsSamples) and estimator.needs_samples
-
-
-def quick(estimator: Estimator) -> Estimator:
-    """Return the fast substitute of an estimator for searches, or itself where it has none."""
-    return estimator.quick() if isinstance(estimator, HasQuick) else estimator
+    def among(self, names: Collection[str]) -> Estimator:  # noqa: ARG002
+        """Return the estimator without its settings for parameters other than ``names``."""
+        return self

@@ -1,7 +1,11 @@
-"""Ordinary least squares, eq. (11), from a triangular factor, with its covariance and rank."""
+"""Ordinary least squares, eq. (11), from a triangular factor; what all estimators share that are linear.
+
+A ``LinearEstimator`` reduces its rows to a ``LinearFit``, of which ``estimate_of`` makes the estimate.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, get_args
@@ -10,18 +14,170 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, changed, choices
-from dynident.estimators.estimator import Estimate, Problem
-from dynident.estimators.linear import LinearFit, estimate_of, solve
+from dynident.estimators.estimator import DataRank, Estimate, Estimator, Problem, Residual
+from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
-from dynident.regression import Rank, TriangularFactors, rank_of
-
-__all__ = ["LeastSquares", "Weights", "check_weights", "joint_weights", "weighted"]
+from dynident.regression import Rank, TriangularFactors, Whitening, rank_of
+from dynident.runtime import ConfigError, Note, brief, choices, settings_repr
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
-MOST = 1000  # iterations
-COARSEST = 0.01  # tolerance of a rank: with more, columns that the data show are given up
+MAX_ITERATIONS = 1000  # iterations
+MAX_RANK_TOLERANCE = 0.01  # tolerance of a rank: with more, columns that the data show are given up
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquaresSolution:
+    """A least-squares solution: ``value`` (p) (of least norm in scaled columns where the rank is deficient).
+
+    ``rss`` is the sum of squared residuals, ``directions`` the rank with the directions that it determines.
+    """
+
+    value: Array
+    rss: float
+    directions: Rank
+
+    __repr__ = brief
+
+    @property
+    def rank(self) -> int:
+        """Number of directions that the data determine."""
+        return self.directions.rank
+
+    @property
+    def inverse(self) -> Array:
+        """(X' X)^-1 on the determined directions (p, p)."""
+        return self.directions.inverse
+
+    @property
+    def condition(self) -> float:
+        """Ratio of the largest to the smallest singular value of the scaled columns."""
+        return self.directions.condition
+
+    @property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """Groups of parameters of which only combinations are identifiable, by index."""
+        return self.directions.groups
+
+
+def solve_least_squares(factor: Array, rank: Rank | None = None) -> LeastSquaresSolution:
+    """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y], on the directions that ``rank`` determines.
+
+    ``rank`` is that of the factor, by default the numerical one. ``condition`` is the ratio of the largest to the
+    smallest of all singular values of the scaled columns (inf where one is zero).
+    """
+    rank = rank or rank_of(factor)
+    p, r = len(factor) - 1, rank.rank
+    R, y = factor[:p, :p] / rank.scale, factor[:p, p]
+    vectors = rank.vectors[:, :r]
+    # the truncated solution has the least norm in scaled columns
+    value = np.linalg.solve(R, y) if r == p else vectors @ ((rank.left_vectors[:, :r].T @ y) / rank.values[:r])
+    residual_square = float(np.sum((y - R @ value) ** 2)) + float(factor[p, p] ** 2)
+    return LeastSquaresSolution(value / rank.scale, residual_square, rank)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Weighted rows [X | y] of a problem, reduced to the triangular ``factor`` (p + 1, p + 1) of ``total`` rows.
+
+    ``directions`` are the directions of the parameters that they determine. The weighting is described as in
+    ``Residual``: ``weights`` (n), ``sample_weights`` (N, n) of each motion with their ``slopes``, and
+    ``whitening``. Where errors of the motion count in the fit, ``information`` (p, p) includes them; with
+    residuals that are ``correlated`` it accounts for that. ``sigma`` (n) is the standard deviation of each
+    joint's residual where that is not its rms. Where a prior was added, ``plain`` is the fit without it: the
+    shift by the prior may be an error. ``notes`` tell what was not as it should be.
+    """
+
+    factor: Array
+    directions: Rank
+    total: int
+    weights: Array | None = None
+    sample_weights: tuple[Array, ...] = ()
+    slopes: tuple[Array, ...] = ()
+    information: Array | None = None
+    notes: tuple[Note, ...] = ()
+    whitening: Whitening | None = None
+    sigma: Array | None = None
+    correlated: bool = False
+    plain: LinearFit | None = None
+
+    __repr__ = brief
+
+    @property
+    def solution(self) -> LeastSquaresSolution:
+        """The solution without constraints."""
+        return solve_least_squares(self.factor, self.directions)
+
+    @property
+    def variance(self) -> float:
+        """The variance of the weighted residual."""
+        return self.solution.rss / max(self.total - self.directions.rank, 1)
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance (p, p) of the solution without constraints and without a prior."""
+        return self.directions.covariance(self.variance) if self.plain is None else self.plain.covariance
+
+    def residual(self, problem: Problem, value: Array) -> Residual:
+        """Return the residual of a problem at ``value`` (p)."""
+        triangular = problem.regression.triangular_factors
+        rms = np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1))
+        weighting = self.weights, self.sample_weights, self.slopes
+        sigma = rms if self.sigma is None else self.sigma
+        return Residual(sigma, triangular.samples, *weighting, whitening=self.whitening, correlated=self.correlated)
+
+
+class LinearEstimator(Estimator):
+    """Base of the estimators that are linear in the parameters: constraints can be put on their rows."""
+
+    @abstractmethod
+    def reduced(self, problem: Problem) -> LinearFit:
+        """Return the reduced rows of the problem."""
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate without constraints; for a deficient rank a note names the parameters that are tied together."""
+        return estimate_of(problem, self.reduced(problem))
+
+
+def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
+    """Return the estimate without constraints, (X' X)^-1 X' y, and s^2 (X' X)^-1, eq. (11)."""
+    solution, parameters = fit.solution, problem.model.parameters
+    return Estimate(
+        parameters=parameters,
+        value=solution.value,
+        covariance=fit.covariance,
+        determined=DataRank(solution.rank, solution.condition, fit.directions),
+        residual=fit.residual(problem, solution.value),
+        notes=(*_rank_notes(fit.directions, problem.model.names), *fit.notes),
+        information=fit.information,
+    )
+
+
+def fit_from_information(
+    value: Array, information: Array, directions: Rank, total: int, notes: tuple[Note, ...]
+) -> LinearFit:
+    """Return a fit with the solution ``value`` (p) and the inverse covariance ``information`` (p, p).
+
+    ``directions`` are those that the data determine, such as the rank of the regressor, ``total`` the number of
+    rows behind them. For estimators that are linear but no least squares of rows, such as instrumental variables.
+    """
+    rank = directions.with_information(information)
+    p, r = len(value), rank.rank
+    # rows whose normal equations are the information, so that constraints can be added as to any fit
+    factor = np.zeros((p + 1, p + 1))
+    factor[:r, :p] = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
+    factor[:p, p] = factor[:p, :p] @ value
+    factor[p, p] = np.sqrt(max(total - r, 1))  # so that the variance of a row is one
+    factor_rank = Rank(r, rank.scale, rank.values, np.eye(p), rank.vectors, rank.tolerance, rank.unweighted)
+    return LinearFit(factor, factor_rank, total, information=information, notes=notes)
+
+
+def _rank_notes(rank: Rank, names: tuple[str, ...]) -> tuple[Note, ...]:
+    if not rank.groups:
+        return ()
+    lone = tuple(names[group[0]] for group in rank.groups if len(group) == 1)
+    tied = tuple(tuple(names[k] for k in group) for group in rank.groups if len(group) > 1)
+    return (RankDeficient(rank.rank, len(names), lone, tied),)
 
 
 def joint_weights(
@@ -37,44 +193,47 @@ def joint_weights(
     less than 1 % or ``iterations`` are done: feasible generalised least squares, Gautier and Poignet (2001).
     """
     n = len(triangular.factors)
-    found = np.ones(n)
+    current = np.ones(n)
     if weights == "equal":
-        return found
+        return current
     size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
     # a joint with residuals at rounding level must not outweigh all others
     floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
+    # the weights follow from the residual of the fit with the previous weights, starting from equal ones
     for _ in range(iterations):
-        theta = solve(*weighted(triangular, found, parameters, tolerance)).value
+        theta = solve_least_squares(*weight_joints(triangular, current, parameters, tolerance)).value
         deviation = np.sqrt(triangular.residual(theta) / np.maximum(triangular.rows, 1))
-        previous, found = found, 1.0 / np.maximum(deviation, floor)
-        if np.allclose(found, previous, rtol=0.01, atol=0.0):
+        previous, current = current, 1.0 / np.maximum(deviation, floor)
+        if np.allclose(current, previous, rtol=0.01, atol=0.0):
             break
-    return found
+    return current
 
 
-def weighted(
+def weight_joints(
     triangular: TriangularFactors,
     weights: Array,
     parameters: Sequence[Parameter] = (),
     tolerance: float | None = None,
-    shown: Rank | None = None,
+    unwhitened_rank: Rank | None = None,
 ) -> tuple[Array, Rank]:
-    """Return the factor of the rows times the ``weights`` (n) of their joints, and its rank.
+    """Return the factor of the rows, multiplied by the ``weights`` (n) of their joints, and its rank.
 
-    What the motion shows does not depend on the weights: the directions are those without them, or ``shown`` by rows
-    that are not whitened.
+    What the motion excites does not depend on the weights: the directions are those without weights, or those of
+    ``unwhitened_rank`` where the rows are whitened.
     """
-    if shown is not None:
-        factor = triangular.stacked(weights)
-        return factor, rank_of(factor, parameters, tolerance, shown)
-    key = tuple(parameters), tolerance  # asked at each step of the weights
-    if key not in triangular.known:
-        plain = triangular.stacked()
-        triangular.known[key] = plain, rank_of(plain, parameters, tolerance)
-    plain, rank = triangular.known[key]
+    if unwhitened_rank is not None:
+        factor = triangular.stack(weights)
+        return factor, rank_of(factor, parameters, tolerance, unwhitened_rank)
+    # searches call this at each step of the weights: keep the factor and rank without weights
+    key = tuple(parameters), tolerance
+    if key not in triangular.cache:
+        plain = triangular.stack()
+        triangular.cache[key] = plain, rank_of(plain, parameters, tolerance)
+    plain, rank = triangular.cache[key]
     if (weights == 1.0).all():
         return plain, rank
-    factor = triangular.stacked(weights)
+    factor = triangular.stack(weights)
+    # weights that are all equal scale the factor, and leave its rank as it is
     return factor, rank_of(factor, parameters, tolerance, None if np.ptp(weights) == 0 else rank)
 
 
@@ -82,12 +241,20 @@ def check_weights(weights: str, iterations: int) -> None:
     """Raise ConfigError for invalid settings of ``joint_weights``."""
     if weights not in get_args(Weights):
         raise ConfigError(f"weights = {weights!r} of the joints; {choices(weights, get_args(Weights))}")
-    if not 1 <= iterations <= MOST:
-        raise ConfigError(f"iterations = {iterations} of the weights; give a whole number from 1 to {MOST}.")
+    if not 1 <= iterations <= MAX_ITERATIONS:
+        raise ConfigError(f"iterations = {iterations} of the weights; give a whole number from 1 to {MAX_ITERATIONS}.")
+
+
+def check_tolerance(tolerance: float | None) -> None:
+    """Raise ConfigError for an invalid tolerance of a rank."""
+    if tolerance is not None and not 0 < tolerance <= MAX_RANK_TOLERANCE:
+        raise ConfigError(
+            f"tolerance of the rank is {tolerance}; give a number between 0 and {MAX_RANK_TOLERANCE}, such as 1e-12."
+        )
 
 
 @dataclass(frozen=True)
-class LeastSquares:
+class LeastSquares(LinearEstimator):
     """Ordinary least squares, theta = (X' X)^-1 X' y, eq. (11); with ``weights`` "per_joint" weighted by joint.
 
     The rank is that of ``rank_of`` with ``tolerance`` (None: the precision of the model). The covariance is
@@ -96,7 +263,7 @@ class LeastSquares:
 
     >>> import numpy as np
     >>> import dynident as dy
-    >>> from dynident.models.gallery import pendulum
+    >>> from dynident.models.lagrangian import pendulum
     >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
     >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
     >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
@@ -107,26 +274,19 @@ class LeastSquares:
     h = 0.2498 +- 0.00022
     """
 
-    tolerance: Annotated[float, Gt(0), Le(COARSEST)] | None = None
+    tolerance: Annotated[float, Gt(0), Le(MAX_RANK_TOLERANCE)] | None = None
     weights: Weights = "equal"
-    iterations: Annotated[int, Ge(1), Le(MOST)] = 3
+    iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 3
 
-    __repr__ = changed
+    __repr__ = settings_repr
 
     def __post_init__(self) -> None:
         check_weights(self.weights, self.iterations)
-        if self.tolerance is not None and not 0 < self.tolerance <= COARSEST:
-            raise ConfigError(
-                f"tolerance of the rank is {self.tolerance}; give a number between 0 and {COARSEST}, such as 1e-12."
-            )
-
-    def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; for a deficient rank a note names the parameters of which only combinations are identifiable."""
-        return estimate_of(problem, self.reduced(problem))
+        check_tolerance(self.tolerance)
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows with the weights of their joints."""
         triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
         weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.tolerance)
-        factor, rank = weighted(triangular, weights, parameters, self.tolerance)
+        factor, rank = weight_joints(triangular, weights, parameters, self.tolerance)
         return LinearFit(factor, rank, triangular.total, None if self.weights == "equal" else weights)

@@ -6,46 +6,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
-from dynident.errors import Note, Severity, Use
+from dynident.runtime import Note, Severity, Use
 
-__all__ = [
-    "Averaged",
-    "ConstraintsCostly",
-    "DecidedByPrior",
-    "Downweighted",
-    "DrawnToPrior",
-    "ErrorsInRegressor",
-    "Failed",
-    "HeldByConstraints",
-    "MotionCorrected",
-    "MotionLimits",
-    "MotionTooNoisy",
-    "MovingStart",
-    "NotAlone",
-    "NotByData",
-    "NotConverged",
-    "NotIdentifiable",
-    "NotWhite",
-    "PriorApproached",
-    "RankDeficient",
-    "ScatterLarger",
-    "SmoothSigns",
-    "Start",
-    "StartedElsewhere",
-    "StillColoured",
-    "StillMoving",
-    "Undetermined",
-    "Unsettled",
-    "WhiteningCostly",
-]
-
-HALF = 50.0  # %
+MAX_ERROR_PERCENT = 50.0  # %
 
 
-class Start(StrEnum):
-    """With what a simulation or a filter began: least squares of a smoothing spline or of a Kalman smoother,
-    instrumental variables, the physically consistent fit, values of the robot file, least squares with a positive
-    definite mass matrix."""
+class FirstModel(StrEnum):
+    """The first model of a simulation or a filter.
+
+    Least squares of a smoothing spline or of a Kalman smoother, instrumental variables, the physically consistent
+    fit, values of the robot file, or least squares with a positive definite mass matrix.
+    """
 
     SMOOTHED = "smoothed"
     KALMAN = "kalman"
@@ -110,9 +81,11 @@ class DrawnToPrior(Note):
 
 @dataclass(frozen=True)
 class ErrorsInRegressor(Note):
-    """Along one direction, above all of a ``parameter``, so many ``percent`` of what the regressor shows (its sum of
-    squares) are its own errors, as they are stated: the estimate there rests on their size. Where that is more than
-    half, the parameters are no good for any use."""
+    """Along one direction, errors make up ``percent`` of what the regressor shows (its sum of squares).
+
+    The direction is mostly that of ``parameter``. The estimate there rests on the stated size of the errors;
+    where the share is more than half, the parameters are unfit for any use.
+    """
 
     parameter: str
     percent: float
@@ -120,7 +93,7 @@ class ErrorsInRegressor(Note):
     @property
     def forbidden(self) -> Use | None:
         """Any use, where there is more error than motion."""
-        return Use.CONTROL if self.percent > HALF else None
+        return Use.CONTROL if self.percent > MAX_ERROR_PERCENT else None
 
 
 @dataclass(frozen=True)
@@ -132,7 +105,7 @@ class NotIdentifiable(Undetermined):
 
 @dataclass(frozen=True)
 class HeldByConstraints(Note):
-    """Constraints keep base parameters far from where the data alone would have them: formula, standard errors."""
+    """Constraints hold base parameters far from where the data alone would have them: formula, standard errors."""
 
     severity: ClassVar[Severity] = Severity.INFO
     moved: tuple[tuple[str, float], ...]
@@ -140,7 +113,7 @@ class HeldByConstraints(Note):
 
 @dataclass(frozen=True)
 class ConstraintsCostly(Note):
-    """Constraints, of these most the ``family``, make the weighted training error (%) ``error`` instead of ``free``."""
+    """The constraints raise the weighted training error (%) from ``free`` to ``error``, mostly those of ``family``."""
 
     family: str
     error: float
@@ -157,9 +130,11 @@ class MotionCorrected(Note):
 
 
 @dataclass(frozen=True)
-class MotionLimits(Note):
-    """What is left of the bias by errors of the smoothed motion is most of the standard error of ``limited`` of ``all``
-    base parameters, above all of ``parameter``."""
+class LimitedByMotion(Note):
+    """The remaining bias by errors of the smoothed motion dominates some standard errors.
+
+    That is so for ``limited`` of ``all`` base parameters, above all for ``parameter``.
+    """
 
     severity: ClassVar[Severity] = Severity.INFO
     parameter: str
@@ -196,6 +171,14 @@ class StillMoving(Unsettled):
 
     iterations: int
     change: float
+
+
+@dataclass(frozen=True)
+class StillSimulating(Unsettled):
+    """After so many ``iterations`` of simulation the parameters still move, by ``moved`` standard errors at last."""
+
+    iterations: int
+    moved: float
 
 
 @dataclass(frozen=True)
@@ -238,7 +221,7 @@ class MovingStart(Note):
 
 @dataclass(frozen=True)
 class Averaged(Note):
-    """The mean of each ``group`` of neighbouring samples was used."""
+    """Averages of ``group`` neighbouring samples were used."""
 
     severity: ClassVar[Severity] = Severity.INFO
     group: int
@@ -254,10 +237,10 @@ class SmoothSigns(Note):
 
 @dataclass(frozen=True)
 class StartedElsewhere(Note):
-    """The iteration began with other values, as with those of least squares the simulation fails, or is farther off."""
+    """The iteration began with another first model, as that of least squares cannot be simulated, or is farther off."""
 
     severity: ClassVar[Severity] = Severity.INFO
-    start: Start
+    start: FirstModel
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Total least squares: the regressor has errors, too, of stated sizes; what is known exactly stays exact."""
+"""Total least squares: the regressor has errors of stated sizes, too; columns known exactly stay exact."""
 
 from __future__ import annotations
 
@@ -10,30 +10,104 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, Note, brief, changed, choices
-from dynident.estimators.estimator import Estimate, Problem
-from dynident.estimators.least_squares import joint_weights, weighted
-from dynident.estimators.linear import LinearFit, estimate_of, of_information
-from dynident.estimators.motion_noise import motion_noise
+from dynident.estimators.estimator import Problem
+from dynident.estimators.least_squares import (
+    LinearEstimator,
+    LinearFit,
+    fit_from_information,
+    joint_weights,
+    weight_joints,
+)
 from dynident.estimators.notes import ErrorsInRegressor
 from dynident.models import Model
-from dynident.regression import Rank, Regression, one_thread
-
-__all__ = ["TotalLeastSquares"]
+from dynident.motion.log import Log, Motion
+from dynident.motion.splines import steady_noise
+from dynident.regression import Rank, Regression, Selection, one_thread
+from dynident.runtime import ConfigError, InputError, Note, brief, choices, settings_repr
 
 Array = NDArray[np.float64]
-LARGEST = 1e9
-DRAWS, ENOUGH = 8, 20_000  # of the errors of the motion, at most; samples that are enough
-ROUNDS, CLOSE = 50, 1e-10
-LEAST = (
+MAX_WINDOW = 1024  # samples of a spectrum, at most
+MIN_SAMPLES = 16
+MIN_NOISE = 1e-7  # noise, relative to the largest position
+CUTOFF_CANDIDATES = 300  # cut-offs
+
+
+@dataclass(frozen=True, eq=False)
+class MotionNoise:
+    """The noise of a motion's positions and how far it passes the smoother.
+
+    ``density`` (n) is in rad^2/Hz or m^2/Hz, ``cutoff`` (n) is the frequency in Hz at which smoothing halves an
+    amplitude.
+    """
+
+    density: Array
+    cutoff: Array
+
+    __repr__ = brief
+
+    def draw(self, motion: Motion, rng: np.random.Generator) -> Motion:
+        """Return the motion with random errors like its own added to q, dq and ddq.
+
+        White noise of the positions is filtered as by a smoothing spline, 1 / (1 + (f / cutoff)^4), and
+        differentiated.
+        """
+        n, step = len(motion), float(np.diff(motion.t).mean())
+        size = n + (n % 2)
+        f = np.fft.rfftfreq(size, step)[:, None]
+        # white noise in the frequency domain, filtered like the positions; derivatives multiply it by i omega
+        white = np.fft.rfft(rng.standard_normal((size, len(self.density))), axis=0) * np.sqrt(self.density / (2 * step))
+        filtered = white / (1.0 + (f / self.cutoff) ** 4)
+        rate = 2j * np.pi * f
+        q, dq, ddq = (np.fft.irfft(filtered * rate**k, size, axis=0)[:n] for k in range(3))
+        return replace(motion, q=motion.q + q, dq=motion.dq + dq, ddq=motion.ddq + ddq)
+
+
+def motion_noise(log: Log, motion: Motion, time_offset: float = 0.0) -> MotionNoise:
+    """Estimate the noise of a log's positions, and how far it passes into its motion.
+
+    The density is that of the positions' differences, which contain hardly any motion. The cut-off is that of the
+    smoothing spline whose transfer function is nearest to that between measured and smoothed positions.
+    """
+    step = float(np.diff(log.t).mean())
+    if int(motion.mask.sum()) < MIN_SAMPLES:
+        return MotionNoise(np.zeros(log.q.shape[1]), np.full(log.q.shape[1], 1e3 / step))
+    smooth = motion.shift(-time_offset).q if time_offset else motion.q
+    cutoff = [_smoothing_cutoff(a, b, step) for a, b in zip(log.q[motion.mask].T, smooth[motion.mask].T, strict=True)]
+    return MotionNoise(2 * step * np.square(steady_noise(log.q, MIN_NOISE)), np.array(cutoff))
+
+
+def _smoothing_cutoff(measured: Array, smooth: Array, step: float) -> float:
+    """Return the cut-off (Hz) of smoothing by its effect on second differences, where low frequencies do not leak."""
+    length = min(MAX_WINDOW, max((len(measured) - 2) // 4, MIN_SAMPLES - 2))
+    window = np.hanning(length + 2)[1:-1]
+    parts = [
+        np.lib.stride_tricks.sliding_window_view(np.diff(x, 2), length)[:: max(length // 2, 1)]
+        for x in (measured, smooth)
+    ]
+    before, after = (np.fft.rfft(part * window) for part in parts)
+    f = np.fft.rfftfreq(length, step)[1:]
+    # the transfer function by cross spectrum over spectrum: noise that both share is what smoothing passes
+    power = np.square(np.abs(before)).sum(axis=0)[1:]
+    transfer = (before.conj() * after).real.sum(axis=0)[1:]
+    share = np.divide(transfer, power, out=np.ones_like(power), where=power > 0)
+    candidates = np.append(np.geomspace(f[0], f[-1], CUTOFF_CANDIDATES), 1e3 / step)[:, None]
+    return float(candidates[np.square(share - 1.0 / (1.0 + (f / candidates) ** 4)).sum(axis=1).argmin(), 0])
+
+
+MAX_ERROR = 1e9
+MAX_DRAWS, TOTAL_SAMPLES = 8, 20_000  # of the errors of the motion, at most; samples that are enough
+MAX_ROUNDS, CONVERGED_CHANGE = 50, 1e-10
+MIN_TORQUE_SHARE = (
     0.05  # of the residual's square is the torque's own at least, however large the regressor's errors are said to be
 )
-WEAK = 0.1  # share of the regressor's square that is error, along one direction, above which it is said
-FLAT = 1e-3  # of the torque that the parameters make: a solution that leaves no more of the measured one is none
+MAX_ERROR_SHARE = 0.1  # share of the regressor's square that is error, along one direction, above which it is said
+MIN_TORQUE_COMPONENT = (
+    1e-3  # of the torque that the parameters make: a solution that leaves no more of the measured one is none
+)
 
 
 @dataclass(frozen=True)
-class TotalLeastSquares:
+class TotalLeastSquares(LinearEstimator):
     """Least squares where the regressor has errors as well as the torque: mixed, generalised total least squares.
 
     ``errors`` are those of the regressor. "motion": of what the noise of the positions leaves in the smoothed motion,
@@ -58,7 +132,7 @@ class TotalLeastSquares:
 
     >>> import numpy as np
     >>> import dynident as dy
-    >>> from dynident.models.gallery import pendulum
+    >>> from dynident.models.lagrangian import pendulum
     >>> arm, t, rng = pendulum(), np.arange(2001) * 0.01, np.random.default_rng(0)
     >>> motion = dy.simulate(arm, arm.values, lambda s: [0.4 * np.sin(5 * s)], t)
     >>> log = dy.record(motion, sigma_q=2e-3, sigma_tau=0.01, rng=rng).log
@@ -70,29 +144,29 @@ class TotalLeastSquares:
     """
 
     errors: Literal["motion"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "motion"
-    torque: Annotated[float, Gt(0), Le(LARGEST)] | None = None
+    torque: Annotated[float, Gt(0), Le(MAX_ERROR)] | None = None
     tolerance: Annotated[float, Gt(0), Le(0.01)] | None = None
     seed: Annotated[int, Ge(0), Le(2**32 - 1)] = 0
 
-    __repr__ = changed
+    __repr__ = settings_repr
 
     def __post_init__(self) -> None:
         if isinstance(self.errors, Mapping):
             object.__setattr__(self, "errors", tuple(self.errors.items()))
         if isinstance(self.errors, str) and self.errors != "motion":
             raise ConfigError(f"errors = {self.errors!r}; {choices(self.errors, ['motion'])}, or sizes by parameter.")
-        for name, value in self._given.items():
-            if not 0 <= value <= LARGEST:
+        for name, value in self._stated_errors.items():
+            if not 0 <= value <= MAX_ERROR:
                 raise ConfigError(
-                    f"errors: {name} = {value}; give a standard deviation, a number from 0 to {LARGEST:g}."
+                    f"errors: {name} = {value}; give a standard deviation, a number from 0 to {MAX_ERROR:g}."
                 )
-        if self.torque is not None and not 0 < self.torque <= LARGEST:
+        if self.torque is not None and not 0 < self.torque <= MAX_ERROR:
             raise ConfigError(f"torque = {self.torque}; give the standard deviation of its error, a positive number.")
 
     @property
     def named(self) -> tuple[str, ...]:
         """The parameters of which the columns' errors are given."""
-        return tuple(self._given)
+        return tuple(self._stated_errors)
 
     @property
     def needs_samples(self) -> bool:
@@ -103,51 +177,56 @@ class TotalLeastSquares:
         """Return the estimator without the errors of other columns than these."""
         if isinstance(self.errors, str):
             return self
-        return replace(self, errors=tuple(one for one in self._given.items() if one[0] in names))
+        return replace(self, errors=tuple(entry for entry in self._stated_errors.items() if entry[0] in names))
 
     @property
-    def _given(self) -> dict[str, float]:
+    def _stated_errors(self) -> dict[str, float]:
         return {} if isinstance(self.errors, str) else dict(self.errors)
 
-    def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; a note says where the errors of the regressor are a good part of what the motion shows.
-
-        Raises ConfigError where ``errors`` names parameters that the model does not have, and InputError where there is
-        no solution.
-        """
-        return estimate_of(problem, self.reduced(problem))
-
     def reduced(self, problem: Problem) -> LinearFit:
-        """Return the fit, by its value and information; where nothing has errors the rows of least squares."""
+        """Return the fit by its value and information, or the rows of least squares where nothing has errors.
+
+        A note tells where errors of the regressor are a good part of what the motion shows. Raises ConfigError where
+        ``errors`` names parameters that the model does not have, and InputError where there is no solution.
+        """
         regression, parameters = problem.regression, problem.model.parameters
         triangular = regression.triangular_factors
         w = joint_weights(triangular, "per_joint", 3, parameters, self.tolerance)
-        factor, rank = weighted(triangular, w, parameters, self.tolerance)
-        C = self._errors(problem, w)
+        factor, rank = weight_joints(triangular, w, parameters, self.tolerance)
+        C = self._error_covariance(problem, w)
         if not C.any():
             return LinearFit(factor, rank, triangular.total, w)
         torque = None if self.torque is None else float(triangular.rows @ np.square(w * self.torque))
-        found = _solved(factor, C, rank, triangular.total, torque)
-        notes = _noted(found, problem.model)
-        return replace(of_information(found.value, found.information, rank, triangular.total, notes), weights=w)
+        solution = _solve_total(factor, C, rank, triangular.total, torque)
+        notes = _error_notes(solution, problem.model)
+        return replace(
+            fit_from_information(solution.value, solution.information, rank, triangular.total, notes), weights=w
+        )
 
-    def _errors(self, problem: Problem, w: Array) -> Array:
+    def _error_covariance(self, problem: Problem, w: Array) -> Array:
         """Return C (p, p), the sum of the covariances of the errors of all rows, weighted by joint (n)."""
         model, triangular = problem.model, problem.regression.triangular_factors
         if self.errors == "motion":
-            return _of_motion(problem, w, np.random.default_rng(self.seed)) if problem.logs else np.zeros((1, 1))
-        for name in self._given:
+            return (
+                _motion_error_covariance(problem, w, np.random.default_rng(self.seed))
+                if problem.logs
+                else np.zeros((1, 1))
+            )
+        for name in self._stated_errors:
             if name not in model.names:
                 raise ConfigError(f"errors: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
-        size = np.array([self._given.get(name, 0.0) for name in model.names])
+        size = np.array([self._stated_errors.get(name, 0.0) for name in model.names])
         rows = (triangular.rows * np.square(w)) @ model.support
         return np.diag(np.square(size) * rows)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """The ``value`` (p) with its ``information`` (p, p); the largest ``share`` of the regressor's square that is error,
-    and its ``direction`` (p), in scaled columns."""
+    """The ``value`` (p) with its ``information`` (p, p), and where errors matter most.
+
+    ``share`` is the largest share of the regressor's square that is error, ``direction`` (p) its direction in
+    scaled columns.
+    """
 
     value: Array
     information: Array
@@ -157,53 +236,67 @@ class _Solution:
     __repr__ = brief
 
 
-def _solved(factor: Array, C: Array, rank: Rank, total: int, torque: float | None) -> _Solution:
-    """Return the solution along the directions that the rank determines; ``torque`` is C of the torque, if known."""
-    V, p = rank.determined, len(factor) - 1
+def _solve_total(factor: Array, C: Array, rank: Rank, total: int, torque: float | None) -> _Solution:
+    """Return the solution along the directions that the rank determines.
+
+    ``torque`` is the torque's entry of C, None where it is unknown.
+    """
+    V, p = rank.determined_directions, len(factor) - 1
     R: Array = np.asarray(np.linalg.qr(np.column_stack([factor[:, :p] @ V, factor[:, p]]), mode="r"))
+    # in the determined directions the regressor has full rank
     C = V.T @ C @ V
     r = len(C)
     R[r, r] = max(abs(R[r, r]), np.finfo(float).eps * np.linalg.norm(R[:, r]))  # of exact data it is rounding
-    v, least = _without(R, C) if torque is None else _smallest(R, C, torque)
-    A = R[:r, :r].T @ R[:r, :r] - least * C
-    left = float(np.sum((R @ v) ** 2))
+    v, minimum = _solve_unknown_torque(R, C) if torque is None else _minimise_ratio(R, C, torque)
+    A = R[:r, :r].T @ R[:r, :r] - minimum * C
+    residual_square = float(np.sum((R @ v) ** 2))
+    # sandwich A (X'X)^-1 A, so that the covariance is A^-1 s^2 X'X A^-1
     half = np.linalg.solve(R[:r, :r].T, A)
-    information = half.T @ half * (total - r) / left
-    back = rank.scale[:, None] * rank.vectors[:, :r]
+    information = half.T @ half * (total - r) / residual_square
+    basis = rank.scale[:, None] * rank.vectors[:, :r]
     inverse = np.linalg.inv(R[:r, :r])
-    shares, turns = np.linalg.eigh(inverse.T @ C @ inverse)
+    shares, vectors = np.linalg.eigh(inverse.T @ C @ inverse)
     return _Solution(
-        V @ v[:r], back @ information @ back.T, float(shares[-1]), rank.vectors[:, :r] @ inverse @ turns[:, -1]
+        V @ v[:r], basis @ information @ basis.T, float(shares[-1]), rank.vectors[:, :r] @ inverse @ vectors[:, -1]
     )
 
 
-def _without(R: Array, C: Array) -> tuple[Array, float]:
-    """Return v = (theta, -1) where C is known and the torque has what else the residual shows: then the minimum is one,
-    (X'X - C) theta = X'y. Where C is said to be larger than that, the torque keeps the ``LEAST``."""
-    gram, right = R[:-1, :-1].T @ R[:-1, :-1], R[:-1, :-1].T @ R[:-1, -1]
-    v, left = np.append(np.linalg.solve(gram, right), -1.0), 0.0
+def _solve_unknown_torque(R: Array, C: Array) -> tuple[Array, float]:
+    """Return v = (theta, -1) and the minimum, where the torque has the part of the residual that C does not explain.
+
+    Then the minimum is one, (X'X - C) theta = X'y. Where C is stated larger than the residual, the torque keeps
+    the share ``MIN_TORQUE_SHARE`` of it.
+    """
+    gram, right_side = R[:-1, :-1].T @ R[:-1, :-1], R[:-1, :-1].T @ R[:-1, -1]
+    v, residual_square = np.append(np.linalg.solve(gram, right_side), -1.0), 0.0
+    # with an unknown error of the torque the minimum of the ratio is one by definition
     if np.linalg.eigvalsh(gram - C)[0] > 0:
-        v = np.append(np.linalg.solve(gram - C, right), -1.0)
-        left = float(np.sum((R @ v) ** 2))
-        if left - float(v[:-1] @ C @ v[:-1]) > LEAST * left:
+        v = np.append(np.linalg.solve(gram - C, right_side), -1.0)
+        residual_square = float(np.sum((R @ v) ** 2))
+        if residual_square - float(v[:-1] @ C @ v[:-1]) > MIN_TORQUE_SHARE * residual_square:
             return v, 1.0
-    least = 1.0
-    for _ in range(ROUNDS):
-        before, left = left, float(np.sum((R @ v) ** 2))
-        if abs(left - before) <= CLOSE * left:
+    # stated errors exceed the residual: leave the torque a small share of it, and iterate since that depends on v
+    minimum = 1.0
+    for _ in range(MAX_ROUNDS):
+        previous, residual_square = residual_square, float(np.sum((R @ v) ** 2))
+        if abs(residual_square - previous) <= CONVERGED_CHANGE * residual_square:
             break
-        v, least = _smallest(R, C, LEAST * left)
-    return v, least
+        v, minimum = _minimise_ratio(R, C, MIN_TORQUE_SHARE * residual_square)
+    return v, minimum
 
 
-def _smallest(R: Array, C: Array, own: float) -> tuple[Array, float]:
-    """Return v = (theta, -1) that minimises v'R'Rv / v'Cv, C with ``own`` for the torque, and the minimum."""
+def _minimise_ratio(R: Array, C: Array, torque_error: float) -> tuple[Array, float]:
+    """Return v = (theta, -1) that minimises v'R'Rv / v'Cv, and the minimum.
+
+    ``torque_error`` is the torque's entry of C.
+    """
     inverse = np.linalg.inv(R)
-    whole = np.zeros_like(R)
-    whole[:-1, :-1], whole[-1, -1] = C, own
-    values, turns = np.linalg.eigh(inverse.T @ whole @ inverse)
-    v = inverse @ turns[:, -1]
-    if not abs(v[-1]) * np.linalg.norm(R[:, -1]) > FLAT * np.linalg.norm(R @ np.append(v[:-1], 0.0)):
+    error_covariance = np.zeros_like(R)
+    error_covariance[:-1, :-1], error_covariance[-1, -1] = C, torque_error
+    # the smallest ratio is one over the largest eigenvalue of the errors in units of the rows
+    values, vectors = np.linalg.eigh(inverse.T @ error_covariance @ inverse)
+    v = inverse @ vectors[:, -1]
+    if not abs(v[-1]) * np.linalg.norm(R[:, -1]) > MIN_TORQUE_COMPONENT * np.linalg.norm(R @ np.append(v[:-1], 0.0)):
         raise InputError(
             "total least squares has no solution here: along one direction the motion shows no more than the errors "
             "that are stated of the regressor. State smaller errors, leave out terms that the motion does not excite, "
@@ -212,34 +305,40 @@ def _smallest(R: Array, C: Array, own: float) -> tuple[Array, float]:
     return -v / v[-1], float(1.0 / values[-1])
 
 
-def _of_motion(problem: Problem, w: Array, rng: np.random.Generator) -> Array:
-    """Return C by drawing errors of the motion like its own, and taking what they do to the rows."""
+def _motion_error_covariance(problem: Problem, w: Array, rng: np.random.Generator) -> Array:
+    """Return C from random errors like those of the motion, and their effect on the rows."""
+    # the bias correction would be drawn as well: only the rows themselves are compared
     regression = replace(problem.regression, bias=None)
     noises = [
-        motion_noise(log, one, problem.time_offset) for log, one in zip(problem.logs, regression.motions, strict=True)
+        motion_noise(log, entry, problem.time_offset)
+        for log, entry in zip(problem.logs, regression.motions, strict=True)
     ]
-    draws = int(np.clip(ENOUGH // max(sum(map(len, regression.motions)), 1), 1, DRAWS))
-    found = np.zeros((len(problem.model.names),) * 2)
+    draws = int(np.clip(TOTAL_SAMPLES // max(sum(map(len, regression.motions)), 1), 1, MAX_DRAWS))
+    total = np.zeros((len(problem.model.names),) * 2)
     with one_thread():
         for _ in range(draws):
-            motions = tuple(one.drawn(motion, rng) for one, motion in zip(noises, regression.motions, strict=True))
-            found += _difference(regression, replace(regression, motions=motions, min_speed=None), w)
-    return found / draws
+            motions = tuple(entry.draw(motion, rng) for entry, motion in zip(noises, regression.motions, strict=True))
+            total += _row_difference_gram(
+                regression, replace(regression, motions=motions, selection=Selection(regression.filter)), w
+            )
+    return total / draws
 
 
-def _difference(regression: Regression, other: Regression, w: Array) -> Array:
-    """Return the sum of w^2 d'd (p, p), d by how much the rows of another regression differ."""
+def _row_difference_gram(regression: Regression, perturbed: Regression, w: Array) -> Array:
+    """Return the sum of w^2 d'd (p, p), where d is the difference of the rows of two regressions."""
     structure = regression.model.structure
-    grams = [np.zeros((len(one), len(one))) for one in structure.maps]
-    for a, b in zip(regression.entries(), other.entries(), strict=True):
+    grams = [np.zeros((len(column_map), len(column_map))) for column_map in structure.maps]
+    for a, b in zip(regression.entries(), perturbed.entries(), strict=True):
         for j, part in enumerate(structure.parts):
             d = (b.entries[part] - a.entries[part]) * (1.0 if a.keep is None else a.keep[j])
             grams[j] += w[j] ** 2 * d @ d.T
-    return np.asarray(sum(one.T @ gram @ one for one, gram in zip(structure.maps, grams, strict=True)))
+    return np.asarray(
+        sum(column_map.T @ gram @ column_map for column_map, gram in zip(structure.maps, grams, strict=True))
+    )
 
 
-def _noted(found: _Solution, model: Model) -> tuple[Note, ...]:
-    """Return the note on errors that are a good part of what one direction shows."""
-    if found.share <= WEAK:
+def _error_notes(solution: _Solution, model: Model) -> tuple[Note, ...]:
+    """Return a note where errors are a good part of what one direction shows."""
+    if solution.share <= MAX_ERROR_SHARE:
         return ()
-    return (ErrorsInRegressor(model.names[int(np.abs(found.direction).argmax())], 100.0 * found.share),)
+    return (ErrorsInRegressor(model.names[int(np.abs(solution.direction).argmax())], 100.0 * solution.share),)

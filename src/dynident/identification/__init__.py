@@ -1,112 +1,110 @@
-"""The whole method: calibrate, choose a smoother, estimate, validate, judge."""
+"""The method: align, calibrate, estimate, validate and judge."""
 
-from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
-from dynident.identification.block_bootstrap import Bootstrap, bootstrap
-from dynident.identification.comparison import (
-    BaseDifference,
-    ComparedLog,
-    ComparedResult,
-    ExportRecord,
-    LogDifference,
-    ResultComparison,
-    compare_results,
+from dynident.identification.accuracy_bound import (
+    CHANGES,
+    AccuracyBound,
+    Measure,
+    Noise,
+    Origin,
+    TorqueNoise,
+    accuracy_bound,
+    noise_of,
 )
-from dynident.identification.cross_validation import Gain
-from dynident.identification.division import Division, LongRecording, Span, Stretch
-from dynident.identification.identify import estimated, identify
-from dynident.identification.long import InPieces, Prepared, finished, prepared
-from dynident.identification.prior_strength import PriorStrength, find_prior_strength
-from dynident.identification.recipe import Recipe
-from dynident.identification.reducer import Reduced
-from dynident.identification.rests import Rests, hardly_moving, moving_span, resting, whole_rests
+from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, tilt_base
+from dynident.identification.bootstrap import Bootstrap, bootstrap
+from dynident.identification.calibration import Calibration, PriorStrength, find_prior_strength
+from dynident.identification.cramer_rao import NormalMatrix, cramer_rao_bound, information, normal_matrices, variance
+from dynident.identification.cross_validation import (
+    Gain,
+    SmootherChoice,
+    choose_smoother,
+    cross_validated_error,
+    cut_excerpts,
+)
+from dynident.identification.dataset import NotFitted, NotJudged, SubstituteUsed, substitute_notes
+from dynident.identification.identify import estimate_parameters, identify
+from dynident.identification.long import InPieces, PiecePlan, identify_from_pieces, plan_pieces
+from dynident.identification.pieces import DivisionSettings, LongRecording, PieceFactors, Span, Stretch
+from dynident.identification.recipe import Recipe, Rests, arm_rests, held_joints, moving_span, rest_blocks
 from dynident.identification.result import (
-    Calibration,
     Identifiability,
     Identification,
-    OldResult,
     SourceFile,
     Sources,
     StandardErrors,
     versions,
 )
-from dynident.identification.role_logs import NotFitted, NotJudged, SubstituteUsed, substituted
-from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
-from dynident.identification.terms import Kind, NotChosen, Outcome, PlainTerms, TermChoice, Trial, choose_terms
-from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
-from dynident.identification.verdict.reasons import Reason
-from dynident.identification.verdict.rules import judge
-from dynident.identification.verdict.steps import Remedy, Step
-from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
+from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, find_time_offset
+from dynident.identification.verdict import HeldOut, LargestResidual, Reason, Verdict, WorstRun
+from dynident.identification.verdict_rules import judge
+from dynident.identification.verdict_steps import NextStep, Remedy
 
 __all__ = [
-    "BaseDifference",
+    "CHANGES",
+    "AccuracyBound",
+    "Alignment",
     "BaseTilt",
     "Bootstrap",
     "Calibration",
-    "Choice",
-    "ComparedLog",
-    "ComparedResult",
-    "Division",
-    "ExportRecord",
+    "DivisionSettings",
     "Gain",
     "HeldOut",
     "Identifiability",
     "Identification",
     "InPieces",
-    "Kind",
     "LargestResidual",
-    "LogDifference",
     "LongRecording",
-    "NotChosen",
+    "Measure",
+    "NextStep",
+    "Noise",
+    "NormalMatrix",
     "NotFitted",
     "NotJudged",
-    "OldResult",
-    "Outcome",
-    "Pairing",
-    "PlainTerms",
-    "Prepared",
+    "Origin",
+    "PieceFactors",
+    "PiecePlan",
     "PriorStrength",
     "Reason",
     "Recipe",
-    "Reduced",
     "Remedy",
     "Rests",
-    "ResultComparison",
+    "SmootherChoice",
     "SourceFile",
     "Sources",
     "Span",
     "StandardErrors",
     "SteepBase",
-    "Step",
     "Stretch",
     "SubstituteUsed",
-    "TermChoice",
     "TimeOffset",
-    "Trial",
-    "Use",
+    "TorqueNoise",
     "Verdict",
     "WorstRun",
+    "accuracy_bound",
+    "align_motion",
+    "arm_rests",
     "bootstrap",
     "choose_smoother",
-    "choose_terms",
-    "compare_results",
+    "cramer_rao_bound",
     "cross_validated_error",
-    "estimated",
-    "excerpts",
+    "cut_excerpts",
+    "estimate_parameters",
     "find_base_tilt",
     "find_prior_strength",
     "find_time_offset",
-    "finished",
-    "hardly_moving",
     "has_gravity",
+    "held_joints",
     "identify",
+    "identify_from_pieces",
+    "information",
     "judge",
-    "mounted",
     "moving_span",
-    "pair",
-    "prepared",
-    "resting",
-    "substituted",
+    "noise_of",
+    "normal_matrices",
+    "plan_pieces",
+    "rest_blocks",
+    "substitute_notes",
+    "tilt_base",
+    "variance",
     "versions",
-    "whole_rests",
 ]

@@ -14,24 +14,31 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, Severity
-from dynident.estimators import Estimator, Problem, quick
-from dynident.estimators.linear import solve
-from dynident.identification.cross_validation import FOLDS, Gain, factors_of, gained, predicted
+from dynident.estimators import Estimator, Problem
+from dynident.estimators.least_squares import solve_least_squares
+from dynident.identification.cross_validation import FOLDS, Gain, factors_by_fold, gain_from_errors, prediction_errors
 from dynident.identification.time_offset import trial_samples
-from dynident.log import Motion, thinned
-from dynident.models import HasGravity, Model, structure_of
-from dynident.regression import EntryBlock, Regression, TriangularFactors, factorise, merged, rank_of
-
-__all__ = ["BaseTilt", "SteepBase", "find_base_tilt", "has_gravity", "mounted"]
+from dynident.models import Model, common_structure
+from dynident.motion.log import Motion, thin_motions
+from dynident.regression import (
+    EVERYTHING,
+    EntryBlock,
+    Regression,
+    Selection,
+    TriangularFactors,
+    factorise,
+    merge_factors,
+    rank_of,
+)
+from dynident.runtime import ConfigError, Note, Severity
 
 Array = NDArray[np.float64]
-STEEPEST = 0.2  # rad: a larger tilt is intended mounting
-EXACT = 1e-10  # of the largest entry: to what the rows must be affine in gravity
-LEAST = 2.0  # % of the squared cross-validated error that a tilt must remove
-STRETCHES = 8  # of each motion, in a fold
-EDGE = 0.1  # share of a stretch left out at either end
-START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
+MAX_TILT = 0.2  # rad: a larger tilt is intended mounting
+MAX_AFFINE_ERROR = 1e-10  # of the largest entry: to what the rows must be affine in gravity
+MIN_GAIN = 2.0  # % of the squared cross-validated error that a tilt must remove
+STRETCHES_PER_FOLD = 8  # of each motion, in a fold
+EDGE_SHARE = 0.1  # share of a stretch left out at either end
+START_TILT = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
 @dataclass(frozen=True)
@@ -61,167 +68,195 @@ class SteepBase(Note):
     y: float
 
 
-def mounted(model: Model, x: float, y: float) -> Model:
+def tilt_base(model: Model, x: float, y: float) -> Model:
     """Return the model on a base that is tilted by x and y (rad) about the axes of its root link.
 
     Raises ConfigError where no term of the model has gravity.
     """
     from scipy.spatial.transform import Rotation
 
-    back = Rotation.from_rotvec((-x, -y, 0.0))
-    if not any(isinstance(term, HasGravity) for term in model.terms):
+    rotation = Rotation.from_rotvec((-x, -y, 0.0))
+    if not any(term.gravity is not None for term in model.terms):
         raise ConfigError(f"{model.name}: no term has a gravity that could be rotated; only robot files have one.")
-    return model.with_gravity(back.apply)
+    return model.with_gravity(rotation.apply)
 
 
 def has_gravity(model: Model) -> bool:
     """Return whether any term has a gravity that a tilt would rotate."""
-    return any(isinstance(term, HasGravity) and any(term.gravity) for term in model.terms)
+    return any(any(term.gravity or ()) for term in model.terms)
 
 
 def find_base_tilt(
-    model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
+    model: Model, motions: Sequence[Motion], estimator: Estimator, selection: Selection = EVERYTHING
 ) -> BaseTilt:
-    """Return the tilt of the base at which the estimator explains the torque of the motions best.
+    """Find the tilt of the base at which the estimator explains the torque of the motions best.
 
-    Gauss-Newton steps on the residual, in which the estimator has eliminated all other parameters; none are taken where
-    a step of least squares shows that no tilt can gain much. The tilt is zero unless it lowers the cross-validated
-    error by more than one standard error and 2 %, and where it exceeds 0.2 rad. Raises the errors of ``mounted``,
-    ``Regression`` and the estimator.
+    Gauss-Newton steps on the residual, from which the estimator has eliminated all other parameters. None are
+    taken where a linearisation at zero shows that no tilt can gain much. The tilt is zero unless it lowers the
+    cross-validated error by more than one standard error and 2 %, and where it exceeds 0.2 rad. Raises the errors
+    of ``tilt_base``, ``Regression`` and the estimator.
     """
-    thin = thinned(motions, trial_samples(model))
-    near = _Linearised.at(model, thin, min_speed, (0.0, 0.0))
-    if near.gain.share < 0.5 * LEAST:
-        return BaseTilt(0.0, 0.0, near.std, near.error, near.error, near.gain)
-    (x, y), std, error = _searched(model, thin, estimator, min_speed)
+    trial_motions = thin_motions(motions, trial_samples(model))
+    linear = _TiltGain.linearise(model, trial_motions, selection, (0.0, 0.0))
+    # A linear estimate costs one fit; the search below costs many and is not worth it where nothing can be gained.
+    if linear.gain.share < 0.5 * MIN_GAIN:
+        return BaseTilt(0.0, 0.0, linear.std, linear.error, linear.error, linear.gain)
+    (x, y), std, error = _search_tilt(model, trial_motions, estimator, selection)
+    # The level base is the result wherever the tilt is refused below, with the errors that are known by then.
     before = error(0.0, 0.0)
     level = BaseTilt(0.0, 0.0, std, before, before)
     if not (x or y):  # a tilt that the motion does not excite
         return level
-    gain = _Linearised.at(model, thin, min_speed, (x, y)).gain
-    if not (gain.sure and gain.share > LEAST):
+    gain = _TiltGain.linearise(model, trial_motions, selection, (x, y)).gain
+    if not (gain.sure and gain.share > MIN_GAIN):
         return replace(level, gain=gain)
-    if max(abs(x), abs(y)) > STEEPEST:
+    if max(abs(x), abs(y)) > MAX_TILT:
         return replace(level, gain=gain, steep=(x, y))
     return BaseTilt(x, y, std, before, error(x, y), gain)
 
 
-def _searched(
-    model: Model, thin: tuple[Motion, ...], estimator: Estimator, min_speed: tuple[float, ...] | None
+def _search_tilt(
+    model: Model, thin: tuple[Motion, ...], estimator: Estimator, selection: Selection
 ) -> tuple[tuple[float, float], tuple[float, float], Callable[[float, float], float]]:
-    """Return the best tilt (rad), zero within two standard errors, these, and the training error (%) by tilt."""
+    """Return the best tilt (rad), its standard errors, and a function giving the training error (%) at a tilt.
+
+    A component within two standard errors of zero is set to zero.
+    """
     from scipy.optimize import least_squares
 
-    fast = quick(estimator)
-    under = _affine(mounted(model, START, START), thin, min_speed)
+    quick_estimator = estimator.quick()
+    entries_at = _affine_entries(tilt_base(model, START_TILT, START_TILT), thin, selection)
 
     def residual(tilt: Array) -> Array:
-        """Return what the fit leaves of the torque with the base so tilted."""
-        turned = mounted(model, *tilt)
-        regression = Regression(turned, thin, min_speed=min_speed)
+        """Return the torque residual of the fit with the base tilted this much."""
+        tilted_model = tilt_base(model, *tilt)
+        regression = Regression(tilted_model, thin, selection.unfiltered)
         # few rows, needed twice: for the factors and for the residual
-        blocks = list(regression.entries() if under is None else under(_gravity(turned)))
+        blocks = list(regression.entries() if entries_at is None else entries_at(_term_gravity(tilted_model)))
         regression = regression.with_factors(factorise(blocks, blocks[0].structure))
-        value = fast(Problem(turned, thin, regression)).value
-        parts = [(one.tau - one.torque(value)) * (1.0 if one.keep is None else one.keep) for one in blocks]
+        value = quick_estimator(Problem(tilted_model, thin, regression)).value
+        parts = [(block.tau - block.torque(value)) * (1.0 if block.keep is None else block.keep) for block in blocks]
         return np.concatenate(parts, axis=1).ravel()
 
-    torque = float(np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin)))
-    found = least_squares(residual, np.full(2, START), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20)
-    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2.0 * found.cost / max(found.fun.size - 2, 1))
-    x, y = (float(v) for v in found.x * (np.abs(found.x) > 2.0 * spread))
+    torque = float(np.sqrt(sum(float(np.sum(motion.tau[motion.mask] ** 2)) for motion in thin)))
+    # The start is off zero and the steps are coarse: the residual is that of a full fit and not smooth to rounding.
+    solution = least_squares(
+        residual, np.full(2, START_TILT), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20
+    )
+    std = np.sqrt(
+        np.diag(np.linalg.pinv(solution.jac.T @ solution.jac)) * 2.0 * solution.cost / max(solution.fun.size - 2, 1)
+    )
+    x, y = (float(v) for v in solution.x * (np.abs(solution.x) > 2.0 * std))
 
     def error(x: float, y: float) -> float:
         return 100.0 * float(np.linalg.norm(residual(np.array([x, y])))) / torque if torque > 0 else 0.0
 
-    return (x, y), (float(spread[0]), float(spread[1])), error
+    return (x, y), (float(std[0]), float(std[1])), error
 
 
 @dataclass(frozen=True)
-class _Linearised:
-    """What a tilt near another one gains in cross-validation over a level base, where the torque is linear in it; its
-    standard errors, and the training error (%) of the level base."""
+class _TiltGain:
+    """The cross-validated gain of a tilt over a level base, by linearisation of the torque at a nearby tilt.
+
+    ``std`` are the standard errors of both angles, ``error`` is the training error (%) of the level base.
+    """
 
     gain: Gain
     std: tuple[float, float]
     error: float
 
     @classmethod
-    def at(
-        cls, model: Model, motions: tuple[Motion, ...], min_speed: tuple[float, ...] | None, tilt: tuple[float, float]
-    ) -> _Linearised:
-        """Linearise at a tilt and the parameters of least squares there.
+    def linearise(
+        cls, model: Model, motions: tuple[Motion, ...], selection: Selection, tilt: tuple[float, float]
+    ) -> _TiltGain:
+        """Linearise at a tilt, with the least-squares parameters there.
 
-        Each fold finds its own tilt, and parameters in the directions that a level base shows: others would be fitted
-        to noise as long as the tilt is small.
+        Each fold finds its own tilt. Parameters are restricted to the directions that a level base determines: others
+        would be fitted to noise as long as the tilt is small.
         """
-        turned = mounted(model, *tilt)
-        folds = [tuple(_part(one, k) for one in motions) for k in range(FOLDS)]
-        level = factors_of(model, motions, FOLDS, min_speed, _part)
-        shown = rank_of(merged(level).stacked(), model.parameters).determined
-        value = shown @ _solved(_along(Regression(turned, motions, None, min_speed).triangular_factors, shown))[0]
-        slopes = _slopes(model, motions, value, tilt)
-        level = [_along(one, shown) for one in level]
-        tilted = [_along(_beside(turned, some, slopes, min_speed), shown) for some in folds]
-        gain = gained(predicted(level, level), predicted(tilted, tilted))
-        std, whole = _solved(merged(tilted))[1], merged(level)
-        left, torque = whole.residual(_solved(whole)[0]).sum(), np.square(whole.factors[:, :, -1]).sum()
-        error = 100.0 * float(np.sqrt(left / torque)) if torque > 0 else 0.0
+        tilted_model = tilt_base(model, *tilt)
+        folds = [tuple(_keep_spread_fold(motion, k) for motion in motions) for k in range(FOLDS)]
+        level = factors_by_fold(model, motions, FOLDS, selection, _keep_spread_fold)
+        directions = rank_of(merge_factors(level).stack(), model.parameters).determined_directions
+        value = (
+            directions
+            @ _solve_with_std(
+                _project_factors(Regression(tilted_model, motions, selection.unfiltered).triangular_factors, directions)
+            )[0]
+        )
+        # The tilt adds two columns, so that all folds are judged from triangular factors without another fit.
+        slopes = _tilt_slopes(model, motions, value, tilt)
+        level = [_project_factors(fold_factors, directions) for fold_factors in level]
+        tilted = [
+            _project_factors(_append_columns(tilted_model, fold, slopes, selection), directions) for fold in folds
+        ]
+        gain = gain_from_errors(prediction_errors(level, level), prediction_errors(tilted, tilted))
+        std, merged_level = _solve_with_std(merge_factors(tilted))[1], merge_factors(level)
+        residual, torque = (
+            merged_level.residual(_solve_with_std(merged_level)[0]).sum(),
+            np.square(merged_level.factors[:, :, -1]).sum(),
+        )
+        error = 100.0 * float(np.sqrt(residual / torque)) if torque > 0 else 0.0
         return cls(gain, (float(std[-2]), float(std[-1])), error)
 
 
-def _solved(triangular: TriangularFactors) -> tuple[Array, Array]:
+def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:
     """Return the least-squares solution (p) and its standard errors (p), inf where there are none."""
-    fit = solve(triangular.stacked())
+    fit = solve_least_squares(triangular.stack())
     return fit.value, np.sqrt(np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.rank, 1))))
 
 
-def _along(triangular: TriangularFactors, directions: Array) -> TriangularFactors:
-    """Return the factors of coordinates along directions (p, r) of the first parameters, and of the rest."""
+def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:
+    """Return the factors in coordinates along directions (p, r) of the first p parameters; other columns stay."""
     p, r = directions.shape
-    rest = triangular.factors.shape[2] - p
-    into = np.zeros((p + rest, r + rest))
-    into[:p, :r], into[p:, r:] = directions, np.eye(rest)
-    return TriangularFactors(np.asarray(np.linalg.qr(triangular.factors @ into, mode="r")), triangular.rows)
+    n_other = triangular.factors.shape[2] - p
+    projection = np.zeros((p + n_other, r + n_other))
+    projection[:p, :r], projection[p:, r:] = directions, np.eye(n_other)
+    return TriangularFactors(np.asarray(np.linalg.qr(triangular.factors @ projection, mode="r")), triangular.rows)
 
 
-def _part(motion: Motion, k: int, folds: int = FOLDS) -> Motion:
-    """Return the motion with only the stretches of fold k in the mask, which have gaps between them.
+def _keep_spread_fold(motion: Motion, k: int, folds: int = FOLDS) -> Motion:
+    """Return the motion with only the stretches of fold k in the mask, with gaps between them.
 
-    A fold has several stretches, evenly spread, so that the others excite what it does.
+    A fold has several stretches, spread evenly, so that the remaining ones excite the same parameters.
     """
     mask = np.zeros(len(motion), dtype=bool)
-    for used in np.array_split(np.flatnonzero(motion.mask), folds * STRETCHES)[k::folds]:
-        edge = int(EDGE * len(used))
-        mask[used[edge : len(used) - edge]] = True
+    # Whole stretches with cut ends: samples next to a border share smoothing errors with the neighbouring fold.
+    for rows in np.array_split(np.flatnonzero(motion.mask), folds * STRETCHES_PER_FOLD)[k::folds]:
+        edge = int(EDGE_SHARE * len(rows))
+        mask[rows[edge : len(rows) - edge]] = True
     return replace(motion, mask=mask)
 
 
-def _slopes(model: Model, motions: Sequence[Motion], value: Array, tilt: tuple[float, float]) -> list[Array]:
-    """Return for each motion what the torque (N, n) changes with the tilt, (2, N, n) in N m/rad."""
-    found = []
+def _tilt_slopes(model: Model, motions: Sequence[Motion], value: Array, tilt: tuple[float, float]) -> list[Array]:
+    """Return the derivative of the torque by the tilt for each motion, (2, N, n) in N m/rad."""
+    slopes = []
     for motion in motions:
+        # Central differences of the torque; the torque is nearly linear in a tilt of this size.
         ends = [
-            [mounted(model, *(tilt + side * step)).torque(**motion.states(), theta=value) for side in (1, -1)]
-            for step in START * np.eye(2)
+            [tilt_base(model, *(tilt + side * step)).torque(**motion.states(), theta=value) for side in (1, -1)]
+            for step in START_TILT * np.eye(2)
         ]
-        found.append(np.array([(late - early) / (2 * START) for late, early in ends]))
-    return found
+        slopes.append(np.array([(forward - backward) / (2 * START_TILT) for forward, backward in ends]))
+    return slopes
 
 
-def _beside(
-    model: Model, motions: Sequence[Motion], slopes: Sequence[Array], min_speed: tuple[float, ...] | None
+def _append_columns(
+    model: Model, motions: Sequence[Motion], slopes: Sequence[Array], selection: Selection
 ) -> TriangularFactors:
     """Return the factors of the regression with two more columns, the ``slopes`` of the torque."""
-    structure = model.structure.beside(2)
-    moved = [
-        Regression(model, tuple(replace(m, tau=s[k]) for m, s in zip(motions, slopes, strict=True)), None, min_speed)
+    structure = model.structure.append_columns(2)
+    column_regressions = [
+        Regression(
+            model, tuple(replace(m, tau=s[k]) for m, s in zip(motions, slopes, strict=True)), selection.unfiltered
+        )
         for k in range(2)
     ]
 
     def blocks() -> Iterator[EntryBlock]:
-        plain = Regression(model, tuple(motions), None, min_speed).entries()
-        for block, x, y in zip(plain, *(one.entries() for one in moved), strict=True):
+        # Rows of different joints are interleaved by part of the structure; the new columns follow each part.
+        model_blocks = Regression(model, tuple(motions), selection.unfiltered).entries()
+        for block, x, y in zip(model_blocks, *(regression.entries() for regression in column_regressions), strict=True):
             rows = [
                 np.concatenate((block.entries[part], x.tau[[j]], y.tau[[j]]))
                 for j, part in enumerate(block.structure.parts)
@@ -231,44 +266,52 @@ def _beside(
     return factorise(blocks(), structure)
 
 
-def _gravity(model: Model) -> Array:
+def _term_gravity(model: Model) -> Array:
     """Return the gravity (k, 3) of the terms that have one."""
-    return np.array([term.gravity for term in model.terms if isinstance(term, HasGravity)])
+    return np.array([term.gravity for term in model.terms if term.gravity is not None])
 
 
-def _affine(
-    model: Model, motions: tuple[Motion, ...], min_speed: tuple[float, ...] | None
+def _affine_entries(
+    model: Model, motions: tuple[Motion, ...], selection: Selection
 ) -> Callable[[Array], Iterator[EntryBlock]] | None:
-    """Return a function from gravity (k, 3) to the rows: they are affine in it, so that four gravities tell all others.
+    """Return a function from gravity (k, 3) to the blocks of rows, or None where it cannot be had.
 
-    None where the terms differ in their gravity, or the rows under that of ``model`` are not those of the function.
+    Rows are affine in gravity, so that four gravities determine those for any other. None where the terms differ
+    in their gravity, or where the function does not reproduce the rows of ``model``.
     """
-    now = _gravity(model)
-    if not (now == now[0]).all() or not now.any():
+    model_gravity = _term_gravity(model)
+    if not (model_gravity == model_gravity[0]).all() or not model_gravity.any():
         return None
-    unit = float(np.linalg.norm(now[0]))
-    known = [
-        model.with_gravity(partial(np.add, one))
-        for one in np.concatenate([np.zeros((1, 3)), unit * np.eye(3)]) - now[0]
+    magnitude = float(np.linalg.norm(model_gravity[0]))
+    # Gravity zero and one unit along each axis: enough to determine a function that is affine in three variables.
+    trial_models = [
+        model.with_gravity(partial(np.add, trial))
+        for trial in np.concatenate([np.zeros((1, 3)), magnitude * np.eye(3)]) - model_gravity[0]
     ]
-    structure = structure_of(known)
-    none, *along = (list(Regression(one, motions, min_speed=min_speed).entries(structure)) for one in known)
+    structure = common_structure(trial_models)
+    without_gravity, *along_axes = (
+        list(Regression(trial, motions, selection.unfiltered).entries(structure)) for trial in trial_models
+    )
     slopes = [
-        np.stack([one.entries - first.entries for one in some]) for first, *some in zip(none, *along, strict=True)
+        np.stack([trial.entries - reference.entries for trial in trials])
+        for reference, *trials in zip(without_gravity, *along_axes, strict=True)
     ]
 
-    pulled = [slope.any(axis=(0, 2)) for slope in slopes]  # gravity acts on masses and their centres alone
-    slopes = [slope[:, rows] for slope, rows in zip(slopes, pulled, strict=True)]
+    affected_rows = [slope.any(axis=(0, 2)) for slope in slopes]  # gravity acts on masses and their centres alone
+    slopes = [slope[:, rows] for slope, rows in zip(slopes, affected_rows, strict=True)]
 
-    def under(gravity: Array) -> Iterator[EntryBlock]:
-        share = gravity[0] / unit
-        for block, slope, rows in zip(none, slopes, pulled, strict=True):
+    def entries_at(gravity: Array) -> Iterator[EntryBlock]:
+        share = gravity[0] / magnitude
+        for block, slope, rows in zip(without_gravity, slopes, affected_rows, strict=True):
             entries = block.entries.copy()
             entries[rows] += np.tensordot(share, slope, 1)
             yield replace(block, entries=entries)
 
-    exact = Regression(model, motions, min_speed=min_speed).entries(structure)
-    pairs = zip(under(now), exact, strict=True)
+    # Terms of the user may depend on gravity in another way: accept the function only where it is exact here.
+    exact = Regression(model, motions, selection.unfiltered).entries(structure)
+    pairs = zip(entries_at(model_gravity), exact, strict=True)
     return (
-        under if all(np.abs(a.entries - b.entries).max() <= EXACT * np.abs(b.entries).max() for a, b in pairs) else None
+        entries_at
+        if all(np.abs(a.entries - b.entries).max() <= MAX_AFFINE_ERROR * np.abs(b.entries).max() for a, b in pairs)
+        else None
     )

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.linear import solve
-from dynident.log import Motion
+from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Model, Parameter
-from dynident.regression import Regression, TriangularFactors, factorise, fitted_rows, rank_of
-
-__all__ = ["FOLDS", "Gain", "factors_of", "fitted", "gain_of", "gained", "left_out_errors", "predicted", "stretch"]
+from dynident.motion.log import Log, Motion, spread_pieces, subsample
+from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log
+from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, factorise, fitted_rows, rank_of
+from dynident.runtime import ConfigError, InputError, Step, brief, report_progress
+from dynident.runtime.jobs import run_jobs
 
 Array = NDArray[np.float64]
 FOLDS = 10
@@ -35,81 +37,264 @@ class Gain:
         return self.share > self.std
 
 
-def gain_of(model: Model, before: Sequence[Motion], after: Sequence[Motion], folds: int = FOLDS) -> Gain:
-    """Return what is gained where least squares is fitted to the motions ``after`` and not to those ``before``.
+def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion], folds: int = FOLDS) -> Gain:
+    """Return the gain in the cross-validated error from fitting the motions ``after`` instead of ``before``.
 
-    Both have the same samples, and are compared on those that both fit: neither wins by what it leaves out.
+    Both have the same samples and are compared on those that both fit, so that neither wins by leaving samples
+    out.
     """
-    common = [fitted(one) & fitted(other) for one, other in zip(before, after, strict=True)]
-    old, new = (left_out_errors(model, motions, _scored(motions, common), folds) for motions in (before, after))
-    return gained(old, new)
+    common = [
+        fitted_mask(old_motion) & fitted_mask(new_motion) for old_motion, new_motion in zip(before, after, strict=True)
+    ]
+    old, new = (left_out_errors(model, motions, _with_keep(motions, common), folds) for motions in (before, after))
+    return gain_from_errors(old, new)
 
 
-def gained(old: Array, new: Array) -> Gain:
-    """Return what is gained where the squared errors (folds, n) of left-out stretches are ``new`` and not ``old``."""
+def gain_from_errors(old: Array, new: Array) -> Gain:
+    """Return the gain where the squared errors (folds, n) of left-out stretches fall from ``old`` to ``new``."""
     size = np.where(old.sum(axis=0) > 0, old.sum(axis=0), np.inf)
+    # Each joint relative to its own error; the spread over folds gives the standard error of the sum.
     blocks = 100.0 * ((old - new) / size).mean(axis=1)
     return Gain(float(blocks.sum()), float(np.sqrt(len(blocks)) * np.std(blocks, ddof=1)))
 
 
-def _scored(motions: Sequence[Motion], keep: Sequence[NDArray[np.bool_]]) -> list[Motion]:
-    return [replace(one, keep=rows) for one, rows in zip(motions, keep, strict=True)]
+def _with_keep(motions: Sequence[Motion], keep: Sequence[NDArray[np.bool_]]) -> list[Motion]:
+    return [replace(motion, keep=rows) for motion, rows in zip(motions, keep, strict=True)]
 
 
 def left_out_errors(
-    model: Model, motions: Sequence[Motion], scored: Sequence[Motion] | None = None, folds: int = FOLDS
+    model: Model, motions: Sequence[Motion], test_motions: Sequence[Motion] | None = None, folds: int = FOLDS
 ) -> Array:
     """Return the squared torque error (folds, n) of each joint in stretches of time predicted from the others.
 
-    Each motion is cut into ``folds`` stretches with as many usable samples. Joints are fitted relative to their
-    torque. ``scored`` are the motions to predict, by default those that are fitted.
+    Each motion is cut into ``folds`` stretches with equal numbers of usable samples. Joints are fitted relative
+    to their torque. ``test_motions`` are the motions to predict, by default those that are fitted.
     """
-    parts = factors_of(model, motions, folds)
-    return predicted(parts, parts if scored is None else factors_of(model, scored, folds), model.parameters)
+    parts = factors_by_fold(model, motions, folds)
+    return prediction_errors(
+        parts, parts if test_motions is None else factors_by_fold(model, test_motions, folds), model.parameters
+    )
 
 
-def predicted(
-    parts: Sequence[TriangularFactors],
-    judged: Sequence[TriangularFactors],
+def prediction_errors(
+    train_folds: Sequence[TriangularFactors],
+    test_folds: Sequence[TriangularFactors],
     parameters: Sequence[Parameter] = (),
     *,
     relative: bool = True,
 ) -> Array:
-    """Return the squared errors (folds, n) of what is ``judged``, each predicted from all ``parts`` but its own.
+    """Return the squared errors (folds, n) of each of ``test_folds``, predicted from all other ``train_folds``.
 
-    Joints are fitted ``relative`` to their torque, or all alike.
+    Joints are weighted by the inverse of their torque where ``relative``, else all alike.
     """
-    size = np.sqrt(sum(np.square(one.factors[:, :, -1]).sum(axis=1) for one in parts))
+    size = np.sqrt(sum(np.square(fold.factors[:, :, -1]).sum(axis=1) for fold in train_folds))
     weights = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0) if relative else None
-    stacked, rows = np.stack([one.stacked(weights) for one in parts]), np.array([one.total for one in parts])
-    found = []
-    for k, one in enumerate(judged):
-        factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stacked()
-        found.append(one.residual(solve(factor, rank_of(factor, parameters)).value))
-    return np.stack(found)
+    # Factors of the other folds merge by stacking, so that leaving a fold out needs no pass over the samples.
+    stacked, rows = (
+        np.stack([fold.stack(weights) for fold in train_folds]),
+        np.array([fold.total for fold in train_folds]),
+    )
+    errors = []
+    for k, fold in enumerate(test_folds):
+        factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stack()
+        errors.append(fold.residual(solve_least_squares(factor, rank_of(factor, parameters)).value))
+    return np.stack(errors)
 
 
-def stretch(motion: Motion, k: int, folds: int) -> Motion:
-    """Return the motion with only the k-th of ``folds`` equal shares of its usable samples left in the mask."""
-    used = np.array_split(np.flatnonzero(motion.mask), folds)[k]
+def keep_fold(motion: Motion, k: int, folds: int) -> Motion:
+    """Return the motion with only the k-th of ``folds`` equal shares of its usable samples in the mask."""
+    rows = np.array_split(np.flatnonzero(motion.mask), folds)[k]
     mask = np.zeros(len(motion), dtype=bool)
-    mask[used] = True
+    mask[rows] = True
     return replace(motion, mask=mask)
 
 
-def factors_of(
+def factors_by_fold(
     model: Model,
     motions: Sequence[Motion],
     folds: int = FOLDS,
-    min_speed: tuple[float, ...] | None = None,
-    part: Callable[[Motion, int, int], Motion] = stretch,
+    selection: Selection = EVERYTHING,
+    select: Callable[[Motion, int, int], Motion] = keep_fold,
 ) -> list[TriangularFactors]:
-    """Return the factors of the torque equations in each of the ``folds`` parts of the motions."""
-    parts = [tuple(part(one, k, folds) for one in motions) for k in range(folds)]
-    return [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in parts]
+    """Return the triangular factors of the torque equations in each of ``folds`` parts of the motions."""
+    parts = [tuple(select(motion, k, folds) for motion in motions) for k in range(folds)]
+    return [factorise(Regression(model, fold, selection.unfiltered).entries(), model.structure) for fold in parts]
 
 
-def fitted(motion: Motion, min_speed: tuple[float, ...] | None = None) -> NDArray[np.bool_]:
+def fitted_mask(motion: Motion, selection: Selection = EVERYTHING) -> NDArray[np.bool_]:
     """Return which torque equations (N, n) of a motion are fitted."""
-    rows = fitted_rows(motion, min_speed)
+    rows = fitted_rows(motion, selection.min_speed)
     return np.asarray(motion.mask[:, None] & (np.ones(motion.q.shape, dtype=bool) if rows is None else rows))
+
+
+MAX_SAMPLES, PIECES_PER_LOG = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose
+REGRESSION_SAMPLES = 10_000  # samples of the regression on which the choice rests
+MAX_TIE_DIFFERENCE = 0.005  # relative difference below which errors count as equal; the first candidate is then taken
+
+
+@dataclass(frozen=True)
+class SmootherChoice:
+    """The first smoother with nearly the least cross-validated torque error, and the ``errors`` (%) of all candidates.
+
+    The error of a candidate that cannot smooth these logs is infinite.
+    """
+
+    smoother: Smoother
+    candidates: tuple[Smoother, ...]
+    errors: tuple[float, ...]
+
+    __repr__ = brief
+
+
+def choose_smoother(
+    model: Model,
+    logs: Sequence[Log],
+    candidates: Sequence[Smoother],
+    *,
+    folds: int = 5,
+    motion_cache: dict[int, tuple[Motion, ...]] | None = None,
+    executor: Executor | None = None,
+) -> SmootherChoice:
+    """Choose the smoother whose motion lets least squares predict the torque of left-out stretches of time best.
+
+    The position noise determines the best smoothing of the position, not of its derivatives, and only if it is
+    white; the torque error measures the derivatives. Every log is divided into ``folds`` stretches; each is
+    predicted from all others, over the samples that are reliable for every candidate, against the unfiltered
+    torque. Of candidates within 0.5 % of the least error the first is taken: list them from the least smoothing
+    to the most. ``motion_cache`` has the motions of the logs after ``cut_excerpts`` by the ``id`` of a smoother,
+    and keeps new ones. The candidates smooth on the ``executor`` side by side, by default in this process, with
+    the same result. Raises the first error where no candidate can smooth the logs, InputError where all torques
+    are zero, ConfigError where there is no candidate.
+    """
+    if not candidates:
+        raise ConfigError("no smoother is given to choose from.")
+    excerpt_logs, cache = cut_excerpts(logs), {} if motion_cache is None else motion_cache
+    if executor is not None:
+        report_progress(Step("choosing the smoother"))
+        _smooth_ahead(excerpt_logs, candidates, cache, executor)
+    candidate_motions = _smooth_candidates(excerpt_logs, candidates, cache)
+    masks = _common_masks([motions for motions in candidate_motions if not isinstance(motions, InputError)], 10 * folds)
+    errors = []
+    for k, motions in enumerate(candidate_motions):
+        report_progress(Step("choosing the smoother", len(candidate_motions) + k, 2 * len(candidate_motions)))
+        if isinstance(motions, InputError):
+            errors.append(np.inf)
+            continue
+        # The same samples for every candidate, so that only the motion differs.
+        common = _thin_motions([model.remembering(motion) for motion in motions], masks)
+        errors.append(cross_validated_error(model, common, folds))
+    best_candidates = np.flatnonzero(np.array(errors) <= min(errors) * (1 + MAX_TIE_DIFFERENCE))
+    if not len(best_candidates):
+        raise InputError(
+            f"{logs[0].source}: the torque is zero in every sample of every log, so that no smoother can be chosen by "
+            "it; look whether the right torque column is named, and was recorded."
+        )
+    return SmootherChoice(candidates[int(best_candidates[0])], tuple(candidates), tuple(errors))
+
+
+@dataclass(frozen=True, eq=False)
+class _Smoothing:
+    """The work of a job: the motions of the logs by the smoother of a number."""
+
+    smoothers: tuple[Smoother, ...]
+    logs: tuple[Log, ...]
+
+    def __call__(self, k: int) -> tuple[Motion, ...]:
+        return tuple(smooth_log(self.smoothers[k], log) for log in self.logs)
+
+
+def _smooth_ahead(
+    logs: Sequence[Log], candidates: Sequence[Smoother], cache: dict[int, tuple[Motion, ...]], executor: Executor
+) -> None:
+    """Put the motions of the logs by each candidate into the cache, computed by workers.
+
+    A candidate that fails is left for this process, where its error is raised.
+    """
+    new_smoothers = tuple(
+        {
+            id(smoother): smoother for smoother in map(_without_time_offset, candidates) if id(smoother) not in cache
+        }.values()
+    )
+    for outcome in run_jobs(_Smoothing(new_smoothers, tuple(logs)), range(len(new_smoothers)), executor):
+        if outcome.value is not None:
+            cache[id(new_smoothers[outcome.job])] = outcome.value
+
+
+def _without_time_offset(smoother: Smoother) -> Smoother:
+    """Return a smoother without its time offset."""
+    return smoother.smoother if isinstance(smoother, TimeShifted) else smoother
+
+
+def _smooth_candidates(
+    logs: Sequence[Log], candidates: Sequence[Smoother], cache: dict[int, tuple[Motion, ...]]
+) -> list[tuple[Motion, ...] | InputError]:
+    """Return the motions of the logs by each candidate, or its error; raises the first error where all fail."""
+    candidate_motions: list[tuple[Motion, ...] | InputError] = []
+    for k, smoother in enumerate(candidates):
+        report_progress(Step("choosing the smoother", k, 2 * len(candidates)))  # the errors come after
+        try:
+            candidate_motions.append(_motions(smoother, logs, cache))
+        except InputError as error:
+            candidate_motions.append(error)
+    failed = [error for error in candidate_motions if isinstance(error, InputError)]
+    if len(failed) == len(candidate_motions):
+        raise failed[0]
+    return candidate_motions
+
+
+def _motions(smoother: Smoother, logs: Sequence[Log], cache: dict[int, tuple[Motion, ...]]) -> tuple[Motion, ...]:
+    """Return the motions of the logs; a smoother with a time offset shifts the cached ones without it."""
+    unshifted = _without_time_offset(smoother)
+    if id(unshifted) not in cache:
+        cache[id(unshifted)] = tuple(smooth_log(unshifted, log) for log in logs)
+    motions = cache[id(unshifted)]
+    return tuple(map(smoother.shift, motions)) if isinstance(smoother, TimeShifted) else motions
+
+
+def _common_masks(candidate_motions: Sequence[tuple[Motion, ...]], min_samples: int) -> list[NDArray[np.bool_]]:
+    """Return the samples of each log that are reliable for every candidate, or for any where too few are left."""
+    masks = [
+        np.logical_and.reduce([motion.mask for motion in motions]) for motions in zip(*candidate_motions, strict=True)
+    ]
+    if not all(mask.sum() >= min_samples for mask in masks):  # the widest kernels leave too little in common
+        masks = [
+            np.logical_or.reduce([motion.mask for motion in motions])
+            for motions in zip(*candidate_motions, strict=True)
+        ]
+    return masks
+
+
+def cut_excerpts(logs: Sequence[Log]) -> list[Log]:
+    """Return five pieces of each log, evenly spread, where the logs are long: enough to compare the smoothers."""
+    share = min(1.0, MAX_SAMPLES / max(sum(map(len, logs)), 1))
+    if share == 1.0:
+        return list(logs)
+    excerpt_logs = []
+    for log in logs:
+        if int(share * len(log) / PIECES_PER_LOG) < 1000:  # too short to smooth well
+            excerpt_logs.append(log)
+            continue
+        parts = spread_pieces(slice(0, len(log)), PIECES_PER_LOG, share)
+        excerpt_logs += [log.rows(part, f"{log.source} piece {k}") for k, part in enumerate(parts, start=1)]
+    return excerpt_logs
+
+
+def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 5) -> float:
+    """Return the relative torque error (%) of stretches of time predicted from the others, from triangular factors."""
+    # One regression per fold; folds are merged from factors without another pass over the samples.
+    parts = [
+        Regression(model, tuple(keep_fold(motion, k, folds) for motion in motions)).triangular_factors
+        for k in range(folds)
+    ]
+    total = sum(float(np.square(part.factors[:, :, -1]).sum()) for part in parts)
+    squared_error = prediction_errors(parts, parts, model.parameters, relative=False).sum()
+    return 100.0 * float(np.sqrt(squared_error / total)) if total > 0 else float("nan")
+
+
+def _thin_motions(motions: Sequence[Motion], masks: Sequence[NDArray[np.bool_]]) -> tuple[Motion, ...]:
+    """Return the motions at a few of the samples in the masks, all of them usable."""
+    masked = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
+    return tuple(
+        masked_motion.shift(0.0, rows)
+        for masked_motion, rows in zip(masked, subsample(masked, REGRESSION_SAMPLES), strict=True)
+    )

@@ -11,20 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief
 from dynident.estimators import Provenance
-from dynident.models import INERTIAL, RigidBodies
-from dynident.models.inertia import COLUMNS, ROWS, to_physical
+from dynident.models import INERTIAL, RigidBodies, to_physical
+from dynident.models.inertia import COLUMNS, ROWS
+from dynident.runtime import brief
 
 if TYPE_CHECKING:
     from dynident.identification.result import Identification
 
-__all__ = ["BodyInertia", "DeterminedBy", "LinkInertia", "determined_by", "link_inertias", "rigid_bodies"]
 
 Array = NDArray[np.float64]
-EXACT = 1e-6  # share of a quantity's gradient off the determined directions below which it is rounding
-TINY = 1e-9  # weight of a base parameter in a quantity, relative to the largest, that is rounding
-SIZE = 7  # mass, centre of mass (3), principal moments (3)
+ROUNDING_SHARE = 1e-6  # share of a quantity's gradient off the determined directions below which it is rounding
+MIN_WEIGHT = 1e-9  # weight of a base parameter in a quantity, relative to the largest, that is rounding
+N_VALUES = 7  # mass, centre of mass (3), principal moments (3)
 
 
 class DeterminedBy(StrEnum):
@@ -68,19 +67,22 @@ class BodyInertia:
         """Half axes (3), in m, along ``axes`` of the solid ellipsoid of even density with this mass and these moments;
         None where there is none: no mass, or moments that no body has."""
         squares = 2.5 * (self.moments.sum() - 2 * self.moments) / self.mass if self.mass > 0 else np.full(3, np.nan)
-        if not (squares > -EXACT * np.abs(squares).max()).all():
+        if not (squares > -ROUNDING_SHARE * np.abs(squares).max()).all():
             return None
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class LinkInertia:
-    """A link, with the ``links`` fixed to it, and its place in ``Arm.bodies``: its inertia in the robot ``file`` and as
-    ``found``, None where not known, and what its ten parameters are determined ``by``, of those that matter.
+    """A link with the ``links`` fixed to it, at index ``body`` of ``Arm.bodies``.
 
-    ``std`` (7) are standard errors of the mass, centre and moments found, to first order; nan where they are not known.
-    Those that the data alone determine are ``sure`` (7). What they leave open of the others was decided by the prior,
-    whose error comes on top; where the estimator has none, such a value of ``found`` is nan.
+    ``file`` and ``found`` are its inertia in the robot file and as identified, None where not known; ``by``
+    counts what its ten parameters are determined by, of those that matter.
+
+    ``std`` (7) are standard errors of the identified mass, centre and moments, to first order; nan where they are
+    not known. ``sure`` (7) marks those that the data alone determine. What the data leave open of the others was
+    decided by the prior, whose error comes on top; where the estimator has none, such a value of ``found`` is
+    nan.
     """
 
     links: tuple[str, ...]
@@ -99,27 +101,29 @@ class LinkInertia:
         return self.links[0]
 
     @property
-    def mostly(self) -> DeterminedBy:
-        """What determined most of its parameters; of as many, the worse."""
-        return max(reversed(DeterminedBy), key=lambda one: self.by.get(one, 0))
+    def main_source(self) -> DeterminedBy:
+        """What determined most of its parameters; of equal counts, the worse."""
+        return max(reversed(DeterminedBy), key=lambda source: self.by.get(source, 0))
 
 
 def rigid_bodies(identification: Identification) -> RigidBodies | None:
     """Return the bodies of the model, None where it is not made of a robot file."""
-    return next((one for one in identification.model.terms if isinstance(one, RigidBodies)), None)
+    return next((term for term in identification.model.terms if isinstance(term, RigidBodies)), None)
 
 
 def determined_by(identification: Identification) -> tuple[DeterminedBy, ...]:
-    """Return what determined each parameter (p), for an estimator that does not tell as the base parameters show it;
-    empty where all are by the data alone."""
+    """Return what determined each parameter (p); empty where all are determined by the data alone.
+
+    For an estimator without provenance it is derived from the base parameters.
+    """
     estimate, basis = identification.estimate, identification.base.on_data
     if estimate.provenance:
-        return tuple(OF_PROVENANCE[one] for one in estimate.provenance)
+        return tuple(OF_PROVENANCE[provenance] for provenance in estimate.provenance)
     if basis is None:
         return ()
-    known = dict.fromkeys(basis.without_effect, DeterminedBy.NOTHING)
-    known |= dict.fromkeys(basis.determined, DeterminedBy.DATA)
-    return tuple(known.get(name, DeterminedBy.COMBINATION) for name in estimate.names)
+    by_name = dict.fromkeys(basis.without_effect, DeterminedBy.NOTHING)
+    by_name |= dict.fromkeys(basis.single_parameters, DeterminedBy.DATA)
+    return tuple(by_name.get(name, DeterminedBy.COMBINATION) for name in estimate.names)
 
 
 def link_inertias(identification: Identification) -> tuple[LinkInertia, ...]:
@@ -129,22 +133,23 @@ def link_inertias(identification: Identification) -> tuple[LinkInertia, ...]:
         return ()
     parameters, by = identification.model.parameters, determined_by(identification)
     structural = identification.base.structural
-    idle = set() if structural is None else set(structural.without_effect)
+    without_effect = set() if structural is None else set(structural.without_effect)
     columns: dict[str, dict[str, int]] = {}
     for k, parameter in enumerate(parameters):
         if parameter.body and parameter.role in INERTIAL:
             columns.setdefault(parameter.body, {})[parameter.role] = k
-    found = []
-    for place in bodies.arm.listed:
+    links = []
+    for place in bodies.arm.parameter_bodies:
         body = bodies.arm.bodies[place]
-        own = [columns[body.name][role] for role in INERTIAL]
-        counted = [k for k in own if parameters[k].name not in idle] or own
-        kinds = Counter(by[k] for k in counted) if by else Counter({DeterminedBy.DATA: len(own)})
-        inertia = _inertia(identification.estimate.value[own])
-        std, sure = _errors(identification, own, inertia)
-        shown = inertia if identification.estimate.provenance else _only(inertia, sure)
-        found.append(LinkInertia(body.links, place, _inertia(body.theta), shown, std, sure, dict(kinds)))
-    return tuple(found)
+        indices = [columns[body.name][role] for role in INERTIAL]
+        # Parameters without effect on any torque do not count, unless there are no others.
+        counted = [k for k in indices if parameters[k].name not in without_effect] or indices
+        kinds = Counter(by[k] for k in counted) if by else Counter({DeterminedBy.DATA: len(indices)})
+        inertia = _inertia(identification.estimate.value[indices])
+        std, sure = _inertia_std(identification, indices, inertia)
+        reported = inertia if identification.estimate.provenance else _keep_certain(inertia, sure)
+        links.append(LinkInertia(body.links, place, _inertia(body.theta), reported, std, sure, dict(kinds)))
+    return tuple(links)
 
 
 def _inertia(theta: Array) -> BodyInertia | None:
@@ -157,58 +162,64 @@ def _inertia(theta: Array) -> BodyInertia | None:
     return BodyInertia(float(mass), centre, moments, axes)
 
 
-def _only(found: BodyInertia | None, sure: NDArray[np.bool_]) -> BodyInertia | None:
-    """Return of a body what is sure, and nan for the rest."""
-    if found is None or not sure.any():
+def _keep_certain(inertia: BodyInertia | None, sure: NDArray[np.bool_]) -> BodyInertia | None:
+    """Return the body with only its certain values, nan for the others."""
+    if inertia is None or not sure.any():
         return None
-    values = np.where(sure, found.values, np.nan)
-    return BodyInertia(float(values[0]), values[1:4], values[4:], found.axes)
+    values = np.where(sure, inertia.values, np.nan)
+    return BodyInertia(float(values[0]), values[1:4], values[4:], inertia.axes)
 
 
-def _errors(
-    identification: Identification, own: list[int], found: BodyInertia | None
+def _inertia_std(
+    identification: Identification, columns: list[int], inertia: BodyInertia | None
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the standard errors (7) of mass, centre and moments by those of the base parameters, with what these leave
-    open held, and which of them depend on nothing else."""
+    """Return the standard errors (7) of mass, centre and moments, and which of these the data alone determine.
+
+    They follow from those of the base parameters, with what these leave open held fixed.
+    """
     basis, covariance = identification.base.on_data, _covariance(identification)
-    if found is None or covariance is None:
-        return np.full(SIZE, np.nan), np.zeros(SIZE, dtype=bool)
-    gradient = np.zeros((SIZE, len(identification.model.parameters)))
-    gradient[:, own] = _gradient(found)
-    along: Array = gradient
-    sure = np.ones(SIZE, dtype=bool)
+    if inertia is None or covariance is None:
+        return np.full(N_VALUES, np.nan), np.zeros(N_VALUES, dtype=bool)
+    gradient = np.zeros((N_VALUES, len(identification.model.parameters)))
+    gradient[:, columns] = _gradient(inertia)
+    weights: Array = gradient
+    sure = np.ones(N_VALUES, dtype=bool)
     if basis is not None:
-        scaled, rows = gradient / basis.scale, basis.combination / basis.scale
-        along = np.asarray(np.linalg.lstsq(rows.T, scaled.T)[0].T, dtype=np.float64)
-        sure = np.linalg.norm(scaled - along @ rows, axis=1) <= EXACT * np.linalg.norm(scaled, axis=1)
-    along = np.where(np.abs(along) > TINY * np.abs(along).max(axis=1, keepdims=True), along, 0.0)
-    return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", along, covariance, along), 0.0)), sure
+        # A quantity is determined by the data where its gradient lies in the span of the base parameters.
+        scaled_gradient, rows = gradient / basis.scale, basis.combination / basis.scale
+        weights = np.asarray(np.linalg.lstsq(rows.T, scaled_gradient.T)[0].T, dtype=np.float64)
+        sure = np.linalg.norm(scaled_gradient - weights @ rows, axis=1) <= ROUNDING_SHARE * np.linalg.norm(
+            scaled_gradient, axis=1
+        )
+    # Rounding would otherwise pick up the variance of a badly known base parameter.
+    weights = np.where(np.abs(weights) > MIN_WEIGHT * np.abs(weights).max(axis=1, keepdims=True), weights, 0.0)
+    return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", weights, covariance, weights), 0.0)), sure
 
 
 def _covariance(identification: Identification) -> Array | None:
-    """Return the covariance (r, r) of the base parameters with the standard errors that the report has of them."""
+    """Return the covariance (r, r) of the base parameters, scaled to the standard errors in the report."""
     errors = identification.errors
-    best = errors.best if identification.base.on_data is None else errors.best_base
-    if best is None:
+    std = errors.best if identification.base.on_data is None else errors.best_base
+    if std is None:
         return None
-    together = errors.base_covariance
-    if together is None or not np.isfinite(best).all():
+    covariance = errors.base_covariance
+    if covariance is None or not np.isfinite(std).all():
         return None
-    size = np.sqrt(np.diag(together))
-    scale = np.divide(best, size, out=np.zeros_like(size), where=size > 0)
-    return np.asarray(scale[:, None] * together * scale)
+    size = np.sqrt(np.diag(covariance))
+    scale = np.divide(std, size, out=np.zeros_like(size), where=size > 0)
+    return np.asarray(scale[:, None] * covariance * scale)
 
 
-def _gradient(found: BodyInertia) -> Array:
+def _gradient(inertia: BodyInertia) -> Array:
     """Return the derivatives (7, 10) of mass, centre and principal moments by the ten parameters.
 
     A principal moment changes with the tensor C about the centre as v' dC v along its axis v (of a double one, in one
     of the directions that it has); C = I - (h'h E - h h') / m.
     """
-    out, m, c = np.zeros((SIZE, 10)), found.mass, found.centre
+    out, m, c = np.zeros((N_VALUES, 10)), inertia.mass, inertia.centre
     out[0, 0] = 1.0
     out[1:4, 0], out[1:4, 1:4] = -c / m, np.eye(3) / m
-    for k, v in enumerate(found.axes.T):
+    for k, v in enumerate(inertia.axes.T):
         out[4 + k, 0] = c @ c - (c @ v) ** 2
         out[4 + k, 1:4] = -2 * (c - (c @ v) * v)
         out[4 + k, 4:] = np.where(ROWS == COLUMNS, 1.0, 2.0) * v[ROWS] * v[COLUMNS]

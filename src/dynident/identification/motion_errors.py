@@ -1,39 +1,128 @@
-"""What the errors of a smoothed motion do to an estimate that takes the motion as exact.
+"""Bias and covariance of an estimate by the errors of the smoothed motion, which the fit takes as exact.
 
-The smoother takes from the motion (attenuated accelerations), and leaves noise in it (errors in variables): both bias
-least squares. The bias is that of a repetition in which the truth is known: the smoothed positions, with noise like the
-recording's, and the torque that the model gives to the smoothed motion, are smoothed and fitted once more (a parametric
-bootstrap; Efron and Tibshirani, 1993; of the smoothing alone, Tukey's twicing).
+The smoother takes from the motion (attenuated accelerations), and leaves noise in it (errors in variables):
+both bias least squares. The bias is that of a repetition in which the truth is known: the smoothed positions,
+with noise like the recording's, and the torque that the model gives to the smoothed motion, are smoothed and
+fitted once more (a parametric bootstrap; Efron and Tibshirani, 1993; of the smoothing alone, Tukey's
+twicing).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Sized
+from collections.abc import Iterable, Sequence, Sized
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, ModelError, brief
 from dynident.estimators import Estimate
-from dynident.estimators.least_squares import weighted
-from dynident.estimators.linear import solve
-from dynident.identification.repetition import Piece, credible, equations, likely, pieces_of, repetition, worst_of
-from dynident.identification.sampled_bias import repeat, sampled_bias
-from dynident.log import Log
+from dynident.estimators.least_squares import solve_least_squares, weight_joints
+from dynident.identification.repetition import (
+    LogPiece,
+    drop_unlikely_errors,
+    equations,
+    largest_residuals,
+    limit_noise,
+    pieces_of,
+    repeat_pieces,
+)
 from dynident.models import Model
-from dynident.regression import Regression, base_parameters, base_std
-from dynident.smoothers import Smoother
-from dynident.splines import NORMAL_95
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Smoother, strip_time_offset
+from dynident.motion.splines import NORMAL_95
+from dynident.regression import Regression, TriangularFactors, base_parameters, base_std, factorise, merge_factors
+from dynident.runtime import InputError, ModelError, brief, call_part
 from dynident.validation import correlated_std
 
-__all__ = ["MotionErrors", "motion_errors"]
-
 Array = NDArray[np.float64]
-SAMPLES = 20_000  # of all logs that are repeated for the covariance
-MOST = 80_000  # for the bias; of longer logs its covariance between pieces counts
-DRAWS = 16  # of the noise, for the covariance; the bias needs one pair, of either sign
+
+
+@dataclass(frozen=True, eq=False)
+class RepetitionFactors:
+    """The factors of a repetition, and of its own repetition, with the torque less that of the parameters."""
+
+    once: TriangularFactors
+    twice: TriangularFactors
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class SampledBias:
+    """A ``bias`` (p), its ``covariance`` (p, p) from the spread between parts, and the ``remainder`` (p).
+
+    The remainder is the difference between the biases of the second repetition and of the first. All are on the
+    directions that the data determine.
+    """
+
+    bias: Array
+    covariance: Array
+    remainder: Array
+
+    __repr__ = brief
+
+
+def repeat_piece(
+    model: Model, piece: LogPiece, theta: Array, template: Regression, rng: np.random.Generator
+) -> RepetitionFactors:
+    """Return the factors of a piece that is repeated with noise and its opposite, in the equations of ``template``.
+
+    Samples on the wrong side of a speed reversal count here: over many pieces they occur as often as they should.
+    Raises the errors of the smoother.
+    """
+    e = piece.noise(rng)
+    repeated_motions = _repeat_both_signs(model, piece, e, theta)
+    states = repeated_motions[0].states()
+    clean = replace(
+        piece.clean, q=call_part(strip_time_offset(piece.smoother), replace(piece.clean, q=piece.clean.q + e), Motion).q
+    )
+    # The repetition takes the place of the recording: its motion is the truth of the second one.
+    second_piece = replace(
+        piece, motion=repeated_motions[0], clean=replace(clean, tau=model.torque(**states, theta=theta))
+    )
+    return RepetitionFactors(
+        _residual_factors(piece, repeated_motions, theta, template),
+        _residual_factors(piece, _repeat_both_signs(model, second_piece, e, theta), theta, template),
+    )
+
+
+def _repeat_both_signs(model: Model, piece: LogPiece, e: Array, theta: Array) -> tuple[Motion, ...]:
+    no_limit = np.full(len(model.joints), np.inf)
+    return tuple(
+        motion for sign in (1.0, -1.0) for motion in repeat_pieces(model, [piece], [sign * e], theta, no_limit)
+    )
+
+
+def _residual_factors(
+    piece: LogPiece, motions: tuple[Motion, ...], theta: Array, template: Regression
+) -> TriangularFactors:
+    regression = equations(template, [piece] * len(motions), motions)
+    return factorise(regression.entries(), regression.structure).subtract_torque(theta)
+
+
+def sampled_bias(parts: Iterable[RepetitionFactors], model: Model, weights: Array) -> SampledBias | None:
+    """Return the bias from all parts, with the ``weights`` (n) of the joints; None from fewer than two parts."""
+    usable_parts = [part for part in parts if part.once.total]
+    if len(usable_parts) < 2:
+        return None
+    once, twice = merge_factors(part.once for part in usable_parts), merge_factors(part.twice for part in usable_parts)
+    factor, rank = weight_joints(once, weights, model.parameters)
+    bias = solve_least_squares(factor, rank).value
+    residual = np.append(-bias, 1.0)
+    # Scores of the parts at the solution; their spread gives the variance, as of a ratio of sums.
+    factors = [part.once.factors for part in usable_parts]
+    scores = np.stack([np.einsum("j,jik,ji->k", weights**2, R[:, :, :-1], R @ residual) for R in factors])
+    influences = scores @ rank.inverse
+    covariance = len(usable_parts) / (len(usable_parts) - 1) * influences.T @ influences
+    return SampledBias(
+        bias, covariance, solve_least_squares(*weight_joints(twice, weights, model.parameters)).value - bias
+    )
+
+
+MAX_COVARIANCE_SAMPLES = 20_000  # of all logs that are repeated for the covariance
+MAX_BIAS_SAMPLES = 80_000  # for the bias; of longer logs its covariance between pieces counts
+NOISE_DRAWS = 16  # of the noise, for the covariance; the bias needs one pair, of either sign
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +144,7 @@ class MotionErrors:
 
     @property
     def significant(self) -> bool:
-        """Whether a bias is larger than 95 % of the errors; a smaller one counts as one of these."""
+        """Whether the largest bias exceeds the 95 % error; a smaller one counts as an error."""
         return self.size > NORMAL_95
 
 
@@ -67,63 +156,76 @@ def motion_errors(
     estimate: Estimate,
     rng: np.random.Generator | None = None,
 ) -> MotionErrors | None:
-    """Return what the errors of the motions that ``smoother`` has made of ``logs`` do to an ``estimate``.
+    """Return the bias and covariance of an ``estimate`` by the errors of the smoothed motions of ``logs``.
 
-    It is that of the fit of ``regression`` without constraints, by least squares with the estimate's weights, or where
-    these depend on the residual, with the weights by which the fit follows a change of the torque. Of more
-    than 20 000 samples a few pieces are used, for the bias of more than 80 000. ``rng`` draws the noise, by default the
-    same each time. None where a piece cannot be smoothed by itself.
+    They are those of the fit of ``regression`` without constraints, by least squares with the estimate's weights,
+    or where these depend on the residual, with the weights by which the fit follows a change of the torque. Of
+    more than 20 000 samples a few pieces are used, for the bias of more than 80 000. ``rng`` draws the noise, by
+    default the same each time. None where a piece cannot be smoothed by itself.
     """
     rng = rng or np.random.default_rng(0)
     triangular, weights = regression.triangular_factors, estimate.residual.weights
-    follows = estimate.residual.responding(regression)
+    follows = estimate.residual.weight_by_slopes(regression)
     try:
-        parts = _parts(logs, follows, smoother, estimate, SAMPLES, rng)
-        bias, more = _bias(logs, follows, smoother, estimate, parts, rng)
-        worst = worst_of(parts)
+        parts = _credible_pieces(logs, follows, smoother, estimate, MAX_COVARIANCE_SAMPLES, rng)
+        bias, bias_covariance = _bias(logs, follows, smoother, estimate, parts, rng)
+        worst = largest_residuals(parts)
+        # Draws of the noise as torque errors of the corrected motion; those larger than any residual did not happen.
         torques = [
-            np.stack([likely(one.torque(model, estimate.value, one.noise(rng)), worst) for _ in range(DRAWS)], axis=2)
-            for one in parts
+            np.stack(
+                [
+                    drop_unlikely_errors(part.torque(model, estimate.value, part.noise(rng)), worst)
+                    for _ in range(NOISE_DRAWS)
+                ],
+                axis=2,
+            )
+            for part in parts
         ]
     except InputError:
         return None
-    ones = _ones(weights, triangular.rows)
-    factor, rank = weighted(follows.triangular_factors, ones, model.parameters, shown=estimate.shown)
-    here = equations(follows, parts, [one.motion for one in parts])
-    moved = rank.inverse @ here.pulls(torques, weights)
-    scale = sum(float(one.mask.sum()) for one in regression.motions) / max(_usable(here), 1.0)
-    covariance = scale * moved @ moved.T / DRAWS
+    ones = _unit_weights(weights, triangular.rows)
+    factor, rank = weight_joints(
+        follows.triangular_factors, ones, model.parameters, unwhitened_rank=estimate.unwhitened_rank
+    )
+    repeated_regression = equations(follows, parts, [part.motion for part in parts])
+    parameter_changes = rank.inverse @ repeated_regression.weighted_products(torques, weights)
+    # A few pieces stand for all samples: the covariance of sums grows with the number of samples.
+    scale = sum(float(part.mask.sum()) for part in regression.motions) / max(_usable_samples(repeated_regression), 1.0)
+    covariance = scale * parameter_changes @ parameter_changes.T / NOISE_DRAWS
     basis = base_parameters(rank, model.parameters)
-    wide = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination))
-    own = base_std(basis, triangular, estimate.residual.row_deviation(triangular, estimate.value), weights)
-    size = _sizes(basis.to_base(bias), own, wide)
+    noise_std = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination))
+    std = base_std(basis, triangular, estimate.residual.row_deviation(triangular, estimate.value), weights)
+    size = _standardised_bias(basis.to_base(bias), std, noise_std)
+    # The robust standard errors are costly: compute them only where the bias is significant without them.
     if (size > NORMAL_95).any():
         with suppress(ModelError):  # nearly dependent columns
             robust = correlated_std(regression, estimate.value, weights, basis.independent, estimate.residual.slopes)
-            size = _sizes(basis.to_base(bias), robust, wide)
+            size = _standardised_bias(basis.to_base(bias), robust, noise_std)
     largest = int(size.argmax()) if len(size) else 0
     p = len(bias)
     share = np.linalg.norm(factor[:, :p] @ bias) / max(float(np.linalg.norm(factor[:, :p] @ estimate.value)), 1e-300)
-    return MotionErrors(bias, covariance + more, basis.groupings[largest], float(size[largest]), float(share))
+    return MotionErrors(
+        bias, covariance + bias_covariance, basis.groupings[largest], float(size[largest]), float(share)
+    )
 
 
-def _parts(
+def _credible_pieces(
     logs: Sequence[Log],
     regression: Regression,
     smoother: Smoother,
     estimate: Estimate,
     samples: int,
     rng: np.random.Generator,
-) -> list[Piece]:
-    """Return pieces of about so many samples of the logs, with as much noise as is credible."""
+) -> list[LogPiece]:
+    """Return pieces of about ``samples`` rows of the logs, with as much noise as is credible."""
     share = min(1.0, samples / sum(map(len, logs)))
     weights = regression.weights or [None] * len(logs)
-    found = [
-        one
-        for log, motion, own in zip(logs, regression.motions, weights, strict=True)
-        for one in pieces_of(regression.model, log, motion, smoother, estimate.value, share, own)
+    pieces = [
+        piece
+        for log, motion, motion_weights in zip(logs, regression.motions, weights, strict=True)
+        for piece in pieces_of(regression.model, log, motion, smoother, estimate.value, share, motion_weights)
     ]
-    return credible(regression.model, found, estimate.value, rng)
+    return limit_noise(regression.model, pieces, estimate.value, rng)
 
 
 def _bias(
@@ -131,45 +233,49 @@ def _bias(
     regression: Regression,
     smoother: Smoother,
     estimate: Estimate,
-    parts: Sequence[Piece],
+    parts: Sequence[LogPiece],
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Return the bias (p), and the covariance (p, p) of its error where it is that of some of the samples."""
+    """Return the bias (p), and the covariance (p, p) of its error where it is estimated from part of the samples."""
     model, theta, weights = regression.model, estimate.value, estimate.residual.weights
     samples = sum(map(len, logs))
-    share = MOST / samples
-    if samples > SAMPLES:
-        parts = _parts(logs, regression, smoother, estimate, MOST, rng)
+    share = MAX_BIAS_SAMPLES / samples
+    if samples > MAX_COVARIANCE_SAMPLES:
+        parts = _credible_pieces(logs, regression, smoother, estimate, MAX_BIAS_SAMPLES, rng)
     if share < 1.0:
-        each = (repeat(model, one, theta, regression, rng) for one in parts)
-        found = sampled_bias(each, model, _ones(weights, model.joints))
-        if found is not None:
-            more = (1.0 - share) * found.covariance + np.outer(found.remainder, found.remainder)
-            return found.bias, more
-    e = [one.noise(rng) for one in parts]
-    both = [_refitted(model, parts, [s * x for x in e], regression, estimate) for s in (1, -1)]
-    return np.mean(both, axis=0), np.zeros((len(theta), len(theta)))
+        # Too many samples to repeat all: pieces give the bias, and their spread its sampling error.
+        repetitions = (repeat_piece(model, piece, theta, regression, rng) for piece in parts)
+        sampled = sampled_bias(repetitions, model, _unit_weights(weights, model.joints))
+        if sampled is not None:
+            covariance = (1.0 - share) * sampled.covariance + np.outer(sampled.remainder, sampled.remainder)
+            return sampled.bias, covariance
+    e = [piece.noise(rng) for piece in parts]
+    # Noise and its opposite: terms of odd order in the noise cancel in the mean.
+    changes = [_refit(model, parts, [s * x for x in e], regression, estimate) for s in (1, -1)]
+    return np.mean(changes, axis=0), np.zeros((len(theta), len(theta)))
 
 
-def _sizes(bias: Array, std: Array, more: Array) -> Array:
-    """Return the bias (r) in standard errors, of which there are two independent parts."""
-    whole = np.hypot(std, more)
-    return np.divide(np.abs(bias), whole, out=np.zeros_like(whole), where=whole > 0)
+def _standardised_bias(bias: Array, std: Array, extra_std: Array) -> Array:
+    """Return the bias (r) in standard errors, with two independent contributions to these."""
+    total_std = np.hypot(std, extra_std)
+    return np.divide(np.abs(bias), total_std, out=np.zeros_like(total_std), where=total_std > 0)
 
 
-def _refitted(
-    model: Model, parts: Sequence[Piece], errors: Sequence[Array], regression: Regression, estimate: Estimate
+def _refit(
+    model: Model, parts: Sequence[LogPiece], errors: Sequence[Array], regression: Regression, estimate: Estimate
 ) -> Array:
-    """Return by how much (p) the fit of the repetition with these errors of the positions differs from its truth."""
-    motions = repetition(model, parts, errors, estimate.value, worst_of(parts))
-    left = equations(regression, parts, motions).triangular_factors.less(estimate.value)
-    ones = _ones(estimate.residual.weights, left.rows)
-    return solve(*weighted(left, ones, model.parameters, shown=estimate.shown)).value
+    """Return the error (p) of a fit to the repetition with these position errors, whose truth is known."""
+    motions = repeat_pieces(model, parts, errors, estimate.value, largest_residuals(parts))
+    residual_factors = equations(regression, parts, motions).triangular_factors.subtract_torque(estimate.value)
+    ones = _unit_weights(estimate.residual.weights, residual_factors.rows)
+    return solve_least_squares(
+        *weight_joints(residual_factors, ones, model.parameters, unwhitened_rank=estimate.unwhitened_rank)
+    ).value
 
 
-def _ones(weights: Array | None, like: Sized) -> Array:
+def _unit_weights(weights: Array | None, like: Sized) -> Array:
     return np.ones(len(like)) if weights is None else weights
 
 
-def _usable(regression: Regression) -> float:
-    return float(sum(one.mask.sum() for one in regression.motions))
+def _usable_samples(regression: Regression) -> float:
+    return float(sum(motion.mask.sum() for motion in regression.motions))

@@ -1,4 +1,4 @@
-"""What one identification found, in groups: parameters, standard errors, base parameters, validations, origins."""
+"""The result of an identification: parameters, standard errors, base parameters, validations and sources."""
 
 from __future__ import annotations
 
@@ -12,36 +12,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident import __version__
-from dynident.errors import Finding, InputError, Note, brief
+from dynident._version import __version__
 from dynident.estimators import Estimate
-from dynident.identification.base_tilt import BaseTilt
-from dynident.identification.prior_strength import PriorStrength
+from dynident.identification.calibration import Calibration
 from dynident.identification.recipe import Recipe
-from dynident.identification.smoother_choice import Choice
-from dynident.identification.terms.choice import TermChoice
-from dynident.identification.time_offset import TimeOffset
-from dynident.kernel import kernel
-from dynident.log import Log
 from dynident.models import MassMatrixCheck, Model
+from dynident.motion.log import Log
 from dynident.regression import BaseParameters, UnexcitedParameters
+from dynident.runtime import Finding, InputError, KeepsFacts, Note, brief
+from dynident.runtime.families import action
+from dynident.runtime.kernel import kernel
 from dynident.validation import SEED, FreeRun, LogValidation, validate
 
 if TYPE_CHECKING:
     import polars as pl
 
-    from dynident.report.display import Plot
+    from dynident.report.terminal import Plot
 
-__all__ = [
-    "Calibration",
-    "Identifiability",
-    "Identification",
-    "OldResult",
-    "SourceFile",
-    "Sources",
-    "StandardErrors",
-    "versions",
-]
 
 Array = NDArray[np.float64]
 
@@ -50,15 +37,17 @@ Array = NDArray[np.float64]
 class StandardErrors:
     """Standard errors of the parameters, ``std`` (p), and of the base parameters on the data, ``base_std`` (r).
 
-    These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, for the
-    noise left in the motion and the error of a time offset, infinite for what the data do not determine; 1.96 of them
-    hold 95 %. None where they cannot be had, or where there are no base parameters.
+    These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, for
+    the noise left in the motion and for the error of a time offset; they are infinite for what the data do not
+    determine. Intervals of 1.96 of them hold 95 %. None where they cannot be had, or where there are no base
+    parameters.
 
-    ``base_covariance`` (r, r) is of the base parameters together, for correlated residuals, too, and ``base_by_joint``
-    (r, n) what the torque of each joint contributes to their values by least squares: an error of its gain acts so;
-    ``base_shares`` (n) are the shares of its torque in their errors, one in all. ``base_by_load`` (r, n) is what
-    friction of each joint would add to them that is as large as the load there, the torque of the bodies. Where all p
-    parameters are determined, these are of them. None in results of older versions, and by the load of logs in pieces.
+    ``base_covariance`` (r, r) is that of the base parameters, for correlated residuals too. ``base_by_joint`` (r,
+    n) is the contribution of the torque of each joint to their values by least squares, and with it the effect of
+    an error of its gain; ``base_shares`` (n) are the shares of its torque in their errors, with sum one.
+    ``base_by_load`` (r, n) is what friction of each joint as large as its load, the torque of the bodies, would
+    add to them. Where all p parameters are determined, these are of the parameters. None in results of older
+    versions; the last one also for logs in pieces.
     """
 
     std: Array
@@ -74,21 +63,21 @@ class StandardErrors:
 
     @property
     def best(self) -> Array:
-        """The standard errors (p) to believe: those that allow for correlated residuals, where they are known."""
+        """The standard errors (p) to use: those for correlated residuals where they are known."""
         return self.std if self.std_hac is None else np.where(np.isfinite(self.std_hac), self.std_hac, self.std)
 
     @property
     def best_base(self) -> Array | None:
-        """The same (r) of the base parameters, None where there are none."""
+        """The standard errors (r) of the base parameters to use, None where there are none."""
         return self.base_std if self.base_std_hac is None else self.base_std_hac
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Which base parameters there are, all empty where the data determine every parameter.
+    """Which base parameters there are; all empty where the data determine every parameter.
 
-    ``on_data`` are those that the training data show, ``structural`` those that any motion could show, ``unexcited``
-    the rest, with the motion that would show them.
+    ``on_data`` are those that the training data show, ``structural`` those that any motion could show,
+    ``unexcited`` the others, with the motion that would show them.
     """
 
     on_data: BaseParameters | None = None
@@ -96,27 +85,6 @@ class Identifiability:
     unexcited: tuple[UnexcitedParameters, ...] = ()
 
     __repr__ = brief
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """How smoother, time offset, tilt of the base, terms, strength of the prior were found; None where not sought."""
-
-    smoother: Choice | None = None
-    time_offset: TimeOffset | None = None
-    base_tilt: BaseTilt | None = None
-    prior_strength: PriorStrength | None = None
-    terms: TermChoice | None = None
-
-    __repr__ = brief
-
-
-@dataclass(frozen=True)
-class OldResult(Note):
-    """The result was read from a file of an older ``version`` of the format, which ``lacks`` these groups."""
-
-    version: int
-    lacks: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -150,7 +118,7 @@ class Sources:
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(KeepsFacts):
     """Everything that one run found: what reports and exports read.
 
     ``model`` and ``recipe`` are as used: the model on its base as it is tilted, one smoother, numbers where something
@@ -165,26 +133,21 @@ class Identification:
     base: Identifiability
     validations: tuple[LogValidation, ...]
     mass: MassMatrixCheck | None = None
-    calibration: Calibration = Calibration()
+    calibration: Calibration = field(default_factory=Calibration)
     provenance: Sources = Sources()
     warnings: tuple[Note | Finding, ...] = ()
 
     def __repr__(self) -> str:
-        from dynident.report.display import summary
-
-        return summary(self)
+        return str(action("summary")(self))
 
     def _repr_html_(self) -> str:
-        from dynident.report.display import summary_html
-
-        return summary_html(self)
+        return str(action("summary_html")(self))
 
     @property
     def plot(self) -> Plot:
         """The figures of the report, one by one: ``plot.torque("tuesday", "elbow")``, ``plot.parameters()``, ..."""
-        from dynident.report.display import Plot
-
-        return Plot(self)
+        plot: Plot = action("plot")(self)
+        return plot
 
     def frame(self) -> pl.DataFrame:
         """Return a table, one row per parameter: parameter, value, std (the one to believe), std_independent, unit,
@@ -200,7 +163,8 @@ class Identification:
                 "std": self.errors.best,
                 "std_independent": self.errors.std,
                 "unit": self.estimate.units,
-                "determined_by": [one.value for one in self.estimate.provenance] or [None] * len(parameters),
+                "determined_by": [provenance.value for provenance in self.estimate.provenance]
+                or [None] * len(parameters),
                 "known": [parameter.value for parameter in parameters],
             },
             schema_overrides={"determined_by": pl.String, "known": pl.Float64},
@@ -208,18 +172,18 @@ class Identification:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The errors and warnings of the checks, among the warnings, and what else they say would lower the error."""
-        return tuple(one for one in self.warnings if isinstance(one, Finding))
+        """The findings of the checks among the warnings: errors, warnings and advice."""
+        return tuple(warning for warning in self.warnings if isinstance(warning, Finding))
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """The other warnings."""
-        return tuple(one for one in self.warnings if isinstance(one, Note))
+        """The notes among the warnings."""
+        return tuple(warning for warning in self.warnings if isinstance(warning, Note))
 
     @property
     def runs(self) -> tuple[FreeRun, ...]:
         """The free simulations."""
-        return tuple(one.free_run for one in self.validations if one.free_run is not None)
+        return tuple(validation.free_run for validation in self.validations if validation.free_run is not None)
 
     def predict(self, log: Log) -> LogValidation:
         """Return the torque of a log by the model, beside the measured one.
@@ -232,25 +196,24 @@ class Identification:
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
 
     def save(self, path: str | Path) -> Path:
-        """Write all but the signals as JSON, which ``dynident.io.saved.load`` reads again; return the path.
+        """Write all but the signals as JSON, which ``dynident.project.saved.load`` reads again; return the path.
 
         The file never is half written. Raises InputError where it cannot be written, ConfigError where a part has
         settings without a plain form.
         """
-        from dynident.io.saved import save
-
-        return save(self, path)
+        saved_path: Path = action("save")(self, path)
+        return saved_path
 
 
 def versions() -> dict[str, str]:
     """Return the versions of what computes the numbers, which way the kernel takes, and the platform.
 
-    Raises ConfigError, as ``dynident.kernel.kernel``.
+    Raises ConfigError, as ``dynident.runtime.kernel.kernel``.
     """
-    found = {"dynident": __version__, "kernel": str(kernel()), "python": platform.python_version()}
+    version_by_name = {"dynident": __version__, "kernel": str(kernel()), "python": platform.python_version()}
     for name in ("numpy", "scipy", "clarabel", "polars"):
         try:
-            found[name] = version(name)
+            version_by_name[name] = version(name)
         except PackageNotFoundError:  # it may come from elsewhere
-            found[name] = "not installed as a package"
-    return {**found, "platform": platform.platform()}
+            version_by_name[name] = "not installed as a package"
+    return {**version_by_name, "platform": platform.platform()}

@@ -11,19 +11,56 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ModelError
-
-__all__ = [
-    "consistency_violations",
-    "from_physical",
-    "from_pseudo",
-    "moved",
-    "smallest_eigenvalue",
-    "to_physical",
-    "to_pseudo",
-]
+from dynident.runtime import ModelError
 
 Array = NDArray[np.float64]
+EVEN_PERMUTATIONS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # the even permutations of the components
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Return a . b for vectors (3, ...)."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b for vectors (3, ...), whose shapes may differ as NumPy allows."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in EVEN_PERMUTATIONS:
+        np.subtract(a[j] * b[k], a[k] * b[j], out=out[i])
+    return out
+
+
+def matvec(A: Array, b: Array) -> Array:
+    """Return A b for matrices (3, 3, ...) and vectors (3, ...)."""
+    out: Array = A[:, 0] * b[0]
+    out += A[:, 1] * b[1]
+    out += A[:, 2] * b[2]
+    return out
+
+
+def transposed_matvec(A: Array, b: Array) -> Array:
+    """Return A' b for matrices (3, 3, ...) and vectors (3, ...)."""
+    return matvec(A.swapaxes(0, 1), b)
+
+
+def matmul(A: Array, B: Array) -> Array:
+    """Return A B for matrices (3, 3, ...)."""
+    out: Array = A[:, 0, None] * B[0]
+    out += A[:, 1, None] * B[1]
+    out += A[:, 2, None] * B[2]
+    return out
+
+
+def outer(a: Array, b: Array) -> Array:
+    """Return a b' (3, 3, ...) for vectors (3, ...)."""
+    return np.asarray(a[:, None] * b[None])
+
+
+def diagonal(x: Array) -> Array:
+    """Return the unit matrix times x (...): (3, 3, ...)."""
+    return np.asarray(np.eye(3).reshape(3, 3, *[1] * x.ndim) * x)
+
+
 ROWS, COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
 ROUNDING = 1e-9  # share of a body's inertia below which a violated inequality is rounding
 
@@ -43,7 +80,8 @@ def from_physical(mass: ArrayLike, centre: ArrayLike, tensor: ArrayLike) -> Arra
     _check("inertia tensor", tensor, (3, 3))
     if not np.allclose(tensor, tensor.swapaxes(-1, -2), rtol=1e-9, atol=0):
         raise ModelError(f"The inertia tensor {tensor.tolist()} is not symmetric; give Ixy = Iyx, and so on.")
-    return _packed(m, m[..., None] * c, tensor + _steiner(m, c))
+    # parallel axes: from the centre of mass to the origin of the joint frame
+    return _pack_parameters(m, m[..., None] * c, tensor + _steiner(m, c))
 
 
 def to_physical(theta: ArrayLike, name: str = "the body") -> tuple[Array, Array, Array]:
@@ -51,7 +89,7 @@ def to_physical(theta: ArrayLike, name: str = "the body") -> tuple[Array, Array,
 
     Raises ModelError, with the ``name`` of the body, where the mass is zero: the centre is then undefined.
     """
-    m, h, inertia = _unpacked(theta)
+    m, h, inertia = _unpack_parameters(theta)
     if (m == 0).any():
         raise ModelError(
             f"{name} has mass 0 and so no centre of mass; give it a mass, or use its ten parameters directly."
@@ -62,9 +100,10 @@ def to_physical(theta: ArrayLike, name: str = "the body") -> tuple[Array, Array,
 
 def to_pseudo(theta: ArrayLike) -> Array:
     """Return the pseudo-inertia (..., 4, 4) of the parameters (..., 10); it is positive semi-definite for a body."""
-    m, h, inertia = _unpacked(theta)
+    m, h, inertia = _unpack_parameters(theta)
     out = np.empty((*m.shape, 4, 4))
     half_trace = np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2
+    # Sigma = tr(I)/2 E - I holds the second moments of mass, which is what T P T' transforms
     out[..., :3, :3] = half_trace * np.eye(3) - inertia
     out[..., :3, 3] = out[..., 3, :3] = h
     out[..., 3, 3] = m
@@ -77,10 +116,10 @@ def from_pseudo(pseudo: ArrayLike) -> Array:
     _check("pseudo-inertia", P, (4, 4))
     sigma = P[..., :3, :3]
     inertia = np.trace(sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - sigma
-    return _packed(P[..., 3, 3], P[..., :3, 3], inertia)
+    return _pack_parameters(P[..., 3, 3], P[..., :3, 3], inertia)
 
 
-def moved(theta: ArrayLike, placement: ArrayLike) -> Array:
+def change_frame(theta: ArrayLike, placement: ArrayLike) -> Array:
     """Return the parameters (..., 10) in another frame; ``placement`` (..., 4, 4) is the pose of the old frame in it.
 
     Exact for any parameters, also for a mass of zero or below: the pseudo-inertia P becomes T P T'.
@@ -103,7 +142,7 @@ def consistency_violations(theta: ArrayLike) -> tuple[str, ...]:
     >>> consistency_violations([-1.0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
     ('negative mass -1 kg',)
     """
-    m, h, inertia = _unpacked(theta)
+    m, h, inertia = _unpack_parameters(theta)
     if m.ndim:
         raise ModelError(
             f"consistency violations: expected the ten parameters of one body, got shape {np.shape(theta)}."
@@ -112,16 +151,20 @@ def consistency_violations(theta: ArrayLike) -> tuple[str, ...]:
     if mass < 0:
         return (f"negative mass {mass:g} kg",)
     if mass == 0:
-        found = (("a first moment", h), ("an inertia", inertia))
-        return tuple(f"{what} without mass" for what, value in found if value.any())
+        moments_without_mass = (("a first moment", h), ("an inertia", inertia))
+        return tuple(f"{quantity} without mass" for quantity, value in moments_without_mass if value.any())
+    # the inequalities hold for principal moments about the centre of mass; rounding is a share of the inertia as given
     tensor = inertia - _steiner(m, h / m)
     moments = np.linalg.eigvalsh(tensor)
-    slack = ROUNDING * float(np.abs(inertia).max())
-    worded = f"{', '.join(f'{x:.4g}' for x in moments)} kg m^2"
-    if moments[0] < -slack:
-        return (f"negative principal moment about the centre of mass ({worded}): is the tensor about another point?",)
-    if moments[0] + moments[1] < moments[2] - slack:
-        return (f"principal moments {worded} break the triangle inequality: the largest exceeds the sum of the others",)
+    tolerance = ROUNDING * float(np.abs(inertia).max())
+    moments_text = f"{', '.join(f'{x:.4g}' for x in moments)} kg m^2"
+    if moments[0] < -tolerance:
+        return (
+            f"negative principal moment about the centre of mass ({moments_text}): is the tensor about another point?",
+        )
+    if moments[0] + moments[1] < moments[2] - tolerance:
+        words = "break the triangle inequality: the largest exceeds the sum of the others"
+        return (f"principal moments {moments_text} {words}",)
     return ()
 
 
@@ -131,11 +174,11 @@ def _steiner(mass: Array, centre: Array) -> Array:
     return np.asarray(mass[..., None, None] * (square - centre[..., :, None] * centre[..., None, :]))
 
 
-def _packed(mass: Array, moment: Array, inertia: Array) -> Array:
+def _pack_parameters(mass: Array, moment: Array, inertia: Array) -> Array:
     return np.concatenate([mass[..., None], moment, inertia[..., ROWS, COLUMNS]], axis=-1)
 
 
-def _unpacked(theta: ArrayLike) -> tuple[Array, Array, Array]:
+def _unpack_parameters(theta: ArrayLike) -> tuple[Array, Array, Array]:
     values = np.asarray(theta, dtype=float)
     _check("set of inertial parameters", values, (10,))
     inertia = np.empty((*values.shape[:-1], 3, 3))
@@ -143,7 +186,7 @@ def _unpacked(theta: ArrayLike) -> tuple[Array, Array, Array]:
     return values[..., 0], values[..., 1:4], inertia
 
 
-def _check(what: str, value: Array, shape: tuple[int, ...]) -> None:
+def _check(quantity: str, value: Array, shape: tuple[int, ...]) -> None:
     if value.shape[-len(shape) :] != shape:
         expected = ", ".join(["...", *map(str, shape)])
-        raise ModelError(f"A {what} has shape {value.shape}, expected ({expected}).")
+        raise ModelError(f"A {quantity} has shape {value.shape}, expected ({expected}).")

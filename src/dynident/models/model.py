@@ -9,28 +9,26 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ModelError, listed
-from dynident.log import Motion
-from dynident.models.checked import called, check_terms, checked, kind_of, states_of, theta_of
-from dynident.models.mass_matrix import MassMatrixCheck, accelerations, checked_mass
-from dynident.models.memory import loading, loads, memory_of, needs_load, parts_of, remembered
-from dynident.models.robot_file import Limits
-from dynident.models.structure import Structure, is_selective, random_states, structure_of, support_of
-from dynident.models.term import (
-    HasGravity,
-    HasLimits,
-    HasMassMatrix,
-    HasNotes,
-    Joint,
-    Parameter,
-    Partials,
-    Recursive,
-    Term,
-    declares,
+from dynident.models.evaluation import (
+    MassMatrixCheck,
+    accelerations,
+    call_term,
+    check_memory,
+    check_output,
+    check_positive_definite,
+    check_states,
+    check_terms,
+    check_theta,
+    motion_memory,
+    term_kind,
+    times,
+    weighted_gradient,
 )
-from dynident.models.weighted import times, weighted_gradient
-
-__all__ = ["MassMatrixCheck", "Model"]
+from dynident.models.robot_files import RobotJointLimits
+from dynident.models.structure import Structure, common_structure, is_selective, random_states, term_support
+from dynident.models.term import Joint, Parameter, Partials, Term
+from dynident.motion.log import Motion
+from dynident.runtime import ModelError, join_names
 
 Array = NDArray[np.float64]
 
@@ -46,7 +44,7 @@ class Model:
     shape does not fit, a memory is missing, or a term fails or returns a wrong shape or a number that is not finite.
 
     >>> import dynident as dy
-    >>> from dynident.models.gallery import pendulum
+    >>> from dynident.models.lagrangian import pendulum
     >>> (links,) = pendulum().terms
     >>> dy.Model((links, dy.Viscous(links.joints), dy.Coulomb(links.joints)), name="rusty")
     <Model 'rusty': 1 joint (pivot), 4 parameters (Lagrangian 2, Viscous 1, Coulomb 1)>
@@ -57,16 +55,17 @@ class Model:
     load: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        # a single term needs no tuple
         object.__setattr__(self, "terms", tuple(self.terms) if isinstance(self.terms, Iterable) else (self.terms,))
         check_terms(self)
         if self.load is not None:
             object.__setattr__(self, "load", tuple(map(float, self.load)))
-            if len(self.load) != (count := int(self._loading.sum())):
+            if len(self.load) != (count := int(self.load_mask.sum())):
                 raise ModelError(f"{self.name}: load has {len(self.load)} parameters, but its bodies have {count}.")
 
     def __repr__(self) -> str:
-        joints = listed((joint.name for joint in self.joints), 6)
-        terms = listed((f"{kind_of(term)} {len(term.parameters)}" for term in self.terms), 6)
+        joints = join_names((joint.name for joint in self.joints), 6)
+        terms = join_names((f"{term_kind(term)} {len(term.parameters)}" for term in self.terms), 6)
         count = f"{len(self.joints)} joint{'s' * (len(self.joints) > 1)}"
         return f"<Model {self.name!r}: {count} ({joints}), {len(self.names)} parameters ({terms})>"
 
@@ -88,25 +87,24 @@ class Model:
     @property
     def values(self) -> Array | None:
         """The nominal parameters (p) in SI units, or None where one of them is not known."""
-        known = [parameter.value for parameter in self.parameters if parameter.value is not None]
-        return np.array(known) if len(known) == len(self.parameters) else None
+        nominal = [parameter.value for parameter in self.parameters if parameter.value is not None]
+        return np.array(nominal) if len(nominal) == len(self.parameters) else None
 
     @property
-    def limits(self) -> Mapping[str, Limits]:
+    def limits(self) -> Mapping[str, RobotJointLimits]:
         """Limits of the joints by name, where a robot file gives them."""
-        have = (term.limits for term in self.terms if isinstance(term, HasLimits))
-        return {name: limit for limits in have for name, limit in limits.items()}
+        return {name: limit for term in self.terms for name, limit in term.limits.items()}
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes of the terms on the files they were made from."""
-        return tuple(note for term in self.terms if isinstance(term, HasNotes) for note in term.notes)
+        return tuple(note for term in self.terms for note in term.notes)
 
     def with_terms(self, *terms: Term) -> Model:
         """Return the model with further terms, whose parameters follow its own.
 
         >>> import dynident as dy
-        >>> from dynident.models.gallery import pendulum
+        >>> from dynident.models.lagrangian import pendulum
         >>> pendulum().with_terms(dy.Viscous(pendulum().joints)).names[-1]
         'Fv_pivot'
         """
@@ -115,38 +113,45 @@ class Model:
     def with_gravity(self, change: Callable[[Array], ArrayLike]) -> Model:
         """Return the model in which ``change`` is applied to the gravity (3), m/s^2, of each term that has one."""
 
-        def changed(term: Term) -> Term:
-            if not isinstance(term, HasGravity):
+        def turn_gravity(term: Term) -> Term:
+            if term.gravity is None:
                 return term
             return term.with_gravity(tuple(np.asarray(change(np.array(term.gravity)), dtype=float).tolist()))
 
-        return replace(self, terms=tuple(map(changed, self.terms)))
+        return replace(self, terms=tuple(map(turn_gravity, self.terms)))
 
     @cached_property
     def memory(self) -> int:
         """The number m of states that the terms remember."""
-        return max((part.stop for part in self.remembered.values()), default=0)
+        return max((part.stop for part in self.memory_slices.values()), default=0)
 
     @cached_property
-    def remembered(self) -> dict[int, slice]:
-        """Where the states of each term that remembers are in the memory, by the place of the term."""
-        return parts_of(self.terms)
+    def memory_slices(self) -> dict[int, slice]:
+        """The slice of each term that remembers in the memory, by the index of the term."""
+        slices, end = {}, 0
+        for k, term in enumerate(self.terms):
+            if term.memory:
+                slices[k], end = slice(end, end + term.memory), end + term.memory
+        return slices
 
     @cached_property
     def bodies(self) -> Model:
         """The terms whose torque is the load, as a model."""
-        return replace(self, terms=loads(self.terms), load=None)
+        return replace(self, terms=tuple(term for term in self.terms if term.loads), load=None)
 
     @cached_property
     def needs_load(self) -> bool:
         """Whether a term remembers the load, which a first fit must find."""
-        return any(map(needs_load, self.terms))
+        return any(term.needs_load for term in self.terms)
 
-    def loaded(self, theta: ArrayLike) -> Model:
-        """Return the model whose ``load`` is that of its bodies at theta (p); ModelError where it has none."""
-        if not self._loading.any():
+    def with_load(self, theta: ArrayLike) -> Model:
+        """Return the model whose ``load`` are the parameters of its bodies in theta (p).
+
+        Raises ModelError where no term is of bodies.
+        """
+        if not self.load_mask.any():
             raise ModelError(f"{self.name}: no term is of bodies, so there is no load; leave out what depends on it.")
-        return replace(self, load=tuple(theta_of(self, theta, None)[self._loading].tolist()))
+        return replace(self, load=tuple(check_theta(self, theta, None)[self.load_mask].tolist()))
 
     def remembering(self, motion: Motion, start: Array | None = None) -> Motion:
         """Return a motion, whole and not thinned, with what the terms remember of it.
@@ -155,12 +160,12 @@ class Model:
         """
         if not self.memory:
             return motion
-        return replace(motion, memory=remembered(self, motion.t, motion.q, motion.dq, motion.ddq, start))
+        return replace(motion, memory=motion_memory(self, motion.t, motion.q, motion.dq, motion.ddq, start))
 
     def random_states(self, rng: np.random.Generator, samples: int) -> dict[str, Array]:
         """Draw states at random by name: q, dq, ddq (samples, n) and, where the model has one, memory (samples, m)."""
-        found = dict(zip(("q", "dq", "ddq"), random_states(self.joints, rng, samples), strict=True))
-        return found | ({"memory": rng.uniform(-1.0, 1.0, (samples, self.memory))} if self.memory else {})
+        states = dict(zip(("q", "dq", "ddq"), random_states(self.joints, rng, samples), strict=True))
+        return states | ({"memory": rng.uniform(-1.0, 1.0, (samples, self.memory))} if self.memory else {})
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, memory: ArrayLike | None = None) -> Array:
         """Return Y, shape (N, n, p): article, eq. (8)."""
@@ -169,18 +174,18 @@ class Model:
     @cached_property
     def support(self) -> NDArray[np.bool_]:
         """Where the regressor can be other than zero, shape (n, p), as far as the terms tell."""
-        return np.concatenate([support_of(term) for term in self.terms], axis=1)
+        return np.concatenate([term_support(term) for term in self.terms], axis=1)
 
     @cached_property
     def structure(self) -> Structure:
         """The entries of the regressor that hold all others."""
-        return structure_of([self])
+        return common_structure([self])
 
     def structure_with(self, columns: Sequence[int]) -> Structure:
-        """Return the structure of these columns alone, without regard to what they determine."""
-        chosen = self.support & np.isin(np.arange(len(self.parameters)), columns)
-        own = tuple(map(np.flatnonzero, chosen))
-        return Structure(own, tuple(np.eye(len(self.parameters))[one] for one in own))
+        """Return the structure of these columns alone; columns that others determine are not left out."""
+        selected = self.support & np.isin(np.arange(len(self.parameters)), columns)
+        joint_columns = tuple(map(np.flatnonzero, selected))
+        return Structure(joint_columns, tuple(np.eye(len(self.parameters))[indices] for indices in joint_columns))
 
     def entries(
         self,
@@ -193,17 +198,21 @@ class Model:
     ) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
         states = self._states(q, dq, ddq, memory)
-        out, first = np.empty((len(joint), len(states[0]))), 0
+        out, start = np.empty((len(joint), len(states[0]))), 0
+        # each term computes the entries whose parameters are in its range of columns
         for k, width in enumerate(self._widths):
-            mine = np.flatnonzero((parameter >= first) & (parameter < first + width))
-            where, first = (joint[mine], parameter[mine] - first), first + width
-            if not len(mine):
+            requested = np.flatnonzero((parameter >= start) & (parameter < start + width))
+            indices, start = (joint[requested], parameter[requested] - start), start + width
+            if not len(requested):
                 continue
-            if self._selective[k]:
-                rows = called(self, self.terms[k], "entries", *states[:3], *where, *self._own(k, states))
-                out[mine] = checked(self, self.terms[k], "entries", rows, (len(mine), len(out[0])), states)
+            if is_selective(self.terms[k]):
+                rows = call_term(self, self.terms[k], "entries", *states[:3], *indices, *self._term_memory(k, states))
+                out[requested] = check_output(
+                    self, self.terms[k], "entries", rows, (len(requested), len(out[0])), states
+                )
             else:
-                out[mine] = self._block(k, states).transpose(1, 2, 0)[where]
+                # a term without ``entries`` computes its whole regressor
+                out[requested] = self._block(k, states).transpose(1, 2, 0)[indices]
         return out
 
     def torque(
@@ -211,25 +220,25 @@ class Model:
     ) -> Array:
         """Return the inverse dynamics Y theta, shape (N, n): article, eq. (8)."""
         states = self._states(q, dq, ddq, memory)
-        return self._torque(states, theta_of(self, theta, len(states[0])))
+        return self._torque(states, check_theta(self, theta, len(states[0])))
 
     def mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> Array:
         """Return D of the article's eq. (4), shape (N, n, n); its column j is Y(q, 0, e_j) theta - Y(q, 0, 0) theta."""
-        (q,) = states_of(self, q=q)
+        (q,) = check_states(self, q=q)
         memory = np.zeros((len(q), self.memory))  # no part of the mass
-        return self._linear(self._states(q, np.zeros_like(q), None, memory), theta_of(self, theta, len(q)))[0]
+        return self._mass_and_bias(self._states(q, np.zeros_like(q), None, memory), check_theta(self, theta, len(q)))[0]
 
     def mass_and_bias(
         self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Return ``mass_matrix`` and ``bias`` from one call of the regressor."""
         states = self._states(q, dq, None, memory)
-        return self._linear(states, theta_of(self, theta, len(states[0])))
+        return self._mass_and_bias(states, check_theta(self, theta, len(states[0])))
 
     def bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None) -> Array:
         """Return the torque at ddq = 0, shape (N, n): C dq + G of the article's eq. (4), with friction."""
         states = self._states(q, dq, None, memory)
-        return self._torque(states, theta_of(self, theta, len(states[0])))
+        return self._torque(states, check_theta(self, theta, len(states[0])))
 
     def forward_dynamics(
         self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None
@@ -238,9 +247,9 @@ class Model:
 
         Raises ModelError where the mass matrix is singular.
         """
-        q, dq, tau = states_of(self, q=q, dq=dq, tau=tau)
-        theta = theta_of(self, theta, len(q))
-        return accelerations(self, q, tau, theta, *self._linear(self._states(q, dq, None, memory), theta))
+        q, dq, tau = check_states(self, q=q, dq=dq, tau=tau)
+        theta = check_theta(self, theta, len(q))
+        return accelerations(self, q, tau, theta, *self._mass_and_bias(self._states(q, dq, None, memory), theta))
 
     def partials(
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None
@@ -250,13 +259,13 @@ class Model:
         They are at constant memory.
         """
         states = self._states(q, dq, ddq, memory)
-        theta = theta_of(self, theta, None)
+        theta = check_theta(self, theta, None)
         shape = (*states[0].shape, len(self.joints))
         total = np.zeros((3, *shape))
-        for i, (term, part) in enumerate(zip(self.terms, self._parts, strict=True)):
-            slopes = called(self, term, "partials", *states[:3], theta[part], *self._own(i, states))
+        for i, (term, part) in enumerate(zip(self.terms, self._parameter_slices, strict=True)):
+            slopes = call_term(self, term, "partials", *states[:3], theta[part], *self._term_memory(i, states))
             for k, wrt in enumerate(("q", "dq", "ddq")):
-                total[k] += checked(self, term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
+                total[k] += check_output(self, term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
         return Partials(*total)
 
     def weighted_gradient(
@@ -268,8 +277,8 @@ class Model:
 
     def check_mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> MassMatrixCheck:
         """Return the smallest eigenvalue of the mass matrix over the configurations q (N, n), N at least 1."""
-        (q,) = states_of(self, q=q)
-        return checked_mass(self, q, self.mass_matrix(q, theta) if len(q) else np.zeros((0, 0, 0)))
+        (q,) = check_states(self, q=q)
+        return check_positive_definite(self, q, self.mass_matrix(q, theta) if len(q) else np.zeros((0, 0, 0)))
 
     @cached_property
     def _widths(self) -> list[int]:
@@ -279,32 +288,39 @@ class Model:
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike | None, memory: ArrayLike | None
     ) -> tuple[Array, ...]:
         """Return q, dq, ddq, zero where it is None, and the memory where the model has one."""
-        found = states_of(self, q=q, dq=dq, ddq=np.zeros(np.shape(q)) if ddq is None else ddq)
-        return (*found, *memory_of(self, memory, len(found[0])))
+        states = check_states(self, q=q, dq=dq, ddq=np.zeros(np.shape(q)) if ddq is None else ddq)
+        return (*states, *check_memory(self, memory, len(states[0])))
 
-    def _own(self, k: int, states: tuple[Array, ...]) -> tuple[Array, ...]:
-        """Return the memory of term k, where it has one."""
-        return (states[3][:, self.remembered[k]],) if k in self.remembered else ()
+    def _term_memory(self, k: int, states: tuple[Array, ...]) -> tuple[Array, ...]:
+        """Return the memory of term k as further arguments of its methods; none where it does not remember."""
+        return (states[3][:, self.memory_slices[k]],) if k in self.memory_slices else ()
 
     @cached_property
-    def _loading(self) -> NDArray[np.bool_]:
-        return loading(self.terms)
+    def load_mask(self) -> NDArray[np.bool_]:
+        """Which of the p parameters belong to terms whose torque is the load."""
+        return np.repeat(np.array([term.loads for term in self.terms], dtype=bool), self._widths)
 
-    def _linear(self, states: tuple[Array, ...], theta: Array) -> tuple[Array, Array]:
-        """Return mass matrix and bias: of each term that has them, and of all others from one call of the torque."""
+    def _mass_and_bias(self, states: tuple[Array, ...], theta: Array) -> tuple[Array, Array]:
+        """Return the mass matrix (N, n, n) and the bias (N, n).
+
+        Terms with a mass matrix of their own compute both; those of all other terms follow from one call of the
+        torque.
+        """
         (q, dq), (rows, n) = states[:2], states[0].shape
-        direct = self._direct if theta.ndim == 1 else []
+        # methods of terms take one theta: parameters by sample need the regressor
+        direct = self._mass_matrix_terms if theta.ndim == 1 else []
         mass, bias = np.zeros((rows, n, n)), np.zeros((rows, n))
         if len(direct) < len(self.terms):
+            # the torque is linear in ddq: evaluate it at ddq = 0 and at the n unit accelerations, all stacked
             ddq = np.repeat(np.eye(n + 1, n, k=-1), rows, axis=0)
-            many = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
-            q_, dq_, *memory = (np.concatenate([one] * (n + 1)) for one in (q, dq, *states[3:]))
-            tau = self._torque((q_, dq_, ddq, *memory), many, without=direct).reshape(n + 1, rows, n)
+            thetas = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
+            q_, dq_, *memory = (np.concatenate([array] * (n + 1)) for array in (q, dq, *states[3:]))
+            tau = self._torque((q_, dq_, ddq, *memory), thetas, without=direct).reshape(n + 1, rows, n)
             mass, bias = (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
         for k in direct:
-            own = called(self, self.terms[k], "mass_and_bias", q, dq, theta[self._parts[k]])
-            mass = mass + checked(self, self.terms[k], "mass matrix", own[0], (rows, n, n), states)
-            bias = bias + checked(self, self.terms[k], "bias", own[1], (rows, n), states)
+            term_matrices = call_term(self, self.terms[k], "mass_and_bias", q, dq, theta[self._parameter_slices[k]])
+            mass = mass + check_output(self, self.terms[k], "mass matrix", term_matrices[0], (rows, n, n), states)
+            bias = bias + check_output(self, self.terms[k], "bias", term_matrices[1], (rows, n), states)
         return mass, bias
 
     def _regressor(self, states: tuple[Array, ...]) -> Array:
@@ -312,39 +328,31 @@ class Model:
 
     def _block(self, k: int, states: tuple[Array, ...]) -> Array:
         """Return the columns of the regressor that belong to term k."""
-        block = called(self, self.terms[k], "regressor", *states[:3], *self._own(k, states))
-        return checked(self, self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
+        block = call_term(self, self.terms[k], "regressor", *states[:3], *self._term_memory(k, states))
+        return check_output(self, self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
 
     @cached_property
-    def _selective(self) -> list[bool]:
-        return [is_selective(term) for term in self.terms]
-
-    @cached_property
-    def _recursive(self) -> list[bool]:
-        return [isinstance(term, Recursive) and declares(term, "torque") for term in self.terms]
-
-    @cached_property
-    def _direct(self) -> list[int]:
+    def _mass_matrix_terms(self) -> list[int]:
         """The terms that have their own mass matrix."""
-        own = (isinstance(term, HasMassMatrix) and declares(term, "mass_and_bias") for term in self.terms)
-        return [k for k, direct in enumerate(own) if direct]
+        return [k for k, term in enumerate(self.terms) if term.has_own("mass_and_bias")]
 
     @cached_property
-    def _parts(self) -> list[slice]:
+    def _parameter_slices(self) -> list[slice]:
         """The parameters of each term."""
         return [slice(end - n, end) for end, n in zip(np.cumsum(self._widths).tolist(), self._widths, strict=True)]
 
     def _torque(self, states: tuple[Array, ...], theta: Array, without: Sequence[int] = ()) -> Array:
-        """Return the torque of all terms, or of some."""
-        if theta.ndim == 2 or not (without or any(self._recursive)):
+        """Return the torque of all terms, but those with the indices ``without``."""
+        # one product with the whole regressor, unless a term has a faster torque of its own
+        if theta.ndim == 2 or not (without or any(term.has_own("torque") for term in self.terms)):
             return times(self._regressor(states), theta)
         total = np.zeros(shape := states[0].shape)
-        for k, part in enumerate(self._parts):
+        for k, part in enumerate(self._parameter_slices):
             if k in without:
                 continue
-            if self._recursive[k]:
-                tau = called(self, self.terms[k], "torque", *states[:3], theta[part], *self._own(k, states))
-                total += checked(self, self.terms[k], "torque", tau, shape, states)
+            if self.terms[k].has_own("torque"):
+                tau = call_term(self, self.terms[k], "torque", *states[:3], theta[part], *self._term_memory(k, states))
+                total += check_output(self, self.terms[k], "torque", tau, shape, states)
             else:
                 total += times(self._block(k, states), theta[part])
         return total

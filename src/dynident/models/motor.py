@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError, choices
-from dynident.models.equation import Equation
-from dynident.models.friction import Coulomb, Offset, PerJoint, Viscous
-from dynident.models.term import Joint, Parameter, Partials
-
-__all__ = ["CoupledMotor", "RotorInertia"]
+from dynident.models.friction import AsymmetricViscous, Coulomb, JointTerm, Offset, PerJoint, Power, Stribeck, Viscous
+from dynident.models.term import Equation, Joint, Parameter, Partials, Term
+from dynident.runtime import ModelError, choices
 
 Array = NDArray[np.float64]
 
@@ -30,6 +28,8 @@ class RotorInertia(PerJoint):
     >>> dy.RotorInertia((dy.Joint("elbow"),)).parameters[0].unit
     'kg m^2'
     """
+
+    title: ClassVar[str] = "rotor inertia"
 
     symbol = "Ia"
     role = "rotor"
@@ -57,7 +57,7 @@ class RotorInertia(PerJoint):
 
 
 @dataclass(frozen=True)
-class CoupledMotor:
+class CoupledMotor(Term):
     """A motor coupled to several joints, phi = sum c_k q_k, with its own rotor inertia and friction.
 
     Its torque f = Ia ddphi + Fv dphi + Fc sign(dphi) + offset acts on the joints as tau_k = c_k f (principle of virtual
@@ -88,8 +88,8 @@ class CoupledMotor:
     values: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        given = self.coefficients
-        pairs = given.items() if isinstance(given, Mapping) else given
+        coefficients = self.coefficients
+        pairs = coefficients.items() if isinstance(coefficients, Mapping) else coefficients
         object.__setattr__(self, "coefficients", tuple((str(name), float(c)) for name, c in pairs))
         object.__setattr__(self, "joints", tuple(self.joints))
         where = f"Coupling {self.name!r}"
@@ -103,51 +103,53 @@ class CoupledMotor:
                 raise ModelError(f"{where}: {len(self.values)} values for {len(self._parts)} parameters ({names}).")
 
     def _check_pairs(self, where: str) -> None:
-        known, seen = [joint.name for joint in self.joints], set()
+        joint_names, coupled_names = [joint.name for joint in self.joints], set()
         for name, c in self._pairs:
-            if name not in known:
-                raise ModelError(f"{where}: no joint {name!r}; {choices(name, known)}")
-            if name in seen:
+            if name not in joint_names:
+                raise ModelError(f"{where}: no joint {name!r}; {choices(name, joint_names)}")
+            if name in coupled_names:
                 raise ModelError(f"{where}: joint {name!r} is listed twice.")
-            seen.add(name)
+            coupled_names.add(name)
             if c == 0 or not np.isfinite(c):
                 raise ModelError(
                     f"{where}: the coefficient of {name!r} is {c}; give a finite, nonzero one, or leave the joint out."
                 )
-        if not seen:
-            raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{known[0]!r}: 1.0}}.")
+        if not coupled_names:
+            raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{joint_names[0]!r}: 1.0}}.")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of the parts that are switched on, in the order of the switches."""
-        found = [parameter for part in self._parts for parameter in part.parameters]
-        motion = " + ".join(f"{c:g} {name}" for name, c in self._pairs).replace("+ -", "- ")
-        values = self.values or (None,) * len(found)
+        parameters = [parameter for part in self._parts for parameter in part.parameters]
+        position_text = " + ".join(f"{c:g} {name}" for name, c in self._pairs).replace("+ -", "- ")
+        values = self.values or (None,) * len(parameters)
         return tuple(
-            replace(parameter, expression=f"{parameter.expression} of the motor at {motion}", value=value)
-            for parameter, value in zip(found, values, strict=True)
+            replace(parameter, expression=f"{parameter.expression} of the motor at {position_text}", value=value)
+            for parameter, value in zip(parameters, values, strict=True)
         )
 
     @property
     def equations(self) -> tuple[Equation, ...]:
         """The equations of the motor, one for each part that is switched on."""
-        own = [law for part in self._parts for law in part.equations]
-        return tuple(replace(law, on=self._pairs, motor=self.name) for law in own)
+        laws = [law for part in self._parts for law in part.equations]
+        return tuple(replace(law, on=self._pairs, motor=self.name) for law in laws)
 
     @property
     def support(self) -> NDArray[np.bool_]:
         """Where Y can be other than zero, shape (n, p): at the joints that are coupled."""
-        return np.repeat(self._vector[:, None] != 0, len(self._parts), axis=1)
+        return np.repeat(self._coefficient_vector[:, None] != 0, len(self._parts), axis=1)
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y, shape (N, n, p), for q, dq, ddq (N, n) in rad or m and seconds."""
-        motor = self._motor(q, dq, ddq)
+        # the parts are functions of phi = c'q, and their torque f acts on the joints as c f
+        motor = self._motor_states(q, dq, ddq)
         f = np.concatenate([part.regressor(*motor) for part in self._parts], axis=2)
-        return np.asarray(self._vector[:, None] * f)
+        return np.asarray(self._coefficient_vector[:, None] * f)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n)."""
-        motor, outer = self._motor(q, dq, ddq), np.outer(self._vector, self._vector)
+        # chain rule of phi = c'q for the torques c f: the slopes of f by phi times c c'
+        motor, outer = self._motor_states(q, dq, ddq), np.outer(self._coefficient_vector, self._coefficient_vector)
         slopes = [part.partials(*motor, x) for part, x in zip(self._parts, theta[:, None], strict=True)]
         return Partials(*(outer * sum(getattr(slope, wrt) for slope in slopes) for wrt in ("q", "dq", "ddq")))
 
@@ -158,14 +160,14 @@ class CoupledMotor:
 
     def with_smooth_sign(self, width: Array) -> tuple[CoupledMotor]:
         """Return the motor with the ``width`` of its sign propagated from those (n) of its joints."""
-        return (replace(self, width=float(np.linalg.norm(self._vector * width))),)
+        return (replace(self, width=float(np.linalg.norm(self._coefficient_vector * width))),)
 
     @property
     def _pairs(self) -> tuple[tuple[str, float], ...]:
         return tuple(self.coefficients.items()) if isinstance(self.coefficients, Mapping) else self.coefficients
 
     @cached_property
-    def _vector(self) -> Array:
+    def _coefficient_vector(self) -> Array:
         """The coefficients (n) of the joints, zero for those that are not coupled."""
         return np.array([dict(self._pairs).get(joint.name, 0.0) for joint in self.joints])
 
@@ -181,6 +183,152 @@ class CoupledMotor:
         parts = (RotorInertia(motor), Viscous(motor), coulomb, Offset(motor))
         return tuple(part for part, switch in zip(parts, switches, strict=True) if switch)
 
-    def _motor(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
-        c = self._vector[:, None]
+    def _motor_states(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
+        c = self._coefficient_vector[:, None]
+        return q @ c, dq @ c, ddq @ c
+
+
+Law = Literal["coulomb", "stribeck", "power", "asymmetric_viscous"]
+LAWS: Mapping[str, type[JointTerm]] = {
+    "coulomb": Coulomb,
+    "stribeck": Stribeck,
+    "power": Power,
+    "asymmetric_viscous": AsymmetricViscous,
+}
+
+
+@dataclass(frozen=True)
+class CoupledFriction(Term):
+    """Friction of a motor at phi = sum c_k q_k: a torque f(dphi) of the motor, c_k f on each of its joints.
+
+    ``law`` names f by its kind, with the constants of its shape in ``settings``, in units of dphi (rad/s, or m/s where
+    all of the joints slide). ``coefficients`` and ``name`` of the motor are as in ``CoupledMotor``, whose friction this
+    adds to; parameters are named after law and motor. Raises ModelError for an unknown law or constant, and as
+    ``CoupledMotor`` and the law do.
+
+    >>> import dynident as dy
+    >>> wrist = tuple(map(dy.Joint, ("joint_5", "joint_6")))
+    >>> both = {"joint_5": 1, "joint_6": 1}
+    >>> more = dy.models.CoupledFriction(wrist, both, name="m6", law="power", settings={"exponent": 0.3})
+    >>> [one.name for one in more.parameters]
+    ['power_m6']
+    """
+
+    joints: tuple[Joint, ...] = field(repr=False)
+    coefficients: Mapping[str, float] | tuple[tuple[str, float], ...]
+    name: str
+    law: Law
+    settings: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        motor = CoupledMotor(self.joints, self.coefficients, self.name)  # checks them
+        object.__setattr__(self, "joints", motor.joints)
+        object.__setattr__(self, "coefficients", motor.coefficients)
+        settings = self.settings
+        pairs = settings.items() if isinstance(settings, Mapping) else settings
+        object.__setattr__(self, "settings", tuple((str(name), value) for name, value in pairs))
+        where = f"Friction of the coupling {self.name!r}"
+        if self.law not in LAWS:
+            raise ModelError(f"{where}: no law {self.law!r}; {choices(str(self.law), get_args(Law))}")
+        constant_names = tuple(LAWS[self.law].constants)
+        for name, _ in self._constants:
+            if name not in constant_names:
+                hint = choices(name, constant_names) if constant_names else "leave it out."
+                raise ModelError(f"{where}: {self.law} has no constant {name!r}; {hint}")
+        required = [
+            law_field.name
+            for law_field in fields(LAWS[self.law])
+            if law_field.name in constant_names and law_field.default is MISSING
+        ]
+        if missing := [name for name in required if name not in dict(self._constants)]:
+            raise ModelError(f"{where}: {self.law} needs its constant {missing[0]!r} in `settings`.")
+        # build the law once, so that it checks its constants
+        _ = self._friction
+
+    @property
+    def acts_on(self) -> tuple[str, ...]:
+        """The joints that are coupled."""
+        return tuple(name for name, _ in self._pairs)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of the law."""
+        (parameter,) = self._friction.parameters
+        position_text = " + ".join(f"{c:g} {name}" for name, c in self._pairs).replace("+ -", "- ")
+        return (
+            replace(
+                parameter,
+                name=f"{self.law}_{self.name}",
+                expression=f"{parameter.expression} of the motor at {position_text}",
+            ),
+        )
+
+    @property
+    def equations(self) -> tuple[Equation, ...]:
+        """The equation of the motor."""
+        name = self.parameters[0].name
+        laws = self._friction.equations
+        return tuple(replace(law, parameters=(name,), on=self._pairs, motor=self.name) for law in laws)
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        """Where Y can be other than zero, shape (n, 1): at the joints that are coupled."""
+        return np.asarray(self._coefficient_vector[:, None] != 0)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return Y, shape (N, n, 1), for q, dq, ddq (N, n) in rad or m and seconds."""
+        return np.asarray(self._coefficient_vector[:, None] * self._friction.regressor(*self._motor_states(q, dq, ddq)))
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
+        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n)."""
+        slopes = self._friction.partials(*self._motor_states(q, dq, ddq), theta)
+        # chain rule of phi = c'q for the torques c f: the slopes of f by phi times c c'
+        outer = np.outer(self._coefficient_vector, self._coefficient_vector)
+        return Partials(*(outer * getattr(slopes, wrt) for wrt in ("q", "dq", "ddq")))
+
+    @property
+    def discontinuous(self) -> bool:
+        """Whether the torque jumps with the sign of the motor's velocity."""
+        return self._friction.discontinuous
+
+    def with_smooth_sign(self, width: Array) -> tuple[CoupledFriction]:
+        """Return the friction with the ``width`` of its sign propagated from those (n) of its joints."""
+        if not self.discontinuous:
+            return (self,)
+        # the motor turns at c'dq, so that independent widths of the joints add as squares
+        motor_width = float(np.linalg.norm(self._coefficient_vector * width))
+        return (replace(self, settings=dict(self._constants) | {"width": motor_width}),)
+
+    def numpy_source(self, name: str, theta: Array) -> str:
+        """Return the text of a function of q, dq and ddq that gives Y theta."""
+        return (
+            f"def {name}(q, dq, ddq):\n"
+            f"    c = np.array({self._coefficient_vector.tolist()!r})[:, None]\n"
+            f"    q, dq, ddq = q @ c, dq @ c, ddq @ c\n"
+            f"    return {theta.tolist()[0]!r} * ({self._friction.formula()}) @ c.T\n"
+        )
+
+    @property
+    def _pairs(self) -> tuple[tuple[str, float], ...]:
+        return tuple(self.coefficients.items()) if isinstance(self.coefficients, Mapping) else self.coefficients
+
+    @property
+    def _constants(self) -> tuple[tuple[str, float], ...]:
+        return tuple(self.settings.items()) if isinstance(self.settings, Mapping) else self.settings
+
+    @cached_property
+    def _coefficient_vector(self) -> Array:
+        """The coefficients (n) of the joints, zero for those that are not coupled."""
+        return np.array([dict(self._pairs).get(joint.name, 0.0) for joint in self.joints])
+
+    @cached_property
+    def _friction(self) -> JointTerm:
+        """The law as a term of an arm whose only joint is the motor."""
+        kinds = {joint.name: joint.kind for joint in self.joints}
+        slides = all(kinds[name] == "prismatic" for name, _ in self._pairs)
+        motor = Joint(self.name, "prismatic" if slides else "revolute")
+        return LAWS[self.law]((motor,), **dict(self._constants))  # type: ignore[arg-type]
+
+    def _motor_states(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
+        c = self._coefficient_vector[:, None]
         return q @ c, dq @ c, ddq @ c

@@ -18,12 +18,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief
-from dynident.models.newton_euler import AT_ONCE, NewtonEuler
-from dynident.models.tree import Chain, Layout, Tree
-from dynident.models.vectors import back, cross, diagonal, dot, outer, product, turn
-
-__all__ = ["Recursion"]
+from dynident.models.inertia import cross, diagonal, dot, matmul, matvec, outer, transposed_matvec
+from dynident.models.tree import AT_ONCE, Chain, Layout, NewtonEuler, Tree
+from dynident.runtime import brief
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -49,46 +46,48 @@ class Recursion:
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y (N, n, 10 L) for the parameters of the L listed bodies."""
         layout = self.layout
-        Y = np.zeros((len(q), layout.joints, len(layout.listed), 10))
+        Y = np.zeros((len(q), layout.joints, len(layout.parameter_bodies), 10))
         chains = {chain.body: chain for chain in layout.chains}
         all_ten = dict.fromkeys(chains, np.arange(10))
-        for part, body, columns in self._newton_euler.columns(self._rows(q, dq, ddq), all_ten):
+        for part, body, columns in self._newton_euler.columns(self._body_states(q, dq, ddq), all_ten):
             chain = chains[body]
-            Y[part, chain.moved, chain.place] = self._of_joints(chain, columns).T
-        return Y.reshape(len(q), layout.joints, 10 * len(layout.listed))
+            Y[part, chain.joint_index, chain.place] = self._columns_by_joint(chain, columns).T
+        return Y.reshape(len(q), layout.joints, 10 * len(layout.parameter_bodies))
 
     def entries(self, q: Array, dq: Array, ddq: Array, joint: Integers, parameter: Integers) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows (M, N)."""
         out = np.zeros((len(joint), len(q)))
         place, role = np.divmod(parameter, 10)
+        # per body: which of its parameters are asked for, and where the entries go
         roles, places = {}, {}
         for chain in self.layout.chains:
-            mine = np.flatnonzero((place == chain.place) & np.isin(joint, chain.joints))
-            if len(mine):
-                roles[chain.body], row = np.unique(role[mine], return_inverse=True)
-                places[chain.body] = chain, mine, (row, np.searchsorted(chain.joints, joint[mine]))
-        for part, body, columns in self._newton_euler.columns(self._rows(q, dq, ddq), roles):
-            chain, mine, source = places[body]
-            out[mine, part] = self._of_joints(chain, columns)[source]
+            selected = np.flatnonzero((place == chain.place) & np.isin(joint, chain.joints))
+            if len(selected):
+                roles[chain.body], row = np.unique(role[selected], return_inverse=True)
+                places[chain.body] = chain, selected, (row, np.searchsorted(chain.joints, joint[selected]))
+        for part, body, columns in self._newton_euler.columns(self._body_states(q, dq, ddq), roles):
+            chain, selected, source = places[body]
+            out[selected, part] = self._columns_by_joint(chain, columns)[source]
         return out
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return the inverse dynamics (N, n)."""
-        tau = self._newton_euler.torque(self._rows(q, dq, ddq), theta)
-        return np.ascontiguousarray(tau.T) if self.layout.plain else tau.T @ self.layout.drive
+        tau = self._newton_euler.torque(self._body_states(q, dq, ddq), theta)
+        return np.ascontiguousarray(tau.T) if self.layout.is_identity else tau.T @ self.layout.drive
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n), and the torque (N, n) without acceleration."""
         bodies, drive = len(self.layout), self.layout.drive
         mass, bias = np.zeros((len(q), bodies, bodies)), np.empty((len(q), bodies))
+        # composite bodies: a unit acceleration of joint k takes a wrench on all k carries, which joints j above feel
         j, k = self.layout.pairs
         for part, motion in self._motions(q, dq, np.zeros_like(dq)):
-            load = _Carried(motion, theta)
+            load = _CompositeBodies(motion, theta)
             bias[part] = load.torque.T
-            force, moment = load.inert
+            force, moment = load.inertial_wrench
             w, u = motion.screws(j, k)
             mass[part, j, k] = mass[part, k, j] = (dot(w, moment[:, k]) + dot(u, force[:, k])).T
-        return (mass, bias) if self.layout.plain else (drive.T @ mass @ drive, bias @ drive)
+        return (mass, bias) if self.layout.is_identity else (drive.T @ mass @ drive, bias @ drive)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return the derivatives (3, N, n, n) of the torque by q, dq and ddq."""
@@ -96,85 +95,96 @@ class Recursion:
         out = np.zeros((3, len(q), bodies, bodies))
         j, k = self.layout.pairs
         for part, motion in self._motions(q, dq, ddq):
-            load = _Carried(motion, theta)
+            load = _CompositeBodies(motion, theta)
             w, u = motion.screws(j, k)
-            by_push, by_turn = load.inert
+            by_push, by_turn = load.inertial_wrench
             by_turn = by_turn[:, k] + cross(motion.away(j, k), by_push[:, k])
+            # j is above k: the torque of k changes by the motion that j adds, that of j by the wrench of k
             for slope, change in zip(out, motion.changes, strict=True):
-                bends, turns, pushes = (one[:, j] for one in change)
-                force, moment = load.changed(*change)
-                slope[part, k, j] = (dot(load.bent[:, k], bends) + dot(by_turn, turns) + dot(by_push[:, k], pushes)).T
+                bends, turns, pushes = (part_change[:, j] for part_change in change)
+                force, moment = load.change_wrench(*change)
+                slope[part, k, j] = (
+                    dot(load.bend_torques[:, k], bends) + dot(by_turn, turns) + dot(by_push[:, k], pushes)
+                ).T
+                # a change of position turns the wrench of all that is carried, too
                 if change is motion.changes[0]:
-                    force, moment = load.turned(force, moment)
+                    force, moment = load.add_wrench_motion(force, moment)
                 slope[part, j, k] = (dot(w, moment[:, k]) + dot(u, force[:, k])).T  # of a joint itself, too
-        return out if self.layout.plain else np.asarray(drive.T @ out @ drive)
+        return out if self.layout.is_identity else np.asarray(drive.T @ out @ drive)
 
     def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
         """Return the derivatives (3, N, n) of the sums <G_i, Y_i> by q, dq and ddq, for weights G (N, n, 10 L)."""
         layout = self.layout
-        weights = weights.reshape(len(q), layout.joints, len(layout.listed), 10)
+        weights = weights.reshape(len(q), layout.joints, len(layout.parameter_bodies), 10)
         out = np.empty((3, len(q), len(layout)))
         for part, motion in self._motions(q, dq, ddq):
-            for slope, found in zip(out, _Weighted(motion, weights[part]).slopes, strict=True):
-                slope[part] = found.T
-        return out if layout.plain else out @ layout.drive
+            for slope, gradient in zip(out, _GradientSums(motion, weights[part]).slopes, strict=True):
+                slope[part] = gradient.T
+        return out if layout.is_identity else out @ layout.drive
 
     @cached_property
     def _newton_euler(self) -> NewtonEuler:
         return NewtonEuler(self.tree, self.gravity)
 
-    def _rows(self, q: Array, dq: Array, ddq: Array) -> list[Array]:
+    def _body_states(self, q: Array, dq: Array, ddq: Array) -> list[Array]:
         """Return the states (B, N) of the bodies."""
-        return [np.ascontiguousarray(state.T) for state in self.layout.moved(q, dq, ddq)]
+        return [np.ascontiguousarray(state.T) for state in self.layout.body_states(q, dq, ddq)]
 
-    def _of_joints(self, chain: Chain, columns: Array) -> Array:
-        """Return columns (R, J, S) of a body for its joints from those for the bodies of its chain."""
-        return columns if self.layout.plain else np.asarray(chain.shares(self.layout.gain) @ columns)
+    def _columns_by_joint(self, chain: Chain, columns: Array) -> Array:
+        """Return columns (R, J, S) of a body by joint, from those by the bodies of its chain."""
+        return columns if self.layout.is_identity else np.asarray(chain.shares(self.layout.gain) @ columns)
 
     def _motions(self, q: Array, dq: Array, ddq: Array) -> Iterator[tuple[slice, _Motion]]:
-        """Return the motion of some samples after the other."""
-        states = self._rows(q, dq, ddq)
+        """Yield the motion of the bodies by block of samples."""
+        states = self._body_states(q, dq, ddq)
+        # blocks of samples whose temporary arrays stay in the cache
         step = max(AT_ONCE // len(self.layout), 1)
-        for first in range(0, len(q), step):
-            part = slice(first, first + step)
+        for start in range(0, len(q), step):
+            part = slice(start, start + step)
             yield part, _Motion(self.tree, self.gravity, *(state[:, part] for state in states))
 
 
 class _Motion:
-    """The motion of the bodies: axes R (3, 3, B, N), of joints that turn zw (3, B, N), that slide zu (None: no such);
-    origins p, from their parents' d; their velocities v and accelerations a, these less gravity; rotation w, dw, and
-    of the parents.
+    """The motion of the bodies, in the axes of the base.
+
+    These are the axes R (3, 3, B, N) of the bodies; the axes of joints that turn, zw (3, B, N), and of those that
+    slide, zu (None: none slides); origins p, and from those of the parents d; velocities v and accelerations a of
+    the origins, the latter less gravity; rotation w and dw, of the bodies and of their parents.
     """
 
     def __init__(self, tree: Tree, gravity: Array, q: Array, dq: Array, ddq: Array) -> None:
         self.layout = layout = tree.layout
-        around, across, rest = tree.turns.transpose(0, 2, 3, 1)[..., None]
-        relative = across * np.sin(q)
-        relative += rest * np.cos(q)
-        relative += around
+        constant_part, sine_part, cosine_part = tree.turns.transpose(0, 2, 3, 1)[..., None]
+        relative = sine_part * np.sin(q)
+        relative += cosine_part * np.cos(q)
+        relative += constant_part
         R, hosts = np.empty((3, 3, len(layout) + 1, q.shape[1])), layout.hosts  # the first is that of the base
         R[:, :, 0] = np.eye(3)[..., None]
+        # rotations from the base to the tips; all sums over carriers below are products with ``above``
         for k, parent in enumerate(layout.parent):
-            R[:, :, k + 1] = product(R[:, :, parent + 1], relative[:, :, k])
+            R[:, :, k + 1] = matmul(R[:, :, parent + 1], relative[:, :, k])
         self.R, base = R[:, :, 1:], R[:, :, hosts]
-        z, d = turn(base, tree.axis.T[..., None]), turn(base, tree.origin.T[..., None])
-        rate, gain, slides = z * dq, z * ddq, layout.slides
+        z, d = matvec(base, tree.axis.T[..., None]), matvec(base, tree.origin.T[..., None])
+        rate, gain, slides = z * dq, z * ddq, bool(layout.prismatic.any())
         self.d, self.zw, self.zu, spin = d, z, None, rate
         if slides:
             spins, slide = ~layout.prismatic[:, None], layout.prismatic[:, None]
             self.d, self.zw, self.zu, spin = d + slide * z * q, spins * z, slide * z, spins * rate
-        self.p, w = layout.above @ self.d, _summed(layout, spin)
+        self.p, w = layout.above @ self.d, _sum_from_base(layout, spin)
         self.w, self.w_parent = w[:, 1:], w[:, hosts]
+        # dw of a joint: its own acceleration along z, and the change of z with the parent
         gain += cross(self.w_parent, rate)
-        dw = _summed(layout, spins * gain if slides else gain)
+        dw = _sum_from_base(layout, spins * gain if slides else gain)
         self.dw, self.dw_parent = dw[:, 1:], dw[:, hosts]
+        # velocity and acceleration of an origin in the rotating frame of its parent
         self.swept = cross(self.w_parent, self.d)
-        pulled = cross(self.dw_parent, self.d)
-        pulled += cross(self.w_parent, self.swept)
+        origin_acceleration = cross(self.dw_parent, self.d)
+        origin_acceleration += cross(self.w_parent, self.swept)
         if slides:
+            # a joint that slides adds its rate and its acceleration, half of the Coriolis term being in ``gain``
             self.swept += slide * rate
-            pulled += slide * (gain + cross(self.w_parent, rate))
-        self.a = layout.above @ pulled - gravity[:, None, None]
+            origin_acceleration += slide * (gain + cross(self.w_parent, rate))
+        self.a = layout.above @ origin_acceleration - gravity[:, None, None]
 
     @cached_property
     def v(self) -> Array:
@@ -195,9 +205,10 @@ class _Motion:
 
     @cached_property
     def changes(self) -> tuple[tuple[Array, Array, Array], ...]:
-        """How a change of a body's q, of dq, and of ddq changes the accelerations of what it carries.
+        """How a unit change of q, of dq, and of ddq of a body's joint changes the accelerations of what it carries.
 
-        By ``pushes`` + ``turns`` x r + 2 ``bends`` x (velocity), r from the origin of the body: bends, turns, pushes.
+        Each is a triple bends, turns, pushes: the acceleration at r from the origin of the body changes by ``pushes``
+        + ``turns`` x r + 2 ``bends`` x (velocity).
         """
         w, dw, z, slide, zero = self.w_parent, self.dw_parent, self.zw, self.zu, np.zeros_like(self.zw)
         wz = cross(w, z)
@@ -213,20 +224,24 @@ class _Motion:
         )
 
 
-class _Carried:
-    """What each body and all that it carries hold about its origin: force and moment (3, B, N); mass, first and second
-    moments of mass; momentum, and moments of velocity.
+class _CompositeBodies:
+    """Sums over each body and all that it carries, about its origin.
+
+    These are force and moment (3, B, N); mass, first and second moments of mass; momentum, and moments of
+    velocity.
     """
 
     def __init__(self, motion: _Motion, theta: Array) -> None:
         self.motion = motion
         self.below, self.inner = motion.layout.above.T, motion.layout.above.T - np.eye(len(theta))
         R, w, dw, a, columns = motion.R, motion.w, motion.dw, motion.a, theta.T[..., None]
-        self.m, self.h = columns[0], turn(R, columns[1:4])
+        self.m, self.h = columns[0], matvec(R, columns[1:4])
         tensor = columns[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3, -1, 1)
-        self.J = product(product(R, tensor), R.swapaxes(0, 1))
+        self.J = matmul(matmul(R, tensor), R.swapaxes(0, 1))
+        # Newton-Euler equations of each body alone, about the origin of its frame
         force = self.m * a + cross(dw, self.h) + cross(w, cross(w, self.h))
-        moment = cross(self.h, a) + turn(self.J, dw) + cross(w, turn(self.J, w))
+        moment = cross(self.h, a) + matvec(self.J, dw) + cross(w, matvec(self.J, w))
+        # sums over what is carried; a force acts on the parent with the arm d
         self.force = self.below @ force
         self.moment = self.below @ moment + self.inner @ cross(motion.d, self.force)
 
@@ -240,54 +255,57 @@ class _Carried:
     def masses(self) -> tuple[Array, Array, Array]:
         """Mass (B, 1), first moment (3, B, N) and tensor (3, 3, B, N)."""
         d, m = self.motion.d, self.below @ self.m
+        # parallel axes: shift the moments of what is carried by d, to the origin of the parent
         shift = m * d
         h = self.below @ self.h + self.inner @ shift
-        more = h + shift
-        moved = diagonal(dot(h, d) + dot(more, d)) - outer(h, d) - outer(d, more)
-        return m, h, self.below @ self.J + self.inner @ moved
+        shifted = h + shift
+        shift_tensor = diagonal(dot(h, d) + dot(shifted, d)) - outer(h, d) - outer(d, shifted)
+        return m, h, self.below @ self.J + self.inner @ shift_tensor
 
     @cached_property
-    def inert(self) -> tuple[Array, Array]:
+    def inertial_wrench(self) -> tuple[Array, Array]:
         """Force and moment (3, B, N) by a unit acceleration of each body's joint."""
         (m, h, J), z, slide = self.masses, self.motion.zw, self.motion.zu
-        force, moment = cross(z, h), turn(J, z)
+        force, moment = cross(z, h), matvec(J, z)
         return (force, moment) if slide is None else (force + m * slide, moment + cross(h, slide))
 
     @cached_property
     def flow(self) -> tuple[Array, Array]:
         """Momentum (3, B, N), and 2 (tr(U) - U) (3, 3, B, N) of the moments of velocity U."""
         motion, J = self.motion, self.J
-        second = diagonal(0.5 * (J[0, 0] + J[1, 1] + J[2, 2])) - J
+        # the second moments of mass, tr(J)/2 E - J, give those of the velocity w x r
+        second_moments = diagonal(0.5 * (J[0, 0] + J[1, 1] + J[2, 2])) - J
         momentum = self.below @ (self.m * motion.v + cross(motion.w, self.h))
-        turned = cross(motion.w[:, None], second)
-        U = self.below @ (outer(motion.v, self.h) + turned) + self.inner @ outer(momentum, motion.d)
+        rotation_part = cross(motion.w[:, None], second_moments)
+        U = self.below @ (outer(motion.v, self.h) + rotation_part) + self.inner @ outer(momentum, motion.d)
         return momentum, 2 * (diagonal(U[0, 0] + U[1, 1] + U[2, 2]) - U)
 
     @cached_property
-    def bent(self) -> Array:
+    def bend_torques(self) -> Array:
         """The torque (3, B, N) of each body's joint by unit ``bends`` of the accelerations."""
         momentum, T = self.flow
-        bent = back(T, self.motion.zw)
-        return bent if self.motion.zu is None else bent + 2 * cross(momentum, self.motion.zu)
+        torques = transposed_matvec(T, self.motion.zw)
+        return torques if self.motion.zu is None else torques + 2 * cross(momentum, self.motion.zu)
 
-    def changed(self, bends: Array, turns: Array, pushes: Array) -> tuple[Array, Array]:
+    def change_wrench(self, bends: Array, turns: Array, pushes: Array) -> tuple[Array, Array]:
         """Return the changes of force and moment (3, B, N) by those of the accelerations."""
         (m, h, J), (momentum, T) = self.masses, self.flow
         force = m * pushes + cross(turns, h) + 2 * cross(bends, momentum)
-        return force, cross(h, pushes) + turn(J, turns) + turn(T, bends)
+        return force, cross(h, pushes) + matvec(J, turns) + matvec(T, bends)
 
-    def turned(self, force: Array, moment: Array) -> tuple[Array, Array]:
-        """Return changes of force and moment with those of a wrench that a joint moves along."""
+    def add_wrench_motion(self, force: Array, moment: Array) -> tuple[Array, Array]:
+        """Return the changes of force and moment with that of a wrench that the joint moves along."""
         z, slide = self.motion.zw, self.motion.zu
         force, moment = force + cross(z, self.force), moment + cross(z, self.moment)
         return (force, moment) if slide is None else (force, moment + cross(slide, self.force))
 
 
-class _Weighted:
-    """What sums <G, Y> of one sample change by with the motion of each body: (3, B, N).
+class _GradientSums:
+    """The derivatives (3, B, N) of the sum <G, Y> of each sample by the motion of each body.
 
-    By unit changes of its rotation ("bends"), of the acceleration of its rotation ("turns") and of its origin
-    ("pushes"), as in ``_Motion.changes``; ``crossed`` (B, N) is the change by that of the screws with each joint's q.
+    They are by unit changes of its rotation (``bends``), of the acceleration of its rotation (``turns``) and of
+    that of its origin (``pushes``), as in ``_Motion.changes``; ``crossed`` (B, N) is the derivative by each
+    joint's q through the screws.
     """
 
     def __init__(self, motion: _Motion, weights: Array) -> None:
@@ -302,31 +320,37 @@ class _Weighted:
     def slopes(self) -> list[Array]:
         """The derivatives (B, N) by q, dq and ddq."""
         motion, below = self.motion, self.motion.layout.above.T
+        # a change of a joint moves all that it carries: sum, and shift pushes to the joint's origin
         bends, pushes = below @ self.bends, below @ self.pushes
         turns = below @ self.turns + (below - np.eye(len(below))) @ cross(motion.d, pushes)
-        found = [dot(bends, one[0]) + dot(turns, one[1]) + dot(pushes, one[2]) for one in motion.changes]
-        return [found[0] - self.crossed, *found[1:]]
+        derivatives = [
+            dot(bends, change[0]) + dot(turns, change[1]) + dot(pushes, change[2]) for change in motion.changes
+        ]
+        return [derivatives[0] - self.crossed, *derivatives[1:]]
 
     def _add(self, chain: Chain, theta: Array) -> None:
-        """Add the torques that one body has at the joints above it, each with parameters of its own: (10, V, N)."""
+        """Add the torques of one body at the joints above it, where each joint has its own parameters (10, V, N)."""
         motion, k = self.motion, chain.body
+        # in the axes of the body, in which its parameters are constant
         R = motion.R[:, :, k, None]
-        w, dw, a = (back(R, one[:, k, None]) for one in (motion.w, motion.dw, motion.a))
-        W, U = (back(R, one) for one in motion.screws(chain.path, k))
+        w, dw, a = (transposed_matvec(R, vectors[:, k, None]) for vectors in (motion.w, motion.dw, motion.a))
+        W, U = (transposed_matvec(R, vectors) for vectors in motion.screws(chain.path, k))
         m, h, J = theta[0], theta[1:4], theta[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3, *theta.shape[1:])
-        wh, Jw = cross(w, h), turn(J, w)
-        force, moment = m * a + cross(dw, h) + cross(w, wh), cross(h, a) + turn(J, dw) + cross(w, Jw)
+        wh, Jw = cross(w, h), matvec(J, w)
+        force, moment = m * a + cross(dw, h) + cross(w, wh), cross(h, a) + matvec(J, dw) + cross(w, Jw)
         # a joint moves the screws of those before it, which take the wrench
-        before = [np.cumsum(one, axis=1) - one for one in (cross(W, moment) + cross(U, force), cross(W, force))]
-        self.crossed[chain.via] += dot(W, before[0]) + dot(U, before[1])
-        pushes, turns = m * U + cross(W, h), cross(h, U) + turn(J, W)
-        spins = cross(wh, U) + cross(h, cross(U, w)) + cross(Jw, W) + turn(J, cross(W, w))
-        spin, self.turns[:, k], self.pushes[:, k] = (turn(R[:, :, 0], x.sum(axis=1)) for x in (spins, turns, pushes))
+        wrench_above = [
+            np.cumsum(vectors, axis=1) - vectors for vectors in (cross(W, moment) + cross(U, force), cross(W, force))
+        ]
+        self.crossed[chain.via] += dot(W, wrench_above[0]) + dot(U, wrench_above[1])
+        pushes, turns = m * U + cross(W, h), cross(h, U) + matvec(J, W)
+        spins = cross(wh, U) + cross(h, cross(U, w)) + cross(Jw, W) + matvec(J, cross(W, w))
+        spin, self.turns[:, k], self.pushes[:, k] = (matvec(R[:, :, 0], x.sum(axis=1)) for x in (spins, turns, pushes))
         self.bends[:, k] = spin + cross(motion.w[:, k], self.turns[:, k]) + 2 * cross(motion.v[:, k], self.pushes[:, k])
 
 
-def _summed(layout: Layout, vectors: Array) -> Array:
-    """Return sums (3, B + 1, N) over the bodies from the base, which is the first, to each."""
+def _sum_from_base(layout: Layout, vectors: Array) -> Array:
+    """Return the sums (3, B + 1, N) of vectors over the bodies from the base, which is the first, to each."""
     out = np.zeros((3, len(layout) + 1, vectors.shape[2]))
     np.matmul(layout.above, vectors, out=out[:, 1:])
     return out

@@ -11,34 +11,104 @@ from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ModelError, listed
 from dynident.models.inertia import consistency_violations
-from dynident.models.placements import Placements, placements
 from dynident.models.recursion import Recursion
-from dynident.models.recursion_kernel import recursion
-from dynident.models.robot_file import (
+from dynident.models.recursion_kernel import make_recursion
+from dynident.models.robot_files import (
     Arm,
     ArmBody,
-    Limits,
     LinkShapes,
     RobotFile,
     RobotJoint,
+    RobotJointLimits,
     assemble,
-    displaced,
+    displace_joints,
     mjcf_shapes,
     parse,
     read_mjcf,
     read_urdf,
     urdf_shapes,
 )
-from dynident.models.term import INERTIAL, Joint, Parameter, Partials
+from dynident.models.term import INERTIAL, Joint, Parameter, Partials, Term
 from dynident.models.tree import Layout, Tree
-
-__all__ = ["RigidBodies", "read_robot_file"]
+from dynident.runtime import ModelError, brief, join_names
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Placements:
+    """Axes ``rotations`` (N, B, 3, 3) and ``origins`` (N, B, 3) (m) of B bodies at N samples, and the ``axes``
+    (N, B, 3) of their joints, all in the frame of the root link. The bodies are those of ``RigidBodies.arm.bodies``.
+
+    In all methods ``body`` (P) holds the bodies of P points; -1 is the root link, which does not move.
+    """
+
+    layout: Layout
+    rotations: Array
+    origins: Array
+    axes: Array
+
+    __repr__ = brief
+
+    def points(self, body: ArrayLike, local: ArrayLike) -> Array:
+        """Return points (N, P, 3) that are at ``local`` (P, 3) in the frames of their bodies."""
+        body, local = np.asarray(body, dtype=np.intp), np.asarray(local, dtype=float)
+        in_root = (self.rotations[:, body] @ local[:, :, None])[..., 0] + self.origins[:, body]
+        return np.where((body < 0)[:, None], local, in_root)
+
+    def project_on_joints(self, body: ArrayLike, points: Array, along: Array) -> Array:
+        """Return the products J' along (N, P, n) of the Jacobians of points (N, P, 3) with vectors (N, P, 3).
+
+        They are the rates by which a motion of each joint moves the points of bodies along the vectors ``along``;
+        where the vectors are forces on the points, they are the torques of the joints.
+        """
+        layout = self.layout
+        # screws of the joints at the origin of the root link: rotation, and velocity of the point that is there
+        revolute, prismatic = ~layout.prismatic[:, None], layout.prismatic[:, None]
+        rotations, velocities = (
+            self.axes * revolute,
+            self.axes * prismatic - np.cross(self.axes * revolute, self.origins),
+        )
+        # moment and force about the same origin, so that their product with the screws is the torque
+        wrench = np.concatenate((np.cross(points, along), along), axis=2)
+        by_body = wrench @ np.concatenate((rotations, velocities), axis=2).swapaxes(1, 2)
+        return np.asarray((by_body * self._carrier_matrix(body)) @ layout.drive)
+
+    def _carrier_matrix(self, body: ArrayLike) -> Array:
+        """Return (P, B) ones where a body (column) is that of a point (row) or carries it, and zeros elsewhere."""
+        body = np.asarray(body, dtype=np.intp)
+        return np.asarray(self.layout.above[body] * (body >= 0)[:, None])
+
+
+def placements(tree: Tree, first_origin: Array, q: Array) -> Placements:
+    """Return the placements of a tree at positions q (N, n), rad or m.
+
+    ``first_origin`` (3) is where the first body begins. Raises ModelError where q has another shape.
+    """
+    layout = tree.layout
+    if q.ndim != 2 or q.shape[1] != layout.joints:
+        raise ModelError(f"q has the shape {q.shape}, expected (N, {layout.joints}).")
+    q = q @ layout.drive.T + layout.offset
+    sine, cosine = (wave(q)[..., None, None] for wave in (np.sin, np.cos))
+    # Rodrigues: rotations of the joints by sine and cosine, see ``Tree``
+    relative = tree.turns[0] + sine * tree.turns[1] + cosine * tree.turns[2]
+    offset = tree.origin + (layout.prismatic * q)[..., None] * tree.axis
+    R, p, z = np.empty((*q.shape, 3, 3)), np.empty((*q.shape, 3)), np.empty((*q.shape, 3))
+    # from the base to the tips: parents come before their children
+    for k, parent in enumerate(layout.parent):
+        if parent < 0:
+            R[:, k], p[:, k], z[:, k] = relative[:, k], first_origin + offset[:, k], tree.axis[k]
+        else:
+            R[:, k] = R[:, parent] @ relative[:, k]
+            p[:, k] = p[:, parent] + (R[:, parent] @ offset[:, k, :, None])[..., 0]
+            z[:, k] = R[:, parent] @ tree.axis[k]
+    return Placements(layout, R, p, z)
+
+
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
 SDF = " SDF is not read: export the robot as a URDF, from which most SDF files are made, or as an MJCF."
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
@@ -50,7 +120,7 @@ MEANINGS = (
 
 
 @dataclass(frozen=True)
-class RigidBodies:
+class RigidBodies(Term):
     """The rigid-body term of a robot: ten inertial parameters for each moving link, about its joint's frame.
 
     ``xml`` is the text of a URDF or MJCF file. ``joints_used`` chooses the moving joints and their order (default:
@@ -95,7 +165,7 @@ class RigidBodies:
         _ = self._arm
 
     def __repr__(self) -> str:
-        names = listed((joint.name for joint in self.joints), 6)
+        names = join_names((joint.name for joint in self.joints), 6)
         return f"<RigidBodies of {self.source!r} ({self.format}): {names}; {len(self.parameters)} parameters>"
 
     def __getstate__(self) -> dict[str, Any]:
@@ -120,7 +190,7 @@ class RigidBodies:
     def joints(self) -> tuple[Joint, ...]:
         """The n moving joints, in the chosen order."""
         return tuple(
-            Joint(joint.name, "prismatic" if joint.kind == "prismatic" else "revolute") for joint in self._driven
+            Joint(joint.name, "prismatic" if joint.kind == "prismatic" else "revolute") for joint in self._driven_joints
         )
 
     @cached_property
@@ -129,12 +199,12 @@ class RigidBodies:
 
         The value is None for a body with a link whose inertia the file leaves to be computed from shapes.
         """
-        return _parameters(self._assembled)
+        return _parameters(self._undisplaced_arm)
 
     @property
-    def limits(self) -> dict[str, Limits]:
+    def limits(self) -> dict[str, RobotJointLimits]:
         """Limits of each moving joint, where the file gives them."""
-        return {joint.name: joint.limits for joint in self._driven}
+        return {joint.name: joint.limits for joint in self._driven_joints}
 
     @property
     def shapes(self) -> dict[str, LinkShapes]:
@@ -160,11 +230,11 @@ class RigidBodies:
         return self._nominal("armature")
 
     @property
-    def merged(self) -> dict[str, tuple[str, ...]]:
+    def merged_links(self) -> dict[str, tuple[str, ...]]:
         """Body -> other links fixed to it, if any; the root link has those that do not move."""
-        owners = {body.name: body.links for body in self._arm.chosen}
-        still = {self._file.root: self._arm.still}
-        return {name: links[1:] for name, links in (still | owners).items() if len(links) > 1}
+        owners = {body.name: body.links for body in self._arm.bodies_with_parameters}
+        fixed = {self._file.root: self._arm.fixed_links}
+        return {name: links[1:] for name, links in (fixed | owners).items() if len(links) > 1}
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -177,7 +247,7 @@ class RigidBodies:
             notes.append(f"{len(limbs[1])} limbs move from the base {limbs[0]!r}, which is taken as fixed")
         if self._file.gravity not in (None, self.gravity):
             notes.append(f"the file's gravity {self._file.gravity} is ignored; {self.gravity} m/s^2 is used")
-        for body in self._arm.chosen:
+        for body in self._arm.bodies_with_parameters:
             if np.isnan(body.theta).any():
                 notes.append(f"body {body.name!r}: its inertia follows from meshes, which are not read")
             elif not body.theta.any():
@@ -198,18 +268,21 @@ class RigidBodies:
     def entries(self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N); ModelError where there is no such entry."""
         rows, columns = np.asarray(joint, dtype=np.intp), np.asarray(parameter, dtype=np.intp)
-        of = self.support.shape
+        shape = self.support.shape
+        # the kernel would read beyond its arrays for other indices
         if rows.ndim != 1 or columns.shape != rows.shape:
             raise ModelError(f"{self.source}: joint and parameter have the shapes {rows.shape}, {columns.shape}.")
-        if len(rows) and (min(rows.min(), columns.min()) < 0 or rows.max() >= of[0] or columns.max() >= of[1]):
-            raise ModelError(f"{self.source}: joint or parameter is not an index of a regressor (N, {of[0]}, {of[1]}).")
+        if len(rows) and (min(rows.min(), columns.min()) < 0 or rows.max() >= shape[0] or columns.max() >= shape[1]):
+            raise ModelError(
+                f"{self.source}: joint or parameter is not an index of a regressor (N, {shape[0]}, {shape[1]})."
+            )
         return self._recursion.entries(_floats(q), _floats(dq), _floats(ddq), rows, columns)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not."""
         dynamics = self._recursion
         states = _floats(q), _floats(dq), _floats(ddq)
-        return Partials(*dynamics.partials(*states, dynamics.layout.filled(theta)))
+        return Partials(*dynamics.partials(*states, dynamics.layout.expand_parameters(theta)))
 
     def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
         """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, 10 n)."""
@@ -221,12 +294,12 @@ class RigidBodies:
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for any theta (10 n), physical or not."""
         dynamics = self._recursion
-        return dynamics.torque(_floats(q), _floats(dq), _floats(ddq), dynamics.layout.filled(theta))
+        return dynamics.torque(_floats(q), _floats(dq), _floats(ddq), dynamics.layout.expand_parameters(theta))
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n) and the torque (N, n) without acceleration, for any theta (10 n)."""
         dynamics = self._recursion
-        return dynamics.mass_and_bias(_floats(q), _floats(dq), dynamics.layout.filled(theta))
+        return dynamics.mass_and_bias(_floats(q), _floats(dq), dynamics.layout.expand_parameters(theta))
 
     def placements(self, q: Array) -> Placements:
         """Return where the bodies ``arm.bodies`` are at positions q (N, n), in the frame of the root link."""
@@ -238,44 +311,49 @@ class RigidBodies:
         return replace(self, gravity=(x, y, z))
 
     def with_displacement(self, joint: str, by: tuple[float, ...]) -> RigidBodies:
-        """Return the bodies with a joint displaced further by (9): x, y, z (m) of its origin along the axes of its
-        parent link's frame, then rotation vectors (rad) in its own frame, of the frame with all that it carries and of
-        the axis alone.
-        """
-        known = dict(self.displacements)
-        moved = np.add(known.get(joint, np.zeros(9)), by).tolist()
-        return replace(self, displacements=tuple((known | {joint: tuple(moved)}).items()))
+        """Return the bodies with a joint displaced further by (9), as ``Term`` says."""
+        displacements = dict(self.displacements)
+        total = np.add(displacements.get(joint, np.zeros(9)), by).tolist()
+        return replace(self, displacements=tuple((displacements | {joint: tuple(total)}).items()))
 
     def _nominal(self, key: str) -> dict[str, float]:
-        return {joint.name: joint.nominal[key] for joint in self._driven if key in joint.nominal}
+        return {joint.name: joint.nominal[key] for joint in self._driven_joints if key in joint.nominal}
 
     @cached_property
     def _file(self) -> RobotFile:
-        return _parsed(self.xml, self.source)
+        return read_robot_file(self.xml, self.source)
 
     @cached_property
-    def _assembled(self) -> Arm:
+    def _undisplaced_arm(self) -> Arm:
         """The bodies before they are displaced."""
-        return _assembled(self.xml, self.source, self.joints_used, tuple(self.locked))
+        return _assemble_file(self.xml, self.source, self.joints_used, tuple(self.locked))
 
     @cached_property
     def _arm(self) -> Arm:
-        return displaced(self._assembled, dict(self.displacements)) if self.displacements else self._assembled
+        return (
+            displace_joints(self._undisplaced_arm, dict(self.displacements))
+            if self.displacements
+            else self._undisplaced_arm
+        )
 
     @cached_property
     def _recursion(self) -> Recursion:
-        layout = _layout(self._assembled)  # displaced joints do not change it
+        layout = _layout(self._undisplaced_arm)  # displaced joints do not change it
         tree = Tree.of(self._arm, layout) if self.displacements else _tree(self._arm, layout)
-        return recursion(tree, np.array(self.gravity))
+        return make_recursion(tree, np.array(self.gravity))
 
     @property
-    def _driven(self) -> list[RobotJoint]:
+    def _driven_joints(self) -> list[RobotJoint]:
         """The joints, in the chosen order."""
         return [self._arm.bodies[k].joint for k in self._arm.driven]
 
 
+@lru_cache(maxsize=8)
 def read_robot_file(xml: str, source: str) -> RobotFile:
-    """Parse the text of a URDF or MJCF file; ModelError where it is neither, or contradicts itself."""
+    """Parse the text of a URDF or MJCF file; ModelError where it is neither, or contradicts itself.
+
+    The result is cached, because displaced or tilted bodies have the same text.
+    """
     root = parse(xml, source)
     if root.tag not in READERS:
         raise ModelError(
@@ -286,15 +364,11 @@ def read_robot_file(xml: str, source: str) -> RobotFile:
 
 
 @lru_cache(maxsize=8)
-def _parsed(xml: str, source: str) -> RobotFile:
-    """Return the file as parsed; kept, because bodies that are displaced or turned have the same text."""
-    return read_robot_file(xml, source)
-
-
-@lru_cache(maxsize=8)
-def _assembled(xml: str, source: str, used: tuple[str, ...] | None, locked: tuple[tuple[str, float], ...]) -> Arm:
-    """Return the bodies of a file before they are displaced; kept, as the file is."""
-    return assemble(_parsed(xml, source), used, dict(locked))
+def _assemble_file(
+    xml: str, source: str, joint_names: tuple[str, ...] | None, locked: tuple[tuple[str, float], ...]
+) -> Arm:
+    """Return the bodies of a file before they are displaced; the result is cached, as that of the parser is."""
+    return assemble(read_robot_file(xml, source), joint_names, dict(locked))
 
 
 @lru_cache(maxsize=8)
@@ -304,7 +378,7 @@ def _layout(arm: Arm) -> Layout:
 
 @lru_cache(maxsize=8)
 def _tree(arm: Arm, layout: Layout) -> Tree:
-    """Return the tree of an arm; kept, because bodies under another gravity have the same."""
+    """Return the tree of an arm; the result is cached, because bodies under another gravity have the same."""
     return Tree.of(arm, layout)
 
 
@@ -312,7 +386,7 @@ def _tree(arm: Arm, layout: Layout) -> Tree:
 def _parameters(arm: Arm) -> tuple[Parameter, ...]:
     return tuple(
         Parameter(f"{body.name}.{role}", unit, f"{meaning} of {body.name}", value, role, body.name)
-        for body in arm.chosen
+        for body in arm.bodies_with_parameters
         for role, unit, meaning, value in zip(INERTIAL, UNITS, MEANINGS, _values(body), strict=True)
     )
 

@@ -14,25 +14,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ModelError, Note, listed
-from dynident.log import Motion
-from dynident.models import INERTIAL, Model, Parameter, random_states, remembered
-from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
-from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise
-
-__all__ = [
-    "BaseParameters",
-    "UnexcitedParameters",
-    "base_parameters",
-    "base_std",
-    "compare",
-    "informed_std",
-    "structural_base_parameters",
-]
+from dynident.models import INERTIAL, Model, Parameter, motion_memory, random_states
+from dynident.motion.log import Motion
+from dynident.regression.triangular import (
+    EntryBlock,
+    Rank,
+    TriangularFactors,
+    factorise,
+    precision,
+    rank_of,
+    rank_of_information,
+)
+from dynident.runtime import ModelError, Note, join_names
 
 Array = NDArray[np.float64]
-SMALL = 1e-8  # a smaller share in a base parameter is rounding error
-CLEAR = 1e-2  # a column this far from the span of those already kept is clearly independent
+MIN_SHARE = 1e-8  # a smaller share in a base parameter is rounding error
+MIN_INDEPENDENCE = 1e-2  # a column this far from the span of those already kept is clearly independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +49,7 @@ class BaseParameters:
     scale: Array
 
     def __repr__(self) -> str:
-        led = listed(self.leading, 6)
+        led = join_names(self.leading, 6)
         return f"<BaseParameters: {self.rank} of {len(self.names)} parameters, led by {led}>"
 
     @property
@@ -62,10 +59,12 @@ class BaseParameters:
 
     @property
     def gap(self) -> float:
-        """Ratio of the smallest kept to the largest dropped singular value: the larger, the clearer the rank."""
-        kept, dropped = self.singular_values[: self.rank], self.singular_values[self.rank :]
+        """Ratio of the smallest retained to the largest dropped singular value: the larger, the clearer the rank."""
+        retained, dropped = self.singular_values[: self.rank], self.singular_values[self.rank :]
         with np.errstate(over="ignore"):
-            return float(kept[-1] / dropped[0]) if len(kept) and len(dropped) and dropped[0] > 0 else float("inf")
+            return (
+                float(retained[-1] / dropped[0]) if len(retained) and len(dropped) and dropped[0] > 0 else float("inf")
+            )
 
     @property
     def dependent(self) -> tuple[int, ...]:
@@ -84,13 +83,13 @@ class BaseParameters:
         return tuple(self.names[k] for k in np.flatnonzero(~self.combination.any(axis=0)))
 
     @property
-    def determined(self) -> tuple[str, ...]:
+    def single_parameters(self) -> tuple[str, ...]:
         """Names of the standard parameters that are base parameters by themselves."""
         alone = (self.combination != 0).sum(axis=1) == 1
         return tuple(self.names[k] for k, single in zip(self.independent, alone, strict=True) if single)
 
     @property
-    def null(self) -> Array:
+    def null_directions(self) -> Array:
         """Directions (p, p - r) of theta that change no torque, one for each dependent parameter."""
         d = list(self.dependent)
         out = np.zeros((len(self.names), len(d)))
@@ -100,20 +99,20 @@ class BaseParameters:
 
     def to_base(self, theta: ArrayLike) -> Array:
         """Return beta (r) = B theta for theta (p); ModelError where the shape does not fit."""
-        return self.combination @ _vector(theta, len(self.names), "theta")
+        return self.combination @ _check_vector(theta, len(self.names), "theta")
 
-    def to_standard(self, beta: ArrayLike, near: ArrayLike | None = None) -> Array:
-        """Return the theta (p) with B theta = beta (r) that is closest to ``near`` (p, default zero) in scaled columns.
+    def to_standard(self, beta: ArrayLike, reference: ArrayLike | None = None) -> Array:
+        """Return the theta (p) with B theta = beta (r) closest to ``reference`` (p, default zero) in scaled columns.
 
         Raises ModelError where a shape does not fit.
         """
-        start = np.zeros(len(self.names)) if near is None else _vector(near, len(self.names), "near")
-        rest = _vector(beta, self.rank, "beta") - self.combination @ start
+        start = np.zeros(len(self.names)) if reference is None else _check_vector(reference, len(self.names), "near")
+        residual = _check_vector(beta, self.rank, "beta") - self.combination @ start
         if not self.rank:
             return start
         rows = self.scale[list(self.independent)]  # rows of unlike units would cost digits
-        scaled = rows[:, None] * self.combination / self.scale
-        return start + np.linalg.lstsq(scaled, rows * rest)[0] / self.scale
+        scaled_combination = rows[:, None] * self.combination / self.scale
+        return start + np.linalg.lstsq(scaled_combination, rows * residual)[0] / self.scale
 
 
 def base_parameters(
@@ -127,19 +126,29 @@ def base_parameters(
     """
     p = len(parameters)
     if isinstance(factor, Rank):
-        found = factor
+        decomposition = factor
     elif factor.shape not in ((p, p), (p + 1, p + 1)):
         raise ModelError(f"factor has shape {factor.shape}, expected ({p}, {p}) or ({p + 1}, {p + 1}).")
     else:
-        found = rank_of(factor, parameters, tolerance)
-    if found.unweighted is not None and found.unweighted.rank == found.rank:
-        found = found.unweighted  # the same directions, in which weights have not made rounding large
-    known = found.vectors[:, : found.rank].T
-    known = np.where(np.linalg.norm(known, axis=0) <= 10 * found.tolerance, 0.0, known)  # without effect
-    size = np.linalg.norm(R := found.values[: found.rank, None] * known, axis=0)
-    kept = sorted(_choose(R / np.where(size > 0, size, 1.0), found.rank, _preference(parameters)))
-    B = _combine(known, kept, found.scale, found.tolerance)
-    return BaseParameters(tuple(x.name for x in parameters), found.rank, found.values, tuple(kept), B, found.scale)
+        decomposition = rank_of(factor, parameters, tolerance)
+    if decomposition.unweighted is not None and decomposition.unweighted.rank == decomposition.rank:
+        decomposition = decomposition.unweighted  # the same directions, in which weights have not made rounding large
+    directions = decomposition.vectors[:, : decomposition.rank].T
+    directions = np.where(
+        np.linalg.norm(directions, axis=0) <= 10 * decomposition.tolerance, 0.0, directions
+    )  # without effect
+    # unit columns of the factor on the determined directions: their independence does not depend on units
+    size = np.linalg.norm(R := decomposition.values[: decomposition.rank, None] * directions, axis=0)
+    leaders = sorted(_choose_columns(R / np.where(size > 0, size, 1.0), decomposition.rank, _leader_order(parameters)))
+    B = _combination_matrix(directions, leaders, decomposition.scale, decomposition.tolerance)
+    return BaseParameters(
+        tuple(x.name for x in parameters),
+        decomposition.rank,
+        decomposition.values,
+        tuple(leaders),
+        B,
+        decomposition.scale,
+    )
 
 
 def base_std(basis: BaseParameters, triangular: TriangularFactors, sigma: Array, weights: Array | None = None) -> Array:
@@ -150,16 +159,19 @@ def base_std(basis: BaseParameters, triangular: TriangularFactors, sigma: Array,
     over the independent columns; infinite where rounding makes these dependent. Holds for independent errors and an
     exactly known regressor. Raises ModelError where the factors do not fit the base parameters.
     """
-    p, kept = len(basis.names), list(basis.independent)
+    p, leaders = len(basis.names), list(basis.independent)
     if triangular.factors.shape[1:] != (p + 1, p + 1):
         raise ModelError(f"factors have shape {triangular.factors.shape[1:]}, expected ({p + 1}, {p + 1}).")
     w = np.ones(len(triangular.factors)) if weights is None else np.asarray(weights)
-    R = triangular.factors[:, :p, kept] * w[:, None, None]
-    found = rank_of(np.asarray(np.linalg.qr(triangular.stacked(w)[:, [*kept, -1]], mode="r")))
-    half = found.determined / found.values[: found.rank]  # A^-1 is its square; not formed, to lose no digits
-    spread = ((w * np.asarray(sigma))[:, None, None] * (R @ half)).reshape(-1, found.rank)
+    R = triangular.factors[:, :p, leaders] * w[:, None, None]
+    decomposition = rank_of(np.asarray(np.linalg.qr(triangular.stack(w)[:, [*leaders, -1]], mode="r")))
+    # G_j enters by its factor, so that the squares of small singular values are never formed
+    half = (
+        decomposition.determined_directions / decomposition.values[: decomposition.rank]
+    )  # A^-1 is its square; not formed, to lose no digits
+    spread = ((w * np.asarray(sigma))[:, None, None] * (R @ half)).reshape(-1, decomposition.rank)
     std = np.linalg.norm(np.linalg.qr(spread, mode="r") @ half.T, axis=0)
-    return np.where(found.undetermined, np.inf, std)
+    return np.where(decomposition.undetermined_mask, np.inf, std)
 
 
 def informed_std(basis: BaseParameters, information: Array) -> Array:
@@ -167,8 +179,8 @@ def informed_std(basis: BaseParameters, information: Array) -> Array:
 
     They are infinite where the information is singular to working precision.
     """
-    kept = list(basis.independent)
-    return np.asarray(np.sqrt(np.diag(rank_of_information(information[np.ix_(kept, kept)]).covariance())))
+    leaders = list(basis.independent)
+    return np.asarray(np.sqrt(np.diag(rank_of_information(information[np.ix_(leaders, leaders)]).covariance())))
 
 
 def structural_base_parameters(
@@ -178,14 +190,15 @@ def structural_base_parameters(
     tolerance: float | None = None,
     unfitted: Collection[str] = (),
 ) -> BaseParameters:
-    """Return the base parameters that a sufficiently exciting motion shows, from ``samples`` random states of the arm,
-    where the torques of all joints but the ``unfitted`` ones are fitted.
+    """Return the base parameters that a sufficiently exciting motion shows.
 
-    ``rng`` draws the states, by default the same ones each time. Raises the errors of ``base_parameters`` and of the
-    model.
+    They are those of ``samples`` random states of the arm, where the torques of all joints but the ``unfitted``
+    ones are fitted. ``rng`` draws the states, by default the same ones each time. Raises the errors of
+    ``base_parameters`` and of the model.
 
-    >>> from dynident.models import Coulomb, Model, RotorInertia, Viscous
-    >>> from dynident.models.gallery import pendulum
+    >>> from dynident.models.friction import Coulomb, Viscous
+    >>> from dynident.models import Model, RotorInertia
+    >>> from dynident.models.lagrangian import pendulum
     >>> arm = pendulum()
     >>> structural_base_parameters(Model((*arm.terms, RotorInertia(arm.joints)))).groupings
     ('J + Ia_pivot', 'h')
@@ -209,56 +222,68 @@ class UnexcitedParameters(Note):
     still: tuple[str, ...] = ()
 
 
-def compare(
+def find_unexcited(
     structural: BaseParameters, on_data: BaseParameters, model: Model, motions: Sequence[Motion] = ()
 ) -> tuple[UnexcitedParameters, ...]:
     """Return the missing excitation where the rank on the data is below the structural rank.
 
     The joints are those that excite the parameters when they move alone, or, where none does, all together; with
-    ``motions``, joints that do not move in them are named. Raises ModelError where the parameters of the three differ.
+    ``motions``, joints that do not move in them are named. Raises ModelError where the parameters of the three
+    differ.
     """
     if not structural.names == on_data.names == model.names:
         raise ModelError("both sets of base parameters and the model must have the same parameters, in the same order.")
-    hidden = on_data.null / np.linalg.norm(structural.scale[:, None] * on_data.null, axis=0)  # free of units
-    seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
-    U, s, Vt = np.linalg.svd(seen, full_matrices=False)
+    # directions that the data leave free, seen by the base parameters that the structure has
+    hidden_directions = on_data.null_directions / np.linalg.norm(
+        structural.scale[:, None] * on_data.null_directions, axis=0
+    )  # free of units
+    seen_combinations = (
+        structural.combination * structural.scale[list(structural.independent), None]
+    ) @ hidden_directions
+    U, s, Vt = np.linalg.svd(seen_combinations, full_matrices=False)
     k = int((s > 10 * precision(model.parameters) * s.max(initial=1.0)).sum())  # both bases are exact to it
-    U, lifted = U[:, :k], hidden @ (Vt[:k].T / s[:k])
-    still = _still(motions)
-    return tuple(_unexcited(structural, model, group, lifted @ U[group].T, still) for group in _ties(U @ U.T))
+    # only singular values above rounding tell a missing parameter; left vectors tie those that are missing together
+    U, lifted = U[:, :k], hidden_directions @ (Vt[:k].T / s[:k])
+    still = _still_joints(motions)
+    return tuple(
+        _unexcited_note(structural, model, group, lifted @ U[group].T, still) for group in _tied_groups(U @ U.T)
+    )
 
 
-def _unexcited(
+def _unexcited_note(
     structural: BaseParameters, model: Model, group: list[int], directions: Array, still: Sequence[str]
 ) -> UnexcitedParameters:
     groupings = tuple(structural.groupings[k] for k in group)
     names = [joint.name for joint in model.joints]
-    alone = [name for j, name in enumerate(names) if _shows(model, j, directions)]
-    asked = [name for name in alone if name in still] or alone or names
-    return UnexcitedParameters(groupings, tuple(asked), not alone, tuple(name for name in asked if name in still))
+    alone = [name for j, name in enumerate(names) if _is_excited_by(model, j, directions)]
+    joints_to_move = [name for name in alone if name in still] or alone or names
+    return UnexcitedParameters(
+        groupings, tuple(joints_to_move), not alone, tuple(name for name in joints_to_move if name in still)
+    )
 
 
-def _shows(model: Model, joint: int, directions: Array) -> bool:
+def _is_excited_by(model: Model, joint: int, directions: Array) -> bool:
     """Return whether moving one joint alone, in a few postures, gives a torque along these directions."""
     rng = np.random.default_rng(1)
     q, dq, ddq = random_states(model.joints, rng, 60)
-    others = [j for j in range(len(model.joints)) if j != joint]
-    whole = np.linalg.norm(_effect(model, q, dq, ddq, directions))
-    q[:, others] = np.repeat(q[::20][:, others], 20, axis=0)
-    dq[:, others] = ddq[:, others] = 0.0
-    effect = _effect(model, q, dq, ddq, directions)
+    other_joints = [j for j in range(len(model.joints)) if j != joint]
+    full_effect = np.linalg.norm(_torques_along(model, q, dq, ddq, directions))
+    # one joint moves in three postures, in each of which the others stand still
+    q[:, other_joints] = np.repeat(q[::20][:, other_joints], 20, axis=0)
+    dq[:, other_joints] = ddq[:, other_joints] = 0.0
+    effect = _torques_along(model, q, dq, ddq, directions)
     # the torque at rest is not excited by the joint's motion
-    moved = effect.reshape(3, 20, *effect.shape[1:])
-    return bool(np.linalg.norm(moved - moved.mean(axis=1, keepdims=True)) > 1e-3 * whole)
+    by_posture = effect.reshape(3, 20, *effect.shape[1:])
+    return bool(np.linalg.norm(by_posture - by_posture.mean(axis=1, keepdims=True)) > 1e-3 * full_effect)
 
 
-def _effect(model: Model, q: Array, dq: Array, ddq: Array, directions: Array) -> Array:
+def _torques_along(model: Model, q: Array, dq: Array, ddq: Array, directions: Array) -> Array:
     """Return the torques (N, n, k) of directions (p, k) at states that follow each other."""
-    memory = remembered(model, np.arange(len(q), dtype=float), q, dq, ddq) if model.memory else None
+    memory = motion_memory(model, np.arange(len(q), dtype=float), q, dq, ddq) if model.memory else None
     return model.regressor(q, dq, ddq, memory) @ directions
 
 
-def _still(motions: Iterable[Motion]) -> tuple[str, ...]:
+def _still_joints(motions: Iterable[Motion]) -> tuple[str, ...]:
     """Return the joints whose velocity never reaches a thousandth of a unit per second in any motion."""
     fastest: dict[str, float] = {}
     for motion in motions:
@@ -272,11 +297,11 @@ def _factor(model: Model, states: dict[str, Array], unfitted: Collection[str] = 
     entries = model.entries(**states, joint=structure.joint, parameter=structure.parameter)
     shape = states["q"].T.shape
     keep = np.broadcast_to([[joint.name not in unfitted] for joint in model.joints], shape) if unfitted else None
-    return factorise([EntryBlock(structure, entries, np.zeros(shape), keep)], structure).stacked()
+    return factorise([EntryBlock(structure, entries, np.zeros(shape), keep)], structure).stack()
 
 
-def _preference(parameters: Sequence[Parameter]) -> list[int]:
-    """Return the columns in the order in which they are kept as leaders of a base parameter."""
+def _leader_order(parameters: Sequence[Parameter]) -> list[int]:
+    """Return the columns in the order in which they are preferred as leaders of a base parameter."""
     bodies = list(dict.fromkeys(x.body for x in parameters))
 
     def key(k: int) -> tuple[int, int, int]:
@@ -287,33 +312,36 @@ def _preference(parameters: Sequence[Parameter]) -> list[int]:
     return sorted(range(len(parameters)), key=key)
 
 
-def _choose(R: Array, rank: int, order: list[int]) -> list[int]:
+def _choose_columns(R: Array, rank: int, order: list[int]) -> list[int]:
     """Choose ``rank`` independent columns: the clearly independent ones in the given order, then the largest left."""
-    rest, chosen = R.copy(), list[int]()
+    remainder, columns = R.copy(), list[int]()
 
     def keep(k: int) -> None:
         """Take a column, and make the others orthogonal to it."""
-        nonlocal rest
-        unit = rest[:, k] / np.linalg.norm(rest[:, k])
-        rest = rest - np.outer(unit, unit @ rest)
-        rest[:, k] = 0.0
-        chosen.append(k)
+        nonlocal remainder
+        unit = remainder[:, k] / np.linalg.norm(remainder[:, k])
+        remainder = remainder - np.outer(unit, unit @ remainder)
+        remainder[:, k] = 0.0
+        columns.append(k)
 
+    # clearly independent columns in the order of preference, so that leaders do not depend on rounding
     for k in order:
-        if len(chosen) < rank and np.linalg.norm(rest[:, k]) > CLEAR:
+        if len(columns) < rank and np.linalg.norm(remainder[:, k]) > MIN_INDEPENDENCE:
             keep(k)
-    while len(chosen) < rank:
-        keep(int(np.argmax(np.linalg.norm(rest, axis=0))))
-    return chosen
+    while len(columns) < rank:
+        keep(int(np.argmax(np.linalg.norm(remainder, axis=0))))
+    return columns
 
 
-def _combine(known: Array, kept: list[int], scale: Array, tolerance: float) -> Array:
-    """Return B of which the determined directions ``known`` (r, p) are the rows, free of rounding error."""
-    B = np.linalg.solve(known[:, kept], known)
-    B = np.where(np.abs(B) < max(SMALL, tolerance), 0.0, B) * scale / scale[kept, None]
-    whole = np.round(B)
-    B = np.where((whole != 0) & (np.abs(B - whole) < SMALL), whole, B)
-    B[:, kept] = np.eye(len(kept))
+def _combination_matrix(directions: Array, leaders: list[int], scale: Array, tolerance: float) -> Array:
+    """Return B from the determined ``directions`` (r, p), free of rounding error; ``leaders`` are its unit columns."""
+    # row reduction: each leading parameter stands in one base parameter only, with the factor one
+    B = np.linalg.solve(directions[:, leaders], directions)
+    B = np.where(np.abs(B) < max(MIN_SHARE, tolerance), 0.0, B) * scale / scale[leaders, None]
+    # factors that are whole numbers but for rounding are set to them
+    rounded = np.round(B)
+    B = np.where((rounded != 0) & (np.abs(B - rounded) < MIN_SHARE), rounded, B)
+    B[:, leaders] = np.eye(len(leaders))
     return np.asarray(B, dtype=np.float64)
 
 
@@ -326,17 +354,17 @@ def _formula(row: Array, lead: int, names: tuple[str, ...]) -> str:
     return text
 
 
-def _ties(projector: Array) -> list[list[int]]:
+def _tied_groups(projector: Array) -> list[list[int]]:
     """Return the sets of rows that a projector ties together."""
     from scipy.sparse.csgraph import connected_components
 
     tied = np.abs(projector) > 1e-3
     _, label = connected_components(tied, directed=False)
     involved = tied.any(axis=1)
-    return [np.flatnonzero(label == one).tolist() for one in sorted(set(label[involved]))]
+    return [np.flatnonzero(label == group).tolist() for group in sorted(set(label[involved]))]
 
 
-def _vector(value: ArrayLike, size: int, name: str) -> Array:
+def _check_vector(value: ArrayLike, size: int, name: str) -> Array:
     array = np.asarray(value, dtype=float)
     if array.shape != (size,):
         raise ModelError(f"{name} has shape {array.shape}, expected ({size},).")

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any
-from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, brief
-from dynident.log import Motion
 from dynident.models import Model, Structure
-from dynident.models.memory import memory_of
-from dynident.regression.parallel_filter import ParallelFilter
+from dynident.models.evaluation import check_memory
+from dynident.motion.log import Motion
+from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
-from dynident.regression.whitening import Placed, Whitening, whitened
-from dynident.splines import stretches
-
-__all__ = [
-    "BLOCK",
-    "ParallelFilter",
-    "Regression",
-    "RegressorBlock",
-    "TriangularFactors",
-    "fast_enough",
-    "fitted_rows",
-    "one_thread",
-    "stretches",
-    "triangularise",
-]
+from dynident.regression.whitening import ParallelFilter, PlacedBlock, Whitening, whiten_blocks
+from dynident.runtime import ConfigError, InputError, brief
+from dynident.runtime.jobs import Status, run_jobs
 
 Array = NDArray[np.float64]
 BLOCK = 2048  # samples whose entries stay in the cache while they are factorised
@@ -47,11 +35,31 @@ class RegressorBlock:
 
     __repr__ = brief
 
-    def entries(self, whole: Structure) -> EntryBlock:
-        """Return the block by all of its entries."""
+    def entries(self, structure: Structure) -> EntryBlock:
+        """Return the block with all of its entries, in a full ``structure``."""
         samples, joints, parameters = self.Y.shape
         rows = self.Y.transpose(1, 2, 0).reshape(joints * parameters, samples)
-        return EntryBlock(whole, rows, self.tau.T, None if self.keep is None else self.keep.T)
+        return EntryBlock(structure, rows, self.tau.T, None if self.keep is None else self.keep.T)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which samples a fit uses, and how its rows are filtered.
+
+    ``min_speed`` (n), in rad/s or m/s, leaves out of each joint's equation the samples at which that joint is slower,
+    where the friction model is poor; None leaves none out. ``filter`` is the low-pass and decimation of all rows.
+    """
+
+    filter: ParallelFilter | None = None
+    min_speed: tuple[float, ...] | None = None
+
+    @property
+    def unfiltered(self) -> Selection:
+        """The same samples, unfiltered: what is calibrated before a fit needs no filter."""
+        return self if self.filter is None else Selection(None, self.min_speed)
+
+
+EVERYTHING = Selection()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +67,8 @@ class Regression:
     """The torque equation of a model over any number of motions; only samples inside the masks are used.
 
     The matrix is never formed whole: ``blocks`` computes it a few thousand samples at a time, on every call;
-    ``triangular_factors`` caches its triangular factors. ``min_speed`` (n), in rad/s or m/s, leaves out of each joint's
-    equation the samples at which that joint is slower, where the friction model is poor; None leaves none out.
+    ``triangular_factors`` caches its triangular factors. ``selection`` says which samples count, and how rows are
+    filtered.
     ``whitening`` makes the rows independent where their noise is not, after any filter; row j is then no longer of
     joint j alone. ``weights`` multiply the rows of each motion, one (N, n) for each, after that; empty: all rows count
     the same.
@@ -69,8 +77,7 @@ class Regression:
 
     model: Model
     motions: tuple[Motion, ...]
-    filter: ParallelFilter | None = None
-    min_speed: tuple[float, ...] | None = None
+    selection: Selection = EVERYTHING
     weights: tuple[Array, ...] = ()
     bias: Array | None = None
     whitening: Whitening | None = None
@@ -82,13 +89,23 @@ class Regression:
         for motion in self.motions:
             if motion.joints != names:
                 raise InputError(f"{motion.source}: has the joints {motion.joints}, the model {names}.")
-            memory_of(self.model, motion.memory, len(motion))
+            check_memory(self.model, motion.memory, len(motion))
         self._check_min_speed(names)
         shapes = [motion.q.shape for motion in self.motions]
         if self.weights and [weight.shape for weight in self.weights] != shapes:
             raise ConfigError(f"weights have shapes {[w.shape for w in self.weights]}, the motions {shapes}.")
         if self.whitening is not None and len(self.whitening.coefficients) != len(names):
             raise ConfigError(f"whitening is of {len(self.whitening.coefficients)} joints, the model has {len(names)}.")
+
+    @property
+    def filter(self) -> ParallelFilter | None:
+        """The low-pass and decimation of all rows."""
+        return self.selection.filter
+
+    @property
+    def min_speed(self) -> tuple[float, ...] | None:
+        """The speed (n) below which the equation of a joint is left out."""
+        return self.selection.min_speed
 
     def _check_min_speed(self, names: tuple[str, ...]) -> None:
         if self.min_speed is not None and (
@@ -100,18 +117,18 @@ class Regression:
 
     def blocks(self) -> Iterator[RegressorBlock]:
         """Yield the rows block by block, filtered and decimated where ``filter`` says so, and weighted."""
-        for one in self.entries():
-            yield RegressorBlock(one.regressor(), one.tau.T, None if one.keep is None else one.keep.T)
+        for block in self.entries():
+            yield RegressorBlock(block.regressor(), block.tau.T, None if block.keep is None else block.keep.T)
 
     def entries(
         self, structure: Structure | None = None, theta: Array | None = None, within: tuple[int, slice] | None = None
     ) -> Iterator[EntryBlock]:
-        """Yield the same rows by the entries of a ``structure``, by default that of the model.
+        """Yield the same rows as entries of a ``structure``, by default that of the model.
 
-        The torque is less Y theta, where ``theta`` (p) is given. ``within`` are the place of a motion and its samples
+        The torque is less Y theta, where ``theta`` (p) is given. ``within`` is the index of a motion and the samples
         to take: those around them still count in the filter.
         """
-        for _, _, block in self.placed(structure or self.model.structure, theta, within):
+        for _, _, block in self.placed_blocks(structure or self.model.structure, theta, within):
             yield block
 
     @cached_property
@@ -121,28 +138,36 @@ class Regression:
         return plain if self.whitening is None else self.whitening.structure(plain)
 
     def residuals(self, theta: Array) -> Iterator[tuple[int, slice, Array, NDArray[np.bool_] | None]]:
-        """Yield what theta (p) leaves of the torque, (B, n), filtered and weighted, block by block: the place of the
-        motion, its samples, the residual, and which of it is used, (B, n) or all."""
-        for k, rows, one in self.placed(self.model.structure_with(()), theta):
-            yield k, rows, one.tau.T, None if one.keep is None else one.keep.T
+        """Yield what theta (p) leaves of the torque, (B, n), filtered and weighted, block by block.
+
+        Each entry holds the index of the motion, its samples, the residual, and which of it is used, (B, n) or all.
+        """
+        for k, rows, block in self.placed_blocks(self.model.structure_with(()), theta):
+            yield k, rows, block.tau.T, None if block.keep is None else block.keep.T
 
     @cached_property
-    def known(self) -> dict[Any, Any]:
-        """What is known of this regression from before, by what was asked."""
+    def cache(self) -> dict[Any, Any]:
+        """Results that were computed from this regression, by what was asked for."""
         return {}
 
-    def unbiased(self, bias: Array) -> Regression:
+    def subtract_bias(self, bias: Array) -> Regression:
         """Return the regression whose solution is less by ``bias`` (p), with the factors that follow from these."""
-        found = replace(self, bias=bias if self.bias is None else self.bias + bias)
-        return found.with_factors(self.triangular_factors.less(bias))
+        regression = replace(self, bias=bias if self.bias is None else self.bias + bias)
+        return regression.with_factors(self.triangular_factors.subtract_torque(bias))
+
+    def factorise(self) -> Regression:
+        """Return the regression with its triangular factors, which pass over all samples; raises their errors."""
+        return self.with_factors(self.triangular_factors)
 
     def with_factors(self, factors: TriangularFactors) -> Regression:
         """Return the regression with its triangular factors, where they are known without its rows."""
-        found = replace(self)
-        found.__dict__["triangular_factors"] = factors
-        return found
+        regression = replace(self)
+        regression.__dict__["triangular_factors"] = factors
+        return regression
 
-    def pulls(self, torques: Sequence[Array], weights: Array | None = None, *, filtered: bool = False) -> Array:
+    def weighted_products(
+        self, torques: Sequence[Array], weights: Array | None = None, *, filtered: bool = False
+    ) -> Array:
         """Return sum w_j^2 Y_j' c_j (p, k) of other torques c, for each motion (N, n, k), with ``weights`` w (n).
 
         Torques that are ``filtered`` already are those of the rows.
@@ -150,55 +175,63 @@ class Regression:
         w2 = np.ones(len(self.model.joints)) if weights is None else np.square(weights)
         p = len(self.model.parameters)
         total = np.zeros((p, torques[0].shape[2]))
-        series = torques if filtered else [self._passed(k, c) for k, c in enumerate(torques)]
-        for _, _, block in self.placed(self.model.structure, beside=series):
+        series = torques if filtered else [self._filter_torques(k, c) for k, c in enumerate(torques)]
+        for _, _, block in self.placed_blocks(self.model.structure, extra_torques=series):
             for j, (columns, maps) in enumerate(zip(block.structure.columns, block.structure.maps, strict=True)):
-                rows, own = block.used(j)[:-1], columns < p
-                total += w2[j] * maps[own][:, :p].T @ (rows[own] @ rows[~own].T)
+                rows, of_model = block.joint_rows(j)[:-1], columns < p
+                # the torques are the last columns of the block, after the entries of the model
+                total += w2[j] * maps[of_model][:, :p].T @ (rows[of_model] @ rows[~of_model].T)
         return total
 
-    def _passed(self, k: int, c: Array) -> Array:
+    def _filter_torques(self, k: int, c: Array) -> Array:
         """Return torques (N, n, k) of the k-th motion, filtered as its rows are."""
         if self.filter is None:
             return c
         # as far as it matters: the ends of a stretch are not treated apart
         return self.filter.apply(self.filter.sections(self.motions[k]), c)
 
-    def placed(
+    def placed_blocks(
         self,
         structure: Structure,
         theta: Array | None = None,
         within: tuple[int, slice] | None = None,
-        beside: Sequence[Array] = (),
-    ) -> Iterator[Placed]:
-        """Yield each block with the place of its motion, and of its rows in this motion; ``beside`` holds other torques
-        (N, n, k) of each motion that become columns after all others."""
-        blocks, made = self._unweighted(structure, theta, within), structure
-        if beside:
-            made = structure.beside(beside[0].shape[2])
-            blocks = ((k, kept, _beside(block, beside[k][kept], made)) for k, kept, block in blocks)
-        if self.whitening is not None:
-            mixed = self.structure if made is self.model.structure else self.whitening.structure(made)
-            blocks = whitened(blocks, self.whitening, mixed, 0 if within is None else within[1].start)
-        for k, kept, block in blocks:
-            yield k, kept, block.times(self.weights[k][kept].T) if self.weights else block
+        extra_torques: Sequence[Array] = (),
+    ) -> Iterator[PlacedBlock]:
+        """Yield each block with the index of its motion and its rows in this motion.
 
-    def _unweighted(
+        ``extra_torques`` holds other torques (N, n, k) of each motion, which become columns after all others.
+        """
+        blocks, extended = self._unweighted_blocks(structure, theta, within), structure
+        if extra_torques:
+            extended = structure.append_columns(extra_torques[0].shape[2])
+            blocks = ((k, rows, _append_torques(block, extra_torques[k][rows], extended)) for k, rows, block in blocks)
+        if self.whitening is not None:
+            mixed_structure = self.structure if extended is self.model.structure else self.whitening.structure(extended)
+            # weights come after whitening, which mixes rows of unlike weights otherwise
+            blocks = whiten_blocks(blocks, self.whitening, mixed_structure, 0 if within is None else within[1].start)
+        for k, rows, block in blocks:
+            yield k, rows, block.scale_rows(self.weights[k][rows].T) if self.weights else block
+
+    def _unweighted_blocks(
         self, structure: Structure, theta: Array | None, within: tuple[int, slice] | None
-    ) -> Iterator[Placed]:
-        """Yield the blocks filtered alone, with the rows before those to take that count in whitening."""
-        given = [one for one in (self.bias, theta) if one is not None]
-        rows = partial(self._rows, structure=structure, theta=np.sum(given, axis=0) if given else None)
-        for k, part, some in self._stretches(within):
+    ) -> Iterator[PlacedBlock]:
+        """Yield the blocks after the filter alone, including the earlier rows that whitening needs."""
+        parameters = [theta_part for theta_part in (self.bias, theta) if theta_part is not None]
+        # bias and theta are both subtracted from the torque before it is filtered
+        rows = partial(self._entry_block, structure=structure, theta=np.sum(parameters, axis=0) if parameters else None)
+        for k, part, samples in self._stretches_to_take(within):
             motion = self.motions[k]
             blocks = (
-                _plain(motion, some, rows) if self.filter is None else _filtered(motion, part, some, rows, self.filter)
+                _unfiltered_blocks(motion, samples, rows)
+                if self.filter is None
+                else _filtered_blocks(motion, part, samples, rows, self.filter)
             )
-            for kept, block in blocks:
-                yield k, kept, block
+            for block_rows, block in blocks:
+                yield k, block_rows, block
 
-    def _stretches(self, within: tuple[int, slice] | None) -> Iterator[tuple[int, slice, slice]]:
-        """Yield the place of a motion, an uninterrupted stretch of it, and the samples to take of this."""
+    def _stretches_to_take(self, within: tuple[int, slice] | None) -> Iterator[tuple[int, slice, slice]]:
+        """Yield the index of a motion, an uninterrupted stretch of it, and the samples of the stretch to take."""
+        # whitening needs the rows before, of the decimated rate
         before = 0 if self.whitening is None else self.whitening.span * (self.filter.decimate if self.filter else 1)
         for k, motion in enumerate(self.motions):
             if within is None or within[0] == k:
@@ -213,31 +246,15 @@ class Regression:
         unknowns = len(self.model.parameters)
         if not unknowns:
             raise ConfigError(f"{self.model.name}: the model has no parameters to estimate.")
-        found = self._remembered() or factorise(self.entries(), self.structure)
-        if self.motions and self._plain:
-            key = tuple(map(ref, self.motions)), self.model, self.filter, self.min_speed
-            _KNOWN[self.motions[0]] = key, found
-        if found.total <= unknowns:
+        factors = factorise(self.entries(), self.structure)
+        if factors.total <= unknowns:
             raise InputError(
-                f"{', '.join(motion.source for motion in self.motions)}: {found.samples} usable samples of "
+                f"{', '.join(motion.source for motion in self.motions)}: {factors.samples} usable samples of "
                 f"{len(self.model.joints)} joints are too few for {unknowns} parameters; record longer."
             )
-        return found
+        return factors
 
-    @property
-    def _plain(self) -> bool:
-        """Whether the rows are those of model and motions, by nothing that an estimate says."""
-        return not self.weights and self.bias is None and self.whitening is None
-
-    def _remembered(self) -> TriangularFactors | None:
-        """Return the factors of the same rows, where they are known from before."""
-        if not self.motions or not self._plain or self.motions[0] not in _KNOWN:
-            return None
-        (motions, *how), found = _KNOWN[self.motions[0]]
-        same = len(motions) == len(self.motions) and all(a() is b for a, b in zip(motions, self.motions, strict=True))
-        return found if same and how[0] is self.model and how[1:] == [self.filter, self.min_speed] else None
-
-    def _rows(self, motion: Motion, rows: slice, structure: Structure, theta: Array | None) -> EntryBlock:
+    def _entry_block(self, motion: Motion, rows: slice, structure: Structure, theta: Array | None) -> EntryBlock:
         states = motion.states(rows)
         entries = self.model.entries(**states, joint=structure.joint, parameter=structure.parameter)
         tau = motion.tau[rows] if theta is None else motion.tau[rows] - self.model.torque(**states, theta=theta)
@@ -245,44 +262,45 @@ class Regression:
         return EntryBlock(structure, entries, np.ascontiguousarray(tau.T), None if keep is None else keep.T)
 
 
-def _beside(block: EntryBlock, torques: Array, wider: Structure) -> EntryBlock:
+def _append_torques(block: EntryBlock, torques: Array, wider: Structure) -> EntryBlock:
     """Return a block with torques (B, n, k) as the last columns of its joints, of the structure ``wider``."""
-    own = [x for j, part in enumerate(block.structure.parts) for x in (block.entries[part], torques[:, j].T)]
-    return EntryBlock(wider, np.concatenate(own), block.tau, block.keep)
+    parts = [x for j, part in enumerate(block.structure.parts) for x in (block.entries[part], torques[:, j].T)]
+    return EntryBlock(wider, np.concatenate(parts), block.tau, block.keep)
 
 
-Rows = Callable[[Motion, slice], EntryBlock]
-Known = tuple[tuple[Any, ...], TriangularFactors]
-# the factors of the last regression on each motion, for as long as it lives: the checks ask for those of the fit again
-_KNOWN: WeakKeyDictionary[Motion, Known] = WeakKeyDictionary()
+RowFunction = Callable[[Motion, slice], EntryBlock]
 
 
-def _plain(motion: Motion, part: slice, rows: Rows) -> Iterator[tuple[slice, EntryBlock]]:
+def _unfiltered_blocks(motion: Motion, part: slice, rows: RowFunction) -> Iterator[tuple[slice, EntryBlock]]:
     for start in range(part.start, part.stop, BLOCK):
-        some = slice(start, min(start + BLOCK, part.stop))
-        yield some, rows(motion, some)
+        block_rows = slice(start, min(start + BLOCK, part.stop))
+        yield block_rows, rows(motion, block_rows)
 
 
-def _filtered(
-    motion: Motion, part: slice, some: slice, rows: Rows, parallel_filter: ParallelFilter
+def _filtered_blocks(
+    motion: Motion, part: slice, samples: slice, rows: RowFunction, parallel_filter: ParallelFilter
 ) -> Iterator[tuple[slice, EntryBlock]]:
-    """Filter pieces of ``some`` samples of a stretch ``part`` that overlap by the filter's response time, so that the
-    pieces join exactly."""
+    """Filter pieces of ``samples`` of a stretch ``part``, which overlap by the filter's response time.
+
+    The pieces therefore join exactly.
+    """
     sections, step = parallel_filter.sections(motion), parallel_filter.decimate
-    pad = parallel_filter.pad(sections)
+    pad = parallel_filter.pad_samples(sections)
+    # a whole number of steps of the decimation, and long enough that the overlaps cost little
     size = -(-max(BLOCK, 4 * pad) // step) * step
-    for start in range(some.start + (part.start - some.start) % step, some.stop, size):
-        stop = min(start + size, some.stop)
-        first, last = max(part.start, start - pad), min(part.stop, stop + pad)
-        if last - first < 2:
+    # decimation counts from the start of the stretch, wherever the samples to take begin
+    for start in range(samples.start + (part.start - samples.start) % step, samples.stop, size):
+        stop = min(start + size, samples.stop)
+        padded_start, padded_stop = max(part.start, start - pad), min(part.stop, stop + pad)
+        if padded_stop - padded_start < 2:
             continue
-        one = rows(motion, slice(first, last))
-        kept = slice(start - first, stop - first, step)
+        block = rows(motion, slice(padded_start, padded_stop))
+        inner = slice(start - padded_start, stop - padded_start, step)
         entries, tau = (
-            np.ascontiguousarray(parallel_filter.apply(sections, x, 1)[:, kept]) for x in (one.entries, one.tau)
+            np.ascontiguousarray(parallel_filter.apply(sections, x, 1)[:, inner]) for x in (block.entries, block.tau)
         )
-        keep = None if one.keep is None else one.keep[:, kept]
-        yield slice(start, stop, step), EntryBlock(one.structure, entries, tau, keep)
+        keep = None if block.keep is None else block.keep[:, inner]
+        yield slice(start, stop, step), EntryBlock(block.structure, entries, tau, keep)
 
 
 def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
@@ -293,8 +311,10 @@ def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bo
 def fitted_rows(
     motion: Motion, min_speed: tuple[float, ...] | None, rows: slice = slice(None)
 ) -> NDArray[np.bool_] | None:
-    """Return which torque equations (B, n) of these samples are fitted: of joints that are fast enough, where the
-    motion keeps them; None for all."""
+    """Return which torque equations (B, n) of these samples are fitted; None for all.
+
+    They are those of joints that are fast enough, where the motion keeps them.
+    """
     fast = fast_enough(motion.dq[rows], min_speed)
     if motion.keep is None:
         return fast
@@ -302,6 +322,104 @@ def fitted_rows(
 
 
 def triangularise(blocks: Iterable[RegressorBlock], joints: int, parameters: int) -> TriangularFactors:
-    """Reduce blocks of a regressor of which nothing is known to triangular factors."""
-    whole = Structure.whole(joints, parameters)
-    return factorise((block.entries(whole) for block in blocks), whole)
+    """Reduce blocks of a regressor without a known structure to triangular factors."""
+    structure = Structure.dense(joints, parameters)
+    return factorise((block.entries(structure) for block in blocks), structure)
+
+
+MERGED_AT_ONCE = 16  # factors that are merged at once
+
+
+@dataclass(frozen=True)
+class RegressionPart:
+    """The samples from ``start`` up to ``stop`` of a regression's motion number ``motion``."""
+
+    motion: int
+    start: int
+    stop: int
+
+    @property
+    def rows(self) -> slice:
+        """The samples."""
+        return slice(self.start, self.stop)
+
+
+def divide_regression(regression: Regression, samples: int) -> tuple[RegressionPart, ...]:
+    """Return parts of about ``samples`` usable consecutive samples, in order of time, which cover all samples.
+
+    No part reaches over a gap of the mask.
+    """
+    parts: list[RegressionPart] = []
+    for k, motion in enumerate(regression.motions):
+        for stretch in stretches(motion.mask):
+            length = stretch.stop - stretch.start
+            # parts of equal length, none much longer than asked for
+            count = max(1, round(length / samples))
+            edges = [stretch.start + length * i // count for i in range(count + 1)]
+            parts += [RegressionPart(k, a, b) for a, b in pairwise(edges)]
+    return tuple(parts)
+
+
+def factors_of_parts(
+    regression: Regression, parts: Sequence[RegressionPart], executor: Executor | None = None
+) -> tuple[TriangularFactors, ...]:
+    """Return the factors of each part, in their order; the rows are filtered and weighted as in the whole.
+
+    Raises InputError where a worker fails.
+    """
+    factors: list[TriangularFactors | None] = [None] * len(parts)
+    bare = replace(regression)  # what is cached stays here
+    for result in run_jobs(partial(_factors_of_part, bare, tuple(parts)), range(len(parts)), executor):
+        if result.status is not Status.OK:
+            part = parts[result.job]
+            source = regression.motions[part.motion].source
+            raise InputError(f"{source}: samples {part.start} to {part.stop} could not be reduced: {result.reason}")
+        factors[result.job] = result.value
+    return tuple(part_factors for part_factors in factors if part_factors is not None)
+
+
+def _factors_of_part(regression: Regression, parts: Sequence[RegressionPart], k: int) -> TriangularFactors:
+    within = parts[k].motion, parts[k].rows
+    return factorise(regression.entries(within=within), regression.structure)
+
+
+def merge_factors(parts: Iterable[TriangularFactors]) -> TriangularFactors:
+    """Return the factors of the rows of all parts, of which there is at least one; they are taken as they come."""
+    pending: list[TriangularFactors] = []
+    for factors in parts:
+        pending.append(factors)
+        # merging a few at a time bounds the memory at little more work
+        if len(pending) == MERGED_AT_ONCE:
+            pending = [_merge_batch(pending)]
+    return _merge_batch(pending)
+
+
+def _merge_batch(parts: Sequence[TriangularFactors]) -> TriangularFactors:
+    rows = np.concatenate([part.factors for part in parts], axis=1)
+    with one_thread():
+        factors = np.asarray(np.linalg.qr(rows, mode="r"))
+    return TriangularFactors(factors, np.sum([part.rows for part in parts], axis=0))
+
+
+def pack_factors(factors: TriangularFactors, structure: Structure) -> bytes:
+    """Return the entries of factors that the structure allows to be nonzero, as bytes of float64."""
+    return factors.factors[_nonzero_entries(structure)].tobytes()
+
+
+def unpack_factors(content: bytes, rows: Sequence[int], structure: Structure) -> TriangularFactors:
+    """Return the factors from the bytes of ``pack_factors``; ValueError where they are of another structure."""
+    nonzero = _nonzero_entries(structure)
+    entries = np.zeros(nonzero.shape)
+    entries[nonzero] = np.frombuffer(content)
+    return TriangularFactors(entries, np.array(rows, dtype=int))
+
+
+def _nonzero_entries(structure: Structure) -> NDArray[np.bool_]:
+    """Return which entries (n, p + 1, p + 1) of the factors can be other than zero."""
+    p = structure.maps[0].shape[1]
+    out = np.zeros((len(structure.maps), p + 1, p + 1), dtype=bool)
+    for nonzero, columns in zip(out, structure.maps, strict=True):
+        nonzero[: len(columns), :p] = columns.any(axis=0)
+        nonzero[: len(columns), p] = nonzero[p, p] = True
+        nonzero &= np.tri(p + 1, dtype=bool).T
+    return out

@@ -13,23 +13,142 @@ joints are missing, those that are there are mixed by their part of S.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, brief
 from dynident.models import Structure
-from dynident.models.structure import independent
+from dynident.models.structure import select_independent
+from dynident.motion.filters import butterworth, slowest_pole, zero_phase
+from dynident.motion.log import Motion
+from dynident.motion.smoothers import cutoff_complaint
+from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock
-
-__all__ = ["Placed", "Whitening", "ages", "is_stable", "joined", "whitened"]
+from dynident.runtime import ConfigError, brief
 
 Array = NDArray[np.float64]
-Placed = tuple[int, slice, EntryBlock]  # rows, with the place of their motion and their samples in it
-SPARE = 30  # random rows beyond the number of columns that they are to tell apart
+
+
+def bandwidth(series: Iterator[Iterator[Array]]) -> int:
+    """Return Andrews' (1991, eqs. 5.3 and 6.4) L in samples for Bartlett's kernel, each column fitted as AR(1).
+
+    ``series`` holds for each uninterrupted stretch its blocks (B, r). All columns count alike; L is at most a tenth of
+    the samples.
+    """
+    squares: Array | float = 0.0
+    products: Array | float = 0.0
+    rows = 0
+    for blocks in series:
+        last_row = None
+        for u in blocks:
+            joined = u if last_row is None else np.concatenate((last_row, u))
+            squares, products = squares + np.square(u).sum(axis=0), products + (joined[1:] * joined[:-1]).sum(axis=0)
+            last_row, rows = u[-1:], rows + len(u)
+    # AR(1) coefficient of each column; the limits keep the moments below finite
+    rho = np.clip(products / np.where(np.asarray(squares) > 0, squares, 1.0), -0.9999, 0.9999)
+    innovation = (1 - rho**2) ** 2  # squared innovation variance of a series of unit variance
+    alpha = np.sum(4 * rho**2 * innovation / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.sum(innovation / (1 - rho) ** 4)
+    return int(np.clip(np.ceil(1.1447 * (alpha * rows) ** (1 / 3)), 1, max(rows // 10, 1)))
+
+
+def long_run(series: Sequence[Array]) -> Array:
+    """Return S = sum_ts max(0, 1 - |t - s| / L) u_t u_s' (r, r) of scores u (N, r), a series for each stretch."""
+    length = bandwidth(iter([u]) for u in series)
+    return np.asarray(sum(bartlett(iter([u]), length, u.shape[1])[1] for u in series))
+
+
+def bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Array]:
+    """Return the number of rows and (1/L) sum b_t b_t', the running sums b reaching past both ends."""
+    pending, rows, total = np.zeros((length - 1, width)), 0, np.zeros((width, width))
+
+    def add(u: Array) -> None:
+        """Add the next rows to the sums that are still running, and those that end to the total."""
+        nonlocal pending, total
+        # running sums over L rows, as differences of cumulative sums
+        sums = np.cumsum(np.concatenate((np.zeros((1, width)), pending, u)), axis=0)
+        b = sums[length:] - sums[:-length]
+        total = total + b.T @ b
+        pending = np.concatenate((pending, u))[len(u) :]
+
+    for u in blocks:
+        add(u)
+        rows += len(u)
+    # zeros flush the sums that reach past the end
+    add(np.zeros((length - 1, width)))
+    return rows, total / length
+
+
+HIGHEST_ORDER = 12  # order of a digital filter: poles of higher ones are lost in rounding
+
+
+@dataclass(frozen=True)
+class ParallelFilter:
+    """Parallel filtering: the same zero-phase low-pass and decimation for the torque and every regressor column.
+
+    The relation tau = Y theta holds exactly after a linear filter. ``decimate`` keeps every k-th sample; ``cutoff``
+    (Hz) is that of the Butterworth filter of ``order``, applied forward and backward; None takes 0.8 of the Nyquist
+    frequency after decimation. Reference: Gautier and Poignet (2000), cited by the article.
+
+    >>> import dynident as dy
+    >>> dy.ParallelFilter(decimate=10, cutoff=20.0)
+    ParallelFilter(decimate=10, cutoff=20.0, order=4)
+    """
+
+    decimate: int = 1
+    cutoff: float | None = None
+    order: int = 4
+
+    def __post_init__(self) -> None:
+        are_whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
+        if not are_whole or self.order > HIGHEST_ORDER or not (self.cutoff is None or self.cutoff > 0):
+            raise ConfigError(
+                f"parallel filter: decimate = {self.decimate} must be a whole number from 1, order = {self.order} one "
+                f"from 1 to {HIGHEST_ORDER}, and cutoff = {self.cutoff} positive (Hz)."
+            )
+        if self.decimate == 1 and self.cutoff is None:
+            raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")
+
+    def sections(self, motion: Motion) -> Array:
+        """Return the filter's second-order sections for the mean rate of a motion."""
+        cutoff, reason = self.cutoff_at(motion), "" if self.cutoff else f" for decimate = {self.decimate},"
+        if complaint := cutoff_complaint(f"the parallel filter's cut-off{reason}", cutoff, motion.t):
+            raise ConfigError(f"{motion.source}: {complaint}")
+        return butterworth(self.order, cutoff, _rate(motion))
+
+    def cutoff_at(self, motion: Motion) -> float:
+        """Return the cut-off (Hz) for a motion."""
+        return self.cutoff or 0.4 * _rate(motion) / self.decimate
+
+    def filter_motion(self, motion: Motion, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:
+        """Return a motion with its ``channels`` filtered in each stretch of usable samples, and not decimated."""
+        sections = self.sections(motion)
+        series = {name: getattr(motion, name).copy() for name in channels}
+        for part in stretches(motion.mask):
+            for x in series.values() if part.stop - part.start > 1 else ():
+                x[part] = self.apply(sections, x[part])
+        for x in series.values():
+            x.flags.writeable = False  # no copy is made then
+        return replace(motion, **series)
+
+    def pad_samples(self, sections: Array) -> int:
+        """Return the number of samples in which the filter's response decays to about 1e-12."""
+        slowest = max(slowest_pole(sections), 0.1)  # a pole at zero has no logarithm
+        return int(np.ceil(np.log(1e-12) / np.log(slowest)))
+
+    def apply(self, sections: Array, x: Array, axis: int = 0) -> Array:
+        """Return x filtered at all N samples of an axis, the first, not yet decimated; fastest along the last one."""
+        return zero_phase(sections, x, min(3 * self.order, x.shape[axis] - 1), axis)
+
+
+def _rate(motion: Motion) -> float:
+    return 1.0 / float(np.diff(motion.t).mean())
+
+
+PlacedBlock = tuple[int, slice, EntryBlock]  # rows, with the place of their motion and their samples in it
+SPARE_ROWS = 30  # random rows beyond the number of columns that they are to tell apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +170,8 @@ class Whitening:
             raise ConfigError(f"covariance of the noise is no symmetric matrix of the {n} joints.")
         if not (np.isfinite(self.covariance).all() and np.linalg.eigvalsh(self._correlation)[0] > 0):
             raise ConfigError("covariance of the noise: is not positive definite.")
-        for j, one in enumerate(self.coefficients):
-            if not is_stable(one):
+        for j, coefficients in enumerate(self.coefficients):
+            if not is_stable(coefficients):
                 raise ConfigError(f"coefficients of the noise of joint {j + 1}: the autoregression is not stable.")
 
     @property
@@ -78,141 +197,169 @@ class Whitening:
 
     @cached_property
     def predictors(self) -> tuple[tuple[tuple[Array, float], ...], ...]:
-        """For each joint the coefficients (k) of the best predictor from k rows, k = 0 ... m, and by what its error is
-        multiplied to have the variance of an innovation (zero where the autoregression is not stable)."""
-        return tuple(map(_predictors, self.coefficients))
+        """For each joint, the best predictors from k = 0 ... m rows, with their scales.
+
+        A predictor is its coefficients (k) and what its error is multiplied by to have the variance of an innovation
+        (zero where the autoregression is not stable).
+        """
+        return tuple(map(_levinson_predictors, self.coefficients))
 
     def structure(self, plain: Structure) -> Structure:
-        """Return the structure of the rows that are made of those with a ``plain`` structure."""
+        """Return the structure of whitened rows from the ``plain`` structure of the rows."""
         if not self.mixes:
             return plain
-        found = [_spanned(np.concatenate(plain.maps[j:])) for j in range(len(plain.maps))]
-        return Structure(tuple(columns for columns, _ in found), tuple(maps for _, maps in found))
+        columns_and_maps = [_spanning_columns(np.concatenate(plain.maps[j:])) for j in range(len(plain.maps))]
+        return Structure(tuple(columns for columns, _ in columns_and_maps), tuple(maps for _, maps in columns_and_maps))
 
     def innovations(self, block: EntryBlock, lead: int = 0) -> list[Array]:
-        """Return for each joint the innovations (b_j + 1, B) of [Y_j | tau_j]', zero where they are not to be used; the
-        first ``lead`` rows of the block only count in the others."""
-        return [self._prewhitened(j, block, lead) for j in range(len(self.coefficients))]
+        """Return for each joint the innovations (b_j + 1, B) of [Y_j | tau_j]', zero where rows are not to be used.
+
+        The first ``lead`` rows of the block only serve as predecessors.
+        """
+        return [self._prewhiten(j, block, lead) for j in range(len(self.coefficients))]
 
     def rows(self, block: EntryBlock, mixed: Structure, lead: int = 0) -> EntryBlock:
         """Return the whitened rows of a block, which have the structure ``mixed``."""
         series = self.innovations(block, lead)
         keep = None if block.keep is None else block.keep[:, lead:]
         if not self.mixes:
-            series = [one / s for one, s in zip(series, np.sqrt(np.diag(self.covariance)), strict=True)]
-            entries, tau = np.concatenate([one[:-1] for one in series]), np.stack([one[-1] for one in series])
+            series = [
+                joint_series / s for joint_series, s in zip(series, np.sqrt(np.diag(self.covariance)), strict=True)
+            ]
+            entries, tau = (
+                np.concatenate([joint_series[:-1] for joint_series in series]),
+                np.stack([joint_series[-1] for joint_series in series]),
+            )
             return EntryBlock(mixed, entries, tau, keep)
-        w, plain = self._mixing(keep), block.structure
+        w, plain = self._mixing_weights(keep), block.structure
         entries, tau = np.zeros((len(mixed.joint), series[0].shape[1])), np.zeros((len(series), series[0].shape[1]))
+        # row j takes its own innovation and those of the joints after it, in the columns of the mixed structure
         for j, (part, columns) in enumerate(zip(mixed.parts, mixed.columns, strict=True)):
             for k in range(j, len(series)):
-                own = w[j, k] * series[k]
-                entries[part] += plain.maps[k][:, columns].T @ own[:-1]
-                tau[j] += own[-1]
+                contribution = w[j, k] * series[k]
+                entries[part] += plain.maps[k][:, columns].T @ contribution[:-1]
+                tau[j] += contribution[-1]
         return EntryBlock(mixed, entries, tau, keep)
 
-    def _prewhitened(self, j: int, block: EntryBlock, lead: int) -> Array:
-        x, a = block.used(j), self.coefficients[j]
+    def _prewhiten(self, j: int, block: EntryBlock, lead: int) -> Array:
+        x, a = block.joint_rows(j), self.coefficients[j]
         if not len(a):
             return x[:, lead:]
-        kernel, present = np.append(1.0, -a), _present(block, j)
+        kernel, present = np.append(1.0, -a), _used_samples(block, j)
+        # rows with all predecessors go through the filter; the first ones of a stretch follow below
         y = np.stack([np.convolve(row, kernel)[lead : len(row)] for row in x]) * present[lead:]
-        age = ages(present)
-        young = lead + np.flatnonzero(present[lead:] & (age[lead:] < len(a)))
-        for k in np.unique(age[young]):
-            at, (known, scale) = young[age[young] == k], self.predictors[j][k]
+        age = preceding_counts(present)
+        starting = lead + np.flatnonzero(present[lead:] & (age[lead:] < len(a)))
+        # a row with k < m predecessors takes the best predictor from these, scaled to the innovation's variance
+        for k in np.unique(age[starting]):
+            at, (predictor, scale) = starting[age[starting] == k], self.predictors[j][k]
             past = at - 1 - np.arange(k)[:, None]
-            y[:, at - lead] = scale * (x[:, at] - np.einsum("k,rkt->rt", known, x[:, past]))
+            y[:, at - lead] = scale * (x[:, at] - np.einsum("k,rkt->rt", predictor, x[:, past]))
         return y
 
-    def _mixing(self, keep: NDArray[np.bool_] | None) -> Array:
-        """Return what the innovations of each joint count in each row: (n, n, B), or (n, n, 1) for all rows."""
+    def _mixing_weights(self, keep: NDArray[np.bool_] | None) -> Array:
+        """Return the weight of each joint's innovation in each row: (n, n, B), or (n, n, 1) for all rows alike."""
         if keep is None or keep.all():
-            return _unmixed(self.covariance)[:, :, None]
-        patterns, which = np.unique(keep, axis=1, return_inverse=True)
-        found = np.zeros((*self.covariance.shape, patterns.shape[1]))
+            return _inverse_mixing(self.covariance)[:, :, None]
+        # the mixing of each pattern of missing joints is computed once
+        patterns, pattern_index = np.unique(keep, axis=1, return_inverse=True)
+        weights = np.zeros((*self.covariance.shape, patterns.shape[1]))
         for i, present in enumerate(patterns.T):
-            some = np.flatnonzero(present)
-            found[some[:, None], some, i] = _unmixed(self.covariance[np.ix_(some, some)])
-        return found[:, :, which.ravel()]
+            joints = np.flatnonzero(present)
+            weights[joints[:, None], joints, i] = _inverse_mixing(self.covariance[np.ix_(joints, joints)])
+        return weights[:, :, pattern_index.ravel()]
 
 
-def whitened(blocks: Iterable[Placed], whitening: Whitening, mixed: Structure, first: int = 0) -> Iterator[Placed]:
-    """Yield the whitened rows of blocks that follow each other, those of samples before ``first`` left out.
+def whiten_blocks(
+    blocks: Iterable[PlacedBlock], whitening: Whitening, mixed: Structure, first_sample: int = 0
+) -> Iterator[PlacedBlock]:
+    """Yield the whitened rows of consecutive blocks, without those of samples before ``first_sample``.
 
-    Of a block only the last rows are held, as many as count in the next.
+    Of a block only its last rows are held, as many as the next one needs.
     """
     before: tuple[int, slice, EntryBlock] | None = None
-    for k, kept, block in blocks:
-        follows = before is not None and before[:2] == (k, kept.start)
-        whole = joined([before[2], block]) if before is not None and follows else block
-        lead = whole.tau.shape[1] - block.tau.shape[1]
-        early = len(range(kept.start, min(first, kept.stop), kept.step or 1))
-        if early < block.tau.shape[1]:
-            start = kept.start + early * (kept.step or 1)
-            yield k, slice(start, kept.stop, kept.step), whitening.rows(whole, mixed, lead + early)
-        before = k, kept.stop, _last(whole, whitening.span)
+    for k, rows, block in blocks:
+        # the rows held from the block before complete the predecessors of this one
+        is_continued = before is not None and before[:2] == (k, rows.start)
+        joined_block = join_blocks([before[2], block]) if before is not None and is_continued else block
+        lead = joined_block.tau.shape[1] - block.tau.shape[1]
+        dropped = len(range(rows.start, min(first_sample, rows.stop), rows.step or 1))
+        if dropped < block.tau.shape[1]:
+            start = rows.start + dropped * (rows.step or 1)
+            yield k, slice(start, rows.stop, rows.step), whitening.rows(joined_block, mixed, lead + dropped)
+        before = k, rows.stop, _last_rows(joined_block, whitening.span)
 
 
-def joined(blocks: list[EntryBlock]) -> EntryBlock:
-    """Return blocks of one structure that follow each other as one."""
+def join_blocks(blocks: list[EntryBlock]) -> EntryBlock:
+    """Return consecutive blocks of one structure as one block."""
     if len(blocks) == 1:
         return blocks[0]
-    some = any(one.keep is not None for one in blocks)
-    keep = [np.ones(one.tau.shape, dtype=bool) if one.keep is None else one.keep for one in blocks]
-    entries, tau = (np.concatenate([getattr(one, x) for one in blocks], axis=1) for x in ("entries", "tau"))
-    return EntryBlock(blocks[0].structure, entries, tau, np.concatenate(keep, axis=1) if some else None)
+    has_keep = any(block.keep is not None for block in blocks)
+    keep = [np.ones(block.tau.shape, dtype=bool) if block.keep is None else block.keep for block in blocks]
+    entries, tau = (np.concatenate([getattr(block, x) for block in blocks], axis=1) for x in ("entries", "tau"))
+    return EntryBlock(blocks[0].structure, entries, tau, np.concatenate(keep, axis=1) if has_keep else None)
 
 
-def ages(present: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return how many rows (B) directly before each are present."""
+def preceding_counts(present: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return the number of rows (B) directly before each that are present."""
     index = np.arange(len(present))
+    # the last gap before each row, by a running maximum
     gap = np.maximum.accumulate(np.where(present, -1, index))
     return np.asarray(index - 1 - np.concatenate([[-1], gap[:-1]])) if len(index) else index
 
 
 def is_stable(a: Array) -> bool:
     """Return whether an autoregression with the coefficients a (m) is stable, to working precision."""
-    return all(np.isfinite(scale) and scale > 0 for _, scale in _predictors(a))
+    return all(np.isfinite(scale) and scale > 0 for _, scale in _levinson_predictors(a))
 
 
-def _last(block: EntryBlock, rows: int) -> EntryBlock:
-    few = slice(max(block.tau.shape[1] - rows, 0), None)
-    keep = None if block.keep is None else block.keep[:, few]
-    return EntryBlock(block.structure, block.entries[:, few], block.tau[:, few], keep)
+def _last_rows(block: EntryBlock, rows: int) -> EntryBlock:
+    last_rows = slice(max(block.tau.shape[1] - rows, 0), None)
+    keep = None if block.keep is None else block.keep[:, last_rows]
+    return EntryBlock(block.structure, block.entries[:, last_rows], block.tau[:, last_rows], keep)
 
 
-def _present(block: EntryBlock, j: int) -> NDArray[np.bool_]:
+def _used_samples(block: EntryBlock, j: int) -> NDArray[np.bool_]:
     return np.ones(block.tau.shape[1], dtype=bool) if block.keep is None else block.keep[j]
 
 
-def _predictors(a: Array) -> tuple[tuple[Array, float], ...]:
+def _levinson_predictors(a: Array) -> tuple[tuple[Array, float], ...]:
     """Return the predictors from 0 ... m rows with their scales, by Levinson's recursion backwards."""
-    found, scale = [(np.asarray(a, dtype=float), 1.0)], 1.0
-    while len(known := found[-1][0]):
-        own, rest = known[-1], known[:-1]
-        scale *= np.sqrt(max(1.0 - own**2, 0.0))
-        found.append((np.zeros_like(rest) if scale == 0 else (rest + own * rest[::-1]) / (1.0 - own**2), float(scale)))
-    return tuple(reversed(found))
+    predictors, scale = [(np.asarray(a, dtype=float), 1.0)], 1.0
+    while len(coefficients := predictors[-1][0]):
+        # the last coefficient is the reflection coefficient, which gives the predictor of one order less
+        reflection, shorter = coefficients[-1], coefficients[:-1]
+        scale *= np.sqrt(max(1.0 - reflection**2, 0.0))
+        predictors.append(
+            (
+                np.zeros_like(shorter)
+                if scale == 0
+                else (shorter + reflection * shorter[::-1]) / (1.0 - reflection**2),
+                float(scale),
+            )
+        )
+    return tuple(reversed(predictors))
 
 
-def _unmixed(S: Array) -> Array:
+def _inverse_mixing(S: Array) -> Array:
     """Return the inverse of the upper triangular U with U U' = S (n, n)."""
     if not len(S):
         return S
+    # the Cholesky factor of the reversed matrix is upper triangular in the original order
     lower = np.linalg.inv(np.linalg.cholesky(S[::-1, ::-1]))
     return np.asarray(np.tril(lower)[::-1, ::-1])
 
 
-def _spanned(maps: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return independent columns (b) of the rows ``maps`` (m, p), and what makes all of them (b, p)."""
-    used = np.flatnonzero(maps.any(axis=0))
-    if not len(used):
-        return used, np.zeros((0, maps.shape[1]))
-    random = np.random.default_rng(0).standard_normal((2 * len(used) + SPARE, len(maps)))
-    X = random @ maps[:, used]
+def _spanning_columns(maps: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return independent columns (b) of the rows ``maps`` (m, p), and the matrix that makes all of them (b, p)."""
+    nonzero = np.flatnonzero(maps.any(axis=0))
+    if not len(nonzero):
+        return nonzero, np.zeros((0, maps.shape[1]))
+    # random combinations of the rows have the same independent columns as the rows themselves
+    random = np.random.default_rng(0).standard_normal((2 * len(nonzero) + SPARE_ROWS, len(maps)))
+    X = random @ maps[:, nonzero]
     scale = np.sqrt(np.square(X).mean(axis=0))
-    some, K = independent(X / scale)
-    whole = np.zeros((len(some), maps.shape[1]))
-    whole[:, used] = K * scale / scale[some, None]
-    return used[some], whole
+    chosen_columns, K = select_independent(X / scale)
+    all_columns = np.zeros((len(chosen_columns), maps.shape[1]))
+    all_columns[:, nonzero] = K * scale / scale[chosen_columns, None]
+    return nonzero[chosen_columns], all_columns

@@ -1,23 +1,55 @@
-"""Reports: pure functions from a study or an identification to one HTML page that works offline, or terminal tables."""
+"""Pages, tables, figures and words that all reports share, and the report of an identification."""
 
-from __future__ import annotations
-
-from dynident.report import instrument_words, output_error_words  # noqa: F401  # register their words
-from dynident.report.identification import (
-    identification_notes,
-    identification_page,
-    identification_tables,
-    result_words,
+from dynident.report.figures import Array, Drawing, clock, method_name, points_per_curve, scientific, thin
+from dynident.report.scene import (
+    METAL,
+    STILL,
+    Ellipsoid,
+    Layer,
+    MovingTrace,
+    Replay,
+    SceneMesh,
+    box_mesh,
+    centre_marks,
+    cylinder_mesh,
+    ellipsoid_circles,
+    legend_key,
+    lighten_colour,
+    path_trace,
+    plate,
+    root_surface,
+    scene_figure,
+    solid,
+    solid_ellipsoids,
+    surface,
 )
-from dynident.report.study import findings, study_page, study_tables, study_text
 
 __all__ = [
-    "findings",
-    "identification_notes",
-    "identification_page",
-    "identification_tables",
-    "result_words",
-    "study_page",
-    "study_tables",
-    "study_text",
+    "METAL",
+    "STILL",
+    "Array",
+    "Drawing",
+    "Ellipsoid",
+    "Layer",
+    "MovingTrace",
+    "Replay",
+    "SceneMesh",
+    "box_mesh",
+    "centre_marks",
+    "clock",
+    "cylinder_mesh",
+    "ellipsoid_circles",
+    "legend_key",
+    "lighten_colour",
+    "method_name",
+    "path_trace",
+    "plate",
+    "points_per_curve",
+    "root_surface",
+    "scene_figure",
+    "scientific",
+    "solid",
+    "solid_ellipsoids",
+    "surface",
+    "thin",
 ]

@@ -1,21 +1,33 @@
-"""The section of a report on its model: what it is made of, as equations, with the values that were found."""
+"""The section of a report on its model: its equations, in symbols and with the values found."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynident.estimators import Provenance
-from dynident.models import Equation, HasEquations, Lagrangian, Loads, declares
-from dynident.report.mathml import MINUS, Exact, Known, inline, named, pieces, primed, symbol
-from dynident.report.page import PageBlock, PageSection
-from dynident.report.term_words import KINDS, MASS, equation_words, turning
-from dynident.report.typography import unit_text
-from dynident.report.words import count, listed
+from dynident.models import CoupledFriction, CoupledMotor, Equation, Lagrangian, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.report.mathml import (
+    MINUS,
+    ExactNumber,
+    Substitutes,
+    formula,
+    inline,
+    named_symbol,
+    signed_summands,
+    symbol,
+    with_primes,
+    with_symbol,
+)
+from dynident.report.page import MEANING, PageBlock, PageSection, PageTable, unit_text
+from dynident.report.words import count
+from dynident.runtime import join_names
+from dynident.runtime.families import TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -25,218 +37,295 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.models import Model, Term
 
-__all__ = ["model_section"]
-
+MASS = "mass, with that of the rotor"  # of a joint that slides
+MOTOR = {"I_a": RotorInertia.title, "F_v": Viscous.title, "F_c": Coulomb.title, "tau_o": Offset.title}
 DETERMINED = (Provenance.DATA, Provenance.PRIOR, Provenance.BOUND)
-ORDER = (MASS, *KINDS.values())  # of the summands; those of the user come before the constant torque
-LONGEST = 600  # signs of the torque of one joint by energies that is written out
-FEW = 8  # joints that are named before their law
-SPECIAL: Mapping[str, str] = {
+# of the summands: that of the table of terms; those of the user come before the constant torque
+SUMMAND_ORDER = (MASS, *filter(None, (TERMS.get(kind).title for kind in TERMS.table)))
+MAX_EQUATION_LENGTH = 600  # signs of the torque of one joint by energies that is written out
+MAX_LISTED_JOINTS = 8  # joints that are named before their law
+SPECIAL_SYMBOLS: Mapping[str, str] = {
     "load": "the torque of the bodies by a first fit",
     "z": "how far the contact is bent, 1 where it slides",
     "t": "the time since the recording began (s)",
 }
-_FOUND = "In numbers, SI units. What the data do not determine by itself stays a symbol; what is zero is left out."
+_VALUES_NOTE = (
+    "In numbers, SI units. What the data do not determine by itself stays a symbol; what is zero is left out."
+)
+
+
+def term_words(term: Term) -> str:
+    """Return the name of a term; one of the user goes by its class."""
+    cls = TERMS.get(term.law) if isinstance(term, CoupledFriction) else type(term)
+    return str(vars(cls).get("title") or type(term).__name__)
+
+
+def equation_words(term: Term, equation: Equation, unit: str) -> str:
+    """Return the meaning of an equation's parameters; those of a motor are named as those of its joints."""
+    words = MOTOR[equation.symbols[0]] if isinstance(term, CoupledMotor) else term_words(term)
+    return MASS if words == RotorInertia.title and unit == "kg" else words
+
+
+def with_formulas(table: PageTable, model: Model) -> PageTable:
+    """Return a table whose last column, the meaning of parameters, has their formulas added."""
+    if not table.columns or table.columns[-1] is not MEANING:
+        return table
+    meaning = dict(_parameter_meanings(model))
+    return replace(table, rows=tuple((*row[:-1], meaning.get(row[0], row[-1])) for row in table.rows))
+
+
+def _parameter_meanings(model: Model) -> Iterator[tuple[str, str]]:
+    """Yield the formula of each parameter: for bodies by the unknowns, else its part of the torque."""
+    for term in model.terms:
+        if isinstance(term, Lagrangian) or getattr(term, "expressions", None):
+            yield from ((one.name, formula(one.expression)) for one in term.parameters)
+        else:
+            for equation in term.equations:
+                words = equation_words(term, equation, "")
+                for name, parameter in zip(equation.symbols, equation.parameters, strict=True):
+                    yield parameter, _meaning_markup(words, name, parameter, equation)
+
+
+def _meaning_markup(words: str, name: str, parameter: str, equation: Equation) -> Markup:
+    from markupsafe import Markup
+
+    substitutes = {name: symbol(parameter if len(parameter) == 1 else name)} | motor_symbols(equation)
+    return Markup("{}: {}").format(words, inline(with_symbol(equation.torque, name), substitutes))
+
+
+def motor_symbols(equation: Equation) -> dict[str, str]:
+    """Return the symbols of a motor's motion, which replace those of the joint."""
+    return {"q": symbol("phi"), "dq": symbol("dphi"), "ddq": symbol("ddphi")} if equation.motor else {}
 
 
 @dataclass(frozen=True)
 class _Law:
     """What acts at one joint or in one motor beside the bodies.
 
-    ``summands`` are equations with the words for their terms; ``others`` the names of motors with their factors, and of
-    terms that have no equation.
+    ``summands`` are equations with the words for their terms; ``extra_torques`` are names of motors with their
+    factors, and of terms that have no equation.
     """
 
     name: str
     summands: list[tuple[str, Equation]] = field(default_factory=list)
-    others: list[tuple[str, float]] = field(default_factory=list)
+    extra_torques: list[tuple[str, float]] = field(default_factory=list)
 
     @property
-    def shape(self) -> tuple[object, ...]:
-        """What laws of the same symbols have in common."""
-        return tuple(one.torque for _, one in self.summands), tuple(self.others)
+    def signature(self) -> tuple[object, ...]:
+        """What laws with the same symbols have in common."""
+        return tuple(equation.torque for _, equation in self.summands), tuple(self.extra_torques)
 
-    def parts(self, values: Mapping[str, float] | None = None) -> Iterator[tuple[str, Known]]:
-        """Yield the texts of the summands with what stands for their symbols; ``values`` by the parameters' names."""
-        used: dict[str, int] = {}
-        for _, one in self.summands:
-            known: dict[str, float | str] = {}
-            own = {name: of for name, of in zip(one.symbols, one.parameters, strict=True) if len(of) == 1}
-            for name in (*one.symbols, *(name for name, _, _ in one.constants), *(name for name, _ in one.where)):
-                used[name] = used.get(name, -1) + 1
-                known[name] = primed(symbol(own.get(name, name)), used[name])
-            if values is not None and not any(values.get(name, 1.0) for name in one.parameters):
+    def parts(self, values: Mapping[str, float] | None = None) -> Iterator[tuple[str, Substitutes]]:
+        """Yield the texts of the summands with what stands for their symbols.
+
+        ``values`` are by the names of the parameters; without them the symbols stay.
+        """
+        uses: dict[str, int] = {}
+        for _, equation in self.summands:
+            substitutes: dict[str, float | str] = {}
+            short_names = {
+                name: parameter_name
+                for name, parameter_name in zip(equation.symbols, equation.parameters, strict=True)
+                if len(parameter_name) == 1
+            }
+            # A name that occurs again gets primes, which tell it from the first
+            for name in (
+                *equation.symbols,
+                *(name for name, _, _ in equation.constants),
+                *(name for name, _ in equation.where),
+            ):
+                uses[name] = uses.get(name, -1) + 1
+                substitutes[name] = with_primes(symbol(short_names.get(name, name)), uses[name])
+            if values is not None and not any(values.get(name, 1.0) for name in equation.parameters):
                 continue  # found to be zero
-            known |= turning(one)
+            substitutes |= motor_symbols(equation)
             if values is not None:
-                known |= {name: Exact(value) for name, value, _ in one.constants}
-                paired = zip(one.symbols, one.parameters, strict=True)
-                known |= {name: values[parameter] for name, parameter in paired if parameter in values}
-            yield one.torque, known
-        for name, factor in self.others:
-            yield ("other" if factor == 1 else "factor * other"), {"factor": Exact(factor), "other": named("tau", name)}
+                substitutes |= {name: ExactNumber(value) for name, value, _ in equation.constants}
+                paired = zip(equation.symbols, equation.parameters, strict=True)
+                substitutes |= {name: values[parameter] for name, parameter in paired if parameter in values}
+            yield equation.torque, substitutes
+        for name, factor in self.extra_torques:
+            yield (
+                ("other" if factor == 1 else "factor * other"),
+                {"factor": ExactNumber(factor), "other": named_symbol("tau", name)},
+            )
 
 
-def model_section(found: Identification) -> Iterator[PageSection]:
+def model_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the model: the whole, the law of each joint, and the laws with the values found."""
-    joints, motors = _laws(found.model)
-    left = symbol("tau_f" if any(map(_is_body, found.model.terms)) else "tau")
-    blocks: list[PageBlock] = [*_whole(found.model, bool(joints))]
+    joints, motors = _laws(identification.model)
+    lhs = symbol("tau_f" if any(term.loads for term in identification.model.terms) else "tau")
+    blocks: list[PageBlock] = [*_body_blocks(identification.model, bool(joints))]
     if joints:
-        blocks.append(_box("Friction and other laws", [*_in_symbols(found.model, joints, left), *_of_motors(motors)]))
-        blocks.append(_legend(found.model, [*joints, *motors]))
-        values = _values(found)
-        rows = [(law.name, _sum(left, law.parts(values)), _effort(found.model, law.name)) for law in joints]
-        blocks += [_FOUND, _box("Laws with the values found", [*rows, *_of_motors(motors, values)])]
+        blocks.append(
+            _equation_box(
+                "Friction and other laws", [*_symbolic_laws(identification.model, joints, lhs), *_motor_laws(motors)]
+            )
+        )
+        blocks.append(_legend(identification.model, [*joints, *motors]))
+        values = _known_values(identification)
+        efforts = {joint.name: unit_text(joint.effort) for joint in identification.model.joints}
+        rows = [(law.name, _equation_markup(lhs, law.parts(values)), efforts[law.name]) for law in joints]
+        blocks += [_VALUES_NOTE, _equation_box("Laws with the values found", [*rows, *_motor_laws(motors, values)])]
     if blocks:
         yield PageSection("Model", tuple(blocks))
 
 
-def _is_body(term: Term) -> bool:
-    return isinstance(term, Loads) and term.loads
-
-
 def _laws(model: Model) -> tuple[list[_Law], list[_Law]]:
-    """Return the laws of the joints, of those where something acts, and of the motors that are coupled to several."""
+    """Return the laws of the joints at which something acts, and of the motors that are coupled to several joints."""
     laws = {joint.name: _Law(joint.name) for joint in model.joints}
     motors: dict[str, _Law] = {}
-    unit_of = {one.name: one.unit for one in model.parameters}
+    unit_of = {parameter.name: parameter.unit for parameter in model.parameters}
     for term in model.terms:
-        said = term.equations if isinstance(term, HasEquations) and declares(term, "equations") else ()
-        for one in said:
-            if one.motor and one.motor not in motors:
-                motors[one.motor] = _Law(one.motor)
-                for name, factor in one.on:
-                    laws[name].others.append((one.motor, factor))
-            law = motors[one.motor] if one.motor else laws[one.on[0][0]]
-            law.summands.append((equation_words(term, one, unit_of[one.parameters[0]]), one))
-        if not said and not _is_body(term):
+        for equation in term.equations:
+            if equation.motor and equation.motor not in motors:
+                motors[equation.motor] = _Law(equation.motor)
+                for name, factor in equation.on:
+                    laws[name].extra_torques.append((equation.motor, factor))
+            law = motors[equation.motor] if equation.motor else laws[equation.on[0][0]]
+            law.summands.append((equation_words(term, equation, unit_of[equation.parameters[0]]), equation))
+        # A term without equations is named by its class
+        if not term.equations and not term.loads:
             for name in getattr(term, "acts_on", laws):
-                laws[name].others.append((type(term).__name__, 1.0))
+                laws[name].extra_torques.append((type(term).__name__, 1.0))
     for law in (*laws.values(), *motors.values()):
-        law.summands.sort(key=lambda pair: ORDER.index(pair[0]) if pair[0] in ORDER else len(ORDER) - 1)
-    return [law for law in laws.values() if law.summands or law.others], list(motors.values())
+        # Laws of the user come before the constant torque
+        law.summands.sort(
+            key=lambda pair: SUMMAND_ORDER.index(pair[0]) if pair[0] in SUMMAND_ORDER else len(SUMMAND_ORDER) - 1
+        )
+    return [law for law in laws.values() if law.summands or law.extra_torques], list(motors.values())
 
 
-def _whole(model: Model, more: bool) -> Iterator[PageBlock]:
-    """Yield the equation of the bodies, and the words for its symbols."""
-    terms = [term for term in model.terms if _is_body(term)]
+def _body_blocks(model: Model, with_friction: bool) -> Iterator[PageBlock]:
+    """Yield the equation of the bodies and the meaning of its symbols."""
+    terms = [term for term in model.terms if term.loads]
     if not terms:
         return
-    text = "M(q) * ddq + C(q, dq) * dq + g(q)" + " + tau_f" * more
-    yield _box("The model", [("of the arm", _sum(symbol("tau"), [(text, {})]), "")])
-    bodies = {one.body for term in terms for one in term.parameters if one.body}
+    text = "M(q) * ddq + C(q, dq) * dq + g(q)" + " + tau_f" * with_friction
+    yield _equation_box("The model", [("of the arm", _equation_markup(symbol("tau"), [(text, {})]), "")])
+    bodies = {parameter.body for term in terms for parameter in term.parameters if parameter.body}
     words = [f"{_math('M')}, {_math('C')} and {_math('g')}: mass matrix, Coriolis and centrifugal torques, gravity"]
     if bodies:
         words[0] += f" of {len(bodies)} {'body' if len(bodies) == 1 else 'bodies'}, by ten parameters each"
-    words += [f"{_math('tau_f')}: friction and all else that acts at single joints or in motors"] * more
+    words += [f"{_math('tau_f')}: friction and all else that acts at single joints or in motors"] * with_friction
     yield _paragraph(f"{'; '.join(words)}. All of it is linear in the {count(len(model.parameters), 'parameter')}.")
     for term in terms:
         if isinstance(term, Lagrangian):
-            yield from _written_out(term, symbol("tau_b" if more else "tau"))
+            yield from _lagrangian_blocks(term, symbol("tau_b" if with_friction else "tau"))
 
 
-def _written_out(term: Lagrangian, left: str) -> Iterator[PageBlock]:
-    """Yield the torque of the bodies where it was derived from energies, and is not too long."""
-    rows, one = [], len(term.joints) == 1
-    known: dict[str, float | str] = {}
+def _lagrangian_blocks(term: Lagrangian, lhs: str) -> Iterator[PageBlock]:
+    """Yield the torque of the bodies in full where it was derived from energies and is short enough."""
+    rows, is_single = [], len(term.joints) == 1
+    substitutes: dict[str, float | str] = {}
     for k in range(len(term.joints)):
-        at = "" if one else f"_{k + 1}"
-        known |= {str(term.q[k]): symbol(f"q{at}"), str(term.dq[k]): symbol(f"dq{at}")}
-        known[f"ddq_{k + 1}"] = symbol(f"ddq{at}")
+        subscript = "" if is_single else f"_{k + 1}"
+        substitutes |= {str(term.q[k]): symbol(f"q{subscript}"), str(term.dq[k]): symbol(f"dq{subscript}")}
+        substitutes[f"ddq_{k + 1}"] = symbol(f"ddq{subscript}")
     for joint, texts in zip(term.joints, term.texts(), strict=True):
         acting = [(k, text) for k, text in enumerate(texts) if text != "0"]
-        if sum(len(text) for _, text in acting) > LONGEST:
+        # One long equation fills the page: show none of them then
+        if sum(len(text) for _, text in acting) > MAX_EQUATION_LENGTH:
             return
-        own = {f"p_{k}": symbol(term.parameters[k].name) for k, _ in acting}
-        parts = [(f"p_{k} * ({text})", {**known, **own}) for k, text in acting]
-        rows.append((joint.name, _sum(left, parts), ""))
-    yield _box("The bodies", rows)
+        coefficients = {f"p_{k}": symbol(term.parameters[k].name) for k, _ in acting}
+        parts = [(f"p_{k} * ({text})", {**substitutes, **coefficients}) for k, text in acting]
+        rows.append((joint.name, _equation_markup(lhs, parts), ""))
+    yield _equation_box("The bodies", rows)
 
 
-def _in_symbols(model: Model, joints: Sequence[_Law], left: str) -> Iterator[tuple[str, Markup, str]]:
-    """Yield the laws in symbols, joints with the same one together."""
+def _symbolic_laws(model: Model, joints: Sequence[_Law], lhs: str) -> Iterator[tuple[str, Markup, str]]:
+    """Yield the laws in symbols; joints with the same law share a line."""
     groups: dict[object, list[_Law]] = {}
     for law in joints:
-        groups.setdefault(law.shape, []).append(law)
+        groups.setdefault(law.signature, []).append(law)
     for group in groups.values():
         all_of_them = len(group) == len(model.joints) > 1
-        who = "each joint" if all_of_them else listed((law.name for law in group), FEW)
-        yield who, _sum(left, group[0].parts()), ""
+        who = "each joint" if all_of_them else join_names((law.name for law in group), MAX_LISTED_JOINTS)
+        yield who, _equation_markup(lhs, group[0].parts()), ""
 
 
-def _of_motors(motors: Sequence[_Law], values: Mapping[str, float] | None = None) -> Iterator[tuple[str, Markup, str]]:
-    """Yield for each motor how it turns with its joints, where the laws are in symbols, and its law."""
+def _motor_laws(motors: Sequence[_Law], values: Mapping[str, float] | None = None) -> Iterator[tuple[str, Markup, str]]:
+    """Yield the law of each motor and, where it is in symbols, the motor's angle by those of its joints."""
     for motor in motors:
-        one, left = motor.summands[0][1], named("tau", motor.name)
+        equation, lhs = motor.summands[0][1], named_symbol("tau", motor.name)
         if values is None:
-            known = {f"q_{k}": named("q", name) for k, (name, _) in enumerate(one.on)}
-            factors = {f"c_{k}": Exact(factor) for k, (_, factor) in enumerate(one.on)}
-            text = " + ".join(f"q_{k}" if factor == 1 else f"c_{k} * q_{k}" for k, (_, factor) in enumerate(one.on))
-            yield f"motor {motor.name}", _sum(symbol("phi"), [(text, {**known, **factors})]), ""
-        yield ("" if values is None else f"motor {motor.name}"), _sum(left, motor.parts(values)), ""
+            positions = {f"q_{k}": named_symbol("q", name) for k, (name, _) in enumerate(equation.on)}
+            factors = {f"c_{k}": ExactNumber(factor) for k, (_, factor) in enumerate(equation.on)}
+            text = " + ".join(
+                f"q_{k}" if factor == 1 else f"c_{k} * q_{k}" for k, (_, factor) in enumerate(equation.on)
+            )
+            yield f"motor {motor.name}", _equation_markup(symbol("phi"), [(text, {**positions, **factors})]), ""
+        yield ("" if values is None else f"motor {motor.name}"), _equation_markup(lhs, motor.parts(values)), ""
 
 
 def _legend(model: Model, laws: Sequence[_Law]) -> Markup:
-    """Return what the symbols are, each once: parameters, then constants and what a term remembers."""
-    said: dict[str, str] = {}
-    unit_of = {one.name: one.unit for one in model.parameters}
-    equations = [(words, one) for law in laws for words, one in law.summands]
-    for words, one in equations:
-        units = ", ".join(dict.fromkeys(unit_of[name] for name in one.parameters))
-        own = [of if len(of) == 1 else name for name, of in zip(one.symbols, one.parameters, strict=True)]
-        said.setdefault(", ".join(map(_math, own)), f"{escape(words)}{_in(units)}")
-    for _, one in equations:
-        for name, _, unit in one.constants:
-            said.setdefault(_math(name), _constant(name, unit, [law for _, law in equations]))
-        for name, text in one.where:
-            said.setdefault(str(_sum(symbol(name), [(text, {})])), "")
-    texts = " ".join(text for _, one in equations for text in (one.torque, *(text for _, text in one.where)))
-    said |= {_math(name): words for name, words in SPECIAL.items() if name in _names(texts)}
+    """Return the meaning of each symbol, once: parameters, then constants and the states of terms with memory."""
+    legend: dict[str, str] = {}
+    unit_of = {parameter.name: parameter.unit for parameter in model.parameters}
+    equations = [(words, equation) for law in laws for words, equation in law.summands]
+    for words, equation in equations:
+        units = ", ".join(dict.fromkeys(unit_of[name] for name in equation.parameters))
+        shown_names = [
+            parameter_name if len(parameter_name) == 1 else name
+            for name, parameter_name in zip(equation.symbols, equation.parameters, strict=True)
+        ]
+        legend.setdefault(", ".join(map(_math, shown_names)), f"{escape(words)}{_unit_suffix(units)}")
+    for _, equation in equations:
+        for name, _, unit in equation.constants:
+            legend.setdefault(_math(name), _constant_words(name, unit, [law for _, law in equations]))
+        for name, text in equation.where:
+            legend.setdefault(str(_equation_markup(symbol(name), [(text, {})])), "")
+    texts = " ".join(
+        text for _, equation in equations for text in (equation.torque, *(text for _, text in equation.where))
+    )
+    legend |= {_math(name): words for name, words in SPECIAL_SYMBOLS.items() if name in _identifiers(texts)}
+    # A sign with a dead zone needs its own line
     if "sign(dq, d_c)" in texts:
-        said[_math("sign(x, d_c)")] = f"the sign, 0 up to {_math('d_c')}"
-    return _paragraph("; ".join(f"{math} {words}".strip() for math, words in said.items()) + ".")
+        legend[_math("sign(x, d_c)")] = f"the sign, 0 up to {_math('d_c')}"
+    return _paragraph("; ".join(f"{math} {words}".strip() for math, words in legend.items()) + ".")
 
 
-def _constant(name: str, unit: str, equations: Sequence[Equation]) -> str:
-    """Return a constant's value with its unit, where it is the same at all joints; else the unit."""
-    values = {value for one in equations for key, value, _ in one.constants if key == name}
-    shown = "" if unit == "1" else f" {unit_text(unit)}"
-    return f"= {inline(repr(float(values.pop())))}{shown}" if len(values) == 1 else f"differs by joint{_in(unit)}"
+def _constant_words(name: str, unit: str, equations: Sequence[Equation]) -> str:
+    """Return a constant's value with its unit where it is the same at all joints, else the unit."""
+    values = {value for equation in equations for key, value, _ in equation.constants if key == name}
+    suffix = "" if unit == "1" else f" {unit_text(unit)}"
+    return (
+        f"= {inline(repr(float(values.pop())))}{suffix}"
+        if len(values) == 1
+        else f"differs by joint{_unit_suffix(unit)}"
+    )
 
 
-def _in(unit: str) -> str:
+def _unit_suffix(unit: str) -> str:
     return "" if unit in ("1", "") else f" ({escape(unit_text(unit))})"
 
 
-def _names(text: str) -> set[str]:
+def _identifiers(text: str) -> set[str]:
     return set("".join(sign if sign.isalnum() or sign == "_" else " " for sign in text).split())
 
 
-def _values(found: Identification) -> dict[str, float]:
-    """Return the values to show by the parameters' names: those that something has determined."""
-    estimate, errors = found.estimate, found.errors.best
-    known = np.isfinite(errors)
+def _known_values(identification: Identification) -> dict[str, float]:
+    """Return the values to show by parameter name: those that data, prior or a bound determine."""
+    estimate, errors = identification.estimate, identification.errors.best
+    is_known = np.isfinite(errors)
     if estimate.provenance:
-        known = np.array([one in DETERMINED for one in estimate.provenance])
-    return {name: float(x) for name, x, good in zip(estimate.names, estimate.value, known, strict=True) if good}
+        is_known = np.array([source in DETERMINED for source in estimate.provenance])
+    return {name: float(x) for name, x, good in zip(estimate.names, estimate.value, is_known, strict=True) if good}
 
 
-def _effort(model: Model, joint: str) -> str:
-    return next(unit_text(one.effort) for one in model.joints if one.name == joint)
-
-
-def _sum(left: str, parts: Iterable[tuple[str, Known]]) -> Markup:
-    """Return an equation in pieces, between which a line may end."""
+def _equation_markup(lhs: str, parts: Iterable[tuple[str, Substitutes]]) -> Markup:
+    """Return an equation in pieces, between which a line may be broken."""
     from markupsafe import Markup
 
-    found = [piece for text, known in parts for piece in pieces(text, known)] or pieces("0")
-    first = inline(f'{left}<mo rspace="0">=</mo>', ready=True)
-    shown = []
-    for k, (sign, inner) in enumerate(found):
-        before = f'<mo form="prefix">{MINUS}</mo>' if sign == MINUS else ""
-        shown.append(inline((f'<mo form="infix" lspace="0">{sign}</mo>' if k else before) + inner, ready=True))
-    return Markup(" ").join([first, *shown])
+    summands = [
+        piece for text, substitutes in parts for piece in signed_summands(text, substitutes)
+    ] or signed_summands("0")
+    beginning = inline(f'{lhs}<mo rspace="0">=</mo>', is_markup=True)
+    markup = []
+    for k, (sign, inner) in enumerate(summands):
+        prefix = f'<mo form="prefix">{MINUS}</mo>' if sign == MINUS else ""
+        markup.append(inline((f'<mo form="infix" lspace="0">{sign}</mo>' if k else prefix) + inner, is_markup=True))
+    return Markup(" ").join([beginning, *markup])
 
 
 def _math(text: str) -> str:
@@ -249,8 +338,8 @@ def _paragraph(html: str) -> Markup:
     return Markup(f"<p>{html}</p>")  # noqa: S704 -- of escaped parts
 
 
-def _box(title: str, rows: Iterable[tuple[str, Markup, str]]) -> Markup:
-    """Return equations below each other, each with what it holds for and its unit, in a box that scrolls by itself."""
+def _equation_box(title: str, rows: Iterable[tuple[str, Markup, str]]) -> Markup:
+    """Return equations one below the other, each with its name and unit, in a box that scrolls by itself."""
     from markupsafe import Markup
 
     inner = Markup("").join(

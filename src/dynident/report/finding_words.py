@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.checks import file_notes, motion_notes, notes, reading_words
-from dynident.errors import listed
+from dynident.checks import log_notes, notes, reading_words
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report import log_words, robot_words  # noqa: F401  # register their words
-from dynident.report.wording import words
+from dynident.report.note_words import words
 from dynident.report.words import count, percent, short
+from dynident.runtime import join_names
 
 if TYPE_CHECKING:
-    from dynident.checks import Finding
+    from dynident.runtime import Finding
 
-__all__ = ["finding_words"]
 
 ASTRAY = "What is found by simulating the loop is wrong by more than its errors say."
 REMEDY = "Take it from CAD, or identify it with `kind: consistent`."
@@ -22,12 +21,12 @@ REMEDY = "Take it from CAD, or identify it with `kind: consistent`."
 
 def finding_words(finding: Finding) -> str:
     """Return what was found and what to do, as a sentence, without the place."""
-    said = words(finding.message)
+    text = words(finding.message)
     if isinstance(finding.message, TimeOffset):
-        return f"Time offset: {said}."
+        return f"Time offset: {text}."
     if isinstance(finding.message, BaseTilt):
-        return f"{said[0].upper()}{said[1:]}. If the base may be tilted, set `base_tilt: estimate` in the model."
-    return said
+        return f"{text[0].upper()}{text[1:]}. If the base may be tilted, set `base_tilt: estimate` in the model."
+    return text
 
 
 @words.register
@@ -76,12 +75,12 @@ def _(note: notes.RepeatedPositions) -> str:
 
 
 @words.register
-def _(note: file_notes.ImpossibleInertia) -> str:
+def _(note: notes.ImpossibleInertia) -> str:
     return f"{note.violation}. No body can have such an inertia. {REMEDY}"
 
 
 @words.register
-def _(note: file_notes.NoMass) -> str:
+def _(note: notes.NoMass) -> str:
     return (
         f"the links that the joint moves ({', '.join(note.links)}) have no mass in the file: simulators reject "
         f"this, and it gives no prior. {REMEDY}"
@@ -89,7 +88,7 @@ def _(note: file_notes.NoMass) -> str:
 
 
 @words.register
-def _(note: file_notes.FloatingBase) -> str:  # noqa: ARG001
+def _(note: notes.FloatingBase) -> str:  # noqa: ARG001
     return (
         "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. Record with "
         "the base clamped, as what it feels of a moving one is not modelled."
@@ -97,15 +96,15 @@ def _(note: file_notes.FloatingBase) -> str:  # noqa: ARG001
 
 
 @words.register
-def _(note: file_notes.SeveralLimbs) -> str:
+def _(note: notes.SeveralLimbs) -> str:
     return (
         f"{len(note.joints)} limbs move from the base {note.base!r}, which is taken as fixed "
-        f"({listed(note.joints, 4)}): right for arms on a stand; a walking robot must be clamped at its trunk."
+        f"({join_names(note.joints, 4)}): right for arms on a stand; a walking robot must be clamped at its trunk."
     )
 
 
 @words.register
-def _(note: file_notes.OnlyShapes) -> str:  # noqa: ARG001
+def _(note: notes.OnlyShapes) -> str:  # noqa: ARG001
     return (
         "its inertia follows from meshes or height fields, which are not read; save the compiled model from MuJoCo "
         "with <compiler saveinertial='true'/>, which writes the inertia out."
@@ -113,7 +112,7 @@ def _(note: file_notes.OnlyShapes) -> str:  # noqa: ARG001
 
 
 @words.register
-def _(note: file_notes.PointMass) -> str:
+def _(note: notes.PointMass) -> str:
     return (
         f"{short(note.mass, 4)} kg without an inertia about the centre of mass: a point mass, or an inertia "
         "rounded to zero."
@@ -121,7 +120,7 @@ def _(note: file_notes.PointMass) -> str:
 
 
 @words.register
-def _(note: file_notes.FarCentre) -> str:
+def _(note: notes.FarCentre) -> str:
     return (
         f"its centre of mass is {short(note.distance, 4)} m from its frame. Is it in millimetres, or in another frame? "
         "A URDF gives metres in the link's own frame."
@@ -129,7 +128,7 @@ def _(note: file_notes.FarCentre) -> str:
 
 
 @words.register
-def _(note: file_notes.LargeGyration) -> str:
+def _(note: notes.LargeGyration) -> str:
     return (
         f"its largest moment {short(note.moment)} kg m^2 means a radius of gyration of {short(note.gyration, 2)} m for "
         f"its {short(note.mass)} kg, on a link of about {short(note.size, 2)} m. Is it about another point, or a "
@@ -138,7 +137,7 @@ def _(note: file_notes.LargeGyration) -> str:
 
 
 @words.register
-def _(note: file_notes.InertiaAboutOrigin) -> str:
+def _(note: notes.InertiaAboutOrigin) -> str:
     return (
         f"the inertias of {', '.join(note.links)} are as large as if they were about the origins of the links' frames. "
         "A robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel axes)."
@@ -146,20 +145,20 @@ def _(note: file_notes.InertiaAboutOrigin) -> str:
 
 
 @words.register
-def _(note: file_notes.EqualLinks) -> str:
-    same = f"have the same mass {short(note.mass, 4)} kg and the same moments:"
+def _(note: notes.EqualLinks) -> str:
+    description = f"have the same mass {short(note.mass, 4)} kg and the same moments:"
     if note.alone:
-        return f"all links {same} placeholders? {REMEDY}"
-    return f"{', '.join(note.links)} {same} copied, or simple shapes? They are a weak prior."
+        return f"all links {description} placeholders? {REMEDY}"
+    return f"{', '.join(note.links)} {description} copied, or simple shapes? They are a weak prior."
 
 
 @words.register
-def _(note: file_notes.OddTotalMass) -> str:
+def _(note: notes.OddTotalMass) -> str:
     return f"the total mass of all links is {short(note.mass, 4)} kg. Are the masses in kg?"
 
 
 @words.register
-def _(note: file_notes.EmptyRange) -> str:
+def _(note: notes.EmptyRange) -> str:
     return (
         f"its lower limit {note.lower:g} is not below its upper limit {note.upper:g}: simulators use it as given. "
         "Correct it."
@@ -167,12 +166,12 @@ def _(note: file_notes.EmptyRange) -> str:
 
 
 @words.register
-def _(note: file_notes.LimitNotPositive) -> str:
+def _(note: notes.LimitNotPositive) -> str:
     return f"its {note.quantity} limit is {note.value:g}: simulators use it as given. Correct it."
 
 
 @words.register
-def _(note: file_notes.NoLimit) -> str:
+def _(note: notes.NoLimit) -> str:
     return f"no {note.quantity} limit for {', '.join(note.joints)}: recordings cannot be checked against it."
 
 
@@ -186,9 +185,11 @@ def _(note: notes.GravityIgnored) -> str:
 
 @words.register
 def _(note: notes.OtherGravity) -> str:
-    fitted, assumed = (", ".join(f"{x:{form}}" for x in g) for g, form in ((note.fitted, ".1f"), (note.assumed, ".4g")))
+    estimated, assumed = (
+        ", ".join(f"{x:{form}}" for x in g) for g, form in ((note.fitted, ".1f"), (note.assumed, ".4g"))
+    )
     return (
-        f"is gravity right? The torques fit a gravity of about ({fitted}) m/s^2 in the root link's frame, "
+        f"is gravity right? The torques fit a gravity of about ({estimated}) m/s^2 in the root link's frame, "
         f"not ({assumed}). Set `gravity` if the arm is mounted that way; "
         "otherwise check the signs of all torques and positions, and `zero`."
     )
@@ -222,7 +223,7 @@ def _(note: notes.UnrelatedTorque) -> str:
 
 
 @words.register
-def _(note: motion_notes.FewReversals) -> str:
+def _(note: log_notes.FewReversals) -> str:
     often = {0: "never reverses", 1: "reverses only once"}.get(note.count, f"reverses only {note.count} times")
     return (
         f"the joint {often}: friction, offset and gravity are then strongly correlated. "
@@ -231,7 +232,7 @@ def _(note: motion_notes.FewReversals) -> str:
 
 
 @words.register
-def _(note: motion_notes.HardlyMoves) -> str:
+def _(note: log_notes.HardlyMoves) -> str:
     return (
         f"the joint hardly moves in training, by {short(note.span, 2)} {note.unit} where others move by up to "
         f"{short(note.largest, 2)}: nothing is seen of its friction and rotor, and where it does move its torque is "
@@ -241,17 +242,17 @@ def _(note: motion_notes.HardlyMoves) -> str:
 
 
 @words.register
-def _(note: motion_notes.LoopVelocity) -> str:
-    other = f"over {note.steps}" if note.steps else "with the velocity of the moment"
+def _(note: log_notes.LoopVelocity) -> str:
+    better = f"over {note.steps}" if note.steps else "with the velocity of the moment"
     setting = f"`velocity_steps: {note.steps}`, or the drive's `period`" if note.steps else "the drive's `period`"
     return (
         f"with its velocity over {count(note.given, 'step')}, the controller asks for a torque that differs from the "
-        f"measured one by {percent(100 * note.error)}, {other} by {percent(100 * note.left)}. Give {setting}. {ASTRAY}"
+        f"measured one by {percent(100 * note.error)}, {better} by {percent(100 * note.left)}. Give {setting}. {ASTRAY}"
     )
 
 
 @words.register
-def _(note: motion_notes.LoopGain) -> str:
+def _(note: log_notes.LoopGain) -> str:
     return (
         f"the measured torque is {short(note.factor, 3)} times what the controller asks for (they differ by "
         f"{percent(100 * note.error)}, with this factor by {percent(100 * note.left)}). Check its gains and that of "
@@ -260,7 +261,7 @@ def _(note: motion_notes.LoopGain) -> str:
 
 
 @words.register
-def _(note: motion_notes.LoopDiffers) -> str:
+def _(note: log_notes.LoopDiffers) -> str:
     return (
         f"the controller asks for a torque that differs from the measured one by {percent(100 * note.error)}. Check "
         f"its gains and its reference; or something else drives this joint, too. {ASTRAY}"
@@ -268,16 +269,16 @@ def _(note: motion_notes.LoopDiffers) -> str:
 
 
 @words.register
-def _(note: motion_notes.LoopUnused) -> str:
+def _(note: log_notes.LoopUnused) -> str:
     return (
-        f"columns are named as reference positions ({listed(map(repr, note.columns), 2)}). With the gains of the "
+        f"columns are named as reference positions ({join_names(map(repr, note.columns), 2)}). With the gains of the "
         "drives, in the section `simulation`, estimators that simulate the loop apply as well, and the model is judged "
         "in it."
     )
 
 
 @words.register
-def _(note: motion_notes.PositionBeyondLimits) -> str:
+def _(note: log_notes.PositionBeyondLimits) -> str:
     return (
         f"the position runs from {short(note.lower, 4)} to {short(note.upper, 4)}, the file allows "
         f"{short(note.least, 4)} to "
@@ -291,7 +292,7 @@ def _(note: motion_notes.PositionBeyondLimits) -> str:
 
 
 @words.register
-def _(note: motion_notes.VelocityAboveLimit) -> str:
+def _(note: log_notes.VelocityAboveLimit) -> str:
     return (
         f"the velocity reaches {short(note.peak, 4)}, the robot file allows {short(note.limit, 4)} (rad/s or m/s). "
         "Check the units of position and time; or the positions are too noisy for this smoother."
@@ -299,7 +300,7 @@ def _(note: motion_notes.VelocityAboveLimit) -> str:
 
 
 @words.register
-def _(note: motion_notes.EffortAboveLimit) -> str:
+def _(note: log_notes.EffortAboveLimit) -> str:
     remedy = "Is it a motor current, or in another unit?" if note.far else "Check the unit and gain, or the file."
     return (
         f"the torque reaches {short(note.peak, 4)} {note.unit}, the robot file allows {short(note.limit, 4)}. {remedy}"
@@ -307,7 +308,7 @@ def _(note: motion_notes.EffortAboveLimit) -> str:
 
 
 @words.register
-def _(note: motion_notes.EffortFarBelowLimit) -> str:
+def _(note: log_notes.EffortFarBelowLimit) -> str:
     return (
         f"the torque stays below {short(note.peak)} {note.unit}, a thousandth of the robot file's limit "
         f"{short(note.limit, 4)}. "
@@ -316,7 +317,7 @@ def _(note: motion_notes.EffortFarBelowLimit) -> str:
 
 
 @words.register
-def _(note: motion_notes.CorrelatedParameters) -> str:
+def _(note: log_notes.CorrelatedParameters) -> str:
     return (
         f"the {note.rank} base parameters are strongly correlated in these motions (condition number "
         f"{short(note.condition, 2)}): move more joints at the same time, faster, and over more of their range."
@@ -334,13 +335,13 @@ def _times(factor: float) -> str:
 
 
 @words.register
-def _(note: motion_notes.SearchLeftOut) -> str:
+def _(note: log_notes.SearchLeftOut) -> str:
     left_out = {
-        motion_notes.Search.FITS: "nothing was fitted: excitation, outliers of the torques, gravity, units and what "
-        "explains the residual were not checked. Give joints that are not needed a position in `lock` of `model`.",
-        motion_notes.Search.CAUSES: "what explains the residual was not looked for: wrong gains, zeros, lengths and "
-        "axes, missing terms, exchanged columns. Check a part of the joints, with the others in `lock` of `model`.",
-        motion_notes.Search.PAIRS: "exchanged columns were looked for only among joints that follow each other.",
+        log_notes.SearchKind.FITS: "nothing was fitted: excitation, outliers of the torques, gravity, units and "
+        "what explains the residual were not checked. Give joints that are not needed a position in `lock` of `model`.",
+        log_notes.SearchKind.CAUSES: "what explains the residual was not looked for: wrong gains, zeros, lengths "
+        "and axes, missing terms, exchanged columns. Check a part of the joints, with the others in `lock` of `model`.",
+        log_notes.SearchKind.PAIRS: "exchanged columns were looked for only among joints that follow each other.",
     }
     size = f"{count(note.parameters, 'parameter')} of {count(note.joints, 'joint')}"
     return f"the model has {size}, so that {left_out[note.search]}"

@@ -5,84 +5,82 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import singledispatch
 
-from dynident.checks import log_notes as notes
-from dynident.identification.outliers import HeldOutOutliers
-from dynident.report.wording import words
+from dynident.checks import log_notes
+from dynident.identification.dataset import HeldOutOutliers
+from dynident.report.note_words import words
 from dynident.report.words import count, percent, short
-
-__all__ = ["figures_words"]
 
 CABLE = "Look for a loose cable, a lost message, or a full buffer where it was recorded."
 
 
 def _at(rows: Sequence[int], times: Sequence[float], total: int) -> str:
-    """Return where samples are, numbered from zero."""
-    more = ", ..." if total > len(rows) else ""
-    named, at = (", ".join(map(str, rows)), ", ".join(map(_second, times)))
-    return f"sample{'s' if total > 1 else ''} {named}{more} (t = {at}{more} s)"
+    """Return the indices of samples, from zero, and their times, as text."""
+    ellipsis = ", ..." if total > len(rows) else ""
+    indices, at = (", ".join(map(str, rows)), ", ".join(map(_stamp, times)))
+    return f"sample{'s' if total > 1 else ''} {indices}{ellipsis} (t = {at}{ellipsis} s)"
 
 
-def _second(t: float) -> str:
-    """Return a time to 0.1 ms, also of a clock that began long ago."""
+def _stamp(t: float) -> str:
+    """Format a time to 0.1 ms, also of a clock that began long ago."""
     return f"{round(t, 4):.15g}"
 
 
-def _what(masked: bool, held_out: bool, total: int = 2) -> str:
-    they, them = ("It is", "it") if total == 1 else ("They are", "them")
+def _fit_words(masked: bool, held_out: bool, total: int = 2) -> str:
+    subject, whom = ("It is", "it") if total == 1 else ("They are", "them")
     if held_out:
         return (
-            f"The error on this log counts {them} as measured; correct {them} in the file, or leave {them} out with a "
+            f"The error on this log counts {whom} as measured; correct {whom} in the file, or leave {whom} out with a "
             "window."
         )
-    return f"{they} left out of the fit." if masked else f"{they} in the fit: `outliers: mask` leaves {them} out."
+    return f"{subject} left out of the fit." if masked else f"{subject} in the fit: `outliers: mask` leaves {whom} out."
 
 
-def _replaced(replaced: bool, total: int = 2) -> str:
-    they, them = ("It is", "it") if total == 1 else ("They are", "them")
+def _replacement_words(replaced: bool, total: int = 2) -> str:
+    subject, whom = ("It is", "it") if total == 1 else ("They are", "them")
     if replaced:
-        return f"{they} replaced by what is around {them}, and left out of the fit."
-    return f"{they} used as measured: `outliers: mask` replaces {them}."
+        return f"{subject} replaced by what is around {whom}, and left out of the fit."
+    return f"{subject} used as measured: `outliers: mask` replaces {whom}."
 
 
 @singledispatch
 def figures_words(message: object) -> str:  # noqa: ARG001
-    """Return size and rows where each of several like findings has its own; else nothing."""
+    """Return size and rows where each of several similar findings has its own, else an empty text."""
     return ""
 
 
-@figures_words.register(notes.PositionSpikes)
-@figures_words.register(notes.TorqueSpikes)
-def _(note: notes.PositionSpikes | notes.TorqueSpikes) -> str:
+@figures_words.register(log_notes.PositionSpikes)
+@figures_words.register(log_notes.TorqueSpikes)
+def _(note: log_notes.PositionSpikes | log_notes.TorqueSpikes) -> str:
     return f"{note.count} by up to {short(note.largest, 4)}, {_at(note.rows, note.times, note.count)}"
 
 
-@figures_words.register(notes.FrozenPosition)
-@figures_words.register(notes.FrozenTorque)
-def _(note: notes.FrozenPosition | notes.FrozenTorque) -> str:
+@figures_words.register(log_notes.FrozenPosition)
+@figures_words.register(log_notes.FrozenTorque)
+def _(note: log_notes.FrozenPosition | log_notes.FrozenTorque) -> str:
     return f"{note.count} samples at {note.value:.6g} from sample {note.row}"
 
 
 @figures_words.register
-def _(note: notes.ClippedTorque) -> str:
+def _(note: log_notes.ClippedTorque) -> str:
     return f"{note.count} at {note.value:.6g}, first sample {note.row}"
 
 
 @figures_words.register
-def _(note: notes.PositionJump) -> str:
+def _(note: log_notes.PositionJump) -> str:
     return f"by {short(note.size, 4)} after sample {note.row}"
 
 
 @words.register
-def _(note: notes.PositionSpikes) -> str:
+def _(note: log_notes.PositionSpikes) -> str:
     return (
         f"{count(note.count, 'position')} {'stands' if note.count == 1 else 'stand'} out by up to "
         f"{short(note.largest)}: {_at(note.rows, note.times, note.count)}. "
-        f"{_replaced(note.replaced, note.count)} {CABLE}"
+        f"{_replacement_words(note.replaced, note.count)} {CABLE}"
     )
 
 
 @words.register
-def _(note: notes.ManyPositionSpikes) -> str:
+def _(note: log_notes.ManyPositionSpikes) -> str:
     return (
         f"{note.count} positions stand out by up to {short(note.largest)}, too many to be replaced: "
         f"{_at(note.rows, note.times, note.count)}. Correct them in the file. {CABLE}"
@@ -90,27 +88,27 @@ def _(note: notes.ManyPositionSpikes) -> str:
 
 
 @words.register
-def _(note: notes.FrozenPosition) -> str:
+def _(note: log_notes.FrozenPosition) -> str:
     return (
         f"the position is {note.value:.6g} for {note.count} samples, from sample {note.row} "
-        f"(t = {_second(note.start)} s) to t = {_second(note.stop)} s, and jumps: it was not read there. "
-        f"{_replaced(note.replaced)} {CABLE}"
+        f"(t = {_stamp(note.start)} s) to t = {_stamp(note.stop)} s, and jumps: it was not read there. "
+        f"{_replacement_words(note.replaced)} {CABLE}"
     )
 
 
 @words.register
-def _(note: notes.PositionJump) -> str:
-    again = "once more" if note.count == 2 else f"{note.count - 1} more times"
-    more = f", and {again}" if note.count > 1 else ""
+def _(note: log_notes.PositionJump) -> str:
+    repeats = "once more" if note.count == 2 else f"{note.count - 1} more times"
+    suffix = f", and {repeats}" if note.count > 1 else ""
     return (
-        f"the position jumps by {short(note.size, 4)} after sample {note.row} (t = {_second(note.time)} s){more}: "
+        f"the position jumps by {short(note.size, 4)} after sample {note.row} (t = {_stamp(note.time)} s){suffix}: "
         "are two "
         "recordings joined, or did the encoder lose counts? Give the pieces as separate logs, by windows."
     )
 
 
 @words.register
-def _(note: notes.InterpolatedPositions) -> str:
+def _(note: log_notes.InterpolatedPositions) -> str:
     return (
         f"{percent(100 * note.share, 2)} of the positions lie exactly on the line between their neighbours: they were "
         "interpolated from fewer samples, which adds no knowledge and spoils accelerations. Log at the rate of the "
@@ -119,40 +117,40 @@ def _(note: notes.InterpolatedPositions) -> str:
 
 
 @words.register
-def _(note: notes.TorqueSpikes) -> str:
+def _(note: log_notes.TorqueSpikes) -> str:
     return (
         f"{count(note.count, 'torque')} {'stands' if note.count == 1 else 'stand'} out by up to "
         f"{short(note.largest, 4)}, "
-        f"unlike the motion: {_at(note.rows, note.times, note.count)}. {_what(note.masked, note.held_out, note.count)} "
-        f"{CABLE}"
+        f"unlike the motion: {_at(note.rows, note.times, note.count)}. "
+        f"{_fit_words(note.masked, note.held_out, note.count)} {CABLE}"
     )
 
 
 @words.register
-def _(note: notes.ManyTorqueOutliers) -> str:
+def _(note: log_notes.ManyTorqueOutliers) -> str:
     return (
         f"{percent(100 * note.share, 2)} of the torques look like outliers, first sample {note.row} "
-        f"(t = {_second(note.time)} s): too many to be left out, so that none is. Is it the right column, or was it "
+        f"(t = {_stamp(note.time)} s): too many to be left out, so that none is. Is it the right column, or was it "
         "recorded badly?"
     )
 
 
 @words.register
-def _(note: notes.FrozenTorque) -> str:
-    what = "zero" if note.value == 0 else f"{note.value:.6g}"
+def _(note: log_notes.FrozenTorque) -> str:
+    level = "zero" if note.value == 0 else f"{note.value:.6g}"
     return (
-        f"the torque is {what} for {note.count} samples, from sample {note.row} "
-        f"(t = {_second(note.start)} s) to t = {_second(note.stop)} s, though the motion needs another: it was not "
-        f"read there, or the drive was off. {_what(note.masked, note.held_out)} {CABLE}"
+        f"the torque is {level} for {note.count} samples, from sample {note.row} "
+        f"(t = {_stamp(note.start)} s) to t = {_stamp(note.stop)} s, though the motion needs another: it was not "
+        f"read there, or the drive was off. {_fit_words(note.masked, note.held_out)} {CABLE}"
     )
 
 
 @words.register
-def _(note: notes.ClippedTorque) -> str:
+def _(note: log_notes.ClippedTorque) -> str:
     return (
-        f"{note.count} torques are exactly {note.value:.6g}, first sample {note.row} (t = {_second(note.time)} s), "
+        f"{note.count} torques are exactly {note.value:.6g}, first sample {note.row} (t = {_stamp(note.time)} s), "
         "where the motion needs more: the sensor or the signal is at its limit. "
-        f"{_what(note.masked, note.held_out)} Record with a larger range, or a gentler motion."
+        f"{_fit_words(note.masked, note.held_out)} Record with a larger range, or a gentler motion."
     )
 
 
@@ -165,32 +163,32 @@ def _(note: HeldOutOutliers) -> str:
     )
 
 
-def _lagging(lag: float, least: float) -> str:
-    """Return where in the other log a repeat begins, if it is more than ``least`` (s) from its start."""
-    if abs(lag) <= least:
+def _lag(lag: float, min_lag: float) -> str:
+    """Return where in the other log a repeat begins, if it is more than ``min_lag`` (s) from its start."""
+    if abs(lag) <= min_lag:
         return ""
     return f", {short(lag, 4)} s later in it" if lag > 0 else f", begun {short(-lag, 4)} s before it"
 
 
 @words.register
-def _(note: notes.SameData) -> str:
+def _(note: log_notes.SameData) -> str:
     return (
-        f"holds the same samples as {note.other!r} of the training{_lagging(note.lag, 1e-6)}: nothing is held out, and "
+        f"holds the same samples as {note.other!r} of the training{_lag(note.lag, 1e-6)}: nothing is held out, and "
         "its error says nothing. Give another recording for validation."
     )
 
 
 @words.register
-def _(note: notes.RepeatedMotion) -> str:
+def _(note: log_notes.RepeatedMotion) -> str:
     return (
-        f"repeats the motion of {note.other!r}{_lagging(note.lag, 1e-3)}, to {percent(note.error, 2)}: its error shows "
+        f"repeats the motion of {note.other!r}{_lag(note.lag, 1e-3)}, to {percent(note.error, 2)}: its error shows "
         "repeatability, not how the model does on another motion. Hold out a different motion. (Repeats at another "
         "speed are not looked for.)"
     )
 
 
 @words.register
-def _(note: notes.PerhapsRadians) -> str:
+def _(note: log_notes.PerhapsRadians) -> str:
     return (
         f"no joint moves more than {short(note.span, 2)} rad; as degrees that should have been radians, the "
         "positions leave "
@@ -200,7 +198,7 @@ def _(note: notes.PerhapsRadians) -> str:
 
 
 @words.register
-def _(note: notes.GravityCompensated) -> str:
+def _(note: log_notes.GravityCompensated) -> str:
     return (
         f"the torque shows {note.factor:z.2f} +- {short(note.std, 2)} times the gravity of the arm: without it "
         "the plain "
@@ -211,7 +209,7 @@ def _(note: notes.GravityCompensated) -> str:
 
 
 @words.register
-def _(note: notes.NoFriction) -> str:
+def _(note: log_notes.NoFriction) -> str:
     return (
         f"the torque shows almost no friction: at most {percent(note.share, 2)} of any joint's. Was it logged after "
         "friction compensation, measured behind the gears, or simulated without friction? The model then gives the "
@@ -220,7 +218,7 @@ def _(note: notes.NoFriction) -> str:
 
 
 @words.register
-def _(note: notes.SlowMotion) -> str:
+def _(note: log_notes.SlowMotion) -> str:
     return (
         f"accelerations explain only {percent(note.share, 2)} of the torque, less than the {percent(note.residual, 2)} "
         "that the fit leaves: the motion is too slow to show inertias, and faster motion would not be predicted. "

@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
-from dynident.errors import shortened
-from dynident.report.typography import cell, said, sentence
+from dynident.runtime import shorten_names
 
 if TYPE_CHECKING:
     import jinja2
@@ -28,29 +27,57 @@ if TYPE_CHECKING:
 
     from dynident.report.figures import Drawing
 
-__all__ = [
-    "MEANING",
-    "UNIT",
-    "Badge",
-    "Beside",
-    "Code",
-    "Column",
-    "Facts",
-    "Figure",
-    "Fold",
-    "Gallery",
-    "PageBlock",
-    "PageSection",
-    "PageTable",
-    "number",
-    "pairs",
-    "relative",
-    "render",
-    "stylesheet",
-]
+NEGATIVE = re.compile(r"(?:(?<=[ (])|^)-(?=\d)")  # in a sentence; 5-7 is a range
+SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+MINUS, HARD = "\u2212", "\u00a0"
+UNITS = re.compile(r"\b(N|kg|m|mm|rad|s|Hz)\^(-?\d+)\b(?!\.\d)")
+POWER = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)e([-+]?\d+)(?![\w.]\w|\w)")
+# in a sentence, where a name may hold 1e5
+SENTENCE_POWER = re.compile(r"(?<![\w.])([-\u2212]?\d+\.\d+(?=e)|[-\u2212]?\d+(?=e[-+]))e([-+]?\d+)(?!\.?\w)")
+MAX_UNBROKEN_LENGTH = 16  # letters of a word in a column of names, from which on it may be broken at its underscores
+MAX_NAME_LENGTH = 22  # letters of a word in a column of names: beside it there is room for numbers on a phone
 
-BROKEN = 16  # letters of a word in a column of names, from which on it may be broken at its underscores
-NAME = 22  # letters of a word in a column of names: beside it there is room for numbers on a phone
+
+def unit_text(text: str) -> str:
+    """Return a text with the powers of its units above the line.
+
+    >>> unit_text("N m s/rad"), unit_text("kg m^2")
+    ('N m s/rad', 'kg m²')
+    """
+    return UNITS.sub(lambda match: f"{match[1]}{match[2].translate(SUPERSCRIPTS)}", text)
+
+
+def cell(text: str) -> str:
+    """Return a number with a true minus and a power of ten; a lone hyphen means that there is none, and stays.
+
+    >>> print(cell("-1.20e-5").replace(HARD, " "), cell("-"))
+    −1.20 × 10⁻⁵ -
+    """
+    if len(text) < 2 or hasattr(text, "__html__"):
+        return text
+    return unit_text(_typeset_powers(POWER, text)).replace("-", MINUS)
+
+
+def sentence(text: str) -> Markup:
+    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
+    from markupsafe import Markup, escape
+
+    if hasattr(text, "__html__"):
+        return Markup(text)  # noqa: S704 -- it is one already
+    parts = re.split(r"`([^`]+)`", text)
+    plain = [str(escape(typeset(part))) for part in parts[::2]]
+    codes = [f"<code>{escape(part)}</code>" for part in parts[1::2]]
+    return Markup("".join(piece for pair in zip(plain, [*codes, ""], strict=True) for piece in pair))  # noqa: S704 -- escaped
+
+
+def typeset(text: str) -> str:
+    """Return a text with ±, typeset units and powers of ten, and no line break before %."""
+    plain = _typeset_powers(SENTENCE_POWER, NEGATIVE.sub(MINUS, text))
+    return unit_text(plain.replace("+-", "±").replace(" %", f"{HARD}%"))
+
+
+def _typeset_powers(pattern: re.Pattern[str], text: str) -> str:
+    return pattern.sub(lambda match: f"{match[1]}{HARD}×{HARD}10{str(int(match[2])).translate(SUPERSCRIPTS)}", text)
 
 
 @dataclass(frozen=True)
@@ -74,7 +101,7 @@ MEANING = Column("meaning", numeric=False, prose=True)
 @dataclass(frozen=True)
 class PageTable:
     """A table of texts: each row has one cell per column; ``links``, one for each row, are where its first cell leads,
-    as ``relative`` makes them, "" for nowhere.
+    as ``relative_link`` makes them, "" for nowhere.
     """
 
     columns: tuple[Column, ...]
@@ -99,14 +126,15 @@ class PageTable:
 
     @property
     def short(self) -> dict[str, str]:
-        """The long words of the columns of names, each shortened in the middle, such that they stay distinct."""
+        """The long words in the columns of names, each shortened in the middle such that they stay distinct."""
         if not any(column.numeric for column in self.columns):
             return {}
         names = [k for k, column in enumerate(self.columns[:2]) if not column.numeric and not column.prose]
         cells = (row[k] for k in names for row in self.rows)
+        # Cells that are markup are left alone: their tags are no names
         words = {word for cell in cells if not hasattr(cell, "__html__") for word in cell.split()}
-        long = sorted(word for word in words if len(word) > NAME)
-        return dict(zip(long, shortened(long, NAME), strict=True))
+        long = sorted(word for word in words if len(word) > MAX_NAME_LENGTH)
+        return dict(zip(long, shorten_names(long, MAX_NAME_LENGTH), strict=True))
 
     @property
     def titled(self) -> bool:
@@ -212,13 +240,13 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def relative(path: str) -> str:
-    """Return the link to a file below the folder of the page, whatever it is called; "" for one that is not below."""
+def relative_link(path: str) -> str:
+    """Return the link to a file below the folder of the page, whatever its name; an empty text for others."""
     parts = path.split("/")
     return f"./{quote(path, errors='replace')}" if parts[0] and ".." not in parts else ""
 
 
-def pairs(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> PageTable:
+def pair_table(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> PageTable:
     """Return a table of names and texts, such as settings or versions."""
     columns = (Column(title, numeric=False), Column("value" if title else "", numeric=False))
     return PageTable(columns, tuple((str(name), str(text)) for name, text in content), caption)
@@ -229,12 +257,12 @@ def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
 
     All texts are escaped, except those that are ``markupsafe.Markup`` already.
     """
-    from dynident import __version__
-    from dynident.kernel import kernel
+    from dynident._version import __version__
+    from dynident.runtime.kernel import kernel
 
     template = _environment().get_template("page.html")
-    script = _plotly() if any(_has(section, Figure) for section in sections) else None
-    tables = script is not None or any(_has(section, PageTable) for section in sections)
+    script = _plotly_markup() if any(_contains_block(section, Figure) for section in sections) else None
+    tables = script is not None or any(_contains_block(section, PageTable) for section in sections)
     made_by = {"version": __version__, "kernel": str(kernel())}
     return template.render(title=title, lead=lead, sections=sections, plotly=script, tables=tables, **made_by)
 
@@ -255,19 +283,26 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    own = {"kind": _kind, "cell": cell, "said": said, "json": _json, "words": sentence, "names": _names}
-    environment.filters |= own
+    filters = {
+        "kind": _block_kind,
+        "cell": cell,
+        "said": typeset,
+        "json": _figure_json,
+        "words": sentence,
+        "names": _shorten_names,
+    }
+    environment.filters |= filters
     return environment
 
 
-def _plotly() -> Markup:
+def _plotly_markup() -> Markup:
     from markupsafe import Markup
 
-    return Markup(_script())  # noqa: S704 -- the library's own script, not a text of the user
+    return Markup(_plotly_source())  # noqa: S704 -- the library's own script, not a text of the user
 
 
-def _script() -> str:
-    """Return plotly's JavaScript, from its file: to import plotly takes time that the figures do not need."""
+def _plotly_source() -> str:
+    """Return plotly's JavaScript from its file: importing plotly takes time that the figures do not need."""
     spec = find_spec("plotly")
     if spec and spec.origin and isinstance(spec.loader, ResourceLoader):
         with suppress(OSError):
@@ -278,37 +313,40 @@ def _script() -> str:
     return text
 
 
-def _kind(block: PageBlock) -> str:
+def _block_kind(block: PageBlock) -> str:
     if isinstance(block, str):
         return "html" if hasattr(block, "__html__") else "text"
     return "list" if isinstance(block, tuple) else type(block).__name__.removeprefix("Page").lower()
 
 
-def _has(block: PageBlock, kind: type[PageTable | Figure]) -> bool:
+def _contains_block(block: PageBlock, kind: type[PageTable | Figure]) -> bool:
     if isinstance(block, Gallery):
-        return any(_has(inner, kind) for _, blocks in block.views for inner in blocks)
+        return any(_contains_block(inner, kind) for _, blocks in block.views for inner in blocks)
     if isinstance(block, PageSection | Fold | Beside):
-        return any(_has(inner, kind) for inner in block.blocks)
+        return any(_contains_block(inner, kind) for inner in block.blocks)
     return isinstance(block, kind)
 
 
-def _names(cell: str, short: Mapping[str, str], shown: str) -> str:
-    """Return a cell as it is ``shown``, or, where it has long names, with these shortened: they stand whole in a title,
-    and are copied whole. Others that are long may be broken at their underscores."""
+def _shorten_names(cell: str, short: Mapping[str, str], markup: str) -> str:
+    """Return a cell as typeset in ``markup``, or, where it has long names, with these shortened.
+
+    Shortened names stand in full in a title, and are copied in full. Other long words may break at underscores.
+    """
     from markupsafe import Markup, escape
 
     parts = re.split(r"(\s+)", cell)
     if isinstance(cell, Markup):  # a formula is no name
-        return shown
+        return markup
     if not any(part in short for part in parts):
-        long = any(len(part) > BROKEN for part in parts)
-        return escape(shown).replace("_", Markup("_<wbr>")) if long else shown
-    whole = Markup('<abbr title="{}">{}</abbr>')
+        long = any(len(part) > MAX_UNBROKEN_LENGTH for part in parts)
+        return escape(markup).replace("_", Markup("_<wbr>")) if long else markup
+    template = Markup('<abbr title="{}">{}</abbr>')
+    # Word joiners keep a line from breaking at the ellipsis
     joined = {name: cut.replace("…", "\u2060…\u2060") for name, cut in short.items()}  # no line breaks there
-    return Markup("").join(whole.format(part, joined[part]) if part in short else escape(part) for part in parts)
+    return Markup("").join(template.format(part, joined[part]) if part in short else escape(part) for part in parts)
 
 
-def _json(figure: Drawing) -> Markup:
+def _figure_json(figure: Drawing) -> Markup:
     """Return the figure as JSON that can stand in a script element whatever its texts hold."""
     from markupsafe import Markup
 

@@ -7,12 +7,10 @@ from functools import singledispatch
 import numpy as np
 
 from dynident.checks import robot_notes
-from dynident.checks.robot_notes import Channel, MissingTerm, Quantity, Rival, TermKind
+from dynident.checks.robot_notes import AffectedColumns, MissingTerm, Rival, SuspectQuantity, TermKind
 from dynident.identification import BaseTilt
-from dynident.report.wording import words
+from dynident.report.note_words import words
 from dynident.report.words import percent, short
-
-__all__ = ["remedy"]
 
 EFFECTS = {
     TermKind.VISCOUS: ("viscous friction", "Add `viscous` to `terms` of the model."),
@@ -60,35 +58,36 @@ EFFECTS = {
     ),
 }
 
+RIVALS = {
+    SuspectQuantity.GAIN: "a torque {:.3g} times as large",
+    SuspectQuantity.ZERO: "a zero that is off by {:.3g}",
+    SuspectQuantity.LENGTH: "an origin moved by {:.3g} m",
+    SuspectQuantity.AXIS: "an axis or frame turned by {:.3g} rad",
+    SuspectQuantity.CLOCK: "time stamps whose second is {:.3g} s",
+}
+
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} % of the squared training residual"
 
 
-RIVALS = {
-    Quantity.GAIN: "a torque {:.3g} times as large",
-    Quantity.ZERO: "a zero that is off by {:.3g}",
-    Quantity.LENGTH: "an origin moved by {:.3g} m",
-    Quantity.AXIS: "an axis or frame turned by {:.3g} rad",
-    Quantity.CLOCK: "time stamps whose second is {:.3g} s",
-}
-
-
-def _others(others: tuple[Rival, ...]) -> str:
-    """Return what explains as much, as a sentence."""
-    places = [f"joint {one.joint}: " if one.joint else "" for one in others]
-    listed = "; ".join(at + RIVALS[one.quantity].format(one.value) for at, one in zip(places, others, strict=True))
-    if not others:
+def _rivals(rivals: tuple[Rival, ...]) -> str:
+    """Return the rival explanations that explain as much, as a sentence."""
+    places = [f"joint {rival.joint}: " if rival.joint else "" for rival in rivals]
+    listed = "; ".join(
+        at + RIVALS[rival.quantity].format(rival.value) for at, rival in zip(places, rivals, strict=True)
+    )
+    if not rivals:
         return ""
     return f" The data cannot tell this from: {listed}. The change of the torque given here is the largest of theirs."
 
 
 def _cost(note: robot_notes.Costly) -> str:
-    """Return what it costs, as a sentence."""
+    """Return the effect of a fault on the torque at twice the speed, as a sentence."""
     return f"On this path at twice the speed it changes the torque by {percent(note.cost, 2)}."
 
 
-def _turned(note: robot_notes.AxisTilted) -> str:
+def _frame_word(note: robot_notes.AxisTilted) -> str:
     return "axis" if note.alone else "frame"
 
 
@@ -96,13 +95,13 @@ def _vector(axis: tuple[float, ...]) -> str:
     return "(" + ", ".join(f"{short(x)}" for x in axis) + ")"
 
 
-def _errors(before: float, after: float) -> str:
+def _error_change(before: float, after: float) -> str:
     return f"the mean torque error then falls from {short(before)} to {percent(after)}"
 
 
 @singledispatch
 def remedy(note: object) -> str:
-    """Return in short what to do about a finding: all that is said of it, where there is nothing shorter."""
+    """Return in short what to do about a finding; the whole text where there is no shorter one."""
     return words(note)
 
 
@@ -137,7 +136,7 @@ def _(note: robot_notes.LengthWrong) -> str:
 
 @remedy.register
 def _(note: robot_notes.AxisTilted) -> str:
-    return f"check its {_turned(note)} in the robot file, which seems to be turned by {short(note.angle, 2)} rad."
+    return f"check its {_frame_word(note)} in the robot file, which seems to be turned by {short(note.angle, 2)} rad."
 
 
 @remedy.register
@@ -148,23 +147,23 @@ def _(note: robot_notes.TiltedBase) -> str:
 
 @words.register
 def _(note: robot_notes.JointsSwapped) -> str:
-    one, other = note.joints
-    what = {
-        Channel.POSITION: "position columns",
-        Channel.TORQUE: "torque columns",
-        Channel.BOTH: "columns of position and torque",
+    joint, partner = note.joints
+    columns = {
+        AffectedColumns.POSITION: "position columns",
+        AffectedColumns.TORQUE: "torque columns",
+        AffectedColumns.BOTH: "columns of position and torque",
     }
     return (
-        f"are the {what[note.channel]} of {one} and {other} exchanged? With them the other way round "
-        f"{_errors(note.before, note.after)}. Check the columns in the configuration."
+        f"are the {columns[note.channel]} of {joint} and {partner} exchanged? With them the other way round "
+        f"{_error_change(note.before, note.after)}. Check the columns in the configuration."
     )
 
 
 @words.register
 def _(note: robot_notes.ColumnReversed) -> str:
-    verb = "have" if note.channel is Channel.BOTH else "has"
+    verb = "have" if note.channel is AffectedColumns.BOTH else "has"
     return (
-        f"{note.channel.value} {verb} the opposite sign? With it reversed {_errors(note.before, note.after)}. "
+        f"{note.channel.value} {verb} the opposite sign? With it reversed {_error_change(note.before, note.after)}. "
         "Set a negative `gain`, or reverse the axis in the robot file."
     )
 
@@ -173,7 +172,7 @@ def _(note: robot_notes.ColumnReversed) -> str:
 def _(note: robot_notes.OtherAxis) -> str:
     return (
         f"is the axis right? With {_vector(note.fitted)} instead of {_vector(note.given)}, in the joint's frame, "
-        f"{_errors(note.before, note.after)}. Check the axis in the robot file, and the columns."
+        f"{_error_change(note.before, note.after)}. Check the axis in the robot file, and the columns."
     )
 
 
@@ -183,7 +182,7 @@ def _(note: robot_notes.TorqueGain) -> str:
         f"the torque is {short(note.factor)} +- {short(note.std, 2)} times what the coupling with the other "
         "joints asks for; "
         f"setting it right removes {_percent(note.share)}. {_cost(note)} Check its `gain`: gear ratio, torque "
-        f"constant, unit.{_others(note.others)}"
+        f"constant, unit.{_rivals(note.others)}"
     )
 
 
@@ -192,7 +191,7 @@ def _(note: robot_notes.ClockWrong) -> str:
     return (
         f"by the torque, a second of the time stamps is {short(note.factor)} +- {short(note.std, 2)} s, which "
         f"removes {_percent(note.share)}. {_cost(note)} Check the sampling rate, and the unit of the time."
-        f"{_others(note.others)}"
+        f"{_rivals(note.others)}"
     )
 
 
@@ -201,7 +200,7 @@ def _(note: robot_notes.ZeroOff) -> str:
     return (
         f"the robot's joint seems to be at the logged position {note.offset:+.4g} +- {short(note.std, 2)} (rad or "
         "m), which "
-        f"removes {_percent(note.share)}. {_cost(note)} Set `zero`, or correct the robot file.{_others(note.others)}"
+        f"removes {_percent(note.share)}. {_cost(note)} Set `zero`, or correct the robot file.{_rivals(note.others)}"
     )
 
 
@@ -211,17 +210,17 @@ def _(note: robot_notes.LengthWrong) -> str:
         f"its origin has {note.component} = {short(note.given, 4)} m in the robot file, the torques ask for "
         f"{short(note.fitted, 4)} +- {short(note.std, 2)} m, which removes {_percent(note.share)}. {_cost(note)} "
         "Measure the link, "
-        f"and correct the file.{_others(note.others)}"
+        f"and correct the file.{_rivals(note.others)}"
     )
 
 
 @words.register
 def _(note: robot_notes.AxisTilted) -> str:
     return (
-        f"its {_turned(note)} seems to be turned by {short(note.angle)} +- {short(note.std, 2)} rad about "
+        f"its {_frame_word(note)} seems to be turned by {short(note.angle)} +- {short(note.std, 2)} rad about "
         f"{_vector(note.axis)} "
         f"of the joint's frame, which removes {_percent(note.share)}. {_cost(note)} Check the rotations in the robot "
-        f"file.{_others(note.others)}"
+        f"file.{_rivals(note.others)}"
     )
 
 
@@ -257,8 +256,8 @@ def _(note: robot_notes.Unexplained) -> str:
 
 @words.register
 def _(note: robot_notes.TiltedBase) -> str:
-    said = words(BaseTilt(note.x, note.y, note.std, note.before, note.after))
-    return f"{said[0].upper()}{said[1:]}. {_cost(note)} If it is, set `base_tilt: estimate` in the model."
+    text = words(BaseTilt(note.x, note.y, note.std, note.before, note.after))
+    return f"{text[0].upper()}{text[1:]}. {_cost(note)} If it is, set `base_tilt: estimate` in the model."
 
 
 @words.register

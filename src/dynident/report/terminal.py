@@ -4,25 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
 from itertools import groupby
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.cells import cell_len, set_cell_size
 from rich.text import Text
 
-from dynident.errors import shortened
-from dynident.report.page import Column, PageTable
+from dynident.identification import judge
+from dynident.report.check import check_summary, check_tables
+from dynident.report.identification import (
+    error_figure,
+    has_nominal_values,
+    interval_figure,
+    motion_figure,
+    run_figure,
+    torque_figure,
+)
+from dynident.report.identification.parameters import terminal_parameters
+from dynident.report.identification.report import verdict_text
+from dynident.report.identification.validation import error_table
+from dynident.report.note_words import words
+from dynident.report.page import Column, PageTable, number
+from dynident.report.words import ROLES, logs_of
+from dynident.runtime import InputError, Use, choices, join_names, shorten_names
 
 if TYPE_CHECKING:
+    import plotly.graph_objects as go
     from rich.console import Console, ConsoleOptions
 
-__all__ = ["TerminalTable", "terminal"]
+    from dynident.checks import CheckResult
+    from dynident.identification import Identification
+    from dynident.models import Joint
+    from dynident.validation import LogValidation
 
-GAPS = 2, 1  # spaces between columns: as a rule, and where all fit beside each other only then
-NAMES = 14, 24  # least width of a column of names: where all columns fit beside each other, and where not
-PROSE = 24  # least width of a column of sentences
-SHARE = 3  # names beside sentences take up to 1 / SHARE of the width
+COLUMN_GAPS = 2, 1  # spaces between columns: as a rule, and where all fit beside each other only then
+MIN_NAME_WIDTHS = 14, 24  # least width of a column of names: where all columns fit beside each other, and where not
+MIN_PROSE_WIDTH = 24  # least width of a column of sentences
+NAME_DIVISOR = 3  # names beside sentences take up to 1 / SHARE of the width
+MAX_LISTED = 3  # parameters, logs and findings of a summary
+MAX_SENTENCE_LENGTH = 100  # letters of a sentence there
 
 
 @dataclass(frozen=True)
@@ -35,140 +58,286 @@ class TerminalTable:
         if self.table.caption:
             yield Text(self.table.caption, "italic")
         width = options.max_width
-        gap = next((gap for gap in GAPS if len(_parts(self.table, width, gap)) == 1), GAPS[0])
-        for part in _parts(self.table, width, gap):
-            yield from _drawn(self.table, part, width, gap)
+        gap = next((gap for gap in COLUMN_GAPS if len(_table_parts(self.table, width, gap)) == 1), COLUMN_GAPS[0])
+        for part in _table_parts(self.table, width, gap):
+            yield from _part_lines(self.table, part, width, gap)
             yield Text()
 
 
-def terminal(table: PageTable) -> TerminalTable:
+def terminal_table(table: PageTable) -> TerminalTable:
     """Return the table for a terminal."""
     return TerminalTable(table)
 
 
-def _parts(table: PageTable, width: int, gap: int) -> list[list[int]]:
-    """Return the columns of each part, of which there is one where names that are short enough allow that."""
-    parts = _split(table, width, gap, NAMES[0])
-    return parts if len(parts) == 1 else _split(table, width, gap, min(NAMES[1], width // SHARE))
+def _table_parts(table: PageTable, width: int, gap: int) -> list[list[int]]:
+    """Return the columns of each part; there is one part where short enough names allow that."""
+    parts = _split_columns(table, width, gap, MIN_NAME_WIDTHS[0])
+    return (
+        parts if len(parts) == 1 else _split_columns(table, width, gap, min(MIN_NAME_WIDTHS[1], width // NAME_DIVISOR))
+    )
 
 
-def _split(table: PageTable, width: int, gap: int, name: int) -> list[list[int]]:
+def _split_columns(table: PageTable, width: int, gap: int, name: int) -> list[list[int]]:
     """Return the columns of each part; every part begins with the names, and groups stay together where they can."""
     names = [k for k, column in enumerate(table.columns[:2]) if not column.numeric and not column.prose]
     names = names if names == list(range(len(names))) else names[:1]
-    taken = sum(_least(table, k, name) + gap for k in names)
-    others = [k for k in range(len(table.columns)) if k not in names]
-    if len(names) > 1 and taken + max((_least(table, k) for k in others), default=0) > width:
-        names, others = names[:1], [*names[1:], *others]
-        taken = _least(table, names[0], name) + gap
-    parts, room = [list(names)], width - taken
-    for _, run in groupby(others, key=lambda k: table.columns[k].group or k):
+    names_width = sum(_min_width(table, k, name) + gap for k in names)
+    data_columns = [k for k in range(len(table.columns)) if k not in names]
+    # Two columns of names leave no room for others: keep the first, and treat the second as any other
+    if len(names) > 1 and names_width + max((_min_width(table, k) for k in data_columns), default=0) > width:
+        names, data_columns = names[:1], [*names[1:], *data_columns]
+        names_width = _min_width(table, names[0], name) + gap
+    parts, room = [list(names)], width - names_width
+    for _, run in groupby(data_columns, key=lambda k: table.columns[k].group or k):
         columns = list(run)
-        whole = sum(_least(table, k) + gap for k in columns) - gap
-        groups = [columns] if whole <= width - taken else [[k] for k in columns]
+        total = sum(_min_width(table, k) + gap for k in columns) - gap
+        # The columns of a group stay together unless the group is wider than a part
+        groups = [columns] if total <= width - names_width else [[k] for k in columns]
         for group in groups:
-            needed = sum(_least(table, k) + gap for k in group)
+            needed = sum(_min_width(table, k) + gap for k in group)
             if needed - gap > room and len(parts[-1]) > len(names):
-                parts, room = [*parts, list(names)], width - taken
+                parts, room = [*parts, list(names)], width - names_width
             parts[-1] += group
             room -= needed
     return parts
 
 
-def _least(table: PageTable, k: int, name: int = NAMES[0]) -> int:
-    """Return the least width of a column: of its numbers and the longest word of its title; of names it is ``name``."""
+def _min_width(table: PageTable, k: int, name: int = MIN_NAME_WIDTHS[0]) -> int:
+    """Return the least width of a column: its numbers and the longest word of its title, or ``name`` for names."""
     column, cells = table.columns[k], max((cell_len(row[k]) for row in table.rows), default=0)
     title = max(map(cell_len, column.title.split()), default=1)
-    return max(title, cells if column.numeric else min(cells, PROSE if column.prose else name))
+    return max(title, cells if column.numeric else min(cells, MIN_PROSE_WIDTH if column.prose else name))
 
 
-def _widths(table: PageTable, part: Sequence[int], width: int, gap: int) -> dict[int, int]:
-    """Return the widths of a part's columns: the least ones, then names, sentences and titles get what is left."""
-    found = {k: _least(table, k, min(NAMES[0], width // SHARE)) for k in part}
+def _column_widths(table: PageTable, part: Sequence[int], width: int, gap: int) -> dict[int, int]:
+    """Return the widths of a part's columns: the least ones, widened by what is left for names, sentences, titles."""
+    widths = {k: _min_width(table, k, min(MIN_NAME_WIDTHS[0], width // NAME_DIVISOR)) for k in part}
     cells = {k: max((cell_len(row[k]) for row in table.rows), default=0) for k in part}
     prose = [k for k in part if table.columns[k].prose]
-    left = width - sum(found.values()) - gap * (len(part) - 1)
+    spare = width - sum(widths.values()) - gap * (len(part) - 1)
+    # Widen the last column of a group until the group's heading fits
     for name, run in groupby(part, key=lambda k: table.columns[k].group):
         columns = list(run)
-        more = max(0, min(cell_len(name) - sum(found[k] + gap for k in columns) + gap, left))
-        found[columns[-1]], left = found[columns[-1]] + more, left - more
+        extra = max(0, min(cell_len(name) - sum(widths[k] + gap for k in columns) + gap, spare))
+        widths[columns[-1]], spare = widths[columns[-1]] + extra, spare - extra
+    # Names, then sentences, then titles take what width is left
     texts = [k for k in part if not table.columns[k].numeric and k not in prose]
-    most = width // SHARE if prose else width
-    wanted = [(k, min(cells[k], most)) for k in texts] + [(k, cells[k]) for k in prose]
-    wanted += [(k, cell_len(table.columns[k].title)) for k in part]
-    for k, size in wanted:
-        more = max(0, min(size - found[k], left))
-        found[k], left = found[k] + more, left - more
-    return found
+    max_text = width // NAME_DIVISOR if prose else width
+    targets = [(k, min(cells[k], max_text)) for k in texts] + [(k, cells[k]) for k in prose]
+    targets += [(k, cell_len(table.columns[k].title)) for k in part]
+    for k, size in targets:
+        extra = max(0, min(size - widths[k], spare))
+        widths[k], spare = widths[k] + extra, spare - extra
+    return widths
 
 
-def _drawn(table: PageTable, part: Sequence[int], width: int, gap: int) -> Iterator[Text]:
+def _part_lines(table: PageTable, part: Sequence[int], width: int, gap: int) -> Iterator[Text]:
     """Yield the lines of a part: the groups' headings, the titles, a rule, the rows."""
-    widths = _widths(table, part, width, gap)
+    widths = _column_widths(table, part, width, gap)
     columns = [table.columns[k] for k in part]
     if any(column.group for column in columns):
-        yield _headings(table, part, widths, gap)
+        yield _heading_line(table, part, widths, gap)
     if any(column.title for column in columns):
         titles = [wrap(column.title, widths[k]) or [""] for k, column in zip(part, columns, strict=True)]
+        # Titles of one line stand at the bottom, next to their column
         deepest = max(map(len, titles))
-        yield from _lines([[""] * (deepest - len(one)) + one for one in titles], columns, widths, part, gap, "bold")
+        yield from _row_lines(
+            [[""] * (deepest - len(title)) + title for title in titles], columns, [*widths.values()], gap, "bold"
+        )
         yield Text("─" * (sum(widths.values()) + gap * (len(part) - 1)))
     lines = any(table.columns[k].prose for k in part)
-    cells = [_cells([row[k] for row in table.rows], table.columns[k], widths[k], lines) for k in part]
+    cells = [_cell_lines([row[k] for row in table.rows], table.columns[k], widths[k], lines) for k in part]
     for row in zip(*cells, strict=True):
-        yield from _lines(row, columns, widths, part, gap)
+        yield from _row_lines(row, columns, [*widths.values()], gap)
 
 
-def _headings(table: PageTable, part: Sequence[int], widths: dict[int, int], gap: int) -> Text:
+def _heading_line(table: PageTable, part: Sequence[int], widths: dict[int, int], gap: int) -> Text:
     """Return the line with the groups' names, each across its columns."""
     line = Text()
     for name, run in groupby(part, key=lambda k: table.columns[k].group):
         columns = list(run)
         span = sum(widths[k] for k in columns) + gap * (len(columns) - 1)
-        line.append(_padded(shortened([name], span)[0], span, right=True), "bold").append(" " * gap)
+        line.append(_pad(shorten_names([name], span)[0], span, right=True), "bold").append(" " * gap)
     line.rstrip()
     return line
 
 
-def _cells(texts: Sequence[str], column: Column, width: int, lines: bool) -> list[list[str]]:
+def _cell_lines(texts: Sequence[str], column: Column, width: int, lines: bool) -> list[list[str]]:
     """Return the lines of each cell of a column; ``lines``: a cell may have several."""
     texts = [text.replace("∞", "inf") for text in texts]
     if column.numeric:
         return [[text] for text in texts]
     if not lines:
-        return [[text] for text in shortened(texts, width)]
+        return [[text] for text in shorten_names(texts, width)]
     words = list(dict.fromkeys(word for text in texts for word in text.split(" ")))
-    short = dict(zip(words, shortened(words, width), strict=True))
-    return [_wrapped(" ".join(short[word] for word in text.split(" ")), width) for text in texts]
+    short = dict(zip(words, shorten_names(words, width), strict=True))
+    return [_wrap_sentence(" ".join(short[word] for word in text.split(" ")), width) for text in texts]
 
 
-def _wrapped(text: str, width: int) -> list[str]:
+def _wrap_sentence(text: str, width: int) -> list[str]:
     """Return the lines of a sentence; none begins with %."""
     lines = wrap(text.replace(" %", "\u00a0%"), width, break_on_hyphens=False) or [""]
     return [line.replace("\u00a0%", " %") for line in lines]
 
 
-def _lines(
-    row: Sequence[Sequence[str]],
-    columns: Sequence[Column],
-    widths: dict[int, int],
-    part: Sequence[int],
-    gap: int,
-    style: str = "",
+def _row_lines(
+    row: Sequence[Sequence[str]], columns: Sequence[Column], widths: Sequence[int], gap: int, style: str = ""
 ) -> Iterator[Text]:
     """Yield the lines of a row of cells, each of which has one or several."""
     for depth in range(max(map(len, row), default=0)):
         line = Text(overflow="fold")  # in too narrow a terminal, of which nothing is cut either
-        for cell, column, k in zip(row, columns, part, strict=True):
+        for cell, column, width in zip(row, columns, widths, strict=True):
             text = cell[depth] if depth < len(cell) else ""
-            line.append(_padded(text, widths[k], column.numeric), style or ("dim" if column.muted else ""))
+            line.append(_pad(text, width, column.numeric), style or ("dim" if column.muted else ""))
             line.append(" " * gap)
         line.rstrip()
         yield line
 
 
-def _padded(text: str, width: int, right: bool) -> str:
+def _pad(text: str, width: int, right: bool) -> str:
     if cell_len(text) > width:
         return text if right else set_cell_size(text, width)
     space = " " * (width - cell_len(text))
     return space + text if right else text + space
+
+
+def summary(identification: Identification) -> str:
+    """Return a few lines: what the model is fit for, the torque errors, and the first parameters."""
+    return "\n".join(_summary_lines(identification))
+
+
+def _summary_lines(identification: Identification) -> Iterator[str]:
+    verdict = judge(identification) if _has_signals(identification) else None
+    yield f"<Identification of {identification.model.name!r}" + (f": {verdict.use.value}" if verdict else "")
+    if verdict and verdict.use is Use.DO_NOT_USE:
+        yield f"  {_shorten(words(verdict.reasons[0]))}"
+    for role, word in ROLES.items():
+        if logs := logs_of(identification, role):
+            errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
+            yield f"  torque error, {word}: {join_names(errors, MAX_LISTED)}"
+    rows = zip(
+        identification.estimate.names,
+        identification.estimate.value,
+        identification.errors.best,
+        identification.estimate.units,
+        strict=True,
+    )
+    ordered = sorted(rows, key=lambda row: not np.isfinite(row[2]))  # what the data determine first
+    estimates = (f"{name} = {number(value)} +- {number(std, 2)} {unit}" for name, value, std, unit in ordered)
+    yield f"  {join_names(estimates, MAX_LISTED)}>"
+
+
+def _has_signals(identification: Identification) -> bool:
+    """Tell whether the logs have the signals that a verdict needs; those of a saved result have none."""
+    return bool(identification.validations) and all(log.signals is not None for log in identification.validations)
+
+
+def check_lines(check: CheckResult) -> str:
+    """Return a few lines: how many errors and warnings there are, and the most severe of them."""
+    worst = [row for table in check_tables(check)[: len(check.findings) and 1] for row in table.rows][:MAX_LISTED]
+    lines = [f"<CheckResult: {check_summary(check)}", *(_shorten(f"  {': '.join(filter(None, row))}") for row in worst)]
+    return "\n".join(lines) + ">"
+
+
+def check_html(check: CheckResult) -> str:
+    """Return the findings and the facts behind them as HTML for a notebook; all texts are escaped."""
+    return f"<div><p><b>{escape(check_summary(check))}</b></p>{''.join(map(_table_html, check_tables(check)))}</div>"
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= MAX_SENTENCE_LENGTH else f"{text[:MAX_SENTENCE_LENGTH]}..."
+
+
+def summary_html(identification: Identification) -> str:
+    """Return the verdict, the errors and the parameters as HTML for a notebook; all texts are escaped."""
+    table, notes = terminal_parameters(identification)
+    verdict = (
+        verdict_text(identification)[0]
+        if _has_signals(identification)
+        else "A saved result; its verdict is in its report."
+    )
+    parts = [f"<h4>{escape(identification.model.name)}</h4>", f"<p><b>{escape(verdict)}</b></p>"]
+    parts += [
+        _table_html(error_table(identification)),
+        _table_html(table),
+        *(f"<p>{escape(note)}</p>" for note in notes),
+    ]
+    return f"<div>{''.join(parts)}</div>"
+
+
+def _table_html(table: PageTable) -> str:
+    sides = ["right" if column.numeric else "left" for column in table.columns]
+    heads = "".join(
+        f'<th style="text-align: {side}">{escape(column.group)}{"<br>" * bool(column.group)}{escape(column.title)}</th>'
+        for side, column in zip(sides, table.columns, strict=True)
+    )
+    rows = (
+        "".join(f'<td style="text-align: {side}">{escape(cell)}</td>' for side, cell in zip(sides, row, strict=True))
+        for row in table.rows
+    )
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f"<table><caption>{escape(table.caption)}</caption><tr>{heads}</tr>{body}</table>"
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """The figures of a report, drawn by plotly; a notebook shows each that a cell returns, ``write_html`` writes it.
+
+    ``log`` and ``joint`` are names; by default the first log that was held out, and the joint with its largest error.
+    Raises InputError for unknown names, and for signals of a result that was loaded from a file.
+    """
+
+    identification: Identification
+
+    def __repr__(self) -> str:
+        calls = ("torque(log, joint)", "smoothing(log, joint)", "free_run(log, joint)", "errors()", "parameters()")
+        return f"<Plot of {self.identification.model.name!r}: {', '.join(calls)}; each has write_html(file)>"
+
+    def torque(self, log: str | None = None, joint: str | None = None) -> go.Figure:
+        """Draw measured and predicted torque of one joint, and their difference."""
+        validation, axis = self._select(log, joint)
+        return torque_figure(validation, axis.name, axis.effort).figure()
+
+    def smoothing(self, log: str | None = None, joint: str | None = None) -> go.Figure:
+        """Draw position, velocity and acceleration of one joint, and what the smoothing took away."""
+        validation, axis = self._select(log, joint)
+        return motion_figure(validation.motion, axis.name, axis.unit, recorded=validation.recorded_log).figure()
+
+    def free_run(self, log: str | None = None, joint: str | None = None) -> go.Figure:
+        """Draw measured and simulated position of one joint; InputError where there is no free simulation."""
+        validation, axis = self._select(log, joint)
+        if validation.free_run is None:
+            raise InputError(
+                f"{validation.name}: there is no free simulation; ask for one by the field `restart` of a recipe."
+            )
+        return run_figure(validation.free_run, axis.name, axis.unit).figure()
+
+    def errors(self) -> go.Figure:
+        """Draw the torque error of each joint on all logs."""
+        return error_figure(
+            self.identification.validations, [joint.name for joint in self.identification.model.joints]
+        ).figure()
+
+    def parameters(self) -> go.Figure:
+        """Draw the 95 % interval of each parameter, in % of its value."""
+        estimate, model = self.identification.estimate, self.identification.model
+        true_values = () if has_nominal_values(model) else [parameter.value for parameter in model.parameters]
+        return interval_figure(
+            estimate.names, estimate.units, estimate.value, self.identification.errors.best, true_values
+        ).figure()
+
+    def _select(self, log: str | None, joint: str | None) -> tuple[LogValidation, Joint]:
+        logs = {
+            validation.name: validation
+            for validation in (*logs_of(self.identification, "train"), *logs_of(self.identification, "validation"))
+        }
+        if log is None:
+            log = next(iter(logs_of(self.identification, "validation")), next(iter(logs.values()))).name
+        if log not in list(logs):
+            raise InputError(f"there is no log {log!r}; {choices(log, logs)}")
+        joints = {axis.name: axis for axis in self.identification.model.joints}
+        if joint is None:
+            joint = max(joints, key=lambda name: logs[log].errors.per_joint.get(name, 0.0))
+        if joint not in list(joints):
+            raise InputError(f"there is no joint {joint!r}; {choices(joint, joints)}")
+        return logs[log], joints[joint]

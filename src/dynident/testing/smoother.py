@@ -9,14 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, MissingInputError
-from dynident.io.families import SMOOTHERS
-from dynident.log import Log
-from dynident.smoothers import Smoother, as_used
-from dynident.smoothers.smoother import FindsPeriod
-from dynident.testing.settings import builds_itself_from_its_settings, cannot_be_changed
-
-__all__ = ["SMOOTHER_CHECKS", "check_smoother", "made_for", "periodic", "recorded", "two_sines"]
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Smoother
+from dynident.runtime import InputError, MissingInputError
+from dynident.runtime.families import SMOOTHERS
+from dynident.testing.estimator import builds_itself_from_its_settings, cannot_be_changed
 
 Array = NDArray[np.float64]
 MotionOf = Callable[[Array], tuple[Array, Array, Array]]
@@ -52,7 +49,7 @@ def periodic(t: Array) -> tuple[Array, Array, Array]:
     return q, dq, ddq
 
 
-def recorded(
+def make_log(
     noise: float = 0.0,
     n: int = 4000,
     h: float = 2.5e-3,
@@ -68,10 +65,10 @@ def recorded(
     return Log(t, q + noise * rng.standard_normal(q.shape), tau, ("a", "b"), "made")
 
 
-def made_for(smoother: Smoother) -> MotionOf:
+def motion_for(smoother: Smoother) -> MotionOf:
     """Return the motion that a smoother is checked on: ``two_sines``, ``periodic`` where it misses something there."""
     try:
-        smoother(recorded(1e-4))
+        smoother(make_log(1e-4))
     except MissingInputError as error:
         words = str(error)
     else:
@@ -80,82 +77,85 @@ def made_for(smoother: Smoother) -> MotionOf:
     return periodic
 
 
-def _log(smoother: Smoother, noise: float = 1e-4) -> Log:
-    return recorded(noise, motion=made_for(smoother))
+def _log_for(smoother: Smoother, noise: float = 1e-4) -> Log:
+    return make_log(noise, motion=motion_for(smoother))
 
 
 def keeps_what_is_not_its_own(smoother: Smoother) -> None:
     """Times, torques, joints and source are those of the log."""
-    log = _log(smoother)
-    made = smoother(log)
-    np.testing.assert_array_equal(made.t, log.t)
-    np.testing.assert_array_equal(made.tau, log.tau)
-    assert (made.joints, made.source) == (log.joints, log.source), "joints and source are the log's"
-    assert made.q.shape == made.dq.shape == made.ddq.shape == log.q.shape
-    assert "method" in made.smoothing, "`smoothing` says the `method`"
+    log = _log_for(smoother)
+    motion = smoother(log)
+    np.testing.assert_array_equal(motion.t, log.t)
+    np.testing.assert_array_equal(motion.tau, log.tau)
+    assert (motion.joints, motion.source) == (log.joints, log.source), "joints and source are the log's"
+    assert motion.q.shape == motion.dq.shape == motion.ddq.shape == log.q.shape
+    assert "method" in motion.smoothing, "`smoothing` says the `method`"
 
 
 def recovers_a_smooth_motion(smoother: Smoother) -> None:
     """Without noise, the motion and its derivatives are right where the mask is True."""
-    made = smoother(_log(smoother, 0.0))
-    for name, true, within in zip(("q", "dq", "ddq"), made_for(smoother)(made.t), (1e-3, 1e-2, 3e-2), strict=True):
-        error = np.abs(getattr(made, name) - true)[made.mask].max() / np.abs(true).max()
-        assert error < within, f"{name} is wrong by {error:.2g} of its largest value, {within} is allowed"
+    motion = smoother(_log_for(smoother, 0.0))
+    for name, true, tolerance in zip(
+        ("q", "dq", "ddq"), motion_for(smoother)(motion.t), (1e-3, 1e-2, 3e-2), strict=True
+    ):
+        error = np.abs(getattr(motion, name) - true)[motion.mask].max() / np.abs(true).max()
+        assert error < tolerance, f"{name} is wrong by {error:.2g} of its largest value, {tolerance} is allowed"
 
 
 def ignores_the_zero_of_the_encoder(smoother: Smoother) -> None:
     """Another zero of the encoder changes q by it and nothing else."""
-    log = _log(smoother)
-    moved = smoother(Log(log.t, log.q + 2.0, log.tau, log.joints))
-    made = smoother(log)
-    np.testing.assert_allclose(moved.q, made.q + 2.0, atol=1e-8)
-    np.testing.assert_allclose(moved.dq, made.dq, atol=1e-7 * np.abs(made.dq).max())
-    np.testing.assert_allclose(moved.ddq, made.ddq, atol=1e-5 * np.abs(made.ddq).max())
+    log = _log_for(smoother)
+    shifted = smoother(Log(log.t, log.q + 2.0, log.tau, log.joints))
+    motion = smoother(log)
+    np.testing.assert_allclose(shifted.q, motion.q + 2.0, atol=1e-8)
+    np.testing.assert_allclose(shifted.dq, motion.dq, atol=1e-7 * np.abs(motion.dq).max())
+    np.testing.assert_allclose(shifted.ddq, motion.ddq, atol=1e-5 * np.abs(motion.ddq).max())
 
 
 def takes_time_from_anywhere(smoother: Smoother) -> None:
     """Only differences of times count."""
-    log = _log(smoother)
-    later = smoother(Log(log.t + 1024.0, log.q, log.tau, log.joints))
-    np.testing.assert_allclose(later.ddq, smoother(log).ddq, atol=2e-4 * np.abs(later.ddq).max())
+    log = _log_for(smoother)
+    shifted = smoother(Log(log.t + 1024.0, log.q, log.tau, log.joints))
+    np.testing.assert_allclose(shifted.ddq, smoother(log).ddq, atol=2e-4 * np.abs(shifted.ddq).max())
 
 
 def does_not_mix_joints(smoother: Smoother) -> None:
     """A joint is smoothed the same alone; where one period of all joints is looked for, with that."""
-    log = _log(smoother)
-    made = smoother(log)
-    one = smoother.of_period(made) if isinstance(smoother, FindsPeriod) else smoother
-    np.testing.assert_allclose(one(log).ddq, made.ddq, atol=1e-6 * np.abs(made.ddq).max())
-    alone = one(log.select(("b",)))
-    np.testing.assert_allclose(alone.ddq[:, 0], made.ddq[:, 1], atol=1e-6 * np.abs(alone.ddq).max())
+    log = _log_for(smoother)
+    motion = smoother(log)
+    with_period = smoother.of_period(motion)
+    np.testing.assert_allclose(with_period(log).ddq, motion.ddq, atol=1e-6 * np.abs(motion.ddq).max())
+    alone = with_period(log.select(("b",)))
+    np.testing.assert_allclose(alone.ddq[:, 0], motion.ddq[:, 1], atol=1e-6 * np.abs(alone.ddq).max())
 
 
 def is_linear_as_used(smoother: Smoother) -> None:
     """As it was used for a log it makes the same motion, and of noise and its opposite what cancels."""
-    log = _log(smoother)
-    made = smoother(log)
-    used, e = as_used(smoother, made), 1e-5 * np.random.default_rng(3).standard_normal(log.q.shape)
-    again, up, down = (used(replace(log, q=log.q + s * e)) for s in (0.0, 1.0, -1.0))
+    log = _log_for(smoother)
+    motion = smoother(log)
+    linear_smoother, noise = smoother.as_used(motion), 1e-5 * np.random.default_rng(3).standard_normal(log.q.shape)
+    repeated, up, down = (linear_smoother(replace(log, q=log.q + s * noise)) for s in (0.0, 1.0, -1.0))
     for name in ("q", "dq", "ddq"):
-        one, largest = getattr(made, name), np.abs(getattr(made, name)).max()
-        np.testing.assert_allclose(getattr(again, name), one, atol=1e-6 * largest)
+        expected, largest = getattr(motion, name), np.abs(getattr(motion, name)).max()
+        np.testing.assert_allclose(getattr(repeated, name), expected, atol=1e-6 * largest)
+        # the errors by noise and by its opposite cancel where the smoother is linear
         middle = (getattr(up, name) + getattr(down, name)) / 2
-        np.testing.assert_allclose(middle, getattr(again, name), atol=1e-8 * largest)
-    np.testing.assert_array_equal(again.mask, made.mask)
+        np.testing.assert_allclose(middle, getattr(repeated, name), atol=1e-8 * largest)
+    np.testing.assert_array_equal(repeated.mask, motion.mask)
 
 
 def masks_the_ends(smoother: Smoother) -> None:
     """The middle may be used, the last sample not: nothing is known of what comes after it."""
-    made = smoother(_log(smoother))
-    used = np.flatnonzero(made.mask)
-    assert (np.diff(used) == 1).all(), "the mask is one piece"
-    assert len(used) > len(made) // 2, "more than half of the samples may be used"
-    assert not made.mask[-1], "the last sample is masked"
+    motion = smoother(_log_for(smoother))
+    usable = np.flatnonzero(motion.mask)
+    assert (np.diff(usable) == 1).all(), "the mask is one piece"
+    assert len(usable) > len(motion) // 2, "more than half of the samples may be used"
+    assert not motion.mask[-1], "the last sample is masked"
 
 
 def is_frozen_and_repeatable(smoother: Smoother) -> None:
     """The same log gives the same motion, also from a pickled copy; neither part nor motion can be changed."""
-    log = _log(smoother)
+    log = _log_for(smoother)
     np.testing.assert_array_equal(smoother(log).ddq, smoother(log).ddq)
     assert pickle.loads(pickle.dumps(smoother)) == smoother
     cannot_be_changed(smoother)
@@ -165,11 +165,11 @@ def is_frozen_and_repeatable(smoother: Smoother) -> None:
 def refuses_too_few_samples(smoother: Smoother) -> None:
     """Three samples: an InputError, or finite numbers, never a crash or a NaN."""
     try:
-        made = smoother(recorded(n=3))
+        motion = smoother(make_log(n=3))
     except InputError as error:
         words = str(error)
     else:
-        words = "samples" if np.isfinite(made.ddq).all() else "not finite"
+        words = "samples" if np.isfinite(motion.ddq).all() else "not finite"
     assert "samples" in words or "made" in words, f"the error names neither log nor samples: {words}"
 
 

@@ -1,12 +1,7 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
-from dynident.regression.repeat import REPEATED, Repeat, repeat_of
-from dynident.validation.clusters import clustered_std
-from dynident.validation.coloured import coloured_covariance, coloured_std, correlated_std
-from dynident.validation.followed import HARMFUL, FollowTest, SmoothedAway, follow_tests, smoothed_away
+from dynident.validation.coloured_fit import ColouredFit, coloured_covariance, correlated_std
 from dynident.validation.free_run import Driver, FreeRun, RunSignals, free_run
-from dynident.validation.hac import plain_std, robust_covariance
-from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, with_floors
 from dynident.validation.prediction import (
     SEED,
     LogValidation,
@@ -15,31 +10,41 @@ from dynident.validation.prediction import (
     check_mass,
     relative_error,
     relative_errors,
+    sensor_noise,
     validate,
 )
 from dynident.validation.residuals import (
-    LOW,
-    SLOW,
+    AT_FLOOR,
+    LOW_FREQUENCY,
+    MAX_LOST_ACCELERATION,
+    SLOW_SPEED_SHARE,
     Cause,
+    FloorOrigin,
+    FollowTest,
     FrictionLevel,
     HighFrequency,
     LowFrequency,
+    NoiseFloor,
+    ResidualRipple,
     ResidualTest,
     Reversals,
-    Ripple,
+    SmoothedAway,
     decorrelation,
+    follow_tests,
     residual_test,
+    smoothing_losses,
+    with_floors,
 )
-from dynident.validation.sensor_noise import sensor_noise
+from dynident.validation.standard_errors import clustered_std, plain_std, robust_covariance
 
 __all__ = [
     "AT_FLOOR",
-    "HARMFUL",
-    "LOW",
-    "REPEATED",
+    "LOW_FREQUENCY",
+    "MAX_LOST_ACCELERATION",
     "SEED",
-    "SLOW",
+    "SLOW_SPEED_SHARE",
     "Cause",
+    "ColouredFit",
     "Driver",
     "FloorOrigin",
     "FollowTest",
@@ -49,10 +54,9 @@ __all__ = [
     "LogValidation",
     "LowFrequency",
     "NoiseFloor",
-    "Repeat",
+    "ResidualRipple",
     "ResidualTest",
     "Reversals",
-    "Ripple",
     "RunSignals",
     "Signals",
     "SmoothedAway",
@@ -60,7 +64,6 @@ __all__ = [
     "check_mass",
     "clustered_std",
     "coloured_covariance",
-    "coloured_std",
     "correlated_std",
     "decorrelation",
     "follow_tests",
@@ -68,11 +71,10 @@ __all__ = [
     "plain_std",
     "relative_error",
     "relative_errors",
-    "repeat_of",
     "residual_test",
     "robust_covariance",
     "sensor_noise",
-    "smoothed_away",
+    "smoothing_losses",
     "validate",
     "with_floors",
 ]

@@ -9,12 +9,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ConfigError, InputError, brief
-from dynident.log import Controller, Motion
 from dynident.models import Model
-from dynident.simulation import Failure, longest, simulated, ticks
-
-__all__ = ["Driver", "FreeRun", "RunSignals", "free_run"]
+from dynident.models.simulation import Failure, longest_stretch, simulate_recording, ticks
+from dynident.motion.log import Controller, Motion
+from dynident.runtime import ConfigError, InputError, brief
 
 Array = NDArray[np.float64]
 
@@ -110,36 +108,43 @@ def free_run(
     these are more than the samples. Raises ConfigError where neither is given, InputError where the controller has
     other joints, or where too few samples are usable.
     """
+    # without its controller a simulated arm drifts away for any model, so that restarts are needed
     if controller is None and restart is None:
         raise ConfigError("free simulation needs a controller, or `restart` (s) for the measured torque.")
-    fast = ticks(motion, controller, usable := longest(motion))
-    run = simulated(model, theta, fast.motion, controller, rows=fast.rows, restart=None if controller else restart)
+    fine_grid = ticks(motion, controller, usable := longest_stretch(motion))
+    run = simulate_recording(
+        model, theta, fine_grid.motion, controller, rows=fine_grid.rows, restart=None if controller else restart
+    )
     rows = run.rows if controller is None else np.arange(usable.start, usable.stop)[None]
-    at = slice(None) if controller is None else fast.at
-    q, tau = (one[at].reshape(*rows.shape, len(motion.joints)) for one in (run.q, run.tau))
-    measured, torques, shown = motion.q[rows], motion.tau[rows], rows[:, :-1].ravel()
+    sample_times = slice(None) if controller is None else fine_grid.at
+    q, tau = (channel[sample_times].reshape(*rows.shape, len(motion.joints)) for channel in (run.q, run.tau))
+    # each piece ends at the start of the next, whose sample would count twice
+    measured, torques, sample_rows = motion.q[rows], motion.tau[rows], rows[:, :-1].ravel()
+    # a simulation that ended early has infinite errors
     error = np.full_like(q, np.inf) if run.failure else q - measured
-    asked = {} if controller is None else _shares(motion.joints, error if run.failure else tau - torques, torques)
+    torque_errors = (
+        {} if controller is None else _relative_errors(motion.joints, error if run.failure else tau - torques, torques)
+    )
     return FreeRun(
         name=name or motion.source,
         joints=motion.joints,
         driver=Driver.TORQUE if controller is None else Driver.CONTROLLER,
         restart=None if controller is not None else restart,
-        relative_error=_shares(motion.joints, error, measured),
-        motion_error=_shares(motion.joints, error, measured - measured[:, :1]),
+        relative_error=_relative_errors(motion.joints, error, measured),
+        motion_error=_relative_errors(motion.joints, error, measured - measured[:, :1]),
         rms=dict(zip(motion.joints, np.sqrt(np.mean(error**2, axis=(0, 1))).tolist(), strict=True)),
-        torque_error=asked,
+        torque_error=torque_errors,
         failure=run.failure,
         signals=RunSignals(
-            motion.t[shown],
+            motion.t[sample_rows],
             q[:, :-1].reshape(-1, q.shape[2]),
-            motion.q[shown],
+            motion.q[sample_rows],
             tau[:, :-1].reshape(-1, q.shape[2]),
         ),
     )
 
 
-def _shares(joints: tuple[str, ...], error: Array, whole: Array) -> dict[str, float]:
-    sizes = np.linalg.norm(whole, axis=(0, 1))
+def _relative_errors(joints: tuple[str, ...], error: Array, reference: Array) -> dict[str, float]:
+    sizes = np.linalg.norm(reference, axis=(0, 1))
     wrong = np.linalg.norm(error, axis=(0, 1))
     return {j: 100.0 * float(e / s) if s > 0 else float("nan") for j, e, s in zip(joints, wrong, sizes, strict=True)}

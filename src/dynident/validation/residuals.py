@@ -1,31 +1,27 @@
-"""Tests of torque residuals: are they white noise, and if not, what is the likely cause?"""
+"""Tests whether torque residuals are white noise, and otherwise what the likely cause is."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.filters import autocorrelation, ljung_box, welch
+from dynident.motion.filters import autocorrelation, ljung_box, welch
+from dynident.motion.log import Log, Motion
+from dynident.motion.splines import Fixed, coloured_noise, smooth
+from dynident.regression.groups import repeated_rows
+from dynident.runtime import Note
 
-__all__ = [
-    "LOW",
-    "SLOW",
-    "Cause",
-    "FrictionLevel",
-    "HighFrequency",
-    "LowFrequency",
-    "ResidualTest",
-    "Reversals",
-    "Ripple",
-    "decorrelation",
-    "residual_test",
-]
+if TYPE_CHECKING:
+    from dynident.validation.prediction import LogValidation
 
 Array = NDArray[np.float64]
-LOW = 5.0  # Hz: rigid-body motion lies below; ripple, elasticity and sensor noise above
-SLOW = 0.05  # of the rms velocity: below it friction reverses
+LOW_FREQUENCY = 5.0  # Hz: rigid-body motion lies below; ripple, elasticity and sensor noise above
+SLOW_SPEED_SHARE = 0.05  # of the rms velocity: below it friction reverses
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,7 @@ class FrictionLevel(Cause):
 
 
 @dataclass(frozen=True)
-class Ripple(Cause):
+class ResidualRipple(Cause):
     """A ripple at one ``frequency`` (Hz)."""
 
     frequency: float
@@ -52,12 +48,12 @@ class Ripple(Cause):
 
 @dataclass(frozen=True)
 class LowFrequency(Cause):
-    """Residual mostly below ``LOW`` Hz: an error of the model or its parameters."""
+    """Residual mostly below ``LOW_FREQUENCY`` Hz: an error of the model or its parameters."""
 
 
 @dataclass(frozen=True)
 class HighFrequency(Cause):
-    """Residual mostly above ``LOW`` Hz: noise, ripple, elasticity or a time offset."""
+    """Residual mostly above ``LOW_FREQUENCY`` Hz: noise, ripple, elasticity or a time offset."""
 
 
 @dataclass(frozen=True)
@@ -86,18 +82,18 @@ class ResidualTest:
     @property
     def causes(self) -> tuple[Cause, ...]:
         """The two most likely causes of the residual; empty where none stands out."""
-        signs = list[Cause]()
+        likely = list[Cause]()
         if self.reversal_share > max(2 * self.slow_share, 0.15):
-            signs.append(Reversals())
+            likely.append(Reversals())
         if abs(self.sign_correlation) > 0.2:
-            signs.append(FrictionLevel())
-        if self.peak_share > 0.2 and self.peak > LOW:
-            signs.append(Ripple(self.peak))
+            likely.append(FrictionLevel())
+        if self.peak_share > 0.2 and self.peak > LOW_FREQUENCY:
+            likely.append(ResidualRipple(self.peak))
         if self.low_share > 0.5:
-            signs.append(LowFrequency())
+            likely.append(LowFrequency())
         elif self.low_share <= 0.2:
-            signs.append(HighFrequency())
-        return tuple(signs[:2])
+            likely.append(HighFrequency())
+        return tuple(likely[:2])
 
 
 def residual_test(residual: Array, dq: Array, step: float) -> ResidualTest:
@@ -105,26 +101,27 @@ def residual_test(residual: Array, dq: Array, step: float) -> ResidualTest:
 
     A residual that is zero, or shorter than 50 samples, gives nan.
     """
-    size = float(np.square(residual).sum())
-    if len(residual) < 50 or not size > 0 or not np.ptp(residual) > 0:
+    energy = float(np.square(residual).sum())
+    if len(residual) < 50 or not energy > 0 or not np.ptp(residual) > 0:
         return ResidualTest(*[float("nan")] * 9)
     correlation = autocorrelation(residual)
-    slow = np.abs(dq) < SLOW * float(np.sqrt(np.mean(dq**2)))
+    slow = np.abs(dq) < SLOW_SPEED_SHARE * float(np.sqrt(np.mean(dq**2)))
     frequency, power = _spectrum(residual, step)
-    k = int(np.argmax(np.where(frequency >= LOW, power, 0.0)))
-    near = np.abs(frequency - frequency[k]) <= 0.1 * frequency[k]
+    k = int(np.argmax(np.where(frequency >= LOW_FREQUENCY, power, 0.0)))
+    around_peak = np.abs(frequency - frequency[k]) <= 0.1 * frequency[k]
     sign = np.sign(dq)
-    correlated = np.corrcoef(residual, sign)[0, 1] if np.ptp(sign) > 0 else 0.0
+    sign_correlation = np.corrcoef(residual, sign)[0, 1] if np.ptp(sign) > 0 else 0.0
     return ResidualTest(
         lag1=float(correlation[1]),
         decorrelation=step * decorrelation(correlation),
         p_value=ljung_box(correlation, len(residual)),
-        low_share=_share(power, frequency < LOW) if frequency[-1] > 2 * LOW else float("nan"),
+        low_share=_share(power, frequency < LOW_FREQUENCY) if frequency[-1] > 2 * LOW_FREQUENCY else float("nan"),
         peak=float(frequency[k]),
-        peak_share=_share(power, near) - float(near.mean()),
-        reversal_share=float(np.square(residual[slow]).sum()) / size,
+        # a tenth around the peak, less the share that white noise has there
+        peak_share=_share(power, around_peak) - float(around_peak.mean()),
+        reversal_share=float(np.square(residual[slow]).sum()) / energy,
         slow_share=float(slow.mean()),
-        sign_correlation=float(correlated),
+        sign_correlation=float(sign_correlation),
     )
 
 
@@ -136,9 +133,10 @@ def decorrelation(correlation: Array) -> float:
     >>> decorrelation(0.8 ** np.arange(1000))
     9.00
     """
-    times = 2 * np.cumsum(correlation) - 1
-    enough = np.flatnonzero(np.arange(len(times)) >= 5 * times)
-    return float(max(times[enough[0]] if len(enough) else times[-1], 1.0))
+    running_times = 2 * np.cumsum(correlation) - 1
+    long_enough = np.flatnonzero(np.arange(len(running_times)) >= 5 * running_times)
+    # a window of five decorrelation times: beyond, the sum only gathers noise
+    return float(max(running_times[long_enough[0]] if len(long_enough) else running_times[-1], 1.0))
 
 
 def _spectrum(x: Array, step: float) -> tuple[Array, Array]:
@@ -146,5 +144,257 @@ def _spectrum(x: Array, step: float) -> tuple[Array, Array]:
     return welch(x, step, min(len(x), max(round(4 / step), 64)))
 
 
-def _share(power: Array, chosen: NDArray[np.bool_]) -> float:
-    return float(power[chosen].sum() / power.sum())
+def _share(power: Array, selected: NDArray[np.bool_]) -> float:
+    return float(power[selected].sum() / power.sum())
+
+
+MAX_FOLLOWING_SHARE = (
+    0.05  # share of what was taken away that may follow the motion: the error of the noise estimate is as large
+)
+SPECTRUM_LINES = 2000  # frequencies of a spectrum
+MIN_TEST_SAMPLES = 50  # samples
+TEST_LEVEL = 0.01  # of the test
+MAX_LOST_ACCELERATION = 2.0  # %, of the acceleration: beyond it a note is made
+
+
+@dataclass(frozen=True)
+class FollowTest:
+    """What the smoothing of one joint's position removed, and how much of that follows the motion.
+
+    ``p_value`` is the probability of losing as much in a second smoothing if at most 5 % followed; ``share`` (%)
+    the part of the removed power that follows the motion, and ``lost`` (%) the rms acceleration removed with it
+    over that of the motion.
+    """
+
+    p_value: float
+    share: float
+    lost: float
+
+    @property
+    def is_following(self) -> bool:
+        """Whether more than 5 % of the power follows the motion, at the level of 1 %."""
+        return self.p_value < TEST_LEVEL
+
+
+@dataclass(frozen=True)
+class SmoothedAway(Note):
+    """Smoothing took away motion on a ``log``: of ``joints``, most of all of the first, for which ``share`` (%) of what
+    was taken away follows the motion, and with it ``lost`` (%) of the acceleration."""
+
+    log: str
+    joints: tuple[str, ...]
+    share: float
+    lost: float
+
+
+def smoothing_losses(validations: Sequence[LogValidation]) -> Iterator[SmoothedAway]:
+    """Yield for each log with signals what smoothing removed of the motion, if above 2 % of an acceleration."""
+    for validation in validations:
+        tests = {} if validation.recorded_log is None else follow_tests(validation.motion, validation.recorded_log)
+        losing = {
+            joint: test for joint, test in tests.items() if test.is_following and test.lost > MAX_LOST_ACCELERATION
+        }
+        if losing:
+            joints = tuple(sorted(losing, key=lambda joint: -losing[joint].lost))
+            yield SmoothedAway(validation.name, joints, losing[joints[0]].share, losing[joints[0]].lost)
+
+
+def follow_tests(motion: Motion, recorded: Log) -> dict[str, FollowTest]:
+    """Return the tests by joint of a motion that a spline has made of a log; joints at rest are missing.
+
+    Empty where the smoother is no spline: the pass band of others is not known.
+    """
+    smoothing = motion.smoothing
+    if not {"bandwidth", "lam", "sigma"} <= smoothing.keys() or motion.mask.sum() < MIN_TEST_SAMPLES:
+        return {}
+    # the smoother's own time axis, on which the bandwidth was chosen
+    smoothed = motion.shift(-motion.time_offset)
+    mask, width = motion.mask & smoothed.mask, np.array(smoothing["bandwidth"], dtype=float)
+    moves = np.flatnonzero(np.isfinite(width) & (width > 0) & (np.ptp(smoothed.q, axis=0) > 0))
+    if not len(moves) or mask.sum() < MIN_TEST_SAMPLES:
+        return {}
+    lam, sigma = (np.array(smoothing[name], dtype=float)[moves] for name in ("lam", "sigma"))
+    resmoothed = smooth(motion.t, smoothed.q[:, moves], Fixed(lam=tuple(lam)), sigma=sigma)
+    measured = recorded.select(motion.joints).q[:, moves]
+    removed = measured - smoothed.q[:, moves]
+    noise, rho = coloured_noise(motion.t, measured, removed, width[moves])
+    removed_again = smoothed.q[:, moves] - resmoothed.values, smoothed.ddq[:, moves] - resmoothed.derivative(2)
+    step = float(np.diff(motion.t).mean())
+    tests = {}
+    for k, j in enumerate(moves):
+        moments = _noise_moments(float(width[j]) / step, float(rho[k]))
+        parts = [series[mask, k] for series in (*removed_again, removed)]
+        tests[motion.joints[j]] = _test_joint(parts, moments, float(noise[k]), step, smoothed.ddq[mask, j])
+    return tests
+
+
+def _noise_moments(width: float, rho: float) -> tuple[float, float, float]:
+    """Return moments of d for AR(1) noise of variance one, for a bandwidth in steps.
+
+    They are the mean square of d, that of its second derivative (per step^4), and the sum of its squared
+    autocorrelations.
+    """
+    top = min(np.pi, 6.0 / width)
+    # the power of noise passed twice falls like w^-8, so that frequencies beyond the top do not matter
+    w = (np.arange(SPECTRUM_LINES) + 0.5) * top / SPECTRUM_LINES
+    gain = 1.0 / (1.0 + (w * width) ** 4)
+    density = (gain * (1.0 - gain)) ** 2 * (1 - rho**2) / (1 + rho**2 - 2 * rho * np.cos(w))
+    power, bend_power = (float((w**k * density).sum()) * top / SPECTRUM_LINES / np.pi for k in (0, 4))
+    correlation_sum = float(np.square(density).sum()) * top / SPECTRUM_LINES / np.pi / power**2
+    return power, bend_power, correlation_sum
+
+
+def _test_joint(
+    parts: list[Array], expected: tuple[float, float, float], noise: float, step: float, ddq: Array
+) -> FollowTest:
+    from scipy.special import fdtrc
+
+    removed_power, bend_power, total_power = (float(np.mean(np.square(part))) for part in parts)
+    noise_power, noise_bend_power, correlation_sum = expected
+    noise_power, noise_bend_power = noise_power * noise**2, noise_bend_power * noise**2 / step**4
+    count = len(parts[0])
+    if not (noise_power > 0 and total_power > 0):
+        return FollowTest(float("nan"), float("nan"), float("nan"))
+    # F test with the effective number of samples of the correlated series d, by its squared autocorrelations
+    p_value = float(
+        fdtrc(count / correlation_sum, count / 4, removed_power / (noise_power + MAX_FOLLOWING_SHARE * total_power))
+    )
+    motion, lost_power = (
+        max(float(np.mean(np.square(ddq))) - noise_bend_power, 1e-300),
+        max(bend_power - noise_bend_power, 0.0),
+    )
+    return FollowTest(
+        p_value,
+        100 * min(max(removed_power - noise_power, 0.0) / total_power, 1.0),
+        100 * float(np.sqrt(lost_power / motion)),
+    )
+
+
+Index = NDArray[np.intp]
+AT_FLOOR = 1.15  # times what the sensors allow: up to here a residual is at the noise floor
+QUANTILE = 1.645  # standard errors that leave 5 % of a normal distribution above
+MAX_PREDICTION_RATIO = (
+    0.5  # of the scatter, the most by which predicted torques of two passes may differ: else it is another motion
+)
+MAX_OTHER_LOGS = 5  # other logs in which a motion is sought
+MIN_INDEPENDENT_SAMPLES = 30  # independent samples
+MEDIAN_NOISE = 10.5  # N times the relative variance of the noise power from the median of fourth differences
+
+
+class FloorOrigin(StrEnum):
+    """How it is known what the sensors allow."""
+
+    REPEATS = "repeats"
+    WHITE = "white"
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """What the sensors allow of one joint's residual on a log.
+
+    ``size`` (N m, N) is the rms scatter, ``ratio`` the residual's rms over it, and ``upper`` its upper limit with 95 %
+    confidence. ``origin`` tells how the size is known.
+    """
+
+    size: float
+    ratio: float
+    upper: float
+    origin: FloorOrigin
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether it is at the noise floor: with 95 % confidence at most 1.15 times what the sensors allow."""
+        return self.upper <= AT_FLOOR
+
+
+def with_floors(validations: Sequence[LogValidation]) -> tuple[LogValidation, ...]:
+    """Return validations, all with signals, each with the known noise floors of its joints."""
+    return tuple(replace(validation, floors=_floors(validation, validations)) for validation in validations)
+
+
+def _floors(validation: LogValidation, validations: Sequence[LogValidation]) -> dict[str, NoiseFloor]:
+    """Return the floors by joint: by another pass in the log, else in another log, else by white noise."""
+    floors: dict[str, NoiseFloor] = {}
+    # the log itself first: another pass in it has the same conditions
+    for candidate in (validation, *[log for log in validations if log is not validation][:MAX_OTHER_LOGS]):
+        if (
+            len(floors) < len(validation.motion.joints)
+            and (rows := repeated_rows(validation.motion, candidate.motion)) is not None
+        ):
+            floors = {**_floors_of_passes(validation, candidate, *rows), **floors}
+    return {
+        **{joint: _white_floor(validation, joint, size) for joint, size in validation.errors.sensor_noise.items()},
+        **floors,
+    }
+
+
+def _floors_of_passes(first: LogValidation, second: LogValidation, rows: Index, twins: Index) -> dict[str, NoiseFloor]:
+    """Return the floors by joint from the residuals of two passes of a motion, at these samples."""
+    floors = {}
+    for j, (joint, rmse) in enumerate(first.errors.rmse.items()):
+        speed, torque = first.motion.dq[rows, j], first.predicted_torque[rows, j]
+        # offset, friction, viscous friction and gain, the changes that a drive makes when it warms up
+        drift = np.column_stack([np.ones(len(rows)), np.sign(speed), speed, torque])
+        a, b = _remove_drift(_joint_residual(first, j)[rows], _joint_residual(second, j)[twins], drift)
+        floor = _floor_of_passes(a, b, rmse) if np.isfinite(rmse) else None
+        prediction_change = float(
+            np.mean(np.square(first.predicted_torque[rows, j] - second.predicted_torque[twins, j])) / 2
+        )
+        # torques that are predicted differently are of another motion, or the lag is wrong
+        if floor is not None and prediction_change <= (MAX_PREDICTION_RATIO * floor.size) ** 2:
+            floors[joint] = floor
+    return floors
+
+
+def _remove_drift(a: Array, b: Array, drift: Array) -> tuple[Array, Array]:
+    """Return the residuals (M) of two passes without the drift in their difference, columns ``drift`` (M, k).
+
+    Half of it is taken from each. The remaining difference is enlarged for what the fit takes of it by chance, by
+    the number of independent samples.
+    """
+    size = np.linalg.norm(drift, axis=0)
+    columns = drift / np.where(size > 0, size, 1.0)
+    # only the difference of the passes is freed of drift: what both have in common counts as error of the model
+    difference = a - b - columns @ np.linalg.lstsq(columns, a - b)[0]
+    if not np.ptp(difference) > 0:
+        return a, b
+    # the fit takes a part of the scatter, too
+    count = len(difference) / decorrelation(autocorrelation(difference))
+    difference *= np.sqrt(count / max(count - drift.shape[1], 1.0))
+    return (a + b + difference) / 2, (a + b - difference) / 2
+
+
+def _floor_of_passes(a: Array, b: Array, rmse: float) -> NoiseFloor | None:
+    """Return the floor of a residual of rms ``rmse`` from its parts a and b (M) of two passes; None if vague."""
+    power = float(np.mean(a**2 + b**2)) / 2
+    if not power > 0:
+        return None
+    # what both passes share is error of the model, the remainder scatter
+    shared = float(np.mean(a * b)) / power
+    error = _standard_error((a * b - shared * (a**2 + b**2) / 2) / power)
+    if error is None or not shared < 1:
+        return None
+    size, max_shared = float(np.sqrt(power * (1 - shared))), shared + QUANTILE * error
+    upper = rmse / size * float(np.sqrt((1 - shared) / (1 - max_shared))) if max_shared < 1 else float("inf")
+    return NoiseFloor(size, rmse / size, upper, FloorOrigin.REPEATS)
+
+
+def _white_floor(validation: LogValidation, joint: str, size: float) -> NoiseFloor:
+    """Return the floor by white noise; the error of the noise and that of the residual's power add up."""
+    ratio = validation.errors.rmse[joint] / size
+    squares = np.square(_joint_residual(validation, validation.motion.joints.index(joint))[validation.motion.mask])
+    error = _standard_error(squares / squares.mean() - 1.0) if squares.any() else 0.0
+    relative_error = np.inf if error is None else np.sqrt(error**2 + MEDIAN_NOISE / len(squares))
+    return NoiseFloor(size, ratio, float(ratio * np.sqrt(1 + QUANTILE * relative_error)), FloorOrigin.WHITE)
+
+
+def _standard_error(parts: Array) -> float | None:
+    """Return the standard error of the mean of a correlated series (N); None for fewer than 30 independent samples."""
+    if len(parts) < MIN_INDEPENDENT_SAMPLES or not np.ptp(parts) > 0:
+        return None
+    count = len(parts) / decorrelation(autocorrelation(parts))
+    return float(np.std(parts) / np.sqrt(count)) if count >= MIN_INDEPENDENT_SAMPLES else None
+
+
+def _joint_residual(log: LogValidation, j: int) -> Array:
+    return np.asarray(log.motion.tau[:, j] - log.predicted_torque[:, j])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.estimators.maximum_likelihood.arrow import Arrow, add_ahead, add_rows, band_of, places
+from dynident.estimators.maximum_likelihood.trajectory import Arrow, add_ahead, add_rows, band_of, places
+from dynident.runtime import ModelError
 
 
 class TestArrow:
@@ -20,9 +20,9 @@ class TestArrow:
         A, band = self.matrix(rng)
         B = rng.standard_normal((14, 3))
         arrow, inverse = Arrow(band, B), np.linalg.inv(A)
-        np.testing.assert_allclose(arrow.inner(B), inverse @ B, rtol=1e-10)
-        np.testing.assert_allclose(arrow.back(arrow.half), inverse @ B, rtol=1e-10)
-        np.testing.assert_allclose(arrow.profiled, B.T @ inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.solve_band(B), inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.solve_transposed(arrow.half), inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.lost_information, B.T @ inverse @ B, rtol=1e-10)
         np.testing.assert_allclose(arrow.log_det, np.linalg.slogdet(A)[1], rtol=1e-12)
         for d in range(4):
             np.testing.assert_allclose(arrow.inverse[d, : 14 - d], np.diag(inverse, -d), rtol=1e-9, atol=1e-14)
@@ -48,4 +48,4 @@ class TestArrow:
 
     def test_refuses_what_is_not_determined(self) -> None:
         with pytest.raises(ModelError, match="not determined"):
-            Arrow(np.zeros((2, 5)), np.zeros((5, 1))).inner(np.ones((5, 1)))
+            Arrow(np.zeros((2, 5)), np.zeros((5, 1))).solve_band(np.ones((5, 1)))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from dynident.estimators.maximum_likelihood.arrow import Arrow
-from dynident.estimators.maximum_likelihood.elimination import Elimination
-from dynident.estimators.maximum_likelihood.equations import Equations
+from dynident.estimators.maximum_likelihood import Equations
+from dynident.estimators.maximum_likelihood.newton import Elimination
+from dynident.estimators.maximum_likelihood.trajectory import Arrow
 
 M, K, R, W = 12, 2, 3, 4  # unknowns of the trajectory, torques, parameters, width of the band
 
@@ -36,7 +36,7 @@ def test_it_is_the_schur_complement_and_leads_back(rng: np.random.Generator, mix
     rest = np.linalg.solve(inner, pull[: M + K])
     np.testing.assert_allclose(found.information, whole[M + K :, M + K :] - whole[M + K :, : M + K] @ away, rtol=1e-10)
     np.testing.assert_allclose(found.gradient, pull[M + K :] - whole[M + K :, : M + K] @ rest, rtol=1e-10)
-    assert found.fall == pytest.approx(pull[: M + K] @ rest)
+    assert found.decrement == pytest.approx(pull[: M + K] @ rest)
     change = rng.standard_normal(R)
     np.testing.assert_allclose(np.concatenate(found.step(change)), rest - away @ change, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(found.follow, away, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.sensitivity, away, rtol=1e-9, atol=1e-12)

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.bounds import cramer_rao_bound
-from dynident.errors import ConfigError
-from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
-from dynident.estimators.constraints import Barrier
-from dynident.estimators.maximum_likelihood import fit, measured, newton, psd_constraints
+from dynident.apps.article import SCENARIOS
+from dynident.estimators import Barrier, Estimate, LeastSquares, PhysicallyConsistent, Problem
+from dynident.estimators.maximum_likelihood import MaximumLikelihood, newton, psd_constraints
+from dynident.estimators.maximum_likelihood import estimator as fit
+from dynident.estimators.maximum_likelihood import estimator as measured
 from dynident.estimators.notes import (
     Averaged,
     Failed,
@@ -21,12 +21,14 @@ from dynident.estimators.notes import (
     ScatterLarger,
     SmoothSigns,
 )
-from dynident.log import Log
-from dynident.models import Coulomb, Joint, Model, Offset, RigidBodies, RotorInertia, Viscous
-from dynident.models.gallery import two_link_arm
+from dynident.identification import cramer_rao_bound
+from dynident.models import Joint, Model, RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.regression import Regression, informed_std, rank_of_information, structural_base_parameters
-from dynident.smoothers import Spline, TimeShifted
-from dynident.studies import SCENARIOS
+from dynident.runtime import ConfigError
 from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
@@ -207,13 +209,13 @@ class TestBodies:
         x, y, z, *rest = (given.model.names.index(name) for name in names)
         mass, mz = thin[rest]
         thin[x] = 2 * mz**2 / mass * (1 + 1e-4) + thin[z] - thin[y]  # all mass but at one height
-        assert Barrier(wanted).inside(thin)
+        assert Barrier(wanted).is_inside(thin)
         monkeypatch.setattr(measured, "nearest_feasible", lambda theta, *_: asked.append(theta) or -theta)
-        np.testing.assert_array_equal(measured.feasible(thin, given, wanted), thin)
+        np.testing.assert_array_equal(measured.move_into_constraints(thin, given, wanted), thin)
         assert asked
         monkeypatch.undo()
-        moved = measured.feasible(thin, given, wanted)
-        assert Barrier(wanted).inside(moved)
+        moved = measured.move_into_constraints(thin, given, wanted)
+        assert Barrier(wanted).is_inside(moved)
         assert not np.array_equal(moved, thin)
 
 
@@ -302,7 +304,7 @@ def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) 
     def fails(*_) -> None:
         raise np.linalg.LinAlgError("no luck")
 
-    monkeypatch.setattr(newton, "_step", fails)
+    monkeypatch.setattr(newton, "_newton_step", fails)
     found = estimate("stated", 1e-6, 0)
     assert found.notes == (Failed("no luck"),)
     assert not found.converged
@@ -328,9 +330,11 @@ def test_refuses_bad_settings(settings: dict, words: str) -> None:
 def test_a_fit_is_searched_once_more_unless_it_is_both(
     converged: bool, determined: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked, given, run = [], axes(0.3, 1.0), fit.Search.run
-    monkeypatch.setattr(fit.Search, "run", lambda self, **how: replace(run(self, **how), converged=converged))
-    monkeypatch.setattr(fit._Run, "directions", lambda *_: rank_of_information(np.diag([1.0, 1.0, float(determined)])))
-    monkeypatch.setattr(fit._Run, "restarted", lambda _, fitted: asked.append(fitted) or fitted)
-    fit._Run.begin(MaximumLikelihood(rounds=1), given, LeastSquares()(given)).fitted()
+    asked, given, run = [], axes(0.3, 1.0), fit.LikelihoodSearch.run
+    monkeypatch.setattr(fit.LikelihoodSearch, "run", lambda self, **how: replace(run(self, **how), converged=converged))
+    monkeypatch.setattr(
+        fit._LikelihoodRun, "directions", lambda *_: rank_of_information(np.diag([1.0, 1.0, float(determined)]))
+    )
+    monkeypatch.setattr(fit._LikelihoodRun, "restart", lambda _, fitted: asked.append(fitted) or fitted)
+    fit._LikelihoodRun.begin(MaximumLikelihood(rounds=1), given, LeastSquares()(given)).fit_rounds()
     assert len(asked) == (not (converged and determined))

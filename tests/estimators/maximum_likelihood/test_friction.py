@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from dynident.estimators.maximum_likelihood import (
-    has_sign,
-    with_smooth_signs,
-)
-from dynident.models import Coulomb, CoupledMotor, Joint, Model, Power, Stribeck, Viscous
+from dynident.estimators.maximum_likelihood import has_sign, with_smooth_signs
+from dynident.models import CoupledMotor, Joint, Model
+from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
 
 
 class TestFriction:

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
 from dynident.estimators import Problem
-from dynident.estimators.maximum_likelihood.measured import misfit, recordings, usual_noise
+from dynident.estimators.maximum_likelihood.plan import estimate_noise, misfit, recordings
 from dynident.estimators.notes import Averaged
-from dynident.log import Log, Motion
-from dynident.models import Joint, Model, Viscous
-from dynident.regression import Regression
+from dynident.models import Joint, Model
+from dynident.models.friction import Viscous
+from dynident.motion.log import Log, Motion
+from dynident.regression import Regression, Selection
+from dynident.runtime import InputError
 
 MODEL = Model((Viscous((Joint("a"), Joint("b"))),))
 
@@ -25,7 +26,9 @@ def posed(*sizes: int, min_speed: tuple[float, float] | None = None) -> Problem:
         q, dq, ddq, tau = np.random.default_rng(seed).normal(size=(4, n, 2)) * np.array([1.0, 30.0])
         motions.append(Motion(np.arange(n) * 0.01, q, dq, ddq, tau, ("a", "b"), np.ones(n, dtype=bool)))
     logs = tuple(Log(one.t, one.q, one.tau, one.joints) for one in motions)
-    return Problem(MODEL, tuple(motions), Regression(MODEL, tuple(motions), min_speed=min_speed), logs)
+    return Problem(
+        MODEL, tuple(motions), Regression(MODEL, tuple(motions), selection=Selection(min_speed=min_speed)), logs
+    )
 
 
 def test_the_usual_acceleration_is_ten_deviations_of_the_motion_where_it_is_largest() -> None:
@@ -42,7 +45,7 @@ def test_neighbours_are_averaged_down_to_the_rate_where_twenty_samples_are_left(
     given = posed(62, 80, min_speed=(0.5, 0.0))
     found, notes = recordings(given, rate, steps=False)
     assert notes == ([] if group == 1 else [Averaged(group)])
-    for log, was, motion, used in zip(found.logs, given.logs, given.motions, found.used, strict=True):
+    for log, was, motion, used in zip(found.logs, given.logs, given.motions, found.used_torques, strict=True):
         count = len(was) // group
         for name in ("t", "q", "tau"):
             whole = getattr(was, name)[: count * group]
@@ -73,7 +76,7 @@ def test_noise_is_the_mean_square_of_the_logs_and_misfit_the_residual_without_tr
         for n, size in zip(sizes, (1.0, 3.0), strict=True)
     ]
     expected = np.sqrt((3000 * 1.0 + 9000 * 9.0) / 12_000)
-    q, tau = usual_noise(logs)
+    q, tau = estimate_noise(logs)
     np.testing.assert_allclose(q, 0.1 * expected, rtol=0.05)  # 4 standard deviations of a median of 9000
     np.testing.assert_allclose(tau, expected, rtol=0.05)
     (motion,) = posed(4000).motions

@@ -8,13 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynident.estimators.constraints import Barrier
-from dynident.estimators.maximum_likelihood import Likelihood, Sigma, newton, plan
-from dynident.estimators.maximum_likelihood.columns import Columns
-from dynident.estimators.maximum_likelihood.likelihood import Point
+from dynident.apps.article import SCENARIOS
+from dynident.estimators import Barrier
+from dynident.estimators.maximum_likelihood import Likelihood, Sigma, newton, plan_segment
+from dynident.estimators.maximum_likelihood.equations import RegressorColumns, SearchPoint
 from dynident.models import Model
-from dynident.models.gallery import two_link_arm
-from dynident.studies import SCENARIOS
+from dynident.models.lagrangian import two_link_arm
 
 
 class Along:
@@ -25,24 +24,24 @@ class Along:
     def __init__(self, cost: Callable[[float], float], edge: float = np.inf) -> None:
         self.cost, self.edge, self.trials = cost, edge, list[float]()
 
-    def point(self, states: tuple[()], theta: np.ndarray) -> Point | None:
+    def point(self, states: tuple[()], theta: np.ndarray) -> SearchPoint | None:
         self.trials.append(float(theta[0]))
-        return None if theta[0] >= self.edge else Point(states, theta, self.cost(float(theta[0])))
+        return None if theta[0] >= self.edge else SearchPoint(states, theta, self.cost(float(theta[0])))
 
-    def trajectory_step(self, *_: object) -> tuple[()]:
+    def trajectory_equations(self, *_: object) -> tuple[()]:
         return ()
 
 
-def step_of(theta: list[float], pull: list[float], decrement: float) -> newton._Step:
+def step_of(theta: list[float], pull: list[float], decrement: float) -> newton._NewtonStep:
     """Return a step of theta alone, whose gradient is minus ``pull``."""
     none = np.zeros((0, 0))
-    return newton._Step(np.array(theta), (), (), decrement, none, none, np.array(pull))
+    return newton._NewtonStep(np.array(theta), (), (), decrement, none, none, np.array(pull))
 
 
 def improved(along: Along, slope: float, decrement: float) -> float | None:
     """Return where a step of one from zero leads, at which the cost falls by ``slope``."""
-    start, step = Point((), np.zeros(1), along.cost(0.0)), step_of([1.0], [slope], decrement)
-    found = newton._improved(along, start, step, None, [], newton.NewtonSettings(newton=False))[1]
+    start, step = SearchPoint((), np.zeros(1), along.cost(0.0)), step_of([1.0], [slope], decrement)
+    found = newton._improve(along, start, step, None)[1]
     return None if found is None else float(found.theta[0])
 
 
@@ -61,7 +60,7 @@ def test_a_step_that_gains_what_is_expected_is_not_adjusted() -> None:
 def test_a_step_is_not_adjusted_to_beyond_the_edge_of_what_is_feasible() -> None:
     along = Along(lambda x: -x, edge=3.0)
     assert improved(along, 1.0, 1.0) == 1.0
-    assert along.trials == [1.0, newton.LONGEST]
+    assert along.trials == [1.0, newton.MAX_STEP_LENGTH]
 
 
 def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_unknowns() -> None:
@@ -69,16 +68,16 @@ def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_un
     for _ in range(3):
         pull = (-H @ x).tolist()
         before = step_of(pull, pull, float(x @ H @ H @ x)).conjugate(before)
-        x = x + before.theta * (before.pull @ before.theta) / (before.theta @ H @ before.theta)
+        x = x + before.theta * (before.descent @ before.theta) / (before.theta @ H @ before.theta)
     np.testing.assert_allclose(x, 0.0, atol=1e-12)
 
 
 def test_a_conjugate_step_that_fails_gives_way_to_the_step_itself() -> None:
     along = Along(lambda x: (x - 1) ** 2)
-    start, step = Point((), np.zeros(1), 1.0), step_of([1.0], [2.0], 2.0)
+    start, step = SearchPoint((), np.zeros(1), 1.0), step_of([1.0], [2.0], 2.0)
     before = step_of([4.0], [-0.5], 2.0)  # whose share leads too far
     assert step.conjugate(before).theta[0] != 1.0 or step.conjugate(before) is step
-    taken, found = newton._improved(along, start, step, before, [], newton.NewtonSettings(newton=False))
+    taken, found = newton._improve(along, start, step, before)
     assert taken is step
     assert found is not None
     assert found.theta[0] == 1.0
@@ -87,9 +86,9 @@ def test_a_conjugate_step_that_fails_gives_way_to_the_step_itself() -> None:
 def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> None:
     arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
     log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=2.0)
-    one, sigma = plan(log, (), 40.0, np.full(2, 0.1), rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), Columns.all(7))
-    states = (one.start(sigma.q, np.full(2, 30.0)),)
+    one, sigma = plan_segment(log, (), 40.0, np.full(2, 0.1), from_rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), RegressorColumns.all(7))
+    states = (one.initial_state(sigma.q, np.full(2, 30.0)),)
     limit, rough = (
         newton.maximise(likelihood, states, 1.05 * theta, newton.NewtonSettings(tolerance, newton=False))
         for tolerance in (1e-9, 1e-4)
@@ -98,13 +97,13 @@ def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> Non
     assert rough.iterations < limit.iterations
     std = np.sqrt(np.diag(np.linalg.inv(limit.information)))
     np.testing.assert_allclose((rough.theta - limit.theta) / std, 0.0, atol=1e-3)
-    for a, b in zip(rough.extrapolated((one,), rough.theta), rough.states, strict=True):
+    for a, b in zip(rough.extrapolate((one,), rough.theta), rough.states, strict=True):
         np.testing.assert_allclose(a.C, b.C, rtol=0, atol=1e-9)
 
 
 def descended(along: Along, decrement: float) -> float | None:
     """Return where a step of one from zero leads, if it may be shortened."""
-    start = Point((), np.zeros(1), along.cost(0.0))
+    start = SearchPoint((), np.zeros(1), along.cost(0.0))
     found = newton._descend(along, start, SimpleNamespace(theta=np.ones(1), moves=(), decrement=decrement))
     return None if found is None else float(found.theta[0])
 
@@ -119,10 +118,10 @@ def test_a_step_of_the_trajectory_needs_no_regressor(monkeypatch: pytest.MonkeyP
     """It lowers the cost, and goes where the step of all unknowns goes with theta held."""
     arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
     log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=0.5)
-    one, sigma = plan(log, (), 20.0, np.full(2, 0.1), rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), Columns.all(7))
-    states = (one.start(sigma.q, np.full(2, 30.0)),)
-    whole = newton._step(
+    one, sigma = plan_segment(log, (), 20.0, np.full(2, 0.1), from_rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), RegressorColumns.all(7))
+    states = (one.initial_state(sigma.q, np.full(2, 30.0)),)
+    whole = newton._newton_step(
         likelihood.equations(states, theta, mixed_hessian=False), theta, likelihood, newton.NewtonSettings(newton=False)
     )
     expected = whole.segments[0].step(np.zeros(7))
@@ -131,7 +130,7 @@ def test_a_step_of_the_trajectory_needs_no_regressor(monkeypatch: pytest.MonkeyP
         pytest.fail("the regressor was asked for")
 
     monkeypatch.setattr(Model, "regressor", refused)
-    moves = likelihood.trajectory_step(states, theta)
+    moves = newton._trajectory_step(likelihood, states, theta)
     for a, b in zip(moves[0], expected, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-9 * np.abs(b).max())
-    assert likelihood.cost((one.moved(states[0], *moves[0]),), theta) < likelihood.cost(states, theta)
+    assert likelihood.cost((one.move(states[0], *moves[0]),), theta) < likelihood.cost(states, theta)

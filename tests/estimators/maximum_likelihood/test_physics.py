@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from dynident.estimators import LeastSquares, MaximumLikelihood, Problem
-from dynident.estimators.constraints import Barrier
-from dynident.estimators.maximum_likelihood import psd_constraints
+from dynident.apps.article import SCENARIOS
+from dynident.estimators import Barrier, LeastSquares, Problem
+from dynident.estimators.maximum_likelihood import MaximumLikelihood, psd_constraints
 from dynident.estimators.notes import NotAlone, RankDeficient
-from dynident.log import Log
-from dynident.models import Coulomb, Joint, Model, Offset, RotorInertia, Viscous
-from dynident.models.gallery import two_link_arm
+from dynident.models import Joint, Model, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
 from dynident.regression import Regression
-from dynident.smoothers import Spline
-from dynident.studies import SCENARIOS
 
 
 class TestPhysics:
@@ -20,11 +20,11 @@ class TestPhysics:
         arm = two_link_arm()
         log = SCENARIOS["stated"].record(1e-8, np.random.default_rng(0)).log
         barrier = Barrier(psd_constraints(arm, [log], np.asarray(arm.values)))
-        assert barrier.inside(np.asarray(arm.values))
+        assert barrier.is_inside(np.asarray(arm.values))
         for k, value in ((0, -1e-2), (1, -1e-3), (5, -0.1), (6, -0.1)):
             theta = np.array(arm.values)
             theta[k] = value
-            assert not barrier.inside(theta), arm.names[k]
+            assert not barrier.is_inside(theta), arm.names[k]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-4])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynident.estimators.maximum_likelihood.profile import crossing, swept
-from dynident.splines import NORMAL_95
+from dynident.estimators.maximum_likelihood.plan import crossing, sweep_intervals
+from dynident.motion.splines import NORMAL_95
 
 
 class TestProfile:
@@ -53,18 +53,20 @@ class TestProfile:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
         theta = np.array([3.0, 7.0])
         path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
-        found = swept(theta, path, covariance, 0)
+        found = sweep_intervals(theta, path, covariance, 0)
         expected = theta[:, None] + NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]])
         np.testing.assert_allclose(found, expected, rtol=1e-3)
 
     def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
-        found = swept(np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0)
+        found = sweep_intervals(
+            np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0
+        )
         np.testing.assert_allclose(found, NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
 
     def test_swept_intervals_bend_with_the_valley(self) -> None:
         covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
         path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
-        found = swept(np.zeros(2), path, covariance, 0)
+        found = sweep_intervals(np.zeros(2), path, covariance, 0)
         expected = [[-NORMAL_95, NORMAL_95], [-NORMAL_95 + 0.1 * NORMAL_95**2, NORMAL_95 + 0.1 * NORMAL_95**2]]
         np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from dynident.estimators.constraints import Barrier
-from dynident.estimators.maximum_likelihood import NewtonSettings, Recordings, Search, Sigma
-from dynident.log import Log
-from dynident.models.gallery import slider
+from dynident.estimators import Barrier
+from dynident.estimators.maximum_likelihood import LikelihoodSearch, NewtonSettings, Recordings, Sigma
+from dynident.models.lagrangian import slider
+from dynident.motion.log import Log
 
 THETA = np.array([2.0, 1.0, 0.5, 0.1])
 
 
-def search(*, coloured: bool, used: bool = True) -> Search:
+def search(*, coloured: bool, used: bool = True) -> LikelihoodSearch:
     """A slider at 200 Hz; its position noise is white, or nearly the same from sample to sample."""
     rng, t, model = np.random.default_rng(0), np.arange(2000) / 200, slider()
     q, dq, ddq = (a * np.sin(2 * t + phase)[:, None] for a, phase in ((1, 0), (2, np.pi / 2), (-4, 0)))
@@ -23,13 +23,13 @@ def search(*, coloured: bool, used: bool = True) -> Search:
     log = Log(t, q + 1e-4 * noise, tau, ("slider",))
     given = Recordings((log,), ((),), (np.full(q.shape, used),), 0.0, np.array([28.0]))
     sigma = Sigma(np.array([1e-4]), np.array([0.05]))
-    return Search(model, given, Barrier(), NewtonSettings(), np.eye(4), THETA, sigma)
+    return LikelihoodSearch(model, given, Barrier(), NewtonSettings(), np.eye(4), THETA, sigma)
 
 
-def intervals(found: Search) -> int:
-    found.choose_knots(None, rest=False, condense=False)
+def intervals(found: LikelihoodSearch) -> int:
+    found.choose_knots(None, from_rest=False, condense=False)
     (segment,) = found.segments
-    return len(segment.trajectory.first)
+    return len(segment.trajectory.first_coefficient)
 
 
 def test_white_positions_decide() -> None:

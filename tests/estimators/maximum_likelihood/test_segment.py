@@ -5,24 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators.maximum_likelihood import (
-    Sigma,
-    State,
-    equations,
-    leverage,
-    plan,
-    scores,
-)
-from dynident.estimators.maximum_likelihood.basis import basis
-from dynident.log import Log
-from dynident.models.gallery import two_link_arm
-from dynident.studies import SCENARIOS
+from dynident.apps.article import SCENARIOS
+from dynident.estimators.maximum_likelihood import Hypothesis, Sigma, State, equations, leverage, plan_segment, scores
+from dynident.estimators.maximum_likelihood.trajectory import basis
+from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Log
 
 
 def article_segment(*, rest: bool = True, stop: float = 0.5):
     scenario = SCENARIOS["stated"]
     log = scenario.record(1e-6, np.random.default_rng(0)).log.window(stop=stop)
-    return plan(log, (), 20.0, np.full(2, 0.1), rest=rest)
+    return plan_segment(log, (), 20.0, np.full(2, 0.1), from_rest=rest)
 
 
 class TestSegment:
@@ -30,8 +23,8 @@ class TestSegment:
     def test_gradient_is_that_of_the_cost(self, rng: np.random.Generator, rest: bool) -> None:
         arm, one = two_link_arm(), article_segment(rest=rest)
         theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-        state = one.start(sigma.q, np.full(2, 30.0))
-        found = equations(one, arm, state, theta, sigma)
+        state = one.initial_state(sigma.q, np.full(2, 30.0))
+        found = equations(one, Hypothesis(arm, theta, sigma), state)
         assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma))
         k = found.border.shape[1] - 7
         dC, dW = 1e-7 * rng.standard_normal(state.C.size), 1e-5 * rng.standard_normal(k)
@@ -40,7 +33,7 @@ class TestSegment:
             dC[:2] = 0.0  # they follow the next two
         ends = []
         for sign in (1, -1):
-            moved = one.moved(state, sign * dC, sign * dW)
+            moved = one.move(state, sign * dC, sign * dW)
             ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma))
         along = found.by_coefficients @ dC + found.by_border @ np.concatenate([dW, dtheta])
         assert (ends[1] - ends[0]) / 2 == pytest.approx(along, rel=1e-3)
@@ -49,20 +42,20 @@ class TestSegment:
     def test_positions_summed_up_lose_nothing_where_a_joint_has_turned_far(self, rest: bool) -> None:
         one = article_segment(rest=rest)
         one = replace(one, log=replace(one.log, q=one.log.q + np.array([0.0, 1e5])))
-        state = one.start(np.full(2, 1e-4), np.full(2, 1e3))
+        state = one.initial_state(np.full(2, 1e-4), np.full(2, 1e3))
         left = one.offset(state)
         share, squares = one.shares(state)
         np.testing.assert_allclose(squares, (left**2).sum(axis=0), rtol=1e-6)
-        np.testing.assert_allclose(share, one.shown.values.T @ left, atol=1e-4 * np.abs(left).max())
+        np.testing.assert_allclose(share, one.position_basis.values.T @ left, atol=1e-4 * np.abs(left).max())
 
     def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
         """The gradient by C changes with theta by the border and the bend."""
         arm, one = two_link_arm(), article_segment()
         theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-        state = one.start(sigma.q, np.full(2, 30.0))
-        here = equations(one, arm, state, theta, sigma)
+        state = one.initial_state(sigma.q, np.full(2, 30.0))
+        here = equations(one, Hypothesis(arm, theta, sigma), state)
         dtheta = 1e-6 * theta * rng.standard_normal(7)
-        there, back = (equations(one, arm, state, theta + s * dtheta, sigma) for s in (1, -1))
+        there, back = (equations(one, Hypothesis(arm, theta + s * dtheta, sigma), state) for s in (1, -1))
         change = (there.by_coefficients - back.by_coefficients) / 2
         expected = -(here.border[:, -7:] + here.mixed_hessian) @ dtheta
         np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
@@ -71,8 +64,8 @@ class TestSegment:
         """Positions, torques and the equations between samples share the coefficients; none takes a negative part."""
         arm, one = two_link_arm(), article_segment(rest=False)
         sigma = Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-        state = one.start(sigma.q, np.full(2, 30.0))
-        taken = leverage(one, arm, state, np.asarray(arm.values), sigma)
+        state = one.initial_state(sigma.q, np.full(2, 30.0))
+        taken = leverage(one, Hypothesis(arm, np.asarray(arm.values), sigma), state)
         assert (taken > 0).all()
         # without a step there are no equations between samples
         assert taken.sum() == pytest.approx(2 * one.trajectory.size, rel=1e-6)
@@ -81,11 +74,11 @@ class TestSegment:
         """Cost, gradient and information are those of all samples."""
         arm, one = two_link_arm(), article_segment(stop=2.0)
         theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-        state = one.start(sigma.q, np.full(2, 30.0))
-        few = one.condensed(arm, state, theta, sigma.tau)
+        state = one.initial_state(sigma.q, np.full(2, 30.0))
+        few = one.condense(arm, state, theta, sigma.tau)
         assert len(few.points) < 0.7 * len(one.points)
         assert few.torques.weight[:, 0].sum() == pytest.approx(len(one.log))
-        a, b = (equations(segment, arm, state, theta, sigma) for segment in (one, few))
+        a, b = (equations(segment, Hypothesis(arm, theta, sigma), state) for segment in (one, few))
         assert a.cost == pytest.approx(b.cost, rel=1e-7)
         for name in ("band", "corner", "by_coefficients", "by_border"):
             wanted = getattr(a, name)
@@ -94,10 +87,10 @@ class TestSegment:
     def test_scores_add_up_to_the_gradient(self) -> None:
         arm, one = two_link_arm(), article_segment(rest=False)
         theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-        state = one.start(sigma.q, np.full(2, 30.0))
-        found = equations(one, arm, state, theta, sigma)
+        state = one.initial_state(sigma.q, np.full(2, 30.0))
+        found = equations(one, Hypothesis(arm, theta, sigma), state)
         follow = np.ones((len(found.band[0]), 7))
-        pulls = scores(one, arm, state, theta, sigma, follow)
+        pulls = scores(one, Hypothesis(arm, theta, sigma), state, follow)
         np.testing.assert_allclose(pulls.sum(axis=0), found.by_border - found.by_coefficients.sum(), rtol=1e-9)
 
     def test_late_positions(self) -> None:
@@ -107,18 +100,18 @@ class TestSegment:
         time_offset, noise = 2 * (log.t[1] - log.t[0]), (np.full(2, 1e-3), np.full(2, 30.0))
         states = []
         for one in (
-            plan(log, (), 20.0, np.full(2, 0.1), rest=False),
-            plan(late, (), 20.0, np.full(2, 0.1), rest=False, time_offset=time_offset),
+            plan_segment(log, (), 20.0, np.full(2, 0.1), from_rest=False),
+            plan_segment(late, (), 20.0, np.full(2, 0.1), from_rest=False, time_offset=time_offset),
         ):
-            local = basis(one.trajectory, np.array([1.5]), rest=False).local[0, 0]
-            at = one.trajectory.first[one.trajectory.interval(np.array([1.5]))[0]]
-            states.append(local @ one.start(*noise).C[at : at + 5])
+            local = basis(one.trajectory, np.array([1.5]), from_rest=False).local[0, 0]
+            at = one.trajectory.first_coefficient[one.trajectory.interval(np.array([1.5]))[0]]
+            states.append(local @ one.initial_state(*noise).C[at : at + 5])
             assert one.raw.t[-1] <= one.trajectory.breaks[-1] + 1e-12
         np.testing.assert_allclose(states[1], states[0], atol=5e-3)
 
     def test_starts_from_rest(self) -> None:
         one = article_segment()
-        _, dq, _ = one.motion(one.start(np.full(2, 1e-3), np.full(2, 30.0)))
+        _, dq, _ = one.motion(one.initial_state(np.full(2, 1e-3), np.full(2, 30.0)))
         assert one.points[0] == 0.0
         np.testing.assert_allclose(dq[0], 0.0, atol=1e-12)
 
@@ -131,7 +124,7 @@ def test_state_is_immutable() -> None:
 def test_torque_between_the_samples_after_a_step_is_linear_up_to_the_last_knot() -> None:
     t = np.arange(200) * 0.01
     log = Log(t, np.sin(t)[:, None], np.cos(t)[:, None], ("a",))
-    one = plan(log, (), 20.0, np.full(1, 0.1), rest=True)
-    (knots,), between = one.torque_knots, ~one.measured
+    one = plan_segment(log, (), 20.0, np.full(1, 0.1), from_rest=True)
+    (knots,), between = one.torque_knots, ~one.is_measured
     assert (one.points[between].min(), one.points[between].max()) == (knots[0], knots[-1])
     np.testing.assert_allclose(one.hats @ (2 + 3 * knots), np.where(between, 2 + 3 * one.points, 0.0), rtol=1e-12)

@@ -8,9 +8,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.filters import butterworth, zero_phase
-from dynident.log import Motion
-from dynident.models import Dahl, Model, Past, RigidBodies
+from dynident.models import Model, Past, RigidBodies
+from dynident.models.friction import Dahl
+from dynident.motion.filters import butterworth, zero_phase
+from dynident.motion.log import Motion
 from tests.robots import joint, link, urdf
 
 Array = NDArray[np.float64]

@@ -8,10 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.errors import InputError, Step
-from dynident.identification.terms import KINDS, Outcome, TermChoice, Trial, choose_terms, kind_of_class
-from dynident.models import Coulomb, Joint, Model, Offset, Viscous
-from dynident.regression import Regression
+from dynident.identification.terms import KINDS, TermChoice, TermTrial, TrialOutcome, choose_terms, kind_of_class
+from dynident.models import Joint, Model
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.regression import Regression, Selection
+from dynident.runtime import InputError, Step, progress_to
 from tests.identification.terms import simulated
 from tests.identification.terms.simulated import bodies, recorded
 
@@ -64,7 +65,7 @@ def held_out(law: str, seed: int, speed: float, *, plain: bool) -> float:
     model = Model((bodies(), *terms))
     model = replace(model, load=choice.load) if model.needs_load else model
     train, other = (model.remembering(recorded(getattr(simulated, law), k, v)) for k, v in ((seed, 1.0), (99, speed)))
-    factor = Regression(model, (train,)).triangular_factors.stacked()
+    factor = Regression(model, (train,)).triangular_factors.stack()
     theta = np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-9)[0]
     left = other.tau - model.torque(**other.states(), theta=theta)
     return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(other.tau))
@@ -89,27 +90,32 @@ def test_the_rate_of_a_ripple_is_right_also_where_the_motion_did_not_go() -> Non
 
 def test_the_choice_is_the_same_again_and_progress_counts_up() -> None:
     steps: list[str] = []
-    again = choose_terms(Model((bodies(),)), [recorded(simulated.dahl, 1)], progress=steps.append)
+    with progress_to(steps.append):
+        again = choose_terms(Model((bodies(),)), [recorded(simulated.dahl, 1)])
     assert again == chosen("dahl", 1)
-    done = [one.done for one in steps if isinstance(one, Step)]
+    done = [one.completed for one in steps if isinstance(one, Step)]
     assert done == sorted(done)
     assert len(done) > 3
 
 
 def test_what_was_tried_is_told_with_gain_and_error() -> None:
     choice = chosen("dahl", 1)
-    trials = {one.kind: one for one in choice.of("j2")}
-    assert trials["dahl"].outcome is Outcome.ENTERED
+    trials = {one.kind: one for one in choice.trials_of("j2")}
+    assert trials["dahl"].outcome is TrialOutcome.ENTERED
     assert trials["dahl"].gain > 2.0 * trials["dahl"].std > 0
     assert dict(trials["dahl"].settings)["length"] == pytest.approx(0.02, rel=0.5)
-    assert trials["stribeck"].outcome in (Outcome.TOO_SMALL, Outcome.NEGATIVE, Outcome.WITHIN_ERROR)
-    assert {one.kind for one in choice.of("j2")} >= {kind.name for kind in KINDS} - {"offset", "viscous", "rotor"}
+    assert trials["stribeck"].outcome in (TrialOutcome.TOO_SMALL, TrialOutcome.NEGATIVE, TrialOutcome.WITHIN_ERROR)
+    assert {one.kind for one in choice.trials_of("j2")} >= {kind.name for kind in KINDS} - {
+        "offset",
+        "viscous",
+        "rotor",
+    }
     assert all(after < before for before, after in zip(choice.before, choice.after, strict=True))
 
 
 def test_the_minimum_speed_is_left_to_terms_that_describe_reversals() -> None:
     assert chosen("dahl", 1).min_speed == (0.0, 0.0, 0.0)
-    given = choose_terms(Model((bodies(),)), [recorded(simulated.coulomb, 1)], (0.1, 0.1, 0.1))
+    given = choose_terms(Model((bodies(),)), [recorded(simulated.coulomb, 1)], Selection(min_speed=(0.1, 0.1, 0.1)))
     assert given.min_speed == (0.0, 0.0, 0.0)
 
 
@@ -136,7 +142,7 @@ def test_a_joint_at_rest_keeps_the_plain_set(resting: tuple[int, ...]) -> None:
     choice = choose_terms(Model((bodies(),)), [still])
     for j in resting:
         assert classes(choice, f"j{j + 1}") == {"Offset", "RotorInertia", "Viscous", "Coulomb"}
-        assert choice.of(f"j{j + 1}") == ()
+        assert choice.trials_of(f"j{j + 1}") == ()
 
 
 def test_a_joint_that_is_held_shows_no_friction() -> None:
@@ -144,7 +150,7 @@ def test_a_joint_that_is_held_shows_no_friction() -> None:
     moves = np.array([1.0, 1e-3, 1.0])
     held = replace(motion, q=moves * motion.q, dq=moves * motion.dq, ddq=moves * motion.ddq)
     choice = choose_terms(Model((bodies(),)), [held])
-    assert (choice.of("j2"), classes(choice, "j2")) == ((), {"Offset"})
+    assert (choice.trials_of("j2"), classes(choice, "j2")) == ((), {"Offset"})
     assert classes(choice, "j1") >= {"Offset", "RotorInertia", "Viscous", "Coulomb"}
 
 
@@ -174,6 +180,6 @@ def test_a_class_that_proposes_itself_takes_part() -> None:
     choice = choose_terms(Model((bodies(),)), [recorded(law, 1)], kinds=kinds)
     found = [one for one in choice.trials if one.kind == "cubic"]
     assert len(found) == 3
-    assert isinstance(found[0], Trial)
-    assert any(one.outcome is Outcome.ENTERED for one in found)
+    assert isinstance(found[0], TermTrial)
+    assert any(one.outcome is TrialOutcome.ENTERED for one in found)
     assert any(isinstance(one, Cubic) for one in choice.terms)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.identification.terms.combined import combined
-from dynident.models import Coulomb, Joint, Model, Ripple, Viscous
+from dynident.identification.terms.candidates import combine_terms
+from dynident.models import Joint, Model
+from dynident.models.friction import Coulomb, Ripple, Viscous
 
 JOINTS = tuple(map(Joint, ("a", "b", "c")))
 
@@ -20,7 +21,7 @@ def test_the_regressor_of_the_whole_is_that_of_the_parts() -> None:
             Ripple(JOINTS, on=("c",), cycles=(7.0,)),
         ],
     ]
-    whole = Model(combined(JOINTS, parts))
+    whole = Model(combine_terms(JOINTS, parts))
     single = {one.parameters[k].name: one.regressor for some in parts for one in some for k in [0]}
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 3))
     Y = whole.regressor(q, dq, ddq)
@@ -33,7 +34,7 @@ def test_the_regressor_of_the_whole_is_that_of_the_parts() -> None:
 def test_ripples_of_one_joint_keep_their_delays() -> None:
     early, late = (Ripple(JOINTS, on=("c",), cycles=(k,), delay=d) for k, d in ((10.0, -0.002), (7.0, 0.004)))
     elsewhere = Ripple(JOINTS, on=("a",), cycles=(5.0,), delay=0.001)
-    found = combined(JOINTS, [[elsewhere], [], [early, late]])
+    found = combine_terms(JOINTS, [[elsewhere], [], [early, late]])
     assert [one.acts_on for one in found] == [("a", "c"), ("c",)]  # type: ignore[attr-defined]
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 3))
     whole = Model(found).regressor(q, dq, ddq)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.grams import Folds, JointGrams, eliminated, tried
+from dynident.identification.terms.samples import Folds, JointGrams, eliminate_columns, try_groups
 
 Array = NDArray[np.float64]
 F, N = 4, 400
@@ -37,21 +37,21 @@ NONE = (np.zeros((F, 2, 2)), np.zeros((F, 2)))
 
 def test_errors_are_those_of_least_squares_on_the_rows() -> None:
     X, y, grams = problem()
-    found = tried(grams, folds(), NONE, [0], [[[1]], [[2]], [[1, 2]], [[1], [2]]], weight=3.0)
+    found = try_groups(grams, folds(), NONE, [0], [[[1]], [[2]], [[1, 2]], [[1], [2]]], weight=3.0)
     for fold in range(F):
         assert found.before[fold] == pytest.approx(error(X[:, [0, 1, 2]], y, fold), rel=1e-5)
         expected = [error(X[:, [0, 1, 2, *more]], y, fold) for more in ([3], [4], [3, 4], [4])]
         assert found.after[fold] == pytest.approx(expected, rel=1e-5)
     assert (found.best[:, 3] == 1).all()
     assert found.values[1] == pytest.approx(np.full((F, 1), 0.8), abs=0.05)
-    assert found.seen.all()
+    assert found.independent.all()
 
 
 def test_others_count_as_rows() -> None:
     X, y, grams = problem()
     more = np.random.default_rng(0).normal(size=(50, 3)) @ np.diag([10.0, 10.0, 1.0])
     rest = np.tile(more[:, :2].T @ more[:, :2], (F, 1, 1)), np.tile(more[:, :2].T @ more[:, 2], (F, 1))
-    found = tried(grams, folds(), rest, [0, 1, 2], [[[3]]], weight=1.0)
+    found = try_groups(grams, folds(), rest, [0, 1, 2], [[[3]]], weight=1.0)
     block, wide = np.arange(N) * F // N, np.zeros((50, 6))
     wide[:, :2] = more[:, :2]
     for fold in range(F):
@@ -64,12 +64,12 @@ def test_a_dependent_column_is_not_seen() -> None:
     X, y, _ = problem()
     rows = np.column_stack([X[:, :3], X[:, 1] - X[:, 2], y]).reshape(F, 1, N // F, 5)
     grams = JointGrams(np.swapaxes(rows, 2, 3) @ rows, np.eye(2))
-    found = tried(grams, folds(), NONE, [0], [[[1]]], weight=1.0)
-    assert not found.seen.any()
+    found = try_groups(grams, folds(), NONE, [0], [[[1]]], weight=1.0)
+    assert not found.independent.any()
 
 
 def test_elimination_leaves_the_normal_matrix_of_the_rest() -> None:
     X, y, _ = problem()
     rows = np.column_stack([X, y])
-    M, right = eliminated(rows.T @ rows, 4, [4, 5])
+    M, right = eliminate_columns(rows.T @ rows, 4, [4, 5])
     assert np.linalg.solve(M, right) == pytest.approx(np.linalg.lstsq(X, y, rcond=None)[0][:4], rel=1e-6)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.identification.terms import Outcome, choose_terms
-from dynident.identification.terms.motors import motors_of
+from dynident.identification.terms import TrialOutcome, choose_terms
+from dynident.identification.terms.motors import coupled_motors
 from dynident.models import CoupledFriction, CoupledMotor, Model
 from tests.identification.terms import simulated
 from tests.identification.terms.simulated import bodies, recorded
@@ -21,8 +21,8 @@ def model() -> Model:
 
 def test_motors_of_one_joint_are_none() -> None:
     alone = Model((bodies(), CoupledMotor(bodies().joints, {"j2": 6.0}, "m")))
-    assert motors_of(alone) == ()
-    assert [one.name for one in motors_of(model())] == ["m"]
+    assert coupled_motors(alone) == ()
+    assert [one.name for one in coupled_motors(model())] == ["m"]
 
 
 def test_its_friction_is_found() -> None:
@@ -34,7 +34,7 @@ def test_its_friction_is_found() -> None:
     found = [one for one in choice.terms if isinstance(one, CoupledFriction)]
     assert [(one.name, one.acts_on) for one in found] == [("m", ("j2", "j3"))]
     tried = [one for one in choice.trials if one.kind == f"coupled {found[0].law}"]
-    assert any(one.outcome is Outcome.ENTERED for one in tried)
+    assert any(one.outcome is TrialOutcome.ENTERED for one in tried)
 
 
 def test_none_enters_without_it() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.ripple import Residual, peaks
+from dynident.identification.terms.candidates import PositionResidual, largest_lines
 
 Array = NDArray[np.float64]
 T = np.linspace(0.0, 20.0, 8000)
@@ -14,8 +14,8 @@ Q, DQ = 1.5 * np.sin(T) + 0.4 * np.sin(2.3 * T), 1.5 * np.cos(T) + 0.92 * np.cos
 BLOCK = np.arange(len(T)) * 8 // len(T)
 
 
-def left(r: Array, *, q: Array = Q, turns: bool = True) -> Residual:
-    return Residual(q, DQ, r, BLOCK, 8, turns)
+def left(r: Array, *, q: Array = Q, turns: bool = True) -> PositionResidual:
+    return PositionResidual(q, DQ, r, BLOCK, 8, turns)
 
 
 def noisy(r: Array, size: float = 1.0) -> Array:
@@ -23,12 +23,12 @@ def noisy(r: Array, size: float = 1.0) -> Array:
 
 
 def test_the_rate_of_a_ripple_is_found() -> None:
-    for k, _ in peaks(left(noisy(np.sin(45.4 * Q + 0.3), 0.3)), 200.0):
+    for k, _ in largest_lines(left(noisy(np.sin(45.4 * Q + 0.3), 0.3)), 200.0):
         assert k == pytest.approx(45.4, abs=0.15)
 
 
 def test_so_is_its_delay() -> None:
-    found = peaks(left(noisy(np.sin(120.3 * (Q - 0.007 * DQ)))), 200.0)
+    found = largest_lines(left(noisy(np.sin(120.3 * (Q - 0.007 * DQ)))), 200.0)
     assert found
     for k, d in found:
         assert k == pytest.approx(120.3, abs=0.2)
@@ -37,20 +37,20 @@ def test_so_is_its_delay() -> None:
 
 def test_whole_rates_are_preferred_where_the_joint_turns() -> None:
     r = noisy(np.sin(45.0 * Q + 0.3), 2.0)
-    assert {k for k, _ in peaks(left(r), 200.0)} == {45.0}
-    assert 45.0 not in {k for k, _ in peaks(left(r, turns=False), 200.0)}
+    assert {k for k, _ in largest_lines(left(r), 200.0)} == {45.0}
+    assert 45.0 not in {k for k, _ in largest_lines(left(r, turns=False), 200.0)}
 
 
 def test_a_ripple_of_one_block_alone_is_found_by_the_others() -> None:
     one = np.where(BLOCK == 3, 3.0 * np.sin(45.0 * Q), np.sin(90.0 * Q))
-    assert max(peaks(left(one), 200.0))[0] == pytest.approx(90.0, abs=0.5)
+    assert max(largest_lines(left(one), 200.0))[0] == pytest.approx(90.0, abs=0.5)
 
 
 def test_a_joint_that_stands_has_none() -> None:
-    assert peaks(left(np.ones(len(T)), q=np.zeros(len(T))), 200.0) == ()
+    assert largest_lines(left(np.ones(len(T)), q=np.zeros(len(T))), 200.0) == ()
 
 
 def test_slow_waves_are_not_ripples() -> None:
-    assert peaks(left(np.sin(2.0 * Q)), 200.0) == ()
+    assert largest_lines(left(np.sin(2.0 * Q)), 200.0) == ()
     reach = float(np.ptp(Q))
-    assert all(k * reach > 4.0 * 2.0 * np.pi - 2.0 for k, _ in peaks(left(np.sin(6.0 * Q)), 200.0))
+    assert all(k * reach > 4.0 * 2.0 * np.pi - 2.0 for k, _ in largest_lines(left(np.sin(6.0 * Q)), 200.0))

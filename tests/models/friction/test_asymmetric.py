@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynident.models import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Joint, Model, Viscous
+from dynident.models import Joint, Model
+from dynident.models.friction import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Viscous
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"))
 

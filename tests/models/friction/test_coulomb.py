@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.models import Coulomb, Joint
+from dynident.models import Joint
+from dynident.models.friction import Coulomb
+from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 DQ = np.array([[1.0, -2.0, 0.5], [0.0, 1e-4, -3.0]])

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.models import Counterbalance, Joint
+from dynident.models import Joint
+from dynident.models.friction import Counterbalance
+from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"))
 

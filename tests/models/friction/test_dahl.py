@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from dynident.models import Dahl, Joint
-from dynident.models.term import Past
+from dynident.models import Joint, Past
+from dynident.models.friction import Dahl
 
 JOINTS = (Joint("a"), Joint("b"))
 LENGTH = 0.05

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dynident.models import Drift, Joint
-from dynident.models.term import Past
+from dynident.models import Joint, Past
+from dynident.models.friction import Drift
 
 
 def test_most_of_it_is_over_after_its_time():

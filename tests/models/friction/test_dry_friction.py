@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from dynident.models import Coulomb, Joint, Power, Stribeck
+from dynident.models import Joint
+from dynident.models.friction import Coulomb, Power, Stribeck
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 TERMS = {

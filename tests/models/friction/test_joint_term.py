@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
-from dynident.models import Coulomb, Joint, Power, Ripple, Spring, Stribeck
+from dynident.models import Joint
+from dynident.models.friction import Coulomb, Power, Ripple, Spring, Stribeck
+from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 STATES = np.random.default_rng(0).normal(size=(3, 20, 3))
@@ -18,7 +19,7 @@ def test_a_constant_by_joint_is_that_of_each_joint():
     expected = np.concatenate([part.regressor(*STATES) for part in parts], axis=2)
     np.testing.assert_array_equal(whole.regressor(*STATES), expected)
     assert whole.parameters == tuple(one for part in parts for one in part.parameters)
-    assert [whole.alone(name) for name in ("wrist", "base")] == parts
+    assert [whole.for_joint(name) for name in ("wrist", "base")] == parts
 
 
 def test_the_same_constants_in_another_order_are_the_same_term():

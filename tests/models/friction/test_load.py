@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from dynident.models import Coulomb, Dahl, Joint, LoadCoulomb, LoadDahl, LoadViscous, Viscous
-from dynident.models.term import Past
-from dynident.testing.term import motion_before
+from dynident.models import Joint, Past
+from dynident.models.friction import Coulomb, Dahl, LoadCoulomb, LoadDahl, LoadViscous, Viscous
+from dynident.testing.term import make_past
 
 JOINTS = (Joint("a"), Joint("rail", "prismatic"))
-PAST = motion_before(2)
+PAST = make_past(2)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from dynident.models import Coulomb, Joint, Offset, Viscous
+from dynident.models import Joint
+from dynident.models.friction import Coulomb, Offset, Viscous
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 DQ = np.array([[1.0, -2.0, 0.5], [0.0, 1e-4, -3.0]])

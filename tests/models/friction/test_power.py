@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynident.models import Joint, Power
+from dynident.models import Joint
+from dynident.models.friction import Power
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"))
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynident.models import Joint, Ripple
+from dynident.models import Joint
+from dynident.models.friction import Ripple
 
 JOINTS = (Joint("base"), Joint("wrist"))
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynident.models import Joint, Spring
+from dynident.models import Joint
+from dynident.models.friction import Spring
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"))
 

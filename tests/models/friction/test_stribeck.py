@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynident.models import Joint, Stribeck
+from dynident.models import Joint
+from dynident.models.friction import Stribeck
 
 JOINTS = (Joint("base"),)
 

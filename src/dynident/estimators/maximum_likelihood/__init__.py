@@ -1,36 +1,48 @@
 """Maximum likelihood of eq. (7): a spline trajectory and the parameters, fitted together to positions and torques."""
 
-from dynident.estimators.maximum_likelihood.equations import Equations, equations, leverage, scores
-from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
-from dynident.estimators.maximum_likelihood.friction import has_sign, with_smooth_signs
-from dynident.estimators.maximum_likelihood.likelihood import Likelihood
+from dynident.estimators.maximum_likelihood.equations import (
+    Equations,
+    Hypothesis,
+    Likelihood,
+    equations,
+    leverage,
+    scores,
+)
+from dynident.estimators.maximum_likelihood.estimator import MaximumLikelihood, psd_constraints
 from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonSettings, maximise
-from dynident.estimators.maximum_likelihood.physics import psd_constraints
-from dynident.estimators.maximum_likelihood.plan import plan, steps_of, whiteness
-from dynident.estimators.maximum_likelihood.search import Recordings, Search
+from dynident.estimators.maximum_likelihood.plan import (
+    Recordings,
+    has_sign,
+    plan_segment,
+    torque_steps,
+    whiteness_probability,
+    with_smooth_signs,
+)
+from dynident.estimators.maximum_likelihood.search import LikelihoodSearch
 from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
-from dynident.estimators.maximum_likelihood.trajectory import Trajectory
+from dynident.estimators.maximum_likelihood.trajectory import SplineTrajectory
 
 __all__ = [
     "Equations",
+    "Hypothesis",
     "Likelihood",
     "LikelihoodFit",
+    "LikelihoodSearch",
     "MaximumLikelihood",
     "NewtonSettings",
     "Recordings",
-    "Search",
     "Segment",
     "Sigma",
+    "SplineTrajectory",
     "State",
-    "Trajectory",
     "equations",
     "has_sign",
     "leverage",
     "maximise",
-    "plan",
+    "plan_segment",
     "psd_constraints",
     "scores",
-    "steps_of",
-    "whiteness",
+    "torque_steps",
+    "whiteness_probability",
     "with_smooth_signs",
 ]

@@ -1,20 +1,31 @@
 """The choice of the terms beside the bodies, joint by joint, by what they predict of motion that was not fitted."""
 
-from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Proposes, Seen, kind_of_class
-from dynident.identification.terms.choice import NotChosen, Outcome, PlainTerms, TermChoice, Trial
+from dynident.identification.terms.candidates import (
+    KINDS,
+    PLAIN_KINDS,
+    CandidateKind,
+    JointExcitation,
+    NotChosen,
+    PlainTerms,
+    Proposes,
+    TermChoice,
+    TermTrial,
+    TrialOutcome,
+    kind_of_class,
+)
 from dynident.identification.terms.choose import choose_terms
 
 __all__ = [
     "KINDS",
-    "PLAIN",
-    "Kind",
+    "PLAIN_KINDS",
+    "CandidateKind",
+    "JointExcitation",
     "NotChosen",
-    "Outcome",
     "PlainTerms",
     "Proposes",
-    "Seen",
     "TermChoice",
-    "Trial",
+    "TermTrial",
+    "TrialOutcome",
     "choose_terms",
     "kind_of_class",
 ]

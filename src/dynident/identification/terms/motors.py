@@ -1,4 +1,4 @@
-"""Friction of a motor that is coupled to several joints, tried on the equations of all of these together."""
+"""Friction of a motor that several joints share: tried on the equations of all of them."""
 
 from __future__ import annotations
 
@@ -7,77 +7,81 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import EXPONENTS, SHARP, VELOCITIES, WIDTHS, Kind
-from dynident.identification.terms.grams import JointGrams
-from dynident.identification.terms.samples import CLASSES, Rows, Samples
-from dynident.identification.terms.search import Division, Entered, Group, JointSearch
+from dynident.identification.terms.candidates import EXPONENTS, STRIBECK_WIDTHS, VELOCITIES, WIDTHS, CandidateKind
+from dynident.identification.terms.samples import N_CLASSES, JointEquations, JointGrams, TermSamples
+from dynident.identification.terms.search import JointSearch, SearchFolds, TermEntry, TermGroup
 from dynident.models import CoupledFriction, CoupledMotor, Model
 
-__all__ = ["motor_search", "motors_of"]
-
 Array = NDArray[np.float64]
-EVERY = 2  # width that is tried
+WIDTH_STEP = 2  # width that is tried
 
 
-def motors_of(model: Model) -> tuple[CoupledMotor, ...]:
+def coupled_motors(model: Model) -> tuple[CoupledMotor, ...]:
     """Return the motors of a model that are coupled to several joints."""
-    return tuple(one for one in model.terms if isinstance(one, CoupledMotor) and len(one.coefficients) > 1)
+    return tuple(term for term in model.terms if isinstance(term, CoupledMotor) and len(term.coefficients) > 1)
 
 
 def motor_search(
-    samples: Samples,
+    samples: TermSamples,
     motor: CoupledMotor,
-    rows: Sequence[Rows],
+    rows: Sequence[JointEquations],
     columns: Sequence[Array],
     weights: Array,
     block: NDArray[np.intp],
 ) -> JointSearch:
-    """Return the search for friction of a motor beside the ``columns`` (m, N) that its joints have.
+    """Return the search for friction of a motor beside the ``columns`` (m, N) of its joints.
 
     ``rows`` are the equations of these joints, of ``weights``, and ``block`` (N) is that of each sample.
     """
     c = dict(motor.coefficients)
     share = np.array([c.get(joint.name, 0.0) for joint in samples.model.joints])
+    # The motor turns by the combination of joint positions that its coefficients define.
     phi, dphi = (np.asarray(samples.states[key] @ share) for key in ("q", "dq"))
-    shapes, groups, at = list[Array](), [], sum(map(len, columns))
-    for kind, terms in _tried(motor, float(np.sqrt(np.mean(np.square(dphi)))) or 1e-9):
-        groups.append(Group(kind, terms, tuple((at + len(shapes) + k,) for k in range(len(terms)))))
+    shapes, groups, n_columns = list[Array](), [], sum(map(len, columns))
+    for kind, terms in _candidate_laws(motor, float(np.sqrt(np.mean(np.square(dphi)))) or 1e-9):
+        groups.append(TermGroup(kind, terms, tuple((n_columns + len(shapes) + k,) for k in range(len(terms)))))
         for term in terms:
             Y = term.regressor(samples.states["q"], samples.states["dq"], samples.states["ddq"])[:, :, 0]
             size = float(np.sqrt(np.mean(np.square(Y)))) or 1.0
             shapes.append(Y.T / size)
-    grams = _together(rows, columns, np.stack(shapes), weights, block, samples.classes_of(phi, dphi))
-    own = Group(Kind("own", lambda _: (), dry=True), (motor,), (tuple(range(at)),))
+    grams = _combined_grams(rows, columns, np.stack(shapes), weights, block, samples.classes_of(phi, dphi))
+    joint_group = TermGroup(CandidateKind("own", lambda _: (), dry=True), (motor,), (tuple(range(n_columns)),))
     return JointSearch(
         samples.model.joints[rows[0].j].name,
         grams,
         tuple(groups),
-        Division.of(samples.of_block),
+        SearchFolds.of(samples.of_block),
         1.0,
-        [Entered(own, 0)],
+        [TermEntry(joint_group, 0)],
     )
 
 
-def _tried(motor: CoupledMotor, speed: float) -> list[tuple[Kind, tuple[CoupledFriction, ...]]]:
-    """Return the laws that are tried with their sizes, for a motor of an rms speed."""
+def _candidate_laws(motor: CoupledMotor, speed: float) -> list[tuple[CandidateKind, tuple[CoupledFriction, ...]]]:
+    """Return the candidate laws with their sizes, for a motor with an rms ``speed``."""
 
-    def made(law: str, *settings: dict[str, float]) -> tuple[CoupledFriction, ...]:
-        return tuple(CoupledFriction(motor.joints, motor.coefficients, motor.name, law, one) for one in settings)  # type: ignore[arg-type]
+    def friction_terms(law: str, *settings: dict[str, float]) -> tuple[CoupledFriction, ...]:
+        return tuple(
+            CoupledFriction(motor.joints, motor.coefficients, motor.name, law, setting)  # type: ignore[arg-type]
+            for setting in settings
+        )
 
-    stribeck = ({"width": w * speed, "velocity": v * speed} for w in SHARP for v in VELOCITIES)
+    stribeck = ({"width": w * speed, "velocity": v * speed} for w in STRIBECK_WIDTHS for v in VELOCITIES)
     return [
         (
-            Kind("coupled coulomb", lambda _: (), dry=True),
-            made("coulomb", *({"width": w * speed} for w in WIDTHS[::EVERY])),
+            CandidateKind("coupled coulomb", lambda _: (), dry=True),
+            friction_terms("coulomb", *({"width": w * speed} for w in WIDTHS[::WIDTH_STEP])),
         ),
-        (Kind("coupled stribeck", lambda _: ()), made("stribeck", *stribeck)),
-        (Kind("coupled asymmetric_viscous", lambda _: ()), made("asymmetric_viscous", {})),
-        (Kind("coupled power", lambda _: (), strict=True), made("power", *({"exponent": one} for one in EXPONENTS))),
+        (CandidateKind("coupled stribeck", lambda _: ()), friction_terms("stribeck", *stribeck)),
+        (CandidateKind("coupled asymmetric_viscous", lambda _: ()), friction_terms("asymmetric_viscous", {})),
+        (
+            CandidateKind("coupled power", lambda _: (), strict=True),
+            friction_terms("power", *({"exponent": exponent} for exponent in EXPONENTS)),
+        ),
     ]
 
 
-def _together(
-    rows: Sequence[Rows],
+def _combined_grams(
+    rows: Sequence[JointEquations],
     columns: Sequence[Array],
     shapes: Array,
     weights: Array,
@@ -86,15 +90,24 @@ def _together(
 ) -> JointGrams:
     """Return the Gram matrices of the equations of several joints, with the columns of each and ``shapes`` (m, n, N)
     of all, each equation times the root of its weight."""
-    acts = np.flatnonzero(np.any([one.maps.any(axis=0) for one in rows], axis=0))
-    total, first = sum(map(len, columns)), 0
-    maps, found = np.eye(rows[0].maps.shape[1])[acts], []
-    for one, own, weight in zip(rows, columns, weights.tolist(), strict=True):
+    acts = np.flatnonzero(np.any([equations.maps.any(axis=0) for equations in rows], axis=0))
+    total, start = sum(map(len, columns)), 0
+    maps, joint_grams = np.eye(rows[0].maps.shape[1])[acts], []
+    for equations, joint_columns, weight in zip(rows, columns, weights.tolist(), strict=True):
+        # Each joint has its own columns, the motor acts on all of them: stack the equations by block columns.
         root = np.sqrt(weight)
-        wide = np.zeros((total, own.shape[1]))
-        wide[first : first + len(own)] = own
-        first += len(own)
-        scaled = Rows(one.j, root * (one.maps.T @ one.entries)[acts], maps, root * one.tau, one.used)
-        shape = int(block.max()) + 1, CLASSES
-        found.append(scaled.grams(root * np.concatenate([wide, shapes[:, one.j]]), block, label, shape).grams)
-    return JointGrams(np.add.reduce(found), maps)
+        wide = np.zeros((total, joint_columns.shape[1]))
+        wide[start : start + len(joint_columns)] = joint_columns
+        start += len(joint_columns)
+        weighted = JointEquations(
+            equations.j,
+            root * (equations.maps.T @ equations.entries)[acts],
+            maps,
+            root * equations.tau,
+            equations.usable,
+        )
+        shape = int(block.max()) + 1, N_CLASSES
+        joint_grams.append(
+            weighted.grams(root * np.concatenate([wide, shapes[:, equations.j]]), block, label, shape).grams
+        )
+    return JointGrams(np.add.reduce(joint_grams), maps)

@@ -1,4 +1,4 @@
-"""The samples on which terms are chosen: thinned, divided into blocks of time, and the columns of a term on them."""
+"""The samples for the choice of terms: thinned, divided into blocks of time, with the columns of a term on them."""
 
 from __future__ import annotations
 
@@ -10,33 +10,249 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief
-from dynident.identification.terms.grams import JointGrams
-from dynident.log import Motion
-from dynident.models import HasMemory, Loads, Model, Past, Selective, Term, declares
-from dynident.regression import fitted_rows
-
-__all__ = ["BLOCKS", "Rows", "Samples", "columns_of", "correlation", "samples_of"]
+from dynident.models import Model, Past, Term
+from dynident.motion.log import Motion
+from dynident.regression import EVERYTHING, Selection, fitted_rows
+from dynident.runtime import brief
 
 Array = NDArray[np.float64]
-SAMPLES = 20_000  # of all motions together: the choice needs no more
-BLOCKS = 16  # of time, of all motions together; at least one of each motion
-FAST, OUTER = 0.6, 0.7  # quantiles of speed and of the distance from the middle that divide the samples of a joint
-CLASSES = 4  # slow inner, slow outer, fast inner, fast outer
-GAP = 1 / 8  # of a block at most
+RIDGE_SHARE = 1e-9  # ridge, of a column's own square: dependent columns stay solvable
+MIN_INDEPENDENT_SHARE = 1e-6  # share of a column's square that others must leave of it
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
-    """``motions`` of a ``model``, thinned evenly, with the usable ``rows`` of each, N in all; ``block`` (N) of each
-    sample, and the motion ``of_block`` (F) that each is of."""
+class Folds:
+    """T divisions of the rows of a joint: ``train`` and ``test`` (T, F, C) weigh blocks and classes of its samples.
+
+    ``other_joints`` (T) says which rows of the other joints are fitted: an index into the normal matrices of
+    these.
+    """
+
+    train: Array
+    test: Array
+    other_joints: NDArray[np.intp]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class JointGrams:
+    """Gram matrices of one joint's rows: ``grams`` (F, C, c, c) by block of time and class of samples.
+
+    The c columns are b entries of the regressor of the model given, m columns of candidates, and the torque. ``maps``
+    (b, p) gives the entries from the p parameters of that model.
+    """
+
+    grams: Array
+    maps: Array
+
+    __repr__ = brief
+
+    @cached_property
+    def acts(self) -> NDArray[np.intp]:
+        """The k parameters of the model that act on this joint."""
+        return np.flatnonzero(self.maps.any(axis=0))
+
+    @cached_property
+    def parameter_grams(self) -> Array:
+        """The same matrices (F, C, k + m + 1, k + m + 1), with the k parameters in place of the entries."""
+        b, k = len(self.maps), len(self.acts)
+        n_other, maps = self.grams.shape[-1] - b, self.maps[:, self.acts]
+        reduced_grams = np.empty((*self.grams.shape[:2], k + n_other, k + n_other))
+        reduced_grams[..., :k, :k] = maps.T @ self.grams[..., :b, :b] @ maps
+        reduced_grams[..., k:, k:] = self.grams[..., b:, b:]
+        reduced_grams[..., :k, k:] = maps.T @ self.grams[..., :b, b:]
+        reduced_grams[..., k:, :k] = np.swapaxes(reduced_grams[..., :k, k:], -1, -2)
+        return reduced_grams
+
+    def fold_sums(self, folds: Folds) -> tuple[Array, Array]:
+        """Return the sums (T, c, c) of these matrices over the training rows and over the test rows of each fold."""
+        if folds not in self._sums:
+            self._sums[folds] = (
+                weighted_sums(folds.train, self.parameter_grams),
+                weighted_sums(folds.test, self.parameter_grams),
+            )
+        return self._sums[folds]
+
+    @cached_property
+    def _sums(self) -> dict[Folds, tuple[Array, Array]]:
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class TrialFits:
+    """Fits of G groups of columns in T folds: squared errors ``before`` (T) and ``after`` (T, G) on the test rows.
+
+    ``best`` (T, G) is the size of a group that fits best, and ``values`` its coefficients (T, columns) by group.
+    ``independent`` (T, G) is False where its columns are dependent on the others.
+    """
+
+    before: Array
+    after: Array
+    best: NDArray[np.intp]
+    values: tuple[Array, ...]
+    independent: NDArray[np.bool_]
+
+    __repr__ = brief
+
+
+def eliminate_columns(gram: Array, keep: int, drop: Sequence[int]) -> tuple[Array, Array]:
+    """Return normal matrix (..., keep, keep) and right side of the first columns, with those in ``drop`` eliminated."""
+    G, g = gram[..., :keep, :keep], gram[..., :keep, -1]
+    index = list(drop)
+    if not index:
+        return G, g
+    dropped_gram = add_ridge(gram[..., index, :][..., index])
+    cross = gram[..., index, :][..., [*range(keep), gram.shape[-1] - 1]]
+    share = np.swapaxes(cross[..., :keep], -1, -2) @ np.linalg.solve(dropped_gram, cross)
+    return G - share[..., :keep], g - share[..., keep]
+
+
+def weighted_sums(weights: Array, grams: Array) -> Array:
+    """Return weighted sums (T, c, c) of Gram matrices (F, C, c, c), with weights (T, F, C)."""
+    size = grams.shape[-1]
+    return (weights.reshape(len(weights), -1) @ grams.reshape(-1, size * size)).reshape(-1, size, size)
+
+
+def add_ridge(M: Array, share: float = RIDGE_SHARE) -> Array:
+    """Return square matrices with a small share of their diagonals added, so that they can be solved."""
+    diagonal = np.einsum("...ii->...i", M)
+    return np.asarray(M + (share * diagonal + np.finfo(float).tiny)[..., None] * np.eye(M.shape[-1]))
+
+
+def try_groups(
+    joint_grams: JointGrams,
+    folds: Folds,
+    other_normals: tuple[Array, Array],
+    columns: Sequence[int],
+    groups: Sequence[Sequence[Sequence[int]]],
+    weight: float,
+) -> TrialFits:
+    """Return the fit of each group of columns beside the chosen ``columns`` in each fold.
+
+    A group is a sequence of sizes, each a sequence of as many columns; the size of least error on the training
+    rows is tested. ``other_normals`` are normal matrices (S, k, k) and right sides (S, k) of the parameters that
+    act on this joint, from all other joints and the prior; ``weight`` is that of the rows of this one.
+    """
+    k, m = len(joint_grams.acts), joint_grams.grams.shape[-1] - len(joint_grams.maps) - 1
+    flat = sorted({i for sizes in groups for size in sizes for i in size})
+    base, pool, y = [*range(k), *(k + i for i in columns)], [k + i for i in flat], k + m
+    G, H = joint_grams.fold_sums(folds)
+    # One solve per fold for the fit and for all candidates at once: these are further right sides.
+    M, right = G[:, base][:, :, base], G[:, base][:, :, [y, *pool]]
+    M[:, :k, :k] += other_normals[0][folds.other_joints] / weight
+    right[:, :k, 0] += other_normals[1][folds.other_joints] / weight
+    solved = np.linalg.solve(add_ridge(M), right)
+    x, X = solved[..., 0], np.asarray(solved[..., 1:], dtype=float)
+    # the residual is y - base x; a unit of a candidate adds base X less its own column
+    Hb, Hc = H[:, base][:, :, base], H[:, base][:, :, pool]
+    residual_products = H[:, base, y] - np.einsum("tij,tj->ti", Hb, x)
+    before = H[:, y, y] - np.einsum("ti,ti->t", x, H[:, base, y] + residual_products)
+    candidate_fit = _CandidateFit(
+        pull=G[:, pool, y] - np.einsum("tik,ti->tk", right[..., 1:], x),
+        slope=np.einsum("tik,ti->tk", X, residual_products) - (H[:, pool, y] - np.einsum("tik,ti->tk", Hc, x)),
+        before=before,
+        G=G,
+        H=H,
+        B=right[..., 1:],
+        X=X,
+        Hc=Hc,
+        HX=Hb @ X - Hc,
+    )
+    place = {i: n for n, i in enumerate(flat)}
+    group_fits = [
+        candidate_fit.fit_group(np.array([[place[i] for i in size] for size in sizes]), np.array(pool))
+        for sizes in groups
+    ]
+    after, best, values, independent = zip(*group_fits, strict=True) if group_fits else ((), (), (), ())
+    shape = (len(before), 0)
+    return TrialFits(
+        before,
+        np.stack(after, axis=1) if group_fits else np.zeros(shape),
+        np.stack(best, axis=1) if group_fits else np.zeros(shape, dtype=int),
+        tuple(values),
+        np.stack(independent, axis=1) if group_fits else np.zeros(shape, dtype=bool),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _CandidateFit:
+    """The state of a fit in T folds beside which P candidates are tried.
+
+    ``pull`` (T, P) is the product of the candidates with the residual of the training rows, ``slope`` the
+    derivative of the test error ``before`` (T). ``G`` and ``H`` (T, c, c) are the Gram matrices of both; ``B``
+    and ``Hc`` (T, k, P) the products of the k columns of the fit with the candidates, ``X`` the regressions of
+    the candidates on these columns, and ``HX`` the products with what X leaves.
+    """
+
+    pull: Array
+    slope: Array
+    before: Array
+    G: Array
+    H: Array
+    B: Array
+    X: Array
+    Hc: Array
+    HX: Array
+
+    __repr__ = brief
+
+    def fit_group(
+        self, at: NDArray[np.intp], pool: NDArray[np.intp]
+    ) -> tuple[Array, NDArray[np.intp], Array, NDArray[np.bool_]]:
+        """Return test error, best size, its coefficients and whether it is independent, for one group.
+
+        The candidates ``at`` (S, w) are in the columns ``pool`` (P).
+        """
+        rows, columns = pool[at][:, :, None], pool[at][:, None, :]
+        candidate_gram, X = self.G[:, rows, columns], self.X[:, :, at]
+        diagonal = np.einsum("tskk->tsk", candidate_gram)
+        # Schur complement of the candidate columns: their Gram matrix less what the columns of the fit explain.
+        S = candidate_gram - _products(self.B[:, :, at], X)
+        S += (RIDGE_SHARE * diagonal + np.finfo(float).tiny)[..., None] * np.eye(at.shape[1])
+        bend = self.H[:, rows, columns] + _products(X, self.HX[:, :, at]) - _products(self.Hc[:, :, at], X)
+        pull = self.pull[:, at]
+        gamma = np.linalg.solve(S, pull[..., None])[..., 0]
+        reduction = np.einsum("tsk,tsk->ts", gamma, pull)
+        # The test error is a quadratic in the coefficients of the candidate: slope and curvature give it exactly.
+        error = self.before[:, None] + 2.0 * np.einsum("tsk,tsk->ts", gamma, self.slope[:, at])
+        error += np.einsum("tsk,tskl,tsl->ts", gamma, bend, gamma)
+        # A column of which the others leave next to nothing has no coefficient of its own.
+        independent = (np.einsum("tskk->tsk", S) > MIN_INDEPENDENT_SHARE * diagonal).all(axis=2)
+        best = np.argmax(np.where(independent, reduction, -1.0), axis=1)
+        fold_index = np.arange(len(best))
+        return error[fold_index, best], best, gamma[fold_index, best], independent[fold_index, best]
+
+
+def _products(A: Array, B: Array) -> Array:
+    """Return products (T, S, w, w) of the columns of each size of a group, for A and B (T, k, S, w)."""
+    return np.asarray(np.einsum("tksi,tksj->tsij", A, B))
+
+
+MAX_SAMPLES = 20_000  # of all motions together: the choice needs no more
+BLOCKS = 16  # of time, of all motions together; at least one of each motion
+FAST_QUANTILE, OUTER_QUANTILE = (
+    0.6,
+    0.7,
+)  # quantiles of speed and of the distance from the middle that divide the samples of a joint
+N_CLASSES = 4  # slow inner, slow outer, fast inner, fast outer
+MAX_GAP_SHARE = 1 / 8  # of a block at most
+
+
+@dataclass(frozen=True, eq=False)
+class TermSamples:
+    """Samples of the ``motions`` of a ``model``, thinned evenly, N in all.
+
+    ``rows`` are the usable ones of each motion, ``block`` (N) is the block of each sample, and ``of_block`` (F)
+    the motion of each block.
+    """
 
     model: Model
     motions: tuple[Motion, ...]
     rows: tuple[NDArray[np.intp], ...]
     block: NDArray[np.intp]
     of_block: NDArray[np.intp]
-    min_speed: tuple[float, ...] | None = None
+    selection: Selection = EVERYTHING
 
     __repr__ = brief
 
@@ -51,104 +267,112 @@ class Samples:
     @cached_property
     def states(self) -> dict[str, Array]:
         """The states (N, n) by name, with the memory of the model where it has one."""
-        found = [one.states(rows) for one, rows in zip(self.motions, self.rows, strict=True)]
-        return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+        motion_states = [motion.states(rows) for motion, rows in zip(self.motions, self.rows, strict=True)]
+        return {name: np.concatenate([state[name] for state in motion_states]) for name in motion_states[0]}
 
     @cached_property
-    def used(self) -> tuple[tuple[Array, Array, Array], ...]:
+    def usable_states(self) -> tuple[tuple[Array, Array, Array], ...]:
         """The q, dq, ddq of each motion at its usable samples."""
         pairs = zip(self.motions, self.rows, strict=True)
-        return tuple((one.q[rows], one.dq[rows], one.ddq[rows]) for one, rows in pairs)
+        return tuple((motion.q[rows], motion.dq[rows], motion.ddq[rows]) for motion, rows in pairs)
 
     @cached_property
     def tau(self) -> Array:
         """The measured torque (N, n)."""
-        return np.concatenate([one.tau[rows] for one, rows in zip(self.motions, self.rows, strict=True)])
+        return np.concatenate([motion.tau[rows] for motion, rows in zip(self.motions, self.rows, strict=True)])
 
     @cached_property
     def keep(self) -> NDArray[np.bool_]:
         """Which torque equations (N, n) are fitted."""
-        found = [fitted_rows(one, self.min_speed) for one in self.motions]
-        shapes = [np.ones(one.q.shape, dtype=bool) for one in self.motions]
-        kept = [every if one is None else one for one, every in zip(found, shapes, strict=True)]
-        return np.concatenate([one[rows] for one, rows in zip(kept, self.rows, strict=True)])
+        fitted = [fitted_rows(motion, self.selection.min_speed) for motion in self.motions]
+        shapes = [np.ones(motion.q.shape, dtype=bool) for motion in self.motions]
+        masks = [all_rows if mask is None else mask for mask, all_rows in zip(fitted, shapes, strict=True)]
+        return np.concatenate([mask[rows] for mask, rows in zip(masks, self.rows, strict=True)])
 
     def loads(self, load: tuple[float, ...] | None) -> tuple[Array, ...]:
         """Return the torque of the bodies (N, n) with the parameters ``load`` on each motion, zero for None."""
         if load is None:
-            return tuple(np.zeros_like(one.q) for one in self.motions)
-        bodies = Model(tuple(term for term in self.model.terms if isinstance(term, Loads) and term.loads))
-        return tuple(bodies.torque(one.q, one.dq, one.ddq, load) for one in self.motions)
+            return tuple(np.zeros_like(motion.q) for motion in self.motions)
+        bodies = Model(tuple(term for term in self.model.terms if term.loads))
+        return tuple(bodies.torque(motion.q, motion.dq, motion.ddq, load) for motion in self.motions)
 
-    def inside(self, gap: int) -> NDArray[np.bool_]:
-        """Return which samples (N) lie more than ``gap`` samples from the border to another block of their motion."""
-        gap = min(gap, int(GAP * len(self) / self.blocks))
-        found = np.ones(len(self), dtype=bool)
+    def is_inside(self, gap: int) -> NDArray[np.bool_]:
+        """Return which samples (N) are more than ``gap`` samples away from another block of their motion."""
+        gap = min(gap, int(MAX_GAP_SHARE * len(self) / self.blocks))
+        is_inner = np.ones(len(self), dtype=bool)
         for border in np.flatnonzero(np.diff(self.block)) + 1:
             if self.of_block[self.block[border]] == self.of_block[self.block[border - 1]]:
-                found[max(border - gap, 0) : border + gap] = False
-        return found
+                is_inner[max(border - gap, 0) : border + gap] = False
+        return is_inner
 
     def classes(self, j: int) -> NDArray[np.intp]:
-        """Return the class (N) of each sample of a joint, by its speed and by how far out it is."""
+        """Return the class (N) of each sample of a joint, by speed and distance from the middle."""
         return self.classes_of(self.states["q"][:, j], self.states["dq"][:, j])
 
     @staticmethod
     def classes_of(q: Array, dq: Array) -> NDArray[np.intp]:
-        """Return the same of a coordinate q (N) with its velocity."""
+        """Return the class (N) of each sample of a coordinate q (N) with velocity dq (N)."""
         speed = np.abs(dq)
         away = np.abs(q - 0.5 * (q.min() + q.max()))
-        return np.asarray(2 * (speed >= np.quantile(speed, FAST)) + (away >= np.quantile(away, OUTER)))
+        return np.asarray(
+            2 * (speed >= np.quantile(speed, FAST_QUANTILE)) + (away >= np.quantile(away, OUTER_QUANTILE))
+        )
 
 
-def samples_of(
-    model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None, most: int = SAMPLES
-) -> Samples:
-    """Return the samples of motions, at most ``most``, every k-th; motions without two usable ones are left out."""
-    usable = [one for one in motions if one.mask.sum() > 1]
-    every = -(-sum(int(one.mask.sum()) for one in usable) // most)
-    thin = tuple(model.remembering(one.shifted(0.0, np.arange(0, len(one), every))) for one in usable)
-    thin = tuple(one for one in thin if one.mask.sum() > 1)
-    rows = tuple(np.flatnonzero(one.mask) for one in thin)
+def select_samples(
+    model: Model, motions: Sequence[Motion], selection: Selection = EVERYTHING, max_samples: int = MAX_SAMPLES
+) -> TermSamples:
+    """Return at most ``max_samples`` of the motions, every k-th; motions without two usable ones are left out."""
+    usable = [motion for motion in motions if motion.mask.sum() > 1]
+    step = -(-sum(int(motion.mask.sum()) for motion in usable) // max_samples)
+    thinned = tuple(model.remembering(motion.shift(0.0, np.arange(0, len(motion), step))) for motion in usable)
+    thinned = tuple(motion for motion in thinned if motion.mask.sum() > 1)
+    rows = tuple(np.flatnonzero(motion.mask) for motion in thinned)
+    # Blocks in proportion to the samples of a motion, at least one each.
     total = sum(map(len, rows))
-    counts = [max(1, round(BLOCKS * len(one) / total)) for one in rows]
+    counts = [max(1, round(BLOCKS * len(indices) / total)) for indices in rows]
     if len(counts) == 1:
         counts = [BLOCKS]
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    parts = zip(first, counts, map(len, rows), strict=True)
+    first_block = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    parts = zip(first_block, counts, map(len, rows), strict=True)
     block = [start + np.arange(size) * count // size for start, count, size in parts]
-    return Samples(model, thin, rows, np.concatenate(block), np.repeat(np.arange(len(counts)), counts), min_speed)
+    return TermSamples(
+        model, thinned, rows, np.concatenate(block), np.repeat(np.arange(len(counts)), counts), selection
+    )
 
 
-def columns_of(samples: Samples, term: Term, j: int, loads: Sequence[Array]) -> Array:
+def columns_of(samples: TermSamples, term: Term, j: int, loads: Sequence[Array]) -> Array:
     """Return the columns (w, N) of a term in the equation of joint j; ``loads`` (N, n) are those of each motion."""
-    found, w = [], len(term.parameters)
-    for motion, rows, used, load in zip(samples.motions, samples.rows, samples.used, loads, strict=True):
+    columns, w = [], len(term.parameters)
+    for motion, rows, usable, load in zip(samples.motions, samples.rows, samples.usable_states, loads, strict=True):
         states = motion.q, motion.dq, motion.ddq
-        memory = (term.remember(Past(motion.t, *states, load))[rows],) if isinstance(term, HasMemory) else ()
-        q, dq, ddq = used
-        if isinstance(term, Selective) and declares(term, "entries"):
-            found.append(np.asarray(term.entries(q, dq, ddq, np.full(w, j), np.arange(w), *memory)))
+        memory = (term.remember(Past(motion.t, *states, load))[rows],) if term.memory else ()
+        q, dq, ddq = usable
+        if term.has_own("entries"):
+            columns.append(np.asarray(term.entries(q, dq, ddq, np.full(w, j), np.arange(w), *memory)))
         else:
-            found.append(np.asarray(term.regressor(q, dq, ddq, *memory))[:, j].T)
-    return np.concatenate(found, axis=1)
+            columns.append(np.asarray(term.regressor(q, dq, ddq, *memory))[:, j].T)
+    return np.concatenate(columns, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """The equation of joint ``j`` in all samples: ``entries`` (b, N) of the model given with their ``maps`` (b, p),
-    torque ``tau`` (N) without that of the prior, and which samples are used."""
+class JointEquations:
+    """The equation of joint ``j`` in all samples.
+
+    ``entries`` (b, N) are those of the model with their ``maps`` (b, p), ``tau`` (N) is the torque less that of
+    the prior, and ``usable`` (N) says which samples are fitted.
+    """
 
     j: int
     entries: Array
     maps: Array
     tau: Array
-    used: NDArray[np.bool_]
+    usable: NDArray[np.bool_]
 
     __repr__ = brief
 
     @classmethod
-    def of(cls, samples: Samples, j: int, prior: Array) -> Rows:
+    def of(cls, samples: TermSamples, j: int, prior: Array) -> JointEquations:
         """Return the rows of a joint, with the torque less that of the prior (p)."""
         structure = samples.model.structure
         columns, maps = structure.columns[j], structure.maps[j]
@@ -156,25 +380,27 @@ class Rows:
         return cls(j, entries, maps, samples.tau[:, j] - (maps @ prior) @ entries, samples.keep[:, j])
 
     def residual(self, theta: Array, columns: Array, values: Array) -> Array:
-        """Return what theta (p) and columns (m, N) with their values (m) leave of the torque (N)."""
+        """Return the residual torque (N) for theta (p) and columns (m, N) with their values (m)."""
         return np.asarray(self.tau - (self.maps @ theta) @ self.entries - values @ columns)
 
     def grams(
         self, columns: Array, block: NDArray[np.intp], label: NDArray[np.intp], shape: tuple[int, int]
     ) -> JointGrams:
-        """Return the Gram matrices with columns (m, N) by block and label (N), of which there are ``shape``."""
-        key = np.where(self.used & (block >= 0) & (label >= 0), block * shape[1] + label, -1)
+        """Return the Gram matrices with columns (m, N) by block and label (N), whose numbers are ``shape``."""
+        # Sort samples by block and class, so that each Gram matrix is one product of contiguous columns.
+        key = np.where(self.usable & (block >= 0) & (label >= 0), block * shape[1] + label, -1)
         order = np.argsort(key, kind="stable")
         ends = np.searchsorted(key[order], np.arange(shape[0] * shape[1] + 1))
         X = np.concatenate([self.entries, columns, self.tau[None]])
-        parts = (X[:, order[first:last]] for first, last in pairwise(ends))
-        return JointGrams(np.stack([one @ one.T for one in parts]).reshape(*shape, len(X), len(X)), self.maps)
+        parts = (X[:, order[start:stop]] for start, stop in pairwise(ends))
+        return JointGrams(np.stack([rows @ rows.T for rows in parts]).reshape(*shape, len(X), len(X)), self.maps)
 
 
-def correlation(residual: Array, most: int) -> int:
-    """Return the lag (samples) at which the autocorrelation of a residual (N) falls below 1/e, ``most`` at most."""
+def correlation_length(residual: Array, max_lag: int) -> int:
+    """Return the lag (samples) at which the autocorrelation of a residual (N) falls below 1/e, at most ``max_lag``."""
     size = len(residual)
+    # Padding to twice the length avoids the wrap-around of the circular correlation.
     spectrum = np.fft.rfft(residual - residual.mean(), 2 * size)
-    auto = np.fft.irfft(np.square(np.abs(spectrum)))[: max(most // 2, 2)]
+    auto = np.fft.irfft(np.square(np.abs(spectrum)))[: max(max_lag // 2, 2)]
     below = np.flatnonzero(auto < np.exp(-1) * auto[0])
     return int(below[0]) if len(below) else len(auto)

@@ -1,4 +1,4 @@
-"""Forward selection of the terms of one joint, with all others as they are, by blocks of time and by faster motion."""
+"""Stepwise selection of the terms of one joint beside all others, by blocks of time and by faster motion."""
 
 from __future__ import annotations
 
@@ -9,33 +9,106 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief
-from dynident.identification.terms.bodies import Normal
-from dynident.identification.terms.candidates import Kind
-from dynident.identification.terms.choice import Outcome, Trial
-from dynident.identification.terms.grams import Fits, Folds, JointGrams, tried
-from dynident.models import JointTerm, Term
-
-__all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "renumbered", "share"]
+from dynident.estimators import bodies_of, parameter_scales
+from dynident.identification.terms.candidates import CandidateKind, TermTrial, TrialOutcome
+from dynident.identification.terms.samples import (
+    Folds,
+    JointGrams,
+    TrialFits,
+    add_ridge,
+    eliminate_columns,
+    try_groups,
+    weighted_sums,
+)
+from dynident.models import Parameter, Term
+from dynident.models.friction import JointTerm
+from dynident.runtime import brief
 
 Array = NDArray[np.float64]
-LEAST = 1.0  # %, of the squared error: what a term must remove
-NOTHING, IDLE = 0.5, 2.0  # %: gain of a term of the plain set that is needless, and two standard errors above it
-SURE, STRICT = 1.5, 2.0  # standard errors that a gain must exceed: about ten kinds are tried on each joint
-STAYS = 0.5  # of the standard errors with which a term enters, that it needs to stay
-SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
-ALWAYS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
-FASTER = 2.0  # standard errors below nothing at which faster motion refutes a kind that is not strict
-CLEAR = 5.0  # standard errors of a gain that faster motion must refute twice
-TURNS = 5  # at most, in which the sizes of what has entered settle
-MOST = 9  # terms of a joint
+Normal = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
-    """A ``kind`` with its sizes: the ``terms`` on one joint, and the columns ``at`` of each."""
+class Prior:
+    """A prior of p parameters: ``mean`` (p), the robot file's values, and ``precision`` (p) per independent sample.
 
-    kind: Kind
+    Its standard deviation is the size of the parameter: what a body of the nominal mass and length has. Parameters
+    that are not of bodies have none.
+    """
+
+    mean: Array
+    precision: Array
+
+    __repr__ = brief
+
+
+def prior_of(parameters: Sequence[Parameter]) -> Prior:
+    """Return the prior of the parameters of a model."""
+    bodies = bodies_of(parameters)
+    size = parameter_scales(parameters, bodies, np.ones(len(parameters)), 1.0)
+    mean, precision = np.zeros(len(parameters)), np.zeros(len(parameters))
+    for body in bodies:
+        values = [parameters[k].value for k in body.columns]
+        mean[body.columns] = [0.0 if value is None else value for value in values]
+        precision[body.columns] = 1.0 / size[body.columns] ** 2
+    return Prior(mean, precision)
+
+
+def normal_matrices(joint_grams: JointGrams, columns: Sequence[int], train: Array, weight: float) -> Normal:
+    """Return normal matrices (S, p, p) and right sides (S, p) of the parameters from one joint.
+
+    The chosen ``columns`` are eliminated; ``train`` (S, F) weighs the blocks of the joint.
+    """
+    b = len(joint_grams.maps)
+    total = weight * weighted_sums(train, joint_grams.grams.sum(axis=1))
+    M, right = eliminate_columns(total, b, [b + i for i in columns])
+    return joint_grams.maps.T @ M @ joint_grams.maps, right @ joint_grams.maps
+
+
+def other_joint_normals(normals: Sequence[Normal], j: int, precision: Array, acts: NDArray[np.intp]) -> Normal:
+    """Return normal matrices (S, k, k) and right sides of the parameters that act on joint j.
+
+    They are from all other joints and the prior (p); parameters that act on other joints only are eliminated.
+    """
+    # Sum over all joints less the one searched; the ridge keeps directions solvable that only this joint shows.
+    M = np.add.reduce([normal[0] for normal in normals])
+    diagonal = np.einsum("sii->si", M).max(axis=0)
+    M, right = M - normals[j][0], np.add.reduce([normal[1] for normal in normals]) - normals[j][1]
+    M = M + np.diag(precision + 1e-9 * diagonal + np.finfo(float).tiny)
+    if not len(eliminated := np.setdiff1d(np.arange(len(precision)), acts)):
+        return M, right
+    # Schur complement: eliminate the parameters without effect on this joint once, not in every trial.
+    cross = M[:, eliminated][:, :, acts]
+    solved = np.linalg.solve(
+        add_ridge(M[:, eliminated][:, :, eliminated]), np.concatenate([cross, right[:, eliminated, None]], axis=2)
+    )
+    reduction = np.swapaxes(cross, 1, 2) @ solved
+    return M[:, acts][:, :, acts] - reduction[..., :-1], right[:, acts] - reduction[..., -1]
+
+
+MIN_GAIN = 1.0  # %, of the squared error: what a term must remove
+NEGLIGIBLE_GAIN, MAX_IDLE_GAIN = (
+    0.5,
+    2.0,
+)  # %: gain of a term of the plain set that is needless, and two standard errors above it
+MIN_GAIN_ERRORS, MIN_STRICT_GAIN_ERRORS = (
+    1.5,
+    2.0,
+)  # standard errors that a gain must exceed: about ten kinds are tried on each joint
+STAY_FACTOR = 0.5  # of the standard errors with which a term enters, that it needs to stay
+NONNEGATIVE_ROLES = ("viscous", "coulomb", "rotor")  # roles that are never negative
+PERMANENT_KINDS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
+MAX_FASTER_LOSS = 2.0  # standard errors below nothing at which faster motion refutes a kind that is not strict
+CLEAR_GAIN_ERRORS = 5.0  # standard errors of a gain that faster motion must refute twice
+MAX_RESIZE_TURNS = 5  # at most, in which the sizes of what has entered settle
+MAX_TERMS = 9  # terms of a joint
+
+
+@dataclass(frozen=True, eq=False)
+class TermGroup:
+    """A ``kind`` with its sizes: the ``terms`` on one joint, and the indices ``at`` of the columns of each."""
+
+    kind: CandidateKind
     terms: tuple[Term, ...]
     at: tuple[tuple[int, ...], ...]
 
@@ -43,10 +116,10 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Entered:
-    """A group that has entered, and which ``size`` of it."""
+class TermEntry:
+    """A group that has entered the fit, in a ``size``."""
 
-    group: Group
+    group: TermGroup
     size: int
 
     __repr__ = brief
@@ -63,40 +136,44 @@ class Entered:
 
 
 @dataclass(frozen=True, eq=False)
-class Division:
-    """The folds by ``blocks``, the same from slow to fast samples (``faster``) and from inner to outer ones
-    (``further``), by recording (``logs``, None for one), and the ``whole`` fitted and judged by itself.
+class SearchFolds:
+    """The folds by which trials are judged.
 
-    ``train`` (S, F) are the blocks of the other joints in each of the fits that these need.
+    They are by ``blocks`` of time, the same from slow to fast samples (``faster``) and from inner to outer ones
+    (``further``), by recording (``logs``, None for a single one), and ``all_samples`` for fit and test at once.
+    ``train`` (S, F) are the blocks of the other joints in each of these fits.
     """
 
     blocks: Folds
     faster: Folds
     further: Folds
-    whole: Folds
+    all_samples: Folds
     logs: Folds | None
     train: Array
 
     __repr__ = brief
 
     @classmethod
-    def of(cls, logs: NDArray[np.intp]) -> Division:
-        """Return the division of blocks by the log (F) of each."""
+    def of(cls, logs: NDArray[np.intp]) -> SearchFolds:
+        """Return the folds for blocks whose logs (F) are given."""
         F, C = len(logs), 4
-        eye, every = np.eye(F), np.arange(F)
-        out, all_of = 1.0 - eye, np.ones((1, F))
+        eye, fold_index = np.eye(F), np.arange(F)
+        other_blocks, all_of = 1.0 - eye, np.ones((1, F))
+        # The last axis of the weights are the classes slow inner, slow outer, fast inner, fast outer.
         slow, inner = np.array([1.0, 1.0, 0.0, 0.0]), np.array([1.0, 0.0, 1.0, 0.0])
         names = np.unique(logs)
         by_log = (logs[None] == names[:, None]).astype(float)
-        one = np.ones(C)
+        all_classes = np.ones(C)
         several = len(names) > 1
         return cls(
-            Folds(_outer(out, one), _outer(eye, one), every),
-            Folds(_outer(out, slow), _outer(eye, 1.0 - slow), every),
-            Folds(_outer(out, inner), _outer(eye, 1.0 - inner), every),
-            Folds(_outer(all_of, one), _outer(all_of, one), np.array([F])),
-            Folds(_outer(1.0 - by_log, one), _outer(by_log, one), F + 1 + np.arange(len(names))) if several else None,
-            np.concatenate([out, all_of, *([1.0 - by_log] if several else [])]),
+            Folds(_outer(other_blocks, all_classes), _outer(eye, all_classes), fold_index),
+            Folds(_outer(other_blocks, slow), _outer(eye, 1.0 - slow), fold_index),
+            Folds(_outer(other_blocks, inner), _outer(eye, 1.0 - inner), fold_index),
+            Folds(_outer(all_of, all_classes), _outer(all_of, all_classes), np.array([F])),
+            Folds(_outer(1.0 - by_log, all_classes), _outer(by_log, all_classes), F + 1 + np.arange(len(names)))
+            if several
+            else None,
+            np.concatenate([other_blocks, all_of, *([1.0 - by_log] if several else [])]),
         )
 
 
@@ -104,7 +181,7 @@ def _outer(blocks: Array, classes: Array) -> Array:
     return blocks[:, :, None] * classes
 
 
-def share(gains: Array, before: Array) -> tuple[float, float]:
+def gain_share(gains: Array, before: Array) -> tuple[float, float]:
     """Return the sum of gains (T) as a share (%) of the squared errors before, and its standard error."""
     total = float(before.sum())
     if not total > 0:
@@ -114,195 +191,239 @@ def share(gains: Array, before: Array) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """A trial with the gains (T) in its blocks, and the size that fits all samples best."""
+class _TrialResult:
+    """The trial of a group with its gains (T) in the blocks, and the entry with the size that fits all samples best."""
 
-    trial: Trial
+    trial: TermTrial
     gains: Array
-    entered: Entered
+    entered: TermEntry
 
 
 @dataclass(eq=False)
 class JointSearch:
-    """What is tried on one ``joint``: its ``grams``, ``groups`` of columns, the ``division`` of its samples, its
-    ``weight``, and what has ``entered`` so far. ``rest`` are the normal matrices from all others."""
+    """The search on one ``joint``: its ``grams``, ``groups``, ``division`` of samples and ``weight``.
+
+    ``entered`` is what has entered so far. Methods take the normal matrices ``other_normals`` from all other
+    joints.
+    """
 
     joint: str
     grams: JointGrams
-    groups: tuple[Group, ...]
-    division: Division
+    groups: tuple[TermGroup, ...]
+    division: SearchFolds
     weight: float
-    entered: list[Entered] = field(default_factory=list)
-    trials: dict[str, Trial] = field(default_factory=dict)
+    entered: list[TermEntry] = field(default_factory=list)
+    trials: dict[str, TermTrial] = field(default_factory=dict)
 
     __repr__ = brief
 
     @property
     def columns(self) -> list[int]:
         """The columns that have entered."""
-        return [i for one in self.entered for i in one.columns]
+        return [i for entry in self.entered for i in entry.columns]
 
-    def forward(self, rest: Normal) -> None:
-        """Let the best group enter, or a simpler one within a standard error of it, until none is good enough."""
-        while len(self.entered) < MOST:
-            have = {one.group.kind.name for one in self.entered}
-            groups = [one for one in self.groups if one.kind.name not in have]
-            found = self._tried(rest, groups)
-            known = sorted(found, key=lambda one: (one.trial.outcome is not Outcome.NOT_EXCITED, one.trial.gain))
-            self.trials |= {one.trial.kind: one.trial for one in known}  # the best of those of one name
-            good = [one for one in self._again(rest, found) if one.trial.outcome is Outcome.ENTERED]
+    def forward(self, other_normals: Normal) -> None:
+        """Add the best group, or a simpler one within a standard error of it, until none is good enough."""
+        while len(self.entered) < MAX_TERMS:
+            entered_names = {candidate.group.kind.name for candidate in self.entered}
+            groups = [candidate for candidate in self.groups if candidate.kind.name not in entered_names]
+            results = self._try_groups(other_normals, groups)
+            ranked = sorted(
+                results,
+                key=lambda candidate: (candidate.trial.outcome is not TrialOutcome.NOT_EXCITED, candidate.trial.gain),
+            )
+            self.trials |= {
+                candidate.trial.kind: candidate.trial for candidate in ranked
+            }  # the best of those of one name
+            good = [
+                candidate
+                for candidate in self._retry_best(other_normals, results)
+                if candidate.trial.outcome is TrialOutcome.ENTERED
+            ]
             if not good:
                 return
-            if not any(one.group.kind.dry for one in self.entered):  # what is left of it has no meaning without
-                good = [one for one in good if one.entered.group.kind.dry] or good
-            best = max(good, key=lambda one: one.trial.gain)
-            chosen = next(one for one in good if one is best or _as_good(one, best))
-            self.entered.append(chosen.entered)
-            self._resize(rest)
+            # Without dry friction the residual is mostly its sign; other kinds would imitate it.
+            if not any(
+                candidate.group.kind.dry for candidate in self.entered
+            ):  # what is left of it has no meaning without
+                good = [candidate for candidate in good if candidate.entered.group.kind.dry] or good
+            best = max(good, key=lambda candidate: candidate.trial.gain)
+            # Groups are ordered from the simplest on: take the first that is as good as the best.
+            simplest = next(candidate for candidate in good if candidate is best or _is_as_good(candidate, best))
+            self.entered.append(simplest.entered)
+            # The new term changes which widths of the others are best.
+            self._resize(other_normals)
 
-    def _again(self, rest: Normal, found: list[_Found]) -> list[_Found]:
-        """Return the same, with a look again at the best where faster motion refutes it and the blocks do not.
+    def _retry_best(self, other_normals: Normal, results: list[_TrialResult]) -> list[_TrialResult]:
+        """Return the results, after a second look at the best where faster motion refutes it and the blocks do not.
 
-        The sizes of what has entered were fitted without it, and may be wrong for that reason alone.
+        The sizes of the entered groups were fitted without it, and may be wrong for that reason alone.
         """
-        best = max(found, key=lambda one: one.trial.gain, default=None)
-        if best is None or best.trial.outcome is not Outcome.REFUTED_FASTER or best.trial.gain < CLEAR * best.trial.std:
-            return found
+        best = max(results, key=lambda candidate: candidate.trial.gain, default=None)
+        if (
+            best is None
+            or best.trial.outcome is not TrialOutcome.REFUTED_FASTER
+            or best.trial.gain < CLEAR_GAIN_ERRORS * best.trial.std
+        ):
+            return results
+        # Enter it tentatively, let the sizes settle, and judge it once more beside these.
         tentative = replace(self, entered=[*self.entered, best.entered], trials={})
-        tentative._resize(rest)
-        *others, one = tentative.entered
-        alone = Group(one.group.kind, (one.term,), (one.columns,))
-        (seen,) = replace(self, entered=others, trials={})._tried(rest, [alone])
-        if seen.trial.outcome is not Outcome.ENTERED:
-            return found
-        self.trials[seen.trial.kind] = seen.trial
-        return [replace(seen, entered=best.entered)]
+        tentative._resize(other_normals)
+        *other_entries, candidate = tentative.entered
+        alone = TermGroup(candidate.group.kind, (candidate.term,), (candidate.columns,))
+        (retry,) = replace(self, entered=other_entries, trials={})._try_groups(other_normals, [alone])
+        if retry.trial.outcome is not TrialOutcome.ENTERED:
+            return results
+        self.trials[retry.trial.kind] = retry.trial
+        return [replace(retry, entered=best.entered)]
 
-    def backward(self, rest: Normal) -> None:
-        """Take out, one by one, what the others have made needless."""
+    def backward(self, other_normals: Normal) -> None:
+        """Remove, one by one, the terms that others have made needless."""
         while self.entered:
-            found = [(one, self._without(rest, one)) for one in self.entered if one.group.kind.name not in ALWAYS]
-            worse = [(one, trial) for one, trial in found if trial.outcome is not Outcome.ENTERED]
+            trials = [
+                (entry, self._without(other_normals, entry))
+                for entry in self.entered
+                if entry.group.kind.name not in PERMANENT_KINDS
+            ]
+            worse = [(entry, trial) for entry, trial in trials if trial.outcome is not TrialOutcome.ENTERED]
             if not worse:
                 return
-            one, trial = min(worse, key=lambda pair: pair[1].gain)
-            self.entered.remove(one)
-            self.trials[trial.kind] = replace(trial, outcome=Outcome.REDUNDANT)
+            entry, trial = min(worse, key=lambda pair: pair[1].gain)
+            self.entered.remove(entry)
+            self.trials[trial.kind] = replace(trial, outcome=TrialOutcome.REDUNDANT)
 
-    def _resize(self, rest: Normal) -> None:
-        """Give each two groups that have entered the sizes that are best together, in turn until none changes.
+    def _resize(self, other_normals: Normal) -> None:
+        """Set the sizes of each two entered groups to those that are best together, in turn until none changes.
 
         Two at a time, because the widths of two signs can make up for each other.
         """
-        sized = [k for k, one in enumerate(self.entered) if len(one.group.at) > 1]
-        for _ in range(TURNS):
-            before = [one.size for one in self.entered]
-            for own in combinations(sized, min(2, len(sized))) if sized else ():
-                columns = [i for k, other in enumerate(self.entered) if k not in own for i in other.columns]
-                sizes = list(product(*(range(len(self.entered[k].group.at)) for k in own)))
-                at = [sum((self.entered[k].group.at[i] for k, i in zip(own, some, strict=True)), ()) for some in sizes]
-                fits = tried(self.grams, self.division.whole, rest, columns, [at], self.weight)
-                for k, i in zip(own, sizes[int(fits.best[0, 0])], strict=True):
+        sized = [k for k, entry in enumerate(self.entered) if len(entry.group.at) > 1]
+        for _ in range(MAX_RESIZE_TURNS):
+            before = [entry.size for entry in self.entered]
+            for pair in combinations(sized, min(2, len(sized))) if sized else ():
+                columns = [
+                    i for k, other_entry in enumerate(self.entered) if k not in pair for i in other_entry.columns
+                ]
+                sizes = list(product(*(range(len(self.entered[k].group.at)) for k in pair)))
+                # One group of all combinations of sizes: a single pass over the Gram matrices compares them.
+                at = [
+                    sum((self.entered[k].group.at[i] for k, i in zip(pair, chosen_sizes, strict=True)), ())
+                    for chosen_sizes in sizes
+                ]
+                fits = try_groups(self.grams, self.division.all_samples, other_normals, columns, [at], self.weight)
+                for k, i in zip(pair, sizes[int(fits.best[0, 0])], strict=True):
                     self.entered[k] = replace(self.entered[k], size=i)
-            if before == [one.size for one in self.entered]:
+            if before == [entry.size for entry in self.entered]:
                 return
 
-    def exchange(self, rest: Normal) -> None:
-        """Take, for each group in turn, what would be chosen if it were not there, where that predicts better."""
-        for one in list(self.entered):
-            if one.group.kind.presumed or one not in self.entered:
+    def exchange(self, other_normals: Normal) -> None:
+        """Replace each group in turn by what would be chosen without it, where that predicts better."""
+        for entry in list(self.entered):
+            if entry.group.kind.presumed or entry not in self.entered:
                 continue
-            groups = tuple(group for group in self.groups if group.kind.name != one.group.kind.name)
-            other = replace(self, groups=groups, entered=[x for x in self.entered if x is not one], trials={})
-            other.forward(rest)
-            other.backward(rest)
-            if other.errors(rest).sum() < self.errors(rest).sum():
-                self.entered = other.entered
-                self.trials |= other.trials
+            groups = tuple(group for group in self.groups if group.kind.name != entry.group.kind.name)
+            alternative = replace(self, groups=groups, entered=[x for x in self.entered if x is not entry], trials={})
+            alternative.forward(other_normals)
+            alternative.backward(other_normals)
+            if alternative.errors(other_normals).sum() < self.errors(other_normals).sum():
+                self.entered = alternative.entered
+                self.trials |= alternative.trials
 
-    def errors(self, rest: Normal, columns: Sequence[int] | None = None) -> Array:
-        """Return the squared errors (F) of the blocks with columns, those that have entered by default."""
-        chosen = self.columns if columns is None else columns
-        return tried(self.grams, self.division.blocks, rest, chosen, (), self.weight).before
+    def errors(self, other_normals: Normal, columns: Sequence[int] | None = None) -> Array:
+        """Return the squared errors (F) of the blocks with ``columns``, by default those that have entered."""
+        used_columns = self.columns if columns is None else columns
+        return try_groups(self.grams, self.division.blocks, other_normals, used_columns, (), self.weight).before
 
-    def _without(self, rest: Normal, one: Entered) -> Trial:
-        """Return the trial of a group that has entered, beside all others that have."""
-        others = [other for other in self.entered if other is not one]
-        alone = Group(one.group.kind, (one.term,), (one.columns,))
-        (found,) = replace(self, entered=others, trials={})._tried(rest, [alone], stays=True)
-        if _presumed(one.group.kind, others) and found.trial.outcome is not Outcome.NEGATIVE:
-            idle = found.trial.gain < NOTHING and found.trial.gain + 2.0 * found.trial.std < IDLE
-            return replace(found.trial, outcome=Outcome.TOO_SMALL if idle else Outcome.ENTERED)
-        return found.trial
+    def _without(self, other_normals: Normal, entry: TermEntry) -> TermTrial:
+        """Return the trial of an entered group beside all others."""
+        other_entries = [other_entry for other_entry in self.entered if other_entry is not entry]
+        alone = TermGroup(entry.group.kind, (entry.term,), (entry.columns,))
+        (result,) = replace(self, entered=other_entries, trials={})._try_groups(other_normals, [alone], stays=True)
+        if _is_presumed(entry.group.kind, other_entries) and result.trial.outcome is not TrialOutcome.NEGATIVE:
+            is_idle = result.trial.gain < NEGLIGIBLE_GAIN and result.trial.gain + 2.0 * result.trial.std < MAX_IDLE_GAIN
+            return replace(result.trial, outcome=TrialOutcome.TOO_SMALL if is_idle else TrialOutcome.ENTERED)
+        return result.trial
 
-    def _tried(self, rest: Normal, groups: Sequence[Group], *, stays: bool = False) -> list[_Found]:
-        """Return the trials of groups; what has entered before ``stays`` with a less sure gain."""
+    def _try_groups(
+        self, other_normals: Normal, groups: Sequence[TermGroup], *, stays: bool = False
+    ) -> list[_TrialResult]:
+        """Return the trials of groups; those that ``stays`` tells to have entered before need a less certain gain."""
         if not groups:
             return []
-        at = [one.at for one in groups]
-        blocks, whole = (
-            tried(self.grams, folds, rest, self.columns, at, self.weight)
-            for folds in (self.division.blocks, self.division.whole)
+        at = [candidate.at for candidate in groups]
+        blocks, overall = (
+            try_groups(self.grams, folds, other_normals, self.columns, at, self.weight)
+            for folds in (self.division.blocks, self.division.all_samples)
         )
-        found = []
+        results = []
         for g, group in enumerate(groups):
-            size, gains = int(whole.best[0, g]), blocks.before - blocks.after[:, g]
-            gain, std = share(gains, blocks.before)
-            outcome = self._outcome(group, size, gain, (STAYS if stays else 1.0) * std, whole, g)
-            trial = Trial(self.joint, group.kind.name, _settings(group.terms[size]), gain, std, outcome)
-            found.append(_Found(trial, gains, Entered(group, size)))
-        return found if stays else self._beyond(rest, found)
+            size, gains = int(overall.best[0, g]), blocks.before - blocks.after[:, g]
+            gain, std = gain_share(gains, blocks.before)
+            outcome = self._outcome(group, size, gain, (STAY_FACTOR if stays else 1.0) * std, overall, g)
+            trial = TermTrial(self.joint, group.kind.name, _settings(group.terms[size]), gain, std, outcome)
+            results.append(_TrialResult(trial, gains, TermEntry(group, size)))
+        return results if stays else self._refute_elsewhere(other_normals, results)
 
-    def _outcome(self, group: Group, size: int, gain: float, std: float, whole: Fits, g: int) -> Outcome:
-        if not whole.seen[0, g]:
-            return Outcome.NOT_EXCITED
-        roles = [one.role for one in group.terms[size].parameters]
-        if any(role in SIGNED and x < 0 for role, x in zip(roles, whole.values[g][0], strict=True)):
-            return Outcome.NEGATIVE
-        if _presumed(group.kind, self.entered):
-            return Outcome.ENTERED if gain > 0 or gain + std > LEAST else Outcome.TOO_SMALL
-        if gain < LEAST:
-            return Outcome.TOO_SMALL
-        return Outcome.ENTERED if gain > std * (STRICT if group.kind.strict else SURE) else Outcome.WITHIN_ERROR
+    def _outcome(
+        self, group: TermGroup, size: int, gain: float, std: float, overall: TrialFits, g: int
+    ) -> TrialOutcome:
+        if not overall.independent[0, g]:
+            return TrialOutcome.NOT_EXCITED
+        roles = [parameter.role for parameter in group.terms[size].parameters]
+        # A negative friction coefficient is the sign of another missing effect, whatever it gains.
+        if any(role in NONNEGATIVE_ROLES and x < 0 for role, x in zip(roles, overall.values[g][0], strict=True)):
+            return TrialOutcome.NEGATIVE
+        if _is_presumed(group.kind, self.entered):
+            return TrialOutcome.ENTERED if gain > 0 or gain + std > MIN_GAIN else TrialOutcome.TOO_SMALL
+        if gain < MIN_GAIN:
+            return TrialOutcome.TOO_SMALL
+        return (
+            TrialOutcome.ENTERED
+            if gain > std * (MIN_STRICT_GAIN_ERRORS if group.kind.strict else MIN_GAIN_ERRORS)
+            else TrialOutcome.WITHIN_ERROR
+        )
 
-    def _beyond(self, rest: Normal, found: list[_Found]) -> list[_Found]:
-        """Return the same, with what does not hold on faster motion, further out or in another recording refuted."""
-        good = [k for k, one in enumerate(found) if one.trial.outcome is Outcome.ENTERED]
+    def _refute_elsewhere(self, other_normals: Normal, results: list[_TrialResult]) -> list[_TrialResult]:
+        """Return the results, with those refuted that fail on faster motion, further out or in another recording."""
+        good = [k for k, result in enumerate(results) if result.trial.outcome is TrialOutcome.ENTERED]
         if not good:
-            return found
-        at = [found[k].entered.group.at for k in good]
+            return results
+        at = [results[k].entered.group.at for k in good]
         division = self.division
         beyond = [division.faster, division.further, *([] if division.logs is None else [division.logs])]
-        fits = [tried(self.grams, folds, rest, self.columns, at, self.weight) for folds in beyond]
+        fits = [try_groups(self.grams, folds, other_normals, self.columns, at, self.weight) for folds in beyond]
         for g, k in enumerate(good):
-            kind, outcome = found[k].entered.group.kind, Outcome.ENTERED
-            faster, *elsewhere = (share(one.before - one.after[:, g], one.before) for one in fits)
-            if not _presumed(kind, self.entered):
-                outcome = _held(kind, faster, elsewhere)
-            trial = replace(found[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])
-            found[k] = replace(found[k], trial=trial)
-        return found
+            kind, outcome = results[k].entered.group.kind, TrialOutcome.ENTERED
+            faster, *elsewhere = (gain_share(fit.before - fit.after[:, g], fit.before) for fit in fits)
+            if not _is_presumed(kind, self.entered):
+                outcome = _outcome_elsewhere(kind, faster, elsewhere)
+            trial = replace(results[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])
+            results[k] = replace(results[k], trial=trial)
+        return results
 
 
-def _held(kind: Kind, faster: tuple[float, float], elsewhere: Sequence[tuple[float, float]]) -> Outcome:
-    """Return whether a kind holds on faster motion, further out, and in other recordings, by its gains there."""
+def _outcome_elsewhere(
+    kind: CandidateKind, faster: tuple[float, float], elsewhere: Sequence[tuple[float, float]]
+) -> TrialOutcome:
+    """Return whether a kind holds on faster motion, further out and in other recordings, by its gains there."""
     further, *logs = elsewhere
-    if faster[0] < -(FASTER if not kind.strict else 1.0) * faster[1]:
-        return Outcome.REFUTED_FASTER
-    if kind.reaches and further[0] < max(LEAST, further[1]):
-        return Outcome.REFUTED_FURTHER
-    return Outcome.REFUTED_BY_LOG if any(gain < 0 for gain, _ in logs) else Outcome.ENTERED
+    # Loss beyond its standard errors refutes; strict kinds already at one of them.
+    if faster[0] < -(MAX_FASTER_LOSS if not kind.strict else 1.0) * faster[1]:
+        return TrialOutcome.REFUTED_FASTER
+    if kind.reaches and further[0] < max(MIN_GAIN, further[1]):
+        return TrialOutcome.REFUTED_FURTHER
+    return TrialOutcome.REFUTED_BY_LOG if any(gain < 0 for gain, _ in logs) else TrialOutcome.ENTERED
 
 
-def _presumed(kind: Kind, others: Sequence[Entered]) -> bool:
-    """Whether a kind belongs to the plain set, and no other dry friction takes its place."""
-    return kind.presumed and not (kind.dry and any(one.group.kind.dry for one in others))
+def _is_presumed(kind: CandidateKind, entries: Sequence[TermEntry]) -> bool:
+    """Return whether a kind belongs to the plain set, and no other dry friction takes its place."""
+    return kind.presumed and not (kind.dry and any(entry.group.kind.dry for entry in entries))
 
 
-def _as_good(one: _Found, best: _Found) -> bool:
-    """Whether a trial is within a standard error of the best, block by block."""
-    less = best.gains - one.gains
-    return bool(less.sum() <= np.sqrt(len(less)) * less.std(ddof=1))
+def _is_as_good(result: _TrialResult, best: _TrialResult) -> bool:
+    """Return whether a trial is within a standard error of the best, block by block."""
+    shortfall = best.gains - result.gains
+    return bool(shortfall.sum() <= np.sqrt(len(shortfall)) * shortfall.std(ddof=1))
 
 
 def _settings(term: Term) -> tuple[tuple[str, object], ...]:
@@ -312,11 +433,11 @@ def _settings(term: Term) -> tuple[tuple[str, object], ...]:
     return tuple(getattr(term, "settings", ()))
 
 
-def renumbered(entered: Sequence[Entered]) -> list[Entered]:
-    """Return what has entered with its columns one after the other."""
-    found, first = [], 0
-    for one in entered:
-        at = tuple(range(first, first + len(one.columns)))
-        found.append(Entered(Group(one.group.kind, (one.term,), (at,)), 0))
-        first += len(at)
-    return found
+def renumber_columns(entered: Sequence[TermEntry]) -> list[TermEntry]:
+    """Return the entries with their columns numbered consecutively."""
+    renumbered_entries, start = [], 0
+    for entry in entered:
+        at = tuple(range(start, start + len(entry.columns)))
+        renumbered_entries.append(TermEntry(TermGroup(entry.group.kind, (entry.term,), (at,)), 0))
+        start += len(at)
+    return renumbered_entries

@@ -1,20 +1,17 @@
-"""Torques of single joints: friction, springs, ripple and offsets, one file per term."""
+"""Friction laws of single joints."""
 
-from dynident.models.friction.asymmetric import AsymmetricCoulomb, AsymmetricViscous
-from dynident.models.friction.coulomb import Coulomb, WideCoulomb
-from dynident.models.friction.counterbalance import Counterbalance
-from dynident.models.friction.dahl import Dahl
-from dynident.models.friction.drift import Drift
-from dynident.models.friction.dry_friction import DryFriction
-from dynident.models.friction.joint_term import Constant, JointTerm
-from dynident.models.friction.load import LoadCoulomb, LoadDahl, LoadRipple, LoadViscous, RemembersLoad
-from dynident.models.friction.offset import Offset
-from dynident.models.friction.per_joint import PerJoint
-from dynident.models.friction.power import Power
-from dynident.models.friction.ripple import Ripple
-from dynident.models.friction.spring import Spring
-from dynident.models.friction.stribeck import Stribeck
-from dynident.models.friction.viscous import Viscous
+from dynident.models.friction.dahl_and_load import Dahl, LoadCoulomb, LoadDahl, LoadRipple, LoadViscous, RemembersLoad
+from dynident.models.friction.dry_friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    DryFriction,
+    Power,
+    Stribeck,
+    WideCoulomb,
+)
+from dynident.models.friction.joint_term import Constant, JointTerm, PerJoint, Viscous
+from dynident.models.friction.joint_torques import Counterbalance, Drift, Offset, Ripple, Spring
 
 __all__ = [
     "AsymmetricCoulomb",

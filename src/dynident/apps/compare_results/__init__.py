@@ -1,0 +1,23 @@
+"""Two saved results of one robot, side by side."""
+
+from dynident.apps.compare_results.comparison import (
+    BaseDifference,
+    ComparedLog,
+    ComparedResult,
+    ExportRecord,
+    LogDifference,
+    ResultComparison,
+    compare_results,
+)
+from dynident.apps.compare_results.report import difference_figure
+
+__all__ = [
+    "BaseDifference",
+    "ComparedLog",
+    "ComparedResult",
+    "ExportRecord",
+    "LogDifference",
+    "ResultComparison",
+    "compare_results",
+    "difference_figure",
+]

@@ -1,0 +1,180 @@
+"""Read from a saved result what a comparison needs, without the model, so that no robot file has to exist."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from dynident.apps.compare_results.comparison import ComparedLog, ComparedResult, ExportRecord
+from dynident.files.opener import content, real_path
+from dynident.identification import Sources
+from dynident.project.config import parse_config
+from dynident.project.logs import recording_of
+from dynident.project.result_format import FORMAT, VERSION, BasePart, ParameterPart, ResultFile
+from dynident.project.result_read import first_error_text
+from dynident.project.saved import result_values
+from dynident.runtime import ConfigError, InputError, Use
+
+Array = NDArray[np.float64]
+MAX_PARAMETER = 1e100  # of parameters: squares of larger ones are infinite, and nothing differs from them
+
+
+def compared_names(paths: tuple[Path, ...]) -> tuple[str, ...]:
+    """Return distinct short names of results: the folder or file name, with as much of the path as is needed."""
+    parts = [
+        path.parent.parts if path.name == "result.json" else path.with_suffix("").parts
+        for path in map(real_path, paths)
+    ]
+    # the shortest ends of the paths that tell all results apart
+    for depth in range(1, max(map(len, parts), default=1) + 1):
+        names = tuple("/".join(path[-depth:]) for path in parts)
+        if len(set(names)) == len(names):
+            return names
+    return tuple(map(str, paths))
+
+
+def read_compared(path: Path, name: str) -> ComparedResult:
+    """Read a result for a comparison, called by this name in it. No Python file that it names is run.
+
+    Raises InputError where the file is no result, is older than version 1, or its values do not fit.
+    """
+    data = result_values(path)
+    if data.get("format") != FORMAT or data.get("version") != VERSION:
+        raise InputError(f"{path}: is no result of this version of `dynident identify`; identify again.")
+    try:
+        file = ResultFile.model_validate(data)
+    except ValidationError as error:
+        raise InputError(first_error_text(error, str(path))) from None
+    names = tuple(row.name for row in file.parameters)
+    base = file.base_parameters.on_data
+    combination, scale = (
+        (np.eye(len(names)), np.ones(len(names))) if base is None else _base_combinations(base, names, path)
+    )
+    rows = file.parameters if base is None else base.parameters
+    covariance, is_full = _base_covariance(file.base_parameters.covariance, [_best_std(row) for row in rows], path)
+    if not all(abs(row.value) < MAX_PARAMETER for row in file.parameters) or (np.diag(covariance) < 0).any():
+        raise InputError(
+            f"{path}: holds a parameter of {MAX_PARAMETER:g} or more, or a variance below 0; identify again."
+        )
+    report = file.report or {}
+    return ComparedResult(
+        name,
+        tuple(joint.name for joint in file.model.joints),
+        names,
+        np.array([row.value for row in file.parameters]),
+        tuple(row.name for row in rows),
+        tuple(row.unit for row in rows),
+        combination,
+        scale,
+        covariance,
+        is_full,
+        tuple(_compared_logs(file)),
+        _use_of_report(report),
+        tuple(_export_records(report, path)),
+    )
+
+
+def _best_std(row: Any) -> float:
+    """Return the standard error to believe of a parameter."""
+    # an infinite robust error of a standard parameter falls back on the plain one, that of a base parameter stands
+    if row.std_hac is not None and (np.isfinite(row.std_hac) or not isinstance(row, ParameterPart)):
+        return float(row.std_hac)
+    return float("inf") if row.std is None else float(row.std)
+
+
+def _base_combinations(base: BasePart, names: tuple[str, ...], path: Path) -> tuple[Array, Array]:
+    """Return the combinations (r, p) of base parameters, and the scales (p)."""
+    index = {name: k for k, name in enumerate(names)}
+    combination = np.zeros((len(base.parameters), len(names)))
+    for k, row in enumerate(base.parameters):
+        for name, coefficient in row.combination.items():
+            if name not in index:
+                raise InputError(f"{path}: base_parameters: there is no parameter {name!r}; identify again.")
+            combination[k, index[name]] = coefficient
+    if len(base.scale) != len(names):
+        raise InputError(f"{path}: base_parameters.scale has {len(base.scale)} numbers; identify again.")
+    return combination, np.array(base.scale)
+
+
+def _base_covariance(rows: list[list[float]] | None, stds: list[float], path: Path) -> tuple[Array, bool]:
+    """Return the covariance of the base parameters, and whether it is more than its diagonal."""
+    count = len(stds)
+    # without a stored covariance, base parameters count as uncorrelated
+    if rows is None:
+        return np.where(np.eye(count, dtype=bool), np.square(stds), 0.0), False
+    if len(rows) != count or any(len(row) != count for row in rows):
+        raise InputError(f"{path}: base_parameters.covariance is not {count} by {count}; identify again.")
+    return np.array(rows).reshape(count, count), True
+
+
+def _compared_logs(file: ResultFile) -> list[ComparedLog]:
+    recordings = _recording_digests(
+        file.provenance, [(validation.name, validation.role) for validation in file.validations]
+    )
+    return [
+        ComparedLog(
+            validation.name, validation.role, validation.errors, recordings.get((validation.name, validation.role), "")
+        )
+        for validation in file.validations
+    ]
+
+
+def _recording_digests(sources: Sources, logs: list[tuple[str, str]]) -> dict[tuple[str, str], str]:
+    """Return digests that identify the recordings of logs: the hashes of their files and the parts that are used."""
+    configuration, hashes = (
+        sources.configuration,
+        {source_file.path: source_file.sha256 for source_file in sources.logs},
+    )
+    if configuration is None:
+        return {}
+    try:
+        config = parse_config(configuration.text, Path(configuration.path).parent, configuration.path, allow_code=False)
+    except ConfigError:  # it names a Python file, or is of another version
+        return {}
+    digests = {}
+    for name, role in logs:
+        spec = recording_of(name, config.train if role == "train" else config.validation)
+        # hashes are stored by real path; a recording without the hash of each file is not identified
+        files = [] if spec is None else [hashes.get(str(real_path(file)), "") for file in spec.file.values()]
+        if spec is not None and all(files):
+            identity = f"{files} {spec.window} {spec.exclude}"
+            digests[name, role] = sha256(identity.encode()).hexdigest()
+    return digests
+
+
+def _use_of_report(report: dict[str, Any]) -> Use | None:
+    """Return what a result was judged to be good for."""
+    verdict = report.get("verdict")
+    word = verdict.get("word") if isinstance(verdict, dict) else None
+    return Use(word) if word in list(Use) else None
+
+
+def _export_records(report: dict[str, Any], path: Path) -> list[ExportRecord]:
+    """Return the files of the model that were written with a result; not those that were refused."""
+    exports = report.get("exports")
+    rows = [entry for entry in exports if isinstance(entry, dict)] if isinstance(exports, list) else []
+    records = []
+    for entry in rows:
+        name, digest, agreement = (entry.get(key) for key in ("file", "sha256", "agreement"))
+        # a damaged report may name any path: only files beside the result count
+        if isinstance(name, str) and isinstance(digest, str) and Path(name).name == name:
+            shown_agreement = float(agreement) if isinstance(agreement, int | float) else None
+            is_unchanged = _is_unchanged(path.with_name(name), digest)
+            records.append(
+                ExportRecord(
+                    name, str(entry.get("format")), digest, entry.get("proven") is True, shown_agreement, is_unchanged
+                )
+            )
+    return records
+
+
+def _is_unchanged(file: Path, digest: str) -> bool:
+    try:
+        return sha256(content(file)).hexdigest() == digest
+    except InputError:
+        return False

@@ -1,0 +1,43 @@
+"""The design of motions that show the parameters, within all limits of an arm."""
+
+from dynident.apps.excitation.clearance import CapsuleSpace
+from dynident.apps.excitation.criterion import Criterion
+from dynident.apps.excitation.design import Design, ExpectedAccuracy, Interrupted, design, expected_accuracy
+from dynident.apps.excitation.exact_space import build_space, exact_space
+from dynident.apps.excitation.expected_report import LimitedQuantity, design_figure, distance_figure, expected_figure
+from dynident.apps.excitation.limits import JointLimits, MotionLimits, min_fit_speeds, motion_limits
+from dynident.apps.excitation.motion import LeftOut, MotionRequest, Program
+from dynident.apps.excitation.trajectory import ClosestApproach, Course, Piece, Purpose, Trajectory, slow_down
+from dynident.apps.excitation.verify import LimitError, TrajectoryCheck, verify
+
+__all__ = [
+    "CapsuleSpace",
+    "ClosestApproach",
+    "Course",
+    "Criterion",
+    "Design",
+    "ExpectedAccuracy",
+    "Interrupted",
+    "JointLimits",
+    "LeftOut",
+    "LimitError",
+    "LimitedQuantity",
+    "MotionLimits",
+    "MotionRequest",
+    "Piece",
+    "Program",
+    "Purpose",
+    "Trajectory",
+    "TrajectoryCheck",
+    "build_space",
+    "design",
+    "design_figure",
+    "distance_figure",
+    "exact_space",
+    "expected_accuracy",
+    "expected_figure",
+    "min_fit_speeds",
+    "motion_limits",
+    "slow_down",
+    "verify",
+]

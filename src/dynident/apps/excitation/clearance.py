@@ -1,0 +1,368 @@
+"""Distances of an arm, as capsules, to itself and to obstacles, with exact derivatives by its positions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, singledispatch
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.models import Box, Capsule, Cylinder, Distances, Floor, Obstacle, Placements, RigidBodies
+from dynident.runtime import InputError, brief
+
+Array = NDArray[np.float64]
+SignedDistance = Callable[[Array], tuple[Array, Array]]
+SQUARED_PREFERENCE = 1e-4  # m^2: preference between segments; where they are 0.1 m apart, it costs at most 0.25 mm
+LINEAR_PREFERENCE = 2e-3  # m: preference beside a body; it costs at most a quarter
+MIN_SLOPE_CHANGE = 1e-300
+BISECTIONS = 20  # of a segment
+MIN_DISTANCE = 1e-12  # m: below it there is no direction
+
+DEFAULT_TRAVEL = 10.0  # m: the travel of a prismatic joint without limits
+
+Integers = NDArray[np.intp]
+PairDistances = tuple[Array, Array, Array]  # distances (N, K), the points and the directions (N, K, 3) they grow with
+NO_PAIRS = np.empty((0, 2), dtype=np.intp)
+SMOOTHING_FACTOR = 1.03  # of the smooth distances against the true ones, where axes are 30 mm apart or more
+BLOCK = 2000  # samples at once
+
+
+def segment_distance(p: Array, u: Array, r: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Return the distance (...) in m of segments from p along u to segments from r along v, all (..., 3).
+
+    Returns also a point (..., 3) on each of the first, and the derivative (..., 3) by it, which is minus
+    that by the point on the second.
+
+    The points p + s u and r + t v minimise d^2 + SQUARED_PREFERENCE ((s - 1/2)^2 + (t - 1/2)^2), of which at
+    most SQUARED_PREFERENCE / 2 is not d^2. Where d is below 10 mm, the tangent replaces the square root,
+    which has no derivative at zero.
+    """
+    w = p - r
+    a, e, b = _dot(u, u) + SQUARED_PREFERENCE, _dot(v, v) + SQUARED_PREFERENCE, _dot(u, v)
+    c, f = _dot(u, w) - SQUARED_PREFERENCE / 2, _dot(v, w) + SQUARED_PREFERENCE / 2
+    # minimise over s, then over t, then over s again: clipping one part changes the best other part
+    s = np.clip((b * f - c * e) / (a * e - b * b), 0.0, 1.0)
+    t = np.clip((b * s + f) / e, 0.0, 1.0)
+    s = np.clip((b * t - c) / a, 0.0, 1.0)
+    point = p + s[..., None] * u
+    offset = point - r - t[..., None] * v
+    # the preference is part of the value, and its largest amount is taken off again below
+    value = _dot(offset, offset) + SQUARED_PREFERENCE * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
+    root = np.sqrt(np.maximum(value, SQUARED_PREFERENCE) - SQUARED_PREFERENCE / 2)
+    return root + np.minimum(value - SQUARED_PREFERENCE, 0.0) / (2 * root), point, offset / root[..., None]
+
+
+def body_distance(p: Array, u: Array, signed_distance: SignedDistance) -> tuple[Array, Array, Array]:
+    """Return the distance (...) in m of segments from p along u (..., 3) to a convex body.
+
+    Returns also a point (..., 3) on each segment, and the derivative (..., 3) by it.
+
+    ``signed_distance`` gives the distance of points, negative inside, and its derivative. As it is convex
+    along a segment, the nearest part s is where the slope of distance + LINEAR_PREFERENCE (s - 1/2)^2
+    changes its sign: between two parts close to each other, whose tangents then give the rest. Where the
+    slope jumps, as inside a box, the derivative is the mean of those on both sides at which it is zero.
+    """
+    low, high = np.zeros(p.shape[:-1]), np.ones(p.shape[:-1])
+    # bisect on the sign of the slope, which rises along the segment as the distance is convex
+    for _ in range(BISECTIONS):
+        s = (low + high) / 2
+        is_rising = _dot(signed_distance(p + s[..., None] * u)[1], u) + 2 * LINEAR_PREFERENCE * (s - 0.5) > 0
+        low, high = np.where(is_rising, low, s), np.where(is_rising, s, high)
+    low_value, low_normal, low_slope = _value_and_slope(p, u, low, signed_distance)
+    high_value, high_normal, high_slope = _value_and_slope(p, u, high, signed_distance)
+    # the tangents at both ends meet at the kink, if there is one
+    share = np.clip(-low_slope / np.maximum(high_slope - low_slope, MIN_SLOPE_CHANGE), 0.0, 1.0)
+    width = high - low
+    low_value, high_value = low_value + low_slope * share * width, high_value - high_slope * (1 - share) * width
+    point = p + (low + share * width)[..., None] * u
+    return (
+        low_value + share * (high_value - low_value),
+        point,
+        low_normal + share[..., None] * (high_normal - low_normal),
+    )
+
+
+def _value_and_slope(p: Array, u: Array, s: Array, signed_distance: SignedDistance) -> tuple[Array, Array, Array]:
+    """Return distance and preference at the parts s, the derivative of the distance, and the slope of both by
+    s.
+    """
+    distance, normal = signed_distance(p + s[..., None] * u)
+    return (
+        distance + LINEAR_PREFERENCE * ((s - 0.5) ** 2 - 0.25),
+        normal,
+        _dot(normal, u) + 2 * LINEAR_PREFERENCE * (s - 0.5),
+    )
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+def obstacle_name(obstacle: Floor | Box | Cylinder) -> str:
+    """Return the name of an obstacle."""
+    return "floor" if isinstance(obstacle, Floor) else obstacle.name
+
+
+@singledispatch
+def signed_distance(obstacle: object) -> SignedDistance:
+    """Return the function from points (..., 3) to their signed distance (...) from an obstacle, negative
+    inside.
+
+    The function also returns the derivative (..., 3): a unit vector away from the obstacle.
+    """
+    raise TypeError(f"{type(obstacle).__name__} is no obstacle.")
+
+
+@signed_distance.register
+def _(floor: Floor) -> SignedDistance:
+    def above(point: Array) -> tuple[Array, Array]:
+        normal = np.zeros_like(point)
+        normal[..., 2] = 1.0
+        return point[..., 2] - floor.height, normal
+
+    return above
+
+
+@signed_distance.register
+def _(box: Box) -> SignedDistance:
+    centre, half, axes = np.array(box.centre), np.array(box.size) / 2, np.array(box.axes)
+
+    def outside(point: Array) -> tuple[Array, Array]:
+        away = (point - centre) @ axes.T
+        distance, normal = _corner_distance(np.abs(away) - half)
+        return distance, (normal * np.where(away < 0, -1.0, 1.0)) @ axes
+
+    return outside
+
+
+@signed_distance.register
+def _(cylinder: Cylinder) -> SignedDistance:
+    def outside(point: Array) -> tuple[Array, Array]:
+        x, y = point[..., 0] - cylinder.centre[0], point[..., 1] - cylinder.centre[1]
+        radius = np.hypot(x, y)
+        over, under = point[..., 2] - cylinder.top, cylinder.bottom - point[..., 2]
+        # a cylinder is a corner in the plane of radius and height
+        distance, normal = _corner_distance(np.stack((radius - cylinder.radius, np.maximum(over, under)), axis=-1))
+        radius = np.maximum(radius, MIN_DISTANCE)
+        radial, up = normal[..., 0] / radius, normal[..., 1] * np.where(over < under, -1.0, 1.0)
+        return distance, np.stack((radial * x, radial * y, up), axis=-1)
+
+    return outside
+
+
+def _corner_distance(excess: Array) -> tuple[Array, Array]:
+    """Return the distance (...) from the corner of the region where all of ``excess`` (..., k) are negative.
+
+    Returns also its derivative (..., k) by these.
+    """
+    out = np.maximum(excess, 0.0)
+    distance = np.sqrt(np.einsum("...i,...i->...", out, out))
+    inside = distance < MIN_DISTANCE
+    # inside, the distance is that of the nearest face
+    nearest = np.arange(excess.shape[-1]) == excess.argmax(axis=-1)[..., None]
+    normal = np.where(inside[..., None], nearest, out / np.maximum(distance, MIN_DISTANCE)[..., None])
+    return np.where(inside, excess.max(axis=-1), distance), normal
+
+
+def reach_bounds(bodies: RigidBodies, body: int, radius: float) -> Array:
+    """Return by how much (m/rad, m/m) points within ``radius`` (m) of a body's origin move at most with each
+    body (B).
+
+    The bodies are those on which it stands, itself included; the bound is 0 for others. A point moves with a
+    revolute joint by its distance from the axis, which is bounded by the lengths of the links between and
+    the travel of prismatic joints.
+    """
+    all_bodies, out, reach = bodies.arm.bodies, np.zeros(len(bodies.arm.bodies)), radius
+    travel = _max_travel(bodies)
+    index: int | None = body if body >= 0 else None
+    # from the body to the root: each link can add its length to the distance from the next axis
+    while index is not None:
+        is_prismatic = all_bodies[index].joint.kind == "prismatic"
+        out[index] = 1.0 if is_prismatic else reach
+        reach += float(np.linalg.norm(all_bodies[index].placement[:3, 3])) + (travel[index] if is_prismatic else 0.0)
+        index = all_bodies[index].parent
+    return out
+
+
+def distance_rate_bounds(bodies: RigidBodies, part_reaches: Array, pairs: Sequence[tuple[int, int]]) -> Array:
+    """Return by how much (P, n) the distances of ``pairs`` (P) of parts change at most with the joints.
+
+    ``part_reaches`` (parts, B) are the ``reach_bounds`` of the parts. A body that carries both moves them
+    alike.
+    """
+    first, second = (part_reaches[[pair[k] for pair in pairs]].reshape(-1, part_reaches.shape[1]) for k in (0, 1))
+    # a joint that carries both parts moves them alike and does not change their distance
+    rates = np.where((first > 0) & (second > 0), 0.0, first + second)
+    return np.asarray(rates @ np.abs(bodies.arm.drive))
+
+
+def _max_travel(bodies: RigidBodies) -> Array:
+    """Return how far (B) the positions of the bodies are from 0 at most."""
+    limits = [bodies.limits[joint.name] for joint in bodies.joints]
+    ends = np.array([(limit.lower, limit.upper) for limit in limits], dtype=float).reshape(-1, 2)
+    max_positions = np.where(np.isfinite(ends), np.abs(ends), DEFAULT_TRAVEL).max(axis=1)
+    return np.asarray(np.abs(bodies.arm.drive) @ max_positions + np.abs(bodies.arm.offset))
+
+
+@dataclass(frozen=True, eq=False)
+class CapsuleSpace:
+    """The ``capsules`` around the links of an arm, and ``obstacles``.
+
+    Watched are ``meetings``, pairs of capsules (K, 2), and ``encounters`` (M, 2) of a capsule with an
+    obstacle, both by index: P = K + M pairs, in this order. A pair of links with several capsules has
+    several. ``unwatched`` are the meetings and encounters that are left out because they touch in nearly
+    every pose. Distances are smooth, and less than the true ones by at most 1 mm where that is not below 50
+    mm (``segment_distance``).
+    """
+
+    bodies: RigidBodies
+    capsules: tuple[Capsule, ...]
+    obstacles: tuple[Obstacle, ...]
+    meetings: Integers
+    encounters: Integers
+    unwatched: tuple[Integers, Integers] = (NO_PAIRS, NO_PAIRS)
+
+    __repr__ = brief
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names of the P pairs: two links, or a link and an obstacle."""
+        return self._pair_names(self.meetings, self.encounters)
+
+    @cached_property
+    def steepest(self) -> Array:
+        """Largest rate at which a distance changes with a joint, shape (P, n)."""
+        radii = [
+            capsule.radius + max(float(np.linalg.norm(end)) for end in (capsule.start, capsule.end))
+            for capsule in self.capsules
+        ]
+        bodies, count = [*self._capsule_bodies, -1], len(self.capsules)
+        # obstacles do not move: a last entry without reach stands for them
+        part_reaches = np.array(
+            [reach_bounds(self.bodies, body, r) for body, r in zip(bodies, [*radii, 0.0], strict=True)]
+        )
+        pairs = [*self.meetings.tolist(), *((capsule, count) for capsule in self.encounters[:, 0].tolist())]
+        return SMOOTHING_FACTOR * distance_rate_bounds(self.bodies, part_reaches, pairs)
+
+    @property
+    def left_out(self) -> tuple[tuple[str, str], ...]:
+        """Names of the pairs that are not watched, each once."""
+        return tuple(dict.fromkeys(self._pair_names(*self.unwatched)))
+
+    def distances(self, q: Array, /) -> Array:
+        """Return the distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
+        # in blocks of samples, as the placements of all bodies take much memory
+        blocks = [q[k : k + BLOCK] for k in range(0, len(q), BLOCK)]
+        block_distances = [self._distances(self.bodies.placements(block)) for block in blocks]
+        return np.concatenate([np.empty((0, len(self.pairs))), *block_distances])
+
+    def gradients(self, q: Array, /) -> tuple[Array, Array]:
+        """Return ``distances`` and their derivatives (N, P, n) by q."""
+        placements = self.bodies.placements(q)
+        starts, along = self._segments(placements)
+        meetings, encounters = self._meeting_distances(starts, along), self._encounter_distances(starts, along)
+        distances, points, directions = (
+            np.concatenate(pair, axis=1) for pair in zip(meetings, encounters, strict=True)
+        )
+        # a point and the one nearest to it are on one line along the direction, so that both have one moment
+        first_bodies = self._capsule_bodies[np.concatenate((self.meetings[:, 0], self.encounters[:, 0]))]
+        second_bodies = np.concatenate((self._capsule_bodies[self.meetings[:, 1]], np.full(len(self.encounters), -1)))
+        return distances, placements.project_on_joints(first_bodies, points, directions) - placements.project_on_joints(
+            second_bodies, points, directions
+        )
+
+    def _distances(self, placements: Placements) -> Array:
+        starts, along = self._segments(placements)
+        return np.concatenate(
+            (self._meeting_distances(starts, along)[0], self._encounter_distances(starts, along)[0]), axis=1
+        )
+
+    def _segments(self, placements: Placements) -> tuple[Array, Array]:
+        """Return the starts of the capsules' axes (N, C, 3), and the vectors to their ends."""
+        starts = placements.points(
+            self._capsule_bodies, np.array([capsule.start for capsule in self.capsules]).reshape(-1, 3)
+        )
+        ends = placements.points(
+            self._capsule_bodies, np.array([capsule.end for capsule in self.capsules]).reshape(-1, 3)
+        )
+        return starts, ends - starts
+
+    def _meeting_distances(self, starts: Array, along: Array) -> PairDistances:
+        first, second = self.meetings.T
+        distance, point, direction = segment_distance(
+            starts[:, first], along[:, first], starts[:, second], along[:, second]
+        )
+        return distance - self._capsule_radii[first] - self._capsule_radii[second], point, direction
+
+    def _encounter_distances(self, starts: Array, along: Array) -> PairDistances:
+        empty = np.empty((len(starts), 0, 3))
+        rows: list[PairDistances] = [(empty[..., 0], empty, empty)]
+        for index, obstacle in enumerate(self.obstacles):
+            capsules = self.encounters[self.encounters[:, 1] == index, 0]
+            distance, point, direction = body_distance(
+                starts[:, capsules], along[:, capsules], signed_distance(obstacle)
+            )
+            rows.append((distance - self._capsule_radii[capsules], point, direction))
+        distances, points, direction = (np.concatenate(parts, axis=1) for parts in zip(*rows, strict=True))
+        return distances, points, direction
+
+    def _pair_names(self, meetings: Integers, encounters: Integers) -> tuple[tuple[str, str], ...]:
+        links, names = (
+            [element.link for element in self.capsules],
+            [obstacle_name(element) for element in self.obstacles],
+        )
+        link_pairs = [(links[element], links[partner]) for element, partner in meetings]
+        return (*link_pairs, *((links[element], names[partner]) for element, partner in encounters))
+
+    @cached_property
+    def _capsule_bodies(self) -> Integers:
+        return np.array([capsule.body for capsule in self.capsules], dtype=np.intp)
+
+    @cached_property
+    def _capsule_radii(self) -> Array:
+        return np.array([capsule.radius for capsule in self.capsules])
+
+
+def candidate_pairs(bodies: RigidBodies, parts: Sequence[int]) -> list[tuple[int, int]]:
+    """Return the pairs of ``parts``, each given by its body, that may meet.
+
+    Parts of one body, and of a body and the next one (of those that have parts), may not.
+    """
+    neighbour_pairs = neighbours(bodies, set(parts))
+    return [
+        (first, second)
+        for first, second in combinations(range(len(parts)), 2)
+        if parts[first] != parts[second] and frozenset((parts[first], parts[second])) not in neighbour_pairs
+    ]
+
+
+def refuse_contact(space: Distances, q: Array, clearance: float, pose_name: str) -> None:
+    """Raise InputError where the pose q (n), called ``pose_name``, is nearer to contact than ``clearance`` (m)."""
+    distances = space.distances(q[None])[0]
+    if distances.size and distances.min() < clearance:
+        nearest = int(distances.argmin())
+        first, second = space.pairs[nearest]
+        distance = float(distances[nearest])
+        relation = f"overlap by {-1e3 * distance:.0f} mm" if distance < 0 else f"are {1e3 * distance:.0f} mm apart"
+        raise InputError(
+            f"{pose_name}: {first!r} and {second!r} {relation}, and {1e3 * clearance:.0f} mm are to be kept between "
+            "them; give another start, correct the obstacles, or ask for less clearance."
+        )
+
+
+def neighbours(bodies: RigidBodies, occupied: set[int]) -> set[frozenset[int]]:
+    """Return the pairs of a body and the next one towards the root, of the bodies ``occupied`` by capsules."""
+    pairs = set()
+    # bodies without shapes are skipped: the next one that has some is the neighbour
+    for body in occupied - {-1}:
+        parent = body
+        while parent != -1:
+            next_parent = bodies.arm.bodies[parent].parent
+            parent = -1 if next_parent is None else next_parent
+            if parent in occupied:
+                break
+        pairs.add(frozenset((body, parent)))
+    return pairs

@@ -1,0 +1,302 @@
+"""What is known of a robot before it moves: its parameters, the noise of its torques, what recordings have told."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
+
+from dynident.apps.excitation.limits import MotionLimits
+from dynident.apps.excitation.motion import MotionRequest
+from dynident.identification import Identification
+from dynident.models import Model
+from dynident.project.config import nominal_values
+from dynident.project.fields import Name, NonNegative, Number, Positive, PositiveOrEach, Section, as_number
+from dynident.project.python_file import error_text
+from dynident.runtime import ConfigError, brief, choices
+
+MAX_MARGIN = 0.9  # at most, of each range
+Array = NDArray[np.float64]
+NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
+DEFAULT_NOISE = 1.0  # N m or N, where there is no limit either
+RANK_TOLERANCE = 1e-12  # of a covariance with ones on its diagonal
+
+
+def _read_margin(value: object) -> float:
+    if not 0.0 <= (number := as_number(value)) <= MAX_MARGIN:
+        raise ValueError(f"a share from 0 to {MAX_MARGIN} is expected, such as 0.1 for 10 %")
+    return number
+
+
+def _range_reader(lower: float, upper: float, unit: str) -> Callable[[object], float]:
+    """Return a reader of numbers from ``lower`` to ``upper``, beyond which a value can only be a mistake."""
+
+    def read(value: object) -> float:
+        if not lower <= (number := as_number(value)) <= upper:
+            raise ValueError(f"a number from {lower:g} to {upper:g} {unit} is expected")
+        return number
+
+    return read
+
+
+def _count_reader(upper: int) -> Callable[[object], int]:
+    """Return a reader of whole numbers from 1 to ``upper``."""
+
+    def read(value: object) -> int:
+        number = as_number(value)
+        if not (1 <= number <= upper and number == int(number)):
+            raise ValueError(f"a whole number from 1 to {upper} is expected")
+        return int(number)
+
+    return read
+
+
+def _read_seed(value: object) -> int:
+    number = as_number(value)
+    if not (0 <= number < 2**63 and number == int(number)):
+        raise ValueError("a whole number of at least 0 is expected")
+    return int(number)
+
+
+def _read_folder(value: object, info: ValidationInfo) -> Path:
+    """Return the absolute path of a folder; a relative one starts at the folder of the settings."""
+    if not isinstance(value, str | Path) or not str(value).strip():
+        raise ValueError("the name of a folder is expected")
+    return Path(os.path.abspath(Path((info.context or {}).get("folder", ".")) / value))
+
+
+Folder = Annotated[Path, BeforeValidator(_read_folder)]
+Share = Annotated[float, BeforeValidator(_read_margin)]
+Seconds = Annotated[float, BeforeValidator(_range_reader(0.1, 3600.0, "s"))]
+Rate = Annotated[float, BeforeValidator(_range_reader(1.0, 20_000.0, "Hz"))]
+Harmonics = Annotated[int, BeforeValidator(_count_reader(50))]
+Starts = Annotated[int, BeforeValidator(_count_reader(1000))]
+Seed = Annotated[int, BeforeValidator(_read_seed)]
+
+
+class JointLimitSettings(Section):
+    """Limits of one joint, in rad or m, per s, s^2 and s^3, and N m or N; those left out are the robot file's, or made
+    by a rule."""
+
+    lower: Number | None = None
+    upper: Number | None = None
+    velocity: Positive | None = None
+    acceleration: Positive | None = None
+    jerk: Positive | None = None
+    torque: Positive | None = None
+
+    @model_validator(mode="after")
+    def _check_range(self) -> Self:
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise ValueError(f"`lower` must be below `upper`, but {self.lower:g} >= {self.upper:g}")
+        return self
+
+
+class BoxSettings(Section):
+    """A box to keep clear of: its ``centre`` and ``size`` (m) along the axes x, y and z of the root link."""
+
+    name: Name
+    centre: tuple[Number, Number, Number]
+    size: tuple[Positive, Positive, Positive]
+
+
+class CylinderSettings(Section):
+    """An upright cylinder to keep clear of, about ``centre`` (x, y), from ``bottom`` to ``top`` (null: without end), in
+    m."""
+
+    name: Name
+    centre: tuple[Number, Number]
+    radius: Positive
+    bottom: Number | None = None
+    top: Number | None = None
+
+    @model_validator(mode="after")
+    def _check_height(self) -> Self:
+        if self.bottom is not None and self.top is not None and self.bottom >= self.top:
+            raise ValueError(f"`bottom` must be below `top`, but {self.bottom:g} >= {self.top:g}")
+        return self
+
+
+class ExcitationSettings(Section):
+    """What motion to design, within which limits, and what to keep clear of.
+
+    ``rate`` (Hz) is that of the recording, ``file_rate`` that of the files of the motion (null: the same). ``margin``
+    is the share of each limit that is kept free. ``noise`` (N m, N) is that of the torques, one number or by joint;
+    null: as the logs or the result show it, else by rule. ``start`` is the pose at rest where the motion begins and
+    ends, by joint (rad, m); joints left out are at zero. ``floor`` (m) is a height along z of the root link.
+    ``packages`` are the folders of the packages (``package://``) that hold the robot's meshes, or those around them.
+    """
+
+    program: Literal["motion", "friction", "gravity", "all"] = "motion"
+    criterion: Literal["d", "a", "condition"] = "d"
+    parameters: tuple[Name, ...] = ()
+    family: Literal["fourier", "bspline"] = "fourier"
+    duration: Seconds = MotionRequest.duration
+    period: Seconds = MotionRequest.period
+    harmonics: Harmonics = MotionRequest.harmonics
+    rate: Rate = MotionRequest.rate
+    file_rate: Rate | None = None
+    noise: PositiveOrEach = None
+    start: Mapping[Name, Number] | None = None
+    starts: Starts = MotionRequest.starts
+    seed: Seed = 0
+    margin: Share = 0.1
+    limits: Mapping[Name, JointLimitSettings] = {}
+    clearance: NonNegative = MotionRequest.clearance
+    floor: Number | None = None
+    boxes: Annotated[tuple[BoxSettings, ...], Field(max_length=100)] = ()
+    cylinders: Annotated[tuple[CylinderSettings, ...], Field(max_length=100)] = ()
+    packages: Annotated[tuple[Folder, ...], Field(max_length=100)] = ()
+
+    @model_validator(mode="after")
+    def _check_criterion(self) -> Self:
+        if self.parameters and self.criterion != "a":
+            raise ValueError("`parameters`, those that matter, go with `criterion: a`")
+        return self
+
+    @model_validator(mode="after")
+    def _check_names(self) -> Self:
+        names = [*(obstacle.name for obstacle in self.boxes), *(obstacle.name for obstacle in self.cylinders)]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two of `boxes` and `cylinders` have the name {name!r}; give each its own")
+        return self
+
+
+def settings_in(data: Any, source: str, *, alone: bool) -> Mapping[str, Any]:
+    """Return the section ``excitation`` of a file's content; in one that is ``alone``, it may be all there is.
+
+    Raises ConfigError where it is no mapping.
+    """
+    content = data if isinstance(data, Mapping) else {}
+    # a file of its own may have the section, or be the section
+    section = data if alone and "excitation" not in content else content.get("excitation")
+    if not isinstance(section, Mapping | None):
+        raise ConfigError(f"{source}: a mapping of settings is expected, such as `duration: 30`.")
+    return section or {}
+
+
+def excitation_settings(data: Mapping[str, Any], source: str, folder: str | Path = ".") -> ExcitationSettings:
+    """Return settings, checked; file names are relative to ``folder``. ConfigError, led by ``source``, where one is
+    wrong."""
+    try:
+        return ExcitationSettings.model_validate(dict(data), context={"folder": folder})
+    except ValidationError as error:
+        raise ConfigError(error_text(error, dict(data), source)) from None
+
+
+class NoiseOrigin(StrEnum):
+    """Where the noise of the torques is from: given, the residual of a result, that of a fit to logs, or a rule."""
+
+    GIVEN = "given"
+    RESULT = "result"
+    LOGS = "logs"
+    RULE = "rule"
+
+
+@dataclass(frozen=True, eq=False)
+class PriorKnowledge:
+    """What is known of a robot before it moves: its ``model`` and the parameters ``theta`` (p), nominal or
+    identified.
+
+    ``identification`` is the result behind them, None for nominal ones, and ``origin`` says where it is from;
+    ``information`` (p, p) is what recordings have told of the parameters; ``loss_reason`` says why information
+    that could count does not.
+    """
+
+    model: Model
+    theta: Array
+    identification: Identification | None = None
+    origin: NoiseOrigin = NoiseOrigin.RULE
+    information: Array | None = None
+    loss_reason: str = ""
+
+    __repr__ = brief
+
+
+def nominal_knowledge(model: Model, loss_reason: str = "") -> PriorKnowledge:
+    """Return what the robot file says: its bodies, and friction and rotor inertia where it gives them, else none.
+
+    Raises ModelError where a body has no inertia.
+    """
+    return PriorKnowledge(model, nominal_values(model), loss_reason=loss_reason)
+
+
+def knowledge_of_result(identification: Identification) -> PriorKnowledge:
+    """Return what a result knows, with the information in the covariance of its base parameters."""
+    basis, covariance = identification.base.on_data, identification.errors.base_covariance
+    p = len(identification.model.parameters)
+    B = np.eye(p) if basis is None else basis.combination
+    if covariance is None:
+        lost = "it has no covariance of base parameters; identify again"
+        return PriorKnowledge(
+            identification.model, identification.estimate.value, identification, NoiseOrigin.RESULT, loss_reason=lost
+        )
+    # scaled to a unit diagonal, so that the tolerance of the pseudo-inverse does not depend on units
+    has_variance = np.diag(covariance) > 0
+    std = np.sqrt(np.diag(covariance)[has_variance])
+    inverse = np.linalg.pinv(
+        covariance[np.ix_(has_variance, has_variance)] / np.outer(std, std), rcond=RANK_TOLERANCE, hermitian=True
+    )
+    rows = B[has_variance] / std[:, None]
+    return PriorKnowledge(
+        identification.model, identification.estimate.value, identification, NoiseOrigin.RESULT, rows.T @ inverse @ rows
+    )
+
+
+def torque_noise(
+    prior: PriorKnowledge,
+    override: Mapping[str, float] | float | None,
+    limits: MotionLimits,
+    margin: float,
+    rate: float,
+) -> tuple[NoiseOrigin, Array]:
+    """Return the origin of the torque noise, and its standard deviation (n) as for independent samples at ``rate``
+    (Hz).
+
+    Independent samples with this noise tell as much as the real, correlated ones: a residual is larger by the
+    root of the number of samples in the time over which it decorrelates. Where nothing is known the noise is 1 %
+    of the torque limit, else 1 N m or N. ``override`` replaces it, for all joints or by joint. Raises ConfigError
+    for unknown joints.
+    """
+    joints = limits.joints
+    # the limits are already reduced by the margin, the rule refers to the full torque
+    rule = np.where(np.isfinite(limits.torque), NOISE_SHARE * limits.torque / (1.0 - margin), DEFAULT_NOISE)
+    origin, sigma = NoiseOrigin.RULE, rule
+    if prior.identification is not None:
+        residual = _residual_noise(prior.identification, joints, rate)
+        origin, sigma = prior.origin, np.where(residual > 0, residual, rule)
+    return origin if override is None else NoiseOrigin.GIVEN, _override_noise(sigma, override, joints)
+
+
+def _override_noise(sigma: Array, override: Mapping[str, float] | float | None, joints: tuple[str, ...]) -> Array:
+    """Return noise (n) with the override, for all joints or by joint, in its place."""
+    by_joint = (
+        override if isinstance(override, Mapping) else {} if override is None else dict.fromkeys(joints, override)
+    )
+    for name in by_joint:
+        if name not in joints:
+            raise ConfigError(f"excitation.noise: there is no joint {name!r}; {choices(name, joints)}")
+    return np.array([by_joint.get(name, std) for name, std in zip(joints, sigma.tolist(), strict=True)])
+
+
+def _residual_noise(identification: Identification, joints: tuple[str, ...], rate: float) -> Array:
+    """Return the root mean square residual (n) of the training at each joint, scaled as for independent samples."""
+    variance = []
+    for log in (validation for validation in identification.validations if validation.role == "train"):
+        row = []
+        for joint in joints:
+            rmse, test = log.errors.rmse.get(joint, 0.0), log.residuals.get(joint)
+            # samples within the time of decorrelation tell as much as one
+            time = test.decorrelation if test is not None and math.isfinite(test.decorrelation) else 0.0
+            row.append(rmse**2 * max(time * rate, 1.0))
+        variance.append(row)
+    return np.sqrt(np.mean(variance, axis=0)) if variance else np.zeros(len(joints))

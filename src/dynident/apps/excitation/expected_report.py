@@ -1,0 +1,397 @@
+"""What a designed motion is expected to tell of each base parameter, and what stays open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.excitation.clearance import CapsuleSpace, obstacle_name
+from dynident.apps.excitation.config import NoiseOrigin
+from dynident.apps.excitation.design import ExpectedAccuracy, Interrupted, expected_accuracy
+from dynident.apps.excitation.motion import LeftOut, Program
+from dynident.checks import Topic, check_robot
+from dynident.models import Floor, RigidBodies, ShapeSource
+from dynident.regression import UnexcitedParameters
+from dynident.report import Array, Drawing
+from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
+from dynident.report.note_words import words
+from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, number
+from dynident.report.words import count
+from dynident.runtime import brief, install_command, join_names
+
+if TYPE_CHECKING:
+    from dynident.apps.excitation.design import Design
+    from dynident.apps.excitation.robot import ExcitationProject
+
+MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
+DOUBTFUL_TOPICS = (Topic.IMPOSSIBLE, Topic.MASSLESS, Topic.FAR)
+PACKAGED = "package://"
+LOWEST_POINT_RATE, MAX_LOWEST_POINT_SAMPLES = 50.0, 5000  # Hz and samples of the lowest point
+_ORIGINS = {
+    NoiseOrigin.GIVEN: "as far as given; of other joints as known, or 1 % of the torque limit",
+    NoiseOrigin.RESULT: "the residual of the result, each sample counted as often as it is independent",
+    NoiseOrigin.LOGS: "the residual of a fit to the logs, each sample counted as often as it is independent",
+    NoiseOrigin.RULE: "by rule: 1 % of the torque limit, or 1 N m. Give `noise`, or a result, for errors to rely on",
+}
+
+RANGE_MARGIN = 0.08  # share of a range above and below it
+
+WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known well, and fairly
+DURATION_FACTOR = 4.0  # times the duration
+MIN_RELATIVE_VALUE = 1e-9  # of the largest value
+MAX_NAME_LENGTH = 30  # signs of a formula
+MAX_LISTED = 6  # parameters in a sentence
+OPTIMISED_PROGRAMS = (Program.MOTION, Program.ALL)
+_ERRORS_NOTE = (
+    "Standard errors of the base parameters, the combinations that act on the torque each in its own way, from the "
+    "information of the motion: the regressor along it, weighted by the noise of the torques. They hold for the model "
+    "with which the motion was designed, at the values that it was designed with, and for positions known well; what "
+    "the model lacks comes on top."
+)
+
+
+def floor_words(project: ExcitationProject, design: Design) -> Iterator[str]:
+    """Yield how low the arm reaches, where no floor is given."""
+    space = design.space
+    if not isinstance(space, CapsuleSpace) or any(isinstance(shape, Floor) for shape in project.obstacles):
+        return
+    t = design.trajectory.times(min(LOWEST_POINT_RATE, MAX_LOWEST_POINT_SAMPLES / design.trajectory.duration))
+    placements = space.bodies.placements(design.trajectory.states(t)[0])
+    moving = [shape for shape in space.capsules if shape.body >= 0]
+    if not moving:
+        return
+    body, radii = [shape.body for shape in moving], np.array([shape.radius for shape in moving])
+    # A capsule is lowest at one of its ends, below it by the radius
+    ends = (placements.points(body, np.array([getattr(shape, end) for shape in moving])) for end in ("start", "end"))
+    low = float(min((points[..., 2] - radii).min() for points in ends))
+    where = f"{-low:.2f} m below" if low < 0 else f"{low:.2f} m above"
+    yield (
+        f"No floor is given: the arm reaches down to {where} the origin of its root link. Where it stands on "
+        "something, give `floor: 0` (its height in m), and `boxes` and `cylinders` for what else is near."
+    )
+
+
+def body_words(project: ExcitationProject) -> Iterator[str]:
+    """Yield a warning where the torque is that of a robot file whose masses or inertias cannot be right."""
+    if project.prior.identification is not None:
+        return
+    for bodies in (term for term in project.prior.model.terms if isinstance(term, RigidBodies)):
+        findings = check_robot(bodies.file, [joint.name for joint in bodies.joints])
+        if links := dict.fromkeys(
+            finding.link for finding in findings if finding.topic in DOUBTFUL_TOPICS and finding.link
+        ):
+            yield (
+                f"Torques are by the robot file, where mass or inertia of {join_names(links, MAX_JOINTS)} cannot be "
+                "right: see `dynident check` of it. Do not rely on the torque limits until it is corrected."
+            )
+
+
+def shape_words(project: ExcitationProject) -> Iterator[str]:
+    """Yield which shapes of links are unknown, and where capsules alone were checked."""
+    geometry = project.geometry
+    if geometry is None:
+        yield "The model is not made of a robot file: nothing keeps the arm clear of itself."
+        return
+    if unknown := [geometry.link(body) for body, kind in geometry.sources.items() if kind is ShapeSource.JOINTS]:
+        missing = (f"{file}: {reason.rstrip('.')}" for file, reason in geometry.missing.items())
+        files = f" ({join_names(missing, MAX_FILES)})" if geometry.missing else ""
+        packaged = any(file.startswith(PACKAGED) for file in geometry.missing)
+        hint = ", or name the folder of their package (`packages`, `--package`)" if packaged else ""
+        yield (
+            f"The shapes of {join_names(unknown, MAX_JOINTS)} are not known{files}: distances are from the lines "
+            f"between their joints, with a thickness by rule. Look whether they are as thick{hint}."
+        )
+    standing = {obstacle_name(obstacle) for obstacle in project.obstacles}
+    unwatched = project.space.left_out if isinstance(project.space, CapsuleSpace) else ()
+    for link, neighbour in unwatched:
+        if neighbour in standing:
+            yield f"{link} is at {neighbour} in every pose, as what is mounted there: this pair is not watched."
+    if links := [f"{link} and {neighbour}" for link, neighbour in unwatched if neighbour not in standing]:
+        pairs = join_names(links, MAX_JOINTS)
+        yield f"Not watched, because they are close to each other in nearly every pose: {pairs}."
+    if project.space.pairs and project.shapes is None:
+        yield (
+            "Distances are those of capsules around the links; the last check also looks at their real shapes where "
+            f"Pinocchio is installed: {install_command('pin')}."
+        )
+
+
+def noise_words(project: ExcitationProject) -> Iterator[str]:
+    """Yield which noise of the torques was assumed, and why recordings do not count that could."""
+    sigma = project.request.sigma
+    sizes = (f"{name} {number(float(x), 2)}" for name, x in zip(project.limits.joints, sigma, strict=True))
+    rate, origin = project.request.rate, _ORIGINS[project.origin]
+    yield f"Noise of the torques at {rate:g} Hz (N m or N): {join_names(sizes, MAX_JOINTS)}; {origin}."
+    if project.prior.loss_reason:
+        yield f"What was recorded before does not count: {project.prior.loss_reason}."
+
+
+def limit_words(design: Design) -> Iterator[str]:
+    """Yield which limits neither the robot file nor the user gives, and which exceed those of the file."""
+    # Group the limits by quantity: what holds for all joints is said once
+    by_quantity: dict[str, list[str]] = {}
+    for joint, names in design.limits.by_rule.items():
+        for name in names:
+            by_quantity.setdefault(name, []).append(joint)
+    for name, joints in by_quantity.items():
+        is_all = len(joints) == len(design.limits.joints)
+        whose = "all joints" if is_all else join_names(joints, MAX_JOINTS)
+        if name == "torque":
+            yield f"The torque of {whose} has no limit: it was not looked at."
+            continue
+        k = design.limits.joints.index(joints[0])
+        size = "" if name == "position" else f" (at {joints[0]} {number(float(getattr(design.limits, name)[k]), 3)})"
+        yield f"Limits of {name} of {whose} are by rule{size}: give your robot's own, if they are known."
+    for joint, names in design.limits.beyond.items():
+        yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
+
+
+@words.register
+def _(note: Interrupted) -> str:  # noqa: ARG001
+    return "The search was stopped before its end: the motion is the best until then, and keeps to all limits."
+
+
+@words.register
+def _(note: LeftOut) -> str:
+    return (
+        f"Terms that remember the motion ({', '.join(note.terms)}) are left out of the design: what it tells of them "
+        "is not known."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedQuantity:
+    """A quantity of a joint over time (N) with its limits, infinite where there is none."""
+
+    title: str
+    values: Array
+    lower: float
+    upper: float
+
+    __repr__ = brief
+
+
+def design_figure(t: Array, quantities: Sequence[LimitedQuantity], points: int = 2000) -> Drawing:
+    """Draw quantities of a joint over time t (N), one panel each, between their limits."""
+    figure = panels([quantity.title for quantity in quantities], 60 + 150 * len(quantities))
+    for row, quantity in enumerate(quantities, start=1):
+        line = {"color": BLUE, "width": 1.4}
+        figure.add(curve(t, quantity.values, quantity.title.partition(",")[0], line, points), row=row)
+        for limit in (quantity.lower, quantity.upper):
+            if np.isfinite(limit):
+                figure.add(_limit_line(t, limit, RED, "limit"), row=row)
+        # The panel holds the curve and its finite limits, with a margin
+        ends = [x for x in (quantity.lower, quantity.upper, *_extremes(quantity.values)) if np.isfinite(x)]
+        room = RANGE_MARGIN * (max(ends) - min(ends) or 1.0)
+        axis = figure.layout[f"yaxis{row}" if row > 1 else "yaxis"]
+        axis["range"] = [min(ends) - room, max(ends) + room]
+    figure.layout.update(showlegend=False, margin={"t": 15})
+    return figure
+
+
+def _extremes(values: Array) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _limit_line(t: Array, value: float, colour: str, name: str) -> Trace:
+    """Return a horizontal line."""
+    return trace(
+        "scatter",
+        x=[float(t[0]), float(t[-1])],
+        y=[value, value],
+        mode="lines",
+        name=name,
+        line={"color": colour, "width": 1.2, "dash": "dash"},
+        hoverinfo="skip",
+    )
+
+
+def distance_figure(t: Array, distance: Array, clearance: float, points: int = 2000) -> Drawing:
+    """Draw the smallest distance (N) of all pairs over time t (N), and the clearance that is kept."""
+    figure = panels(["distance, m"], 260)
+    figure.add(curve(t, distance, "smallest distance", {"color": BLUE, "width": 1.4}, points))
+    figure.add(_limit_line(t, clearance, RED, "clearance"))
+    figure.axes("y", rangemode="tozero")
+    figure.layout.update(showlegend=False, margin={"t": 15})
+    return figure
+
+
+def expected_figure(labels: Sequence[str], percent: Array, mark: float, before: Array | None = None) -> Drawing:
+    """Draw the expected standard error of each parameter in % of its value on a logarithmic axis.
+
+    A line stands at ``mark``; ``before`` are the errors known before. What is infinite is left out.
+    """
+    labels = [plain(label) for label in labels]
+    figure = panels([""], 120 + 20 * len(labels), shared=False)
+    figure.add(
+        trace(
+            "scatter",
+            x=[mark, mark],
+            y=[-0.5, len(labels) - 0.5],
+            mode="lines",
+            line={"color": PALE, "width": 1.0, "dash": "dot"},
+            hoverinfo="skip",
+            showlegend=False,
+        )
+    )
+    series = [(percent, "with this motion", GREEN, "circle")]
+    series += [] if before is None else [(before, "known before", AMBER, "circle-open")]
+    mark_rows(figure, labels, series, "expected standard error, % of the value")
+    figure.layout.update(showlegend=before is not None)
+    return figure
+
+
+def expected_findings(design: Design) -> Iterator[str]:
+    """Yield sentences on what the motion will tell, what it adds to what is known, and what stays open."""
+    info = design.expected
+    if not np.isfinite(info.std).any():
+        yield "The motion tells nothing: it shows no base parameter."
+        return
+    shares = info.relative[has_value(info)]
+    if len(shares):
+        yield (
+            f"The torque depends on {count(len(info.std), 'combination')} of masses, inertias and friction (base "
+            f"parameters), {len(shares)} of which have a nominal value. Of these {_grades(shares)}, by one standard "
+            "error."
+        )
+        # The standard error falls with the root of the duration
+        longer = shares / np.sqrt(DURATION_FACTOR)
+        yield (
+            f"Errors fall with the root of the time: moving {DURATION_FACTOR:g} times as long would halve them, and "
+            f"{_grades(longer)}."
+        )
+        worst = _worst_parameter(info)
+        if np.isfinite(info.std[worst]):
+            yield (
+                f"The least known is {_short_name(info.basis.groupings[worst])}: "
+                f"{number(float(info.value[worst]), 3)} +- {number(float(info.std[worst]), 2)}; what is poorly known "
+                "hardly acts on the torque of this motion."
+            )
+    if unsized := len(info.std) - len(shares):
+        yield (
+            f"Of the other {unsized}, such as friction that the robot file does not say, there are standard errors in "
+            "their units alone."
+        )
+    if (prior_info := _known_before(design)) is not None:
+        yield from _gain_sentences(info, prior_info)
+    if info.open_parameters:
+        stay = "stays" if len(info.open_parameters) == 1 else "stay"
+        hint = (
+            ""
+            if design.request.program in OPTIMISED_PROGRAMS
+            else "; the optimised motion shows more (`--program motion`, `all`)"
+        )
+        names = join_names(info.open_parameters, MAX_LISTED)
+        yield f"{count(len(info.open_parameters), 'base parameter')} {stay} open: {names}{hint}."
+
+
+def _grades(shares: Array) -> str:
+    """Return how many are known well, fairly and poorly, by their standard errors in %."""
+    good, poor = int((shares <= WELL).sum()), int((~(shares <= FAIR)).sum())
+    fair = len(shares) - good - poor
+    return f"{good} will be known well (to {WELL:g} %), {fair} fairly (to {FAIR:g} %) and {poor} poorly"
+
+
+def has_value(info: ExpectedAccuracy) -> NDArray[np.bool_]:
+    """Tell which base parameters (r) have a value above rounding, of which their errors are a share."""
+    # A value far below the largest one is a rounding error of zero
+    size = np.abs(info.value)
+    return np.asarray(size > MIN_RELATIVE_VALUE * size.max(initial=0.0))
+
+
+def _worst_parameter(info: ExpectedAccuracy) -> int:
+    """Return the index of the parameter with the largest relative error, of those that have a value."""
+    return int(np.where(has_value(info) & np.isfinite(info.std), info.relative, -1.0).argmax())
+
+
+def _gain_sentences(info: ExpectedAccuracy, prior_info: ExpectedAccuracy) -> Iterator[str]:
+    # Only parameters that were known before have a gain
+    finite = np.isfinite(prior_info.std) & np.isfinite(info.std)
+    if finite.any():
+        ratio = prior_info.std[finite] / info.std[finite]
+        best = int(np.flatnonzero(finite)[ratio.argmax()])
+        yield (
+            "Together with what was recorded before, standard errors are smaller than now by a factor of "
+            f"{number(float(np.median(ratio)), 2)} in the median, at most {number(float(ratio.max()), 3)} "
+            f"({_short_name(info.basis.groupings[best])})."
+        )
+    if new := int((~np.isfinite(prior_info.std) & np.isfinite(info.std)).sum()):
+        yield f"{count(new, 'base parameter')} that are open now will be known."
+
+
+def _known_before(design: Design) -> ExpectedAccuracy | None:
+    """Return the accuracy before the motion, None where nothing is known."""
+    prior = design.request.prior
+    return None if prior is None else expected_accuracy(design.model, design.theta, prior, design.expected.basis)
+
+
+def expected_section(design: Design) -> PageSection:
+    """Return the section of the expected standard errors: table, figure, and what no motion can show."""
+    info, prior_info = design.expected, _known_before(design)
+    rows = np.flatnonzero(has_value(info))
+    labels = [_short_name(info.basis.groupings[k]) for k in rows.tolist()]
+    caption = (
+        f"Expected standard error of the base parameters that have a value, in % of it; the line is at {WELL:g} %."
+    )
+    prior_errors = None if prior_info is None else prior_info.relative[rows]
+    blocks: list[PageBlock] = [_ERRORS_NOTE]
+    if len(rows):
+        blocks.append(Figure(expected_figure(labels, info.relative[rows], WELL, prior_errors), caption))
+    table = Fold("All numbers", (_expected_table(info, prior_info),))
+    return PageSection(
+        "Expected standard errors",
+        (*blocks, *_open_blocks(design), table, *_formula_blocks(info), *_no_effect_sentences(info)),
+    )
+
+
+def _expected_table(info: ExpectedAccuracy, prior_info: ExpectedAccuracy | None) -> PageTable:
+    columns = [Column("base parameter", numeric=False), Column("value"), Column("expected standard error")]
+    columns += [Column("%")] + ([] if prior_info is None else [Column("now, %")])
+    valued = has_value(info)
+    rows = []
+    for k in range(len(info.std)):
+        cells = [_short_name(info.basis.groupings[k]), number(float(info.value[k])) if valued[k] else "-"]
+        cells.append(number(float(info.std[k]), 2) if np.isfinite(info.std[k]) else "open")
+        shares = (info.relative[k], *(() if prior_info is None else (prior_info.relative[k],)))
+        rows.append((*cells, *(number(float(share), 2) if valued[k] else "-" for share in shares)))
+    title = f"Base parameters; log det of the information {number(info.log_det)}, condition {number(info.condition, 3)}"
+    return PageTable(tuple(columns), tuple(rows), title)
+
+
+def _open_blocks(design: Design) -> Iterator[PageBlock]:
+    """Yield what stays open, with the motion that would show it."""
+    rows = []
+    for note in (one for one in design.notes if isinstance(one, UnexcitedParameters)):
+        how = "" if len(note.joints) == 1 else " at the same time" if note.together else ", each by itself"
+        rows += [(_short_name(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
+    if rows:
+        columns = (Column("base parameter", numeric=False), Column("why", numeric=False))
+        yield PageTable(columns, tuple(rows), "What stays open, and why")
+
+
+def _formula_blocks(info: ExpectedAccuracy) -> Iterator[PageBlock]:
+    """Yield what the shortened names stand for, where there are any."""
+    rows = tuple((_short_name(name), name) for name in info.basis.groupings if _short_name(name) != name)
+    if rows:
+        columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
+        yield Fold("What the base parameters stand for", (PageTable(columns, rows),))
+
+
+def _no_effect_sentences(info: ExpectedAccuracy) -> Iterator[PageBlock]:
+    """Yield what no motion of the robot shows."""
+    if none := info.basis.without_effect:
+        yield f"No motion shows {', '.join(none)}: they have no effect on the torque of this robot."
+    if tied := len(info.basis.dependent) - len(none):
+        yield f"{count(tied, 'more parameter')} can be known, by whatever motion, only within the combinations above."
+
+
+def _short_name(name: str) -> str:
+    """Return the formula of a base parameter; of a long one the first parameter and how many follow."""
+    if len(name) <= MAX_NAME_LENGTH:
+        return name
+    lead, *others = name.replace(" - ", " + ").split(" + ")
+    return f"{lead} (+{len(others)} more)" if others else name

@@ -1,0 +1,274 @@
+"""The draft of a configuration that reads the recordings of a designed motion."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from io import BytesIO, StringIO
+from itertools import count
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from dynident.apps.excitation.limits import min_fit_speeds
+from dynident.apps.excitation.robot import ExcitationProject
+from dynident.apps.excitation.trajectory import Trajectory
+from dynident.files.opener import real_path, relative
+from dynident.files.yaml_text import load_yaml
+from dynident.identification import SourceFile
+from dynident.models import Joint
+from dynident.project.explicit_config import relocate_settings, settings_text
+from dynident.project.settings import robot_settings
+from dynident.runtime import InputError, brief
+
+Array = NDArray[np.float64]
+STATE_NAMES = ("q", "dq", "ddq")
+MAX_ROUNDING = 1e-9  # largest difference of a file that was read again, in rad, m and per s and s^2
+ROS_RATE = 100.0  # Hz
+NANO = 1_000_000_000
+MAX_SAMPLES = 2_000_000  # samples of a file
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the former is 10 times as fast
+RECORDED = {"train": "motion_recorded", "validation": "validation_recorded"}  # names of the recordings by role
+COLUMN_PREFIXES = ("t", "q", "tau")  # columns, before the names of the joints
+_HEAD = (
+    "For `dynident check` and `dynident identify`, once the motions of this folder are recorded: save the recordings",
+    "under the names below, or correct these.",
+)
+_FLOOR = "for the next design; without `floor` (m, along z of the root link) the arm may reach below its base: floor: 0"
+_SLOW = "slower samples are left out of a joint's equation, where friction may hold it with any torque"
+_COLUMNS = "? columns and units as your recorder has them; or draft this anew from the recordings, by `dynident init`"
+
+
+@dataclass(frozen=True, eq=False)
+class SampledTrajectory:
+    """A trajectory at times t (N) s: ``q``, ``dq``, ``ddq`` (N, n), in rad or m, of the named joints."""
+
+    joints: tuple[str, ...]
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+
+    __repr__ = brief
+
+
+def sample_trajectory(trajectory: Trajectory, rate: float) -> SampledTrajectory:
+    """Sample a trajectory at ``rate`` (Hz) from 0 to the first sample that is not before its end, where it rests.
+
+    Raises InputError for a rate that is not positive, or gives millions of samples.
+    """
+    if not (math.isfinite(rate) and rate > 0):
+        raise InputError(f"a trajectory cannot be sampled at {rate:g} Hz; give a positive rate.")
+    if not trajectory.duration * rate <= MAX_SAMPLES:
+        raise InputError(
+            f"{trajectory.duration:.4g} s at {rate:g} Hz are more than {MAX_SAMPLES} samples; give a lower rate, or a "
+            "shorter duration."
+        )
+    # the tolerance keeps a duration of whole samples from getting one more by rounding
+    t = np.arange(math.ceil(trajectory.duration * rate - 1e-6) + 1) / rate
+    # samples behind the end are at rest at the last point
+    q, dq, ddq, _ = trajectory.states(np.minimum(t, trajectory.duration))
+    return SampledTrajectory(trajectory.joints, t, q, dq, ddq)
+
+
+def trajectory_files(
+    trajectory: Trajectory, stem: str, rate: float, ros_rate: float = ROS_RATE
+) -> dict[str, str | bytes]:
+    """Return the files of a trajectory by name, all at ``rate`` (Hz) except that for ROS 2.
+
+    The latter has at most ``ros_rate``, as its controllers interpolate between the points. ``STEM.csv`` has
+    columns t (s) and by joint q, dq, ddq; ``STEM.npz`` these arrays and the names of the joints;
+    ``STEM.trajectory.yaml`` is a ``trajectory_msgs/JointTrajectory``. Raises InputError where a file, read again,
+    does not hold the trajectory, for example because of names that its format cannot hold.
+    """
+    files: dict[str, str | bytes] = {}
+    for ending, (write, read) in _FORMATS.items():
+        samples = sample_trajectory(trajectory, min(rate, ros_rate) if write is _to_ros else rate)
+        files[f"{stem}.{ending}"] = content = write(samples)
+        _verify_file(f"{stem}.{ending}", samples, partial(read, content))
+    return files
+
+
+def _verify_file(name: str, samples: SampledTrajectory, read: Callable[[], SampledTrajectory]) -> None:
+    """Raise InputError unless a file, read again, holds the samples."""
+    try:
+        reread = read()
+    except (ValueError, KeyError, TypeError, IndexError, StopIteration, csv.Error, yaml.YAMLError, BadZipFile) as error:
+        raise InputError(f"{name}: cannot be read again ({error}); rename joints with odd characters.") from error
+    if reread.joints != samples.joints:
+        raise InputError(
+            f"{name}: cannot hold the names of the joints {samples.joints}; rename them in the robot file."
+        )
+    for key in ("t", *STATE_NAMES):
+        array, reread_array = getattr(samples, key), getattr(reread, key)
+        # written as not <=, so that NaN fails
+        if array.shape != reread_array.shape or not np.abs(array - reread_array).max(initial=0.0) <= MAX_ROUNDING:
+            raise InputError(f"{name}: read again, {key} is not that of the trajectory.")
+
+
+def _to_csv(samples: SampledTrajectory) -> str:
+    """Return a CSV text with a header, in twelve digits."""
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerow(
+        ["t", *(f"{key}_{joint}" for key in STATE_NAMES for joint in samples.joints)]
+    )
+    np.savetxt(text, np.column_stack([samples.t, samples.q, samples.dq, samples.ddq]), fmt="%.12g", delimiter=",")
+    return text.getvalue()
+
+
+def _from_csv(text: str) -> SampledTrajectory:
+    lines = StringIO(text)
+    head = next(csv.reader(lines))
+    rows = np.loadtxt(lines, delimiter=",", ndmin=2)
+    n = (len(head) - 1) // 3
+    joints = tuple(name.removeprefix("q_") for name in head[1 : 1 + n])
+    if head != ["t", *(f"{key}_{joint}" for key in STATE_NAMES for joint in joints)]:
+        raise ValueError("its columns are others")
+    return SampledTrajectory(joints, rows[:, 0], *np.split(rows[:, 1:], 3, axis=1))
+
+
+def _to_npz(samples: SampledTrajectory) -> bytes:
+    file = BytesIO()
+    arrays = {key: getattr(samples, key) for key in ("t", *STATE_NAMES)}
+    np.savez(file, joints=np.array(samples.joints), **arrays)
+    return file.getvalue()
+
+
+def _from_npz(content: bytes) -> SampledTrajectory:
+    with np.load(BytesIO(content), allow_pickle=False) as arrays:
+        return SampledTrajectory(tuple(arrays["joints"].tolist()), *(arrays[key] for key in ("t", *STATE_NAMES)))
+
+
+def _to_ros(samples: SampledTrajectory) -> str:
+    """Return the message with one point per line; JSON is YAML, and its strings are escaped."""
+    lines = [
+        "# A trajectory_msgs/msg/JointTrajectory, in rad or m and s. The controller interpolates between the points,",
+        "# at best by quintic splines. To send it (the name of the controller is yours):",
+        "#   ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\",
+        '#     trajectory_msgs/msg/JointTrajectory "$(cat THIS_FILE)"',
+        'header: { stamp: { sec: 0, nanosec: 0 }, frame_id: "" }',
+        f"joint_names: {json.dumps(samples.joints)}",
+        "points:",
+    ]
+    return "\n".join([*lines, *_point_lines(samples)]) + "\n"
+
+
+def _point_lines(samples: SampledTrajectory) -> Iterator[str]:
+    for t, q, dq, ddq in zip(samples.t.tolist(), samples.q, samples.dq, samples.ddq, strict=True):
+        sec, nanosec = divmod(round(t * NANO), NANO)
+        yield (
+            f"- {{ positions: {_number_list(q)}, velocities: {_number_list(dq)}, accelerations: {_number_list(ddq)}, "
+            f"effort: [], time_from_start: {{ sec: {sec}, nanosec: {nanosec} }} }}"
+        )
+
+
+def _number_list(values: Array) -> str:
+    """Return numbers that YAML, also in ROS, reads as floats: always with a point."""
+    texts = (f"{value:.12f}".rstrip("0") for value in values.tolist())
+    return f"[{', '.join(text + '0' if text.endswith('.') else text for text in texts)}]"
+
+
+def _from_ros(text: str) -> SampledTrajectory:
+    message: Mapping[str, Any] = yaml.load(text, LOADER)  # noqa: S506 -- both loaders are safe
+    points = message["points"]
+    t = np.array([point["time_from_start"]["sec"] + point["time_from_start"]["nanosec"] / NANO for point in points])
+    arrays = (np.array([point[key] for point in points]) for key in ("positions", "velocities", "accelerations"))
+    return SampledTrajectory(tuple(message["joint_names"]), t, *arrays)
+
+
+_FORMATS: Mapping[str, tuple[Callable[[SampledTrajectory], Any], Callable[[Any], SampledTrajectory]]] = {
+    "csv": (_to_csv, _from_csv),
+    "npz": (_to_npz, _from_npz),
+    "trajectory.yaml": (_to_ros, _from_ros),
+}
+
+
+def recording_config(project: ExcitationProject, folder: Path) -> str:
+    """Return the configuration, to lie in ``folder``, that reads the recordings of both motions.
+
+    Columns, gains and all else are those of the configuration that the project came from, whose own training stays in
+    the fit where the announced errors count it; without one they are to be confirmed. The settings of the motion are in
+    it, too. "" where a model was made from Python, so that no configuration can name it.
+    """
+    data, old_folder = _config_data(project)
+    if not data:
+        return ""
+    keeps_training = project.prior.information is not None
+    data = relocate_settings({**data, "model": data["model"]}, old_folder, real_path(folder))
+    comments: dict[str, tuple[str, ...]] = {"": _HEAD}
+    # without channels of a configuration, those of the files of the motion are proposed
+    if "time" not in data:
+        data = {"model": data["model"], **_default_channels(project.prior.model.joints)}
+        comments |= {"time": (_COLUMNS,)}
+    # earlier training logs stay in the fit where the announced errors count them
+    old_logs = list(data.get("train") or ()) if keeps_training else []
+    template = old_logs[0] if old_logs else next(iter(data.get("train") or ()), {})
+    used_names = {_log_name(entry) for entry in (*old_logs, *(data.get("validation") or ()))}
+    logs = {role: _free_log(template, name, used_names) for role, name in RECORDED.items()}
+    data |= {"train": [*old_logs, logs["train"]], "validation": [logs["validation"]]}
+    speeds = min_fit_speeds(project.prior.model, project.limits)
+    slow = {name: round(float(x), 4) for name, x in zip(project.limits.joints, speeds, strict=True) if x}
+    if slow and "min_speed" not in data:
+        data, comments = {**data, "min_speed": slow}, comments | {"min_speed": (_SLOW,)}
+    motion_settings = project.settings.model_dump(mode="json", exclude_unset=True)
+    if "packages" in motion_settings:
+        motion_settings["packages"] = [
+            relative(Path(entry), real_path(folder)) for entry in motion_settings["packages"]
+        ]
+    comments |= {"excitation": () if "floor" in motion_settings else (_FLOOR,)}
+    return settings_text({**data, "excitation": {"program": project.settings.program, **motion_settings}}, comments)
+
+
+def _config_data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:
+    """Return the settings of the configuration, at least of the model, and the folder that its names start at."""
+    if project.config is not None:
+        data = load_yaml(project.config.text, project.config.path)
+        file = isinstance(data["model"], str) and robot_settings(data["model"]) is not None
+        return data | ({"model": {"file": data["model"]}} if file else {}), Path(project.config.path).parent
+    found = project.prior.identification
+    source = SourceFile(str(project.path)) if found is None else found.provenance.model
+    return ({} if source is None else {"model": {"file": source.path}}), Path()
+
+
+def _default_channels(joints: tuple[Joint, ...]) -> dict[str, Any]:
+    """Return the channels of a recording whose columns are named as those of the motion are."""
+    t, q, tau = COLUMN_PREFIXES
+    return {
+        "time": {"column": t, "unit": "s"},
+        "position": {joint.name: {"column": f"{q}_{joint.name}", "unit": joint.unit} for joint in joints},
+        "torque": {joint.name: {"column": f"{tau}_{joint.name}", "unit": joint.effort} for joint in joints},
+        "estimator": {"kind": "consistent"},
+    }
+
+
+def _log_name(log: Mapping[str, Any]) -> str:
+    """Return the name of a log, as far as a new one may clash with it."""
+    file = log["file"]
+    return str(log.get("name") or Path(str(next(iter(file.values())) if isinstance(file, Mapping) else file)).stem)
+
+
+def _free_log(template: Mapping[str, Any], name: str, used_names: Collection[str]) -> dict[str, Any]:
+    """Return a log whose name is free, with a number where need be."""
+    logs = (_log_entry(template, name if k == 1 else f"{name}_{k}") for k in count(1))
+    return next(log for log in logs if _log_name(log) not in used_names)
+
+
+def _log_entry(template: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return a recording as a configuration names it, of the kind and in as many files as another one."""
+    file = template.get("file", ".csv")
+    width = {"width": template["width"]} if "width" in template else {}
+    if isinstance(file, Mapping):
+        return {"file": {key: f"{name}_{key}{_suffix(path)}" for key, path in file.items()}, **width}
+    return {"file": f"{name}{_suffix(file)}", **width}
+
+
+def _suffix(file: Any) -> str:
+    return Path(f"x{file}" if str(file).startswith(".") else str(file)).suffix or ".csv"

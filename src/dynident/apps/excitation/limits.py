@@ -1,0 +1,398 @@
+"""Limits of the joints for a motion, less a margin.
+
+Rules where neither the robot file nor the user gives a limit: a joint that turns has half a turn to
+either side of zero, or a whole turn from the one end that is given (more than two turns in a file are no
+limit). Its acceleration takes it from rest to its greatest velocity in ``ACCELERATION_TIME``, its jerk
+to its greatest acceleration in ``JERK_TIME``. No rule gives a velocity, or the range of a joint that
+slides. Where there is no torque limit, no torque is too large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.excitation.trajectory import Course
+from dynident.models import Distances, Joint, RigidBodies
+from dynident.models.robot_files import RobotJointLimits
+from dynident.runtime import ConfigError, ModelError, brief, choices, join_names
+
+if TYPE_CHECKING:
+    from dynident.models import Model
+
+Array = NDArray[np.float64]
+ACCELERATION_TIME = 0.25  # s from rest to the velocity limit
+JERK_TIME = 0.05  # s from no acceleration to its limit
+MAX_FILE_RANGE = 4.001 * np.pi  # rad: a file with a wider range has none
+FILE_FIELDS = {"lower": "lower", "upper": "upper", "velocity": "velocity", "torque": "effort"}
+MIN_SPEED_SHARE = 0.03  # of the velocity limit
+
+SAMPLE_RATE, MIN_SAMPLES = 100.0, 25  # Hz, samples of a course
+TORQUE_RESERVE = 0.02  # of a torque limit, for what lies between samples
+DISTANCE_RESERVE = 1e-3  # m of distance, likewise
+CREEP_SHARE = 0.01  # of the velocity limit: slow
+BATCH_POSES, MAX_BATCHES = 500, 10  # random poses
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits that a user gives for one joint, None where the robot file or a rule gives them: rad, rad/s, ...
+    or m.
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    jerk: float | None = None
+    torque: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Limits of n joints less the margin, each (n), infinite where there is none.
+
+    These are ``lower`` and ``upper`` (rad, m), ``velocity``, ``acceleration``, ``jerk`` (per s, s^2, s^3)
+    and ``torque`` (N m, N). ``by_rule`` names the quantities of each joint that neither the file nor the
+    user gives, so that a stated rule does; ``beyond`` those that the user gives, and that exceed the limit
+    of the file.
+    """
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    torque: Array
+    by_rule: Mapping[str, tuple[str, ...]]
+    beyond: Mapping[str, tuple[str, ...]]
+
+    __repr__ = brief
+
+    @property
+    def middle(self) -> Array:
+        """Middle of the ranges (n)."""
+        return (self.lower + self.upper) / 2
+
+    @property
+    def half(self) -> Array:
+        """Half of the ranges (n)."""
+        return (self.upper - self.lower) / 2
+
+    @property
+    def sizes(self) -> Array:
+        """Largest amounts (4, n) of q less the ``middle``, of dq, ddq and jerk."""
+        return np.stack([self.half, self.velocity, self.acceleration, self.jerk])
+
+
+def motion_limits(
+    model: Model, user_limits: Mapping[str, JointLimits] | None = None, margin: float = 0.1
+) -> MotionLimits:
+    """Return the limits of a model's joints: as the user gives them, else of its file, else by rule.
+
+    ``margin`` is the share of each range that is kept free, of a range of positions half at either end.
+    Raises ConfigError for a margin out of range, an unknown joint and limits that contradict each other, and
+    ModelError for limits of the file that do, and where a limit is missing that no rule gives.
+    """
+    user_limits = dict(user_limits or {})
+    names = [joint.name for joint in model.joints]
+    for name in user_limits:
+        if name not in names:
+            raise ConfigError(f"limits: no joint {name!r} moves in {model.name}; {choices(name, names)}")
+    if not 0 <= margin < 1:
+        raise ConfigError(f"limits: the margin is {margin:g}; the share of each range kept free is from 0 to below 1.")
+    file_limits = _file_limits(model)
+    # checked for all joints before any rule is applied, so that one message names everything that is missing
+    _check_complete(model, user_limits, file_limits)
+    joint_limits = [
+        _joint_limits(joint, user_limits.get(joint.name, JointLimits()), file_limits[joint.name], model)
+        for joint in model.joints
+    ]
+    values = {
+        field.name: np.array([getattr(joint, field.name) for joint, _ in joint_limits]) for field in fields(JointLimits)
+    }
+    # half of the margin at either end
+    reserve = margin / 2 * (values["upper"] - values["lower"])
+    values["lower"], values["upper"] = values["lower"] + reserve, values["upper"] - reserve
+    for name in ("velocity", "acceleration", "jerk", "torque"):
+        values[name] = (1 - margin) * values[name]
+    by_rule = {name: rules for name, (_, rules) in zip(names, joint_limits, strict=True) if rules}
+    beyond = {
+        name: names_beyond
+        for name, limits in user_limits.items()
+        if (names_beyond := _exceeded_limits(limits, file_limits[name]))
+    }
+    return MotionLimits(tuple(names), **values, by_rule=by_rule, beyond=beyond)
+
+
+def _file_limits(model: Model) -> dict[str, RobotJointLimits]:
+    """Return the limits of the file by joint, narrowed to those of the joints that mimic it."""
+    limits = {
+        joint.name: _drop_endless_range(joint, model.limits.get(joint.name, RobotJointLimits()))
+        for joint in model.joints
+    }
+    for term in model.terms:
+        arm = term.arm if isinstance(term, RigidBodies) else None
+        for body, drive, offset in zip(arm.bodies, arm.drive, arm.offset, strict=True) if arm else ():
+            # the model's joint that drives the body, if it is not the body's own
+            column = int(np.argmax(np.abs(drive)))
+            if column < len(model.joints) and drive[column] and body.joint.name not in limits:
+                name = model.joints[column].name
+                limits[name] = _intersect_limits(limits[name], body.joint.limits, float(drive[column]), float(offset))
+    return limits
+
+
+def _drop_endless_range(joint: Joint, limits: RobotJointLimits) -> RobotJointLimits:
+    """Return the limits without a range that stands for an endless one."""
+    if joint.kind == "prismatic" or None in (limits.lower, limits.upper):
+        return limits
+    is_endless = (limits.upper or 0.0) - (limits.lower or 0.0) > MAX_FILE_RANGE
+    return replace(limits, lower=None, upper=None) if is_endless else limits
+
+
+def _intersect_limits(
+    limits: RobotJointLimits, follower_limits: RobotJointLimits, factor: float, offset: float
+) -> RobotJointLimits:
+    """Return the limits of a joint that another follows as ``factor`` q + ``offset``."""
+    # q = (q' - offset) / factor; a negative factor swaps the ends
+    ends = [None if end is None else (end - offset) / factor for end in (follower_limits.lower, follower_limits.upper)]
+    lower, upper = ends if factor > 0 else ends[::-1]
+    velocity = None if follower_limits.velocity is None else follower_limits.velocity / abs(factor)
+    lower_ends = [end for end in (limits.lower, lower) if end is not None]
+    upper_ends = [end for end in (limits.upper, upper) if end is not None]
+    velocities = [bound for bound in (limits.velocity, velocity) if bound is not None]
+    return RobotJointLimits(
+        limits.effort, min(velocities, default=None), max(lower_ends, default=None), min(upper_ends, default=None)
+    )
+
+
+def _joint_limits(
+    joint: Joint, user_limits: JointLimits, file_limits: RobotJointLimits, model: Model
+) -> tuple[JointLimits, tuple[str, ...]]:
+    """Return all limits of a joint, and the names of those that come from a rule."""
+    values: dict[str, float | None] = {field.name: getattr(user_limits, field.name) for field in fields(user_limits)}
+    _check_given(joint, values)
+    given_names = {name for name, value in values.items() if value is not None}
+    # given by the user, else by the file, else by a rule
+    for name, file_field in FILE_FIELDS.items():
+        values[name] = getattr(file_limits, file_field) if values[name] is None else values[name]
+    _check_range(joint, values, given_names, model)
+    rules = []
+    if values["lower"] is None or values["upper"] is None:
+        values["lower"], values["upper"] = _default_range(values["lower"], values["upper"])
+        rules.append("position")
+    if (acceleration := values["acceleration"]) is None:
+        values["acceleration"] = acceleration = (values["velocity"] or 0.0) / ACCELERATION_TIME
+        rules.append("acceleration")
+    if values["jerk"] is None:
+        values["jerk"] = acceleration / JERK_TIME
+        rules.append("jerk")
+    if values["torque"] is None:
+        values["torque"] = np.inf
+        rules.append("torque")
+    return JointLimits(**values), tuple(rules)
+
+
+def _check_given(joint: Joint, values: Mapping[str, float | None]) -> None:
+    """Raise ConfigError where a value that the user gives is no number, or a size that is not positive."""
+    for name, value in values.items():
+        if value is None:
+            continue
+        if not np.isfinite(value):
+            raise ConfigError(f"limits of joint {joint.name!r}: {name} is {value}; give a finite number.")
+        if name not in ("lower", "upper") and value <= 0:
+            raise ConfigError(f"limits of joint {joint.name!r}: {name} is {value:g}; give a number above 0.")
+
+
+def _check_range(joint: Joint, values: Mapping[str, float | None], given_names: set[str], model: Model) -> None:
+    """Raise ConfigError or ModelError where the limits of a joint contradict each other."""
+    lower, upper = values["lower"], values["upper"]
+    if lower is not None and upper is not None and lower >= upper:
+        ends = [
+            f"{name} {values[name]:g} ({'given' if name in given_names else 'file'})" for name in ("lower", "upper")
+        ]
+        raise _error_class(given_names & {"lower", "upper"})(
+            f"limits of joint {joint.name!r}: {' and '.join(ends)} leave no position in {joint.unit}; "
+            f"correct them{_correction_place(given_names & {'lower', 'upper'}, model)}."
+        )
+    for name in ("velocity", "torque"):
+        value = values[name]
+        if value is not None and value <= 0:  # of the file
+            raise ModelError(
+                f"limits of joint {joint.name!r}: {name} is {value:g} in {model.name}, which no motion keeps; "
+                f"give the true one in the settings, such as `limits: {{{joint.name!r}: {{{name}: 1.0}}}}`, or lock "
+                "the joint."
+            )
+
+
+def _error_class(given_names: set[str]) -> type[ConfigError] | type[ModelError]:
+    return ConfigError if given_names else ModelError
+
+
+def _correction_place(given_names: set[str], model: Model) -> str:
+    return "" if given_names else f" in {model.name}, or give both"
+
+
+def _default_range(lower: float | None, upper: float | None) -> tuple[float, float]:
+    """Return the range of a joint that turns, of which an end or both are missing."""
+    if lower is None and upper is None:
+        return -np.pi, np.pi
+    return (lower, lower + 2 * np.pi) if lower is not None else ((upper or 0.0) - 2 * np.pi, upper or 0.0)
+
+
+def _check_complete(
+    model: Model, user_limits: Mapping[str, JointLimits], file_limits: Mapping[str, RobotJointLimits]
+) -> None:
+    """Raise ModelError with the joints that have no velocity limit, or no range where they slide."""
+    missing: dict[str, list[str]] = {}
+    for joint in model.joints:
+        own, of_file = user_limits.get(joint.name, JointLimits()), file_limits[joint.name]
+        if own.velocity is None and of_file.velocity is None:
+            missing.setdefault(f"velocity (in {joint.unit}/s)", []).append(joint.name)
+        for end in ("lower", "upper") if joint.kind == "prismatic" else ():
+            if getattr(own, end) is None and getattr(of_file, end) is None:
+                missing.setdefault(f"{end} (in m)", []).append(joint.name)
+    if missing:
+        missing_words = "; ".join(f"{quantity} of {join_names(names)}" for quantity, names in missing.items())
+        quantity, names = next(iter(missing.items()))
+        raise ModelError(
+            f"limits: {model.name} does not say, and no rule can: {missing_words}. Give each in the settings, such as "
+            f"`limits: {{{names[0]!r}: {{{quantity.partition(' ')[0]}: 1.0}}}}`."
+        )
+
+
+def _exceeded_limits(user_limits: JointLimits, file_limits: RobotJointLimits) -> tuple[str, ...]:
+    """Return the names of the limits that a user gives beyond those of the file."""
+    pairs = {
+        name: (getattr(user_limits, name), getattr(file_limits, file_field)) for name, file_field in FILE_FIELDS.items()
+    }
+    both_known = {name: pair for name, pair in pairs.items() if None not in pair}
+    return tuple(
+        name
+        for name, (user_value, file_value) in both_known.items()
+        if (user_value < file_value if name == "lower" else user_value > file_value)
+    )
+
+
+def min_fit_speeds(model: Model, limits: MotionLimits) -> Array:
+    """Return the speed (n) below which a fit leaves out a joint's torque.
+
+    It is 3 % of the velocity limit for joints with dry friction, which may hold the joint with any torque up
+    to its own, and after which it moves on with a jerk; zero for others.
+    """
+    state = np.zeros((1, len(limits.joints))), limits.velocity[None], np.zeros((1, len(limits.joints)))
+    has_friction = np.zeros(len(limits.joints), dtype=bool)
+    # a term rubs where it acts on a joint that moves at its velocity limit
+    for term in (candidate for candidate in model.terms if candidate.has_own("discontinuous")):
+        has_friction |= term.regressor(*state).any(axis=(0, 2))
+    return np.where(has_friction & np.isfinite(limits.velocity), MIN_SPEED_SHARE * limits.velocity, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Feasibility:
+    """Limits of a model with parameters ``theta`` (p): ``limits`` of its joints, and ``clearance`` (m) in
+    ``space``.
+
+    Without ``space`` nothing is in the way.
+    """
+
+    model: Model
+    theta: Array
+    limits: MotionLimits
+    space: Distances | None = None
+    clearance: float = 0.0
+
+    __repr__ = brief
+
+    def max_torque_share(self, course: Course) -> float:
+        """Return the largest torque of a course as a share of its limit."""
+        q, dq, ddq, _ = course.states(_sample_times(course))
+        return float(self.torque_shares(q, dq, ddq).max(initial=0.0))
+
+    def torque_shares(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return the absolute torque as shares of the limits, shape (N, n)."""
+        shares: Array = np.abs(self.model.torque(q, dq, ddq, self.theta)) / self.limits.torque
+        return shares
+
+    def min_gaps(self, q: Array) -> Array:
+        """Return the smallest distances (N), m, less the clearance, at positions q (N, n)."""
+        if self.space is None:
+            return np.full(len(q), np.inf)
+        nearest: Array = self.space.distances(q).min(axis=1, initial=np.inf)
+        return nearest - self.clearance
+
+    def is_clear(self, course: Course) -> bool:
+        """Return whether a course keeps its distance."""
+        return bool(self.min_gaps(course.states(_sample_times(course))[0]).min() >= DISTANCE_RESERVE)
+
+    def allows(self, course: Course) -> bool:
+        """Return whether a course keeps to torque and distance; its position and derivatives are not checked."""
+        return self.max_torque_share(course) <= 1 - TORQUE_RESERVE and self.is_clear(course)
+
+    def is_free(self, q: Array) -> NDArray[np.bool_]:
+        """Return in which poses (N, n) the arm is clear, and can be held and moved slowly by its torque, shape (N)."""
+        return np.asarray(
+            (self._creep_shares(q) <= 1 - TORQUE_RESERVE).all(axis=1) & (self.min_gaps(q) >= DISTANCE_RESERVE)
+        )
+
+    def can_stand(self, q: Array) -> NDArray[np.bool_]:
+        """Return in which poses (N, n) the arm can stand: within its range and free, shape (N)."""
+        inside = ((q >= self.limits.lower) & (q <= self.limits.upper)).all(axis=1)
+        return np.asarray(inside & self.is_free(q))
+
+    def _creep_shares(self, q: Array) -> Array:
+        """Return the torque of poses as shares (N, n) of the limits, for joints that creep in either direction."""
+        # near rest, Coulomb friction acts against the motion: try both signs of a small velocity
+        zeros, creep = np.zeros_like(q), np.broadcast_to(CREEP_SHARE * self.limits.velocity, q.shape)
+        return np.maximum(self.torque_shares(q, creep, zeros), self.torque_shares(q, -creep, zeros))
+
+    def random_poses(self, count: int, rng: np.random.Generator) -> Array:
+        """Return at most ``count`` random poses (K, n) in which the arm can stand.
+
+        Raises ConfigError where none is found, with what is in the way.
+        """
+        feasible_batches: list[Array] = []
+        batches: list[Array] = []
+        for _ in range(MAX_BATCHES):
+            drawn = rng.uniform(self.limits.lower, self.limits.upper, (BATCH_POSES, len(self.limits.joints)))
+            batches.append(drawn)
+            feasible_batches.append(drawn[self.can_stand(drawn)])
+            if sum(map(len, feasible_batches)) >= count:
+                break
+        poses = np.concatenate(feasible_batches)[:count]
+        if not len(poses):
+            raise ConfigError(self._explain_blocked(np.concatenate(batches)))
+        return poses
+
+    def _explain_blocked(self, q: Array) -> str:
+        """Explain why the arm stands in none of the poses (N, n)."""
+        shares = self._creep_shares(q)
+        # the joint that fails in most poses is the one to name
+        joint = int(np.argmax((shares > 1 - TORQUE_RESERVE).sum(axis=0)))
+        heavy_count, too_near = (
+            int((shares > 1 - TORQUE_RESERVE).any(axis=1).sum()),
+            self.min_gaps(q) < DISTANCE_RESERVE,
+        )
+        sentences = [f"of {len(q)} random poses the arm can stand in none."]
+        if heavy_count:
+            name, limit = self.limits.joints[joint], self.limits.torque[joint]
+            sentences.append(
+                f"In {heavy_count} gravity needs more torque than is allowed, mostly of joint {name!r} ({limit:.4g})."
+            )
+        if self.space is not None and too_near.any():
+            pairs = self.space.pairs
+            first, second = pairs[int(np.bincount(self.space.distances(q[too_near]).argmin(axis=1)).argmax())]
+            sentences.append(
+                f"In {int(too_near.sum())} something is nearer than {1000 * self.clearance:.3g} mm, mostly {first!r} "
+                f"and {second!r}."
+            )
+        return " ".join([*sentences, "Check the limits, the margin, and what is in the way."])
+
+
+def _sample_times(course: Course) -> Array:
+    return np.linspace(0.0, course.duration, max(MIN_SAMPLES, int(course.duration * SAMPLE_RATE) + 1))

@@ -1,0 +1,350 @@
+"""The report of a designed motion: what it will tell, the motion and its limits, the arm along its path, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.excitation.clearance import CapsuleSpace
+from dynident.apps.excitation.expected_report import (
+    WELL,
+    LimitedQuantity,
+    body_words,
+    design_figure,
+    distance_figure,
+    expected_findings,
+    expected_section,
+    floor_words,
+    has_value,
+    limit_words,
+    noise_words,
+    shape_words,
+)
+from dynident.apps.excitation.motion import Program
+from dynident.apps.excitation.trajectory import Trajectory
+from dynident.identification import versions
+from dynident.models import Box, Cylinder, Floor, Geometry, ShapeSource, outlines
+from dynident.regression import UnexcitedParameters
+from dynident.report import (
+    METAL,
+    STILL,
+    Replay,
+    SceneMesh,
+    box_mesh,
+    cylinder_mesh,
+    path_trace,
+    plate,
+    root_surface,
+    scene_figure,
+    solid,
+    surface,
+)
+from dynident.report.identification.parameters import missing_mesh_notes
+from dynident.report.note_words import words
+from dynident.report.page import (
+    UNIT,
+    Column,
+    Facts,
+    Figure,
+    Gallery,
+    PageBlock,
+    PageSection,
+    PageTable,
+    number,
+    pair_table,
+    relative_link,
+    render,
+)
+from dynident.report.words import value_words
+
+if TYPE_CHECKING:
+    from dynident.apps.excitation.design import Design
+    from dynident.apps.excitation.robot import ExcitationProject
+
+Array = NDArray[np.float64]
+FRAMES = 400  # of the arm along its path
+MAX_DISTANCE_RATE = 100.0  # Hz, at most, of the distances that are drawn
+MAX_DISTANCE_SAMPLES = 6000  # samples of them
+MAX_PAIRS = 12  # in the table
+FLOOR_MARGIN = 0.15  # m of a floor around the path
+OPEN_CYLINDER_HEIGHT = 3.0  # m: a cylinder without end is drawn so far
+_SHAPE_WORDS = {
+    ShapeSource.COLLISION: "their collision shapes",
+    ShapeSource.VISUAL: "what is seen of them, as the file has no collision shapes of them",
+    ShapeSource.JOINTS: "the lines between their joints, as their shapes are not known: look whether they are as thick",
+}
+_VIEW_NOTE = (
+    "Drag to turn the view; Play moves the arm along the motion as fast as it will move, Turn goes around it. The "
+    "bodies are drawn with few triangles; distances are between the capsules around them."
+)
+
+DRAWING_RATE, MAX_DRAWN_SAMPLES = 250.0, 20_000  # Hz and samples of what is drawn
+CURVE_POINTS = 1500  # of a curve
+MOTIONS = ("motion", "validation")
+TRIAL, SLOWER = "trial", 4.0  # the first run: its name, and how many times slower it is
+_SLOWLY = (
+    f"Run `{TRIAL}.csv` first, with nobody near and a hand at the stop: the same path, {SLOWER:g} times slower. The "
+    "limits and the distances are those of the files, not of your room."
+)
+NO_TRIAL = (
+    f"There is no slower motion for a first run: {SLOWER:g} times slower, without momentum, the arm needs more torque "
+    "on this path than is allowed, and it may sink where it is stopped. For the first run design another motion, with "
+    "a low `velocity` of each joint under `limits`."
+)
+_RECORD = (
+    "Record position and torque of both motions, at the rate of the settings or faster, and save the recordings under "
+    "the names in `identify.yaml`."
+)
+_STEPS = (
+    _RECORD,
+    "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
+    "For what is still open then: `dynident excite result/result.json -o next`.",
+)
+PROGRAMS = {
+    Program.MOTION: "An optimised motion",
+    Program.FRICTION: "Each joint at constant speeds",
+    Program.GRAVITY: "Poses for gravity",
+    Program.ALL: "An optimised motion, constant speeds and poses for gravity",
+}
+
+
+def scene_section(project: ExcitationProject, design: Design) -> PageSection:
+    """Return the section of the arm: the view, the distances over time, the closest pairs, the shapes of the links."""
+    return PageSection("The arm along its path", (*_view_blocks(project, design), *_distance_blocks(project, design)))
+
+
+def _view_blocks(project: ExcitationProject, design: Design) -> Iterator[PageBlock]:
+    """Yield the arm in three dimensions, where its bodies are known."""
+    space, geometry = design.space, project.geometry
+    if geometry is None or not isinstance(space, CapsuleSpace):
+        yield "The model is not made of a robot file, so that its bodies can neither be drawn nor be kept clear."
+        return
+    bodies, stop = geometry.bodies, design.trajectory.duration
+    q = design.trajectory.states(np.linspace(0.0, stop, FRAMES))[0]
+    shapes = outlines(geometry, space.capsules)
+    arm = sorted((shape for shape in shapes if shape.body >= 0), key=lambda shape: shape.body)
+    if not arm:
+        return
+    moving = [
+        surface(shape, ", ".join(bodies.arm.bodies[shape.body].links), METAL[place % 2])
+        for place, shape in enumerate(arm)
+    ]
+    last = arm[-1]
+    tip = last.mesh.vertices.mean(axis=0)
+    path = bodies.placements(q).points([last.body], tip[None])[:, 0]
+    # A floor is drawn a little beyond the path of the last body
+    reach = float(np.abs(path[:, :2]).max()) + FLOOR_MARGIN
+    still = [
+        *(root_surface(shape) for shape in shapes if shape.body < 0),
+        *(solid(obstacle_mesh(shape, reach), STILL, 0.35) for shape in project.obstacles),
+        path_trace(path),
+    ]
+    figure = scene_figure(bodies, [Replay("", 0.0, stop, q)], moving, still)
+    yield _VIEW_NOTE
+    yield Figure(figure, "The motion, with the path of the last body, in the frame of the root link (m).")
+
+
+@singledispatch
+def obstacle_mesh(obstacle: object, reach: float) -> SceneMesh:  # noqa: ARG001
+    """Return an obstacle as triangles; one without end is drawn as far as the arm reaches, ``reach`` (m)."""
+    raise TypeError(f"{type(obstacle).__name__} is no obstacle.")
+
+
+@obstacle_mesh.register
+def _(floor: Floor, reach: float) -> SceneMesh:
+    return plate("floor", floor.height, reach)
+
+
+@obstacle_mesh.register
+def _(box: Box, reach: float) -> SceneMesh:  # noqa: ARG001
+    return box_mesh(box.name, np.array(box.centre), np.array(box.size), np.array(box.axes))
+
+
+@obstacle_mesh.register
+def _(cylinder: Cylinder, reach: float) -> SceneMesh:
+    bottom = cylinder.bottom if np.isfinite(cylinder.bottom) else min(-reach, cylinder.top - OPEN_CYLINDER_HEIGHT)
+    top = cylinder.top if np.isfinite(cylinder.top) else max(reach, bottom + OPEN_CYLINDER_HEIGHT)
+    return cylinder_mesh(cylinder.name, np.array(cylinder.centre), cylinder.radius, bottom, top)
+
+
+def _distance_blocks(project: ExcitationProject, design: Design) -> Iterator[PageBlock]:
+    """Yield the smallest distance over time, the closest pairs, and how the links are modelled."""
+    space = design.space
+    if not space.pairs:
+        yield "Nothing that could meet is known: no collision was looked at."
+        return
+    t = design.trajectory.times(min(MAX_DISTANCE_RATE, MAX_DISTANCE_SAMPLES / design.trajectory.duration))
+    distances = space.distances(design.trajectory.states(t)[0])
+    caption = f"Smallest distance of all pairs over time; {1e3 * design.request.clearance:.0f} mm are kept (dashed)."
+    yield Figure(distance_figure(t, distances.min(axis=1), design.request.clearance), caption)
+    yield _closest_table(space.pairs, t, distances)
+    if isinstance(space, CapsuleSpace) and project.geometry is not None:
+        yield tuple(_shape_sentences(project.geometry))
+
+
+def _closest_table(pairs: tuple[tuple[str, str], ...], t: Array, distances: Array) -> PageTable:
+    """Return the closest pairs by name, each where it is closest."""
+    # A pair of names may stand for several pairs of capsules: keep the closest
+    smallest: dict[tuple[str, str], tuple[float, float]] = {}
+    for pair, column in zip(pairs, distances.T, strict=True):
+        when = int(column.argmin())
+        if pair not in smallest or column[when] < smallest[pair][0]:
+            smallest[pair] = float(column[when]), float(t[when])
+    rows = sorted(smallest.items(), key=lambda entry: entry[1][0])[:MAX_PAIRS]
+    cells = tuple((*pair, number(1e3 * size, 3), number(when, 3)) for pair, (size, when) in rows)
+    columns = (*(Column(head, numeric=False) for head in ("", "and")), Column("distance, mm"), Column("at, s"))
+    return PageTable(columns, cells, "Closest pairs")
+
+
+def _shape_sentences(geometry: Geometry) -> Iterator[str]:
+    """Yield what the capsules of the links are made from, and which meshes are missing."""
+    for kind in ShapeSource:
+        if links := [geometry.link(body) for body, body_kind in geometry.sources.items() if body_kind is kind]:
+            yield f"Distances of {', '.join(links)}: by capsules around {_SHAPE_WORDS[kind]}."
+    yield from missing_mesh_notes(geometry)
+
+
+def excitation_findings(project: ExcitationProject, design: Design) -> list[str]:
+    """Return plain sentences: what the motion will tell, what stays open, what was assumed, and the notes."""
+    notes = (words(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
+    around = (*body_words(project), *shape_words(project), *floor_words(project, design))
+    return [*expected_findings(design), *around, *noise_words(project), *limit_words(design), *notes]
+
+
+def excitation_tables(design: Design) -> list[PageTable]:
+    """Return the tables for a terminal: how much of the limits both motions use."""
+    return [_limit_use_table(design)]
+
+
+def excitation_page(project: ExcitationProject, design: Design, files: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
+    first_step = _SLOWLY if any(name.startswith(f"{TRIAL}.") for name, _ in files) else NO_TRIAL
+    steps = _file_table(files), (first_step, *_STEPS)
+    sections = [
+        PageSection("What it will tell", (_design_facts(design), tuple(excitation_findings(project, design)))),
+        *([PageSection("What to do with it", steps)] if files else []),
+        scene_section(project, design),
+        PageSection("Motion and torque", (_limit_use_table(design), _gallery(design))),
+        expected_section(design),
+        PageSection("Limits", tuple(_limit_blocks(design))),
+        PageSection("Settings and versions", tuple(_settings_tables(project))),
+    ]
+    return render(f"A motion for {design.model.name}", excitation_heading(design), sections)
+
+
+def excitation_heading(design: Design) -> str:
+    """Return one sentence on what the motion is."""
+    duration, other_duration = (number(trajectory.duration, 3) for trajectory in (design.trajectory, design.validation))
+    return f"{PROGRAMS[design.request.program]}, {duration} s, and another of {other_duration} s for validation."
+
+
+def _file_table(files: Sequence[tuple[str, str]]) -> PageTable:
+    """Return the table of the files, with links to them."""
+    columns = (Column("file", numeric=False), Column("what it holds", numeric=False))
+    return PageTable(columns, tuple(files), links=tuple(relative_link(name) for name, _ in files))
+
+
+def _design_facts(design: Design) -> Facts:
+    # Parameters whose nominal value is zero have no relative error
+    shares = design.expected.relative[has_value(design.expected)]
+    finite = shares[np.isfinite(shares)]
+    facts: list[tuple[str, ...]] = [
+        (f"{number(design.trajectory.duration, 3)} s", "the motion, with its ways"),
+        (
+            f"{int((shares <= WELL).sum())} of {len(shares)}",
+            f"base parameters with a nominal value that will be known to {WELL:g} %",
+        ),
+        (f"{number(float(np.median(finite)), 2)} %" if len(finite) else "-", "median of the expected standard errors"),
+    ]
+    if nearest := design.checks[0].nearest:
+        facts.append((f"{number(1e3 * nearest.distance, 3)} mm", "smallest distance", " and ".join(nearest.pair)))
+    return Facts(tuple(facts))
+
+
+def motions_of(design: Design) -> Mapping[str, Trajectory]:
+    """Return both motions by name."""
+    return dict(zip(MOTIONS, (design.trajectory, design.validation), strict=True))
+
+
+def drawing_times(trajectory: Trajectory) -> Array:
+    """Return the times (s) at which a trajectory is drawn."""
+    return trajectory.times(min(DRAWING_RATE, MAX_DRAWN_SAMPLES / trajectory.duration))
+
+
+def _limit_use_table(design: Design) -> PageTable:
+    """Return how much of each limit the motions use, as found by their last check."""
+    heads = ("position", "velocity", "acceleration", "jerk", "torque")
+    columns = [Column("joint", numeric=False)]
+    columns += [Column(head, f"{name}, % of the limit") for name in MOTIONS for head in heads]
+    shares = np.concatenate([check.reached for check in design.checks])  # (10, n)
+    cells = [[number(round(100 * share, 4), 3) for share in row] for row in shares.T.tolist()]
+    rows = tuple((joint, *row) for joint, row in zip(design.limits.joints, cells, strict=True))
+    title = "How much of the limits is used, the margin taken off; of the range, from its middle"
+    return PageTable(tuple(columns), rows, title)
+
+
+def _required_torque(design: Design, states: Array) -> Array:
+    q, dq, ddq = states[:3]
+    return design.model.torque(q, dq, ddq, design.theta)
+
+
+def _gallery(design: Design) -> Gallery:
+    views = []
+    for name, trajectory in motions_of(design).items():
+        t = drawing_times(trajectory)
+        states = trajectory.states(t)
+        torque = _required_torque(design, states)
+        for k, joint in enumerate(design.model.joints):
+            caption = f"Joint {joint.name}: the {name} between its limits (dashed), and the torque that it needs."
+            figure = design_figure(t, list(_quantities(design, k, [*states, torque])), CURVE_POINTS)
+            views.append(((name, joint.name), (Figure(figure, caption),)))
+    return Gallery(("Motion", "Joint"), tuple(views))
+
+
+def _quantities(design: Design, k: int, states: Sequence[Array]) -> Iterator[LimitedQuantity]:
+    joint, limits = design.model.joints[k], design.limits
+    unit = joint.unit
+    titles = (f"position, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²", f"jerk, {unit}/s³")
+    efforts = f"{'force' if joint.effort == 'N' else 'torque'}, {joint.effort}"
+    maxima = [limits.velocity[k], limits.acceleration[k], limits.jerk[k], limits.torque[k]]
+    ends = [(limits.lower[k], limits.upper[k]), *((-maximum, maximum) for maximum in maxima)]
+    for title, values, (lower, upper) in zip((*titles, efforts), states, ends, strict=True):
+        yield LimitedQuantity(title, values[:, k], float(lower), float(upper))
+
+
+def _limit_blocks(design: Design) -> Iterator[PageBlock]:
+    """Yield the limits of the joints, with those set by a rule marked, and how they were checked."""
+    limits = design.limits
+    names = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
+    rows = []
+    for k, joint in enumerate(limits.joints):
+        by_rule = limits.by_rule.get(joint, ())
+        # A rule for the position sets both ends of the range
+        ruled = [name in by_rule or (name in ("lower", "upper") and "position" in by_rule) for name in names]
+        values = [number(float(getattr(limits, name)[k])) for name in names]
+        marked = (f"{value} *" if rule else value for value, rule in zip(values, ruled, strict=True))
+        rows.append((joint, design.model.joints[k].unit, *marked))
+    columns = (Column("joint", numeric=False), UNIT, *map(Column, names))
+    yield PageTable(columns, tuple(rows), "Limits that the motion keeps to, the margin taken off (* by rule)")
+    samples = max(check.samples for check in design.checks)
+    yield (
+        "Between the points of a grid they hold by bounds. Both finished motions were then checked by other code, at "
+        f"{samples} times, 1 kHz and finer; the torque by {' and '.join(design.checks[0].routes)}."
+    )
+
+
+def _given_settings(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the settings that are given, as text."""
+    for key, value in settings.items():
+        if value is not None and value not in ([], {}):
+            yield key.replace("_", " "), value_words(value)
+
+
+def _settings_tables(project: ExcitationProject) -> Iterator[PageBlock]:
+    settings = project.settings.model_dump(mode="json")
+    yield pair_table("setting", [("robot", project.path.name), *_given_settings(settings)])
+    yield pair_table("program", list(versions().items()))

@@ -1,0 +1,278 @@
+"""A robot for which a motion is designed: what a robot file, a configuration or a result says of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from dynident.apps.excitation.clearance import CapsuleSpace
+from dynident.apps.excitation.config import (
+    ExcitationSettings,
+    NoiseOrigin,
+    PriorKnowledge,
+    excitation_settings,
+    knowledge_of_result,
+    nominal_knowledge,
+    settings_in,
+    torque_noise,
+)
+from dynident.apps.excitation.criterion import Criterion
+from dynident.apps.excitation.design import Design, design
+from dynident.apps.excitation.exact_space import build_space, exact_space
+from dynident.apps.excitation.limits import JointLimits, MotionLimits, motion_limits
+from dynident.apps.excitation.motion import MotionRequest, Program
+from dynident.files.meshes import read_geometry
+from dynident.files.opener import read_text, remember_inputs
+from dynident.files.results import as_path
+from dynident.files.xml_text import SUFFIXES
+from dynident.files.yaml_text import load_yaml
+from dynident.identification import Identification, SourceFile
+from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Obstacle, RigidBodies, Space
+from dynident.project.config import config_text, load_model
+from dynident.project.project import parse_project
+from dynident.project.python_file import error_text
+from dynident.project.result_read import replace_auto_terms
+from dynident.project.saved import load
+from dynident.project.settings import RobotSettings, robot_settings
+from dynident.runtime import ConfigError, InputError, brief, choices, report_progress
+
+Array = NDArray[np.float64]
+Robot = RobotSettings | str
+CONFIGS = (".yaml", ".yml")
+MAX_PERIOD_SHARE = 0.6  # of the duration, at most, where nobody gives it: the ways take time, too
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationProject:
+    """A robot, what is known of it, and what motion is to be designed within which ``limits``.
+
+    ``path`` is the robot file, configuration or result; ``config`` its configuration, which may hold a model alone;
+    ``file`` that of the model, beside which its meshes are. ``origin`` says where the noise of the request is from.
+    """
+
+    path: Path
+    prior: PriorKnowledge
+    settings: ExcitationSettings
+    limits: MotionLimits
+    origin: NoiseOrigin
+    request: MotionRequest
+    config: SourceFile | None = None
+    file: Path | None = None
+
+    __repr__ = brief
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What stands around the robot."""
+        settings = self.settings
+        floor = () if settings.floor is None else (Floor(settings.floor),)
+        boxes = (Box(obstacle.name, obstacle.centre, obstacle.size) for obstacle in settings.boxes)
+        heights = (
+            (-np.inf if obstacle.bottom is None else obstacle.bottom, obstacle.top) for obstacle in settings.cylinders
+        )
+        pairs = zip(settings.cylinders, heights, strict=True)
+        cylinders = (
+            Cylinder(obstacle.name, obstacle.centre, obstacle.radius, bottom, np.inf if top is None else top)
+            for obstacle, (bottom, top) in pairs
+        )
+        return (*floor, *boxes, *cylinders)
+
+    @cached_property
+    def geometry(self) -> Geometry | None:
+        """The shapes of the links, None where the model is not made of a robot file."""
+        bodies = next((term for term in self.prior.model.terms if isinstance(term, RigidBodies)), None)
+        return (
+            None if bodies is None else read_geometry(bodies, self.file or Path(bodies.source), self.settings.packages)
+        )
+
+    @cached_property
+    def space(self) -> Space:
+        """What the arm must keep clear of: itself and the obstacles; ConfigError where it has no known bodies."""
+        if self.geometry is not None:
+            lower, upper = self.limits.lower, self.limits.upper
+            return build_space(self.geometry, self.obstacles, lower, upper, self.request.clearance)
+        if self.obstacles:
+            raise ConfigError(
+                f"excitation: {self.prior.model.name} is not made of a robot file, so that nothing can keep it clear "
+                "of obstacles; leave out `floor`, `boxes` and `cylinders`."
+            )
+        return EmptySpace(len(self.limits.joints))
+
+    @cached_property
+    def shapes(self) -> Distances | None:
+        """The real shapes, which check the finished motion; None where Pinocchio and Coal are not installed."""
+        space, limits = self.space, self.limits
+        if self.geometry is None or not isinstance(space, CapsuleSpace) or not space.pairs:
+            return None
+        return exact_space(self.geometry, space, limits.lower, limits.upper, self.request.clearance)
+
+    def design(self, executor: Executor | None = None) -> Design:
+        """Return the most informative motion; raises the errors of ``dynident.apps.excitation.design``."""
+        report_progress("reading the shapes of the links")
+        known, rng = self.prior, np.random.default_rng(self.settings.seed)
+        return design(
+            known.model, known.theta, self.limits, self.space, self.request, rng, shapes=self.shapes, executor=executor
+        )
+
+
+def read_excitation(
+    path: str | Path,
+    settings: str | Path | None = None,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    ready: Callable[[], None] = lambda: None,
+    allow_code: bool = False,
+) -> ExcitationProject:
+    """Read a robot file, a configuration or a result, and the ``settings`` of the motion: a file, else the section
+    ``excitation`` of the configuration, also of that of a result; ``changes`` are put in their place.
+
+    Terms that are to be chosen are the plain set. Where all logs of a configuration are there, they are identified: the
+    torque is by the parameters found, the noise by the residual. A result also brings the information of its training.
+    Raises ConfigError for wrong settings, ModelError and InputError for what cannot be read.
+    """
+    path = as_path(path)
+    kind = path.suffix.lower()
+    if kind not in (".json", *SUFFIXES, *CONFIGS):
+        robots = ", ".join(SUFFIXES)
+        raise InputError(f"{path}: give a robot file ({robots}), a configuration (.yaml) or a result.json.")
+    identification = load(path, allow_code=allow_code) if kind == ".json" else None
+    config = identification.provenance.configuration if identification else _config_source(path, kind)
+    motion_settings = _motion_settings(config, settings, changes)
+    robot = _robot_settings_of(path, identification, config)
+    remember_inputs(path)
+    # let the caller refuse its targets before the slow work, now that the inputs are known
+    if identification is not None or robot is not None:
+        ready()
+    # the best source at hand: a result, else the robot file alone, else the logs of a configuration
+    if identification is not None:
+        prior = knowledge_of_result(identification)
+    elif robot is not None:
+        report_progress("building the model")
+        prior = nominal_knowledge(load_model(replace_auto_terms(robot), path.parent if config else "."))
+    else:
+        prior = _prior_from_logs(path, config_text(path), ready)
+    limits = motion_limits(prior.model, _joint_limits(motion_settings), motion_settings.margin)
+    origin, sigma = torque_noise(prior, motion_settings.noise, limits, motion_settings.margin, motion_settings.rate)
+    request = MotionRequest(
+        sigma,
+        Program(motion_settings.program),
+        Criterion(motion_settings.criterion),
+        motion_settings.family,
+        motion_settings.duration,
+        motion_settings.period,
+        motion_settings.harmonics,
+        motion_settings.rate,
+        _start_pose(motion_settings, limits.joints),
+        motion_settings.parameters,
+        prior.information,
+        motion_settings.starts,
+        motion_settings.clearance,
+    )
+    return ExcitationProject(
+        path, prior, motion_settings, limits, origin, request, config, _model_file(path, kind, identification, config)
+    )
+
+
+def _model_file(path: Path, kind: str, identification: Identification | None, config: SourceFile | None) -> Path | None:
+    """Return the file of the model, None where there is none."""
+    if identification is not None:
+        return None if identification.provenance.model is None else Path(identification.provenance.model.path)
+    if config is None:
+        return path if kind in SUFFIXES else None
+    model = load_yaml(config.text, config.path)["model"]
+    file_name = model.get("file") if isinstance(model, Mapping) else model
+    return path.parent / file_name if isinstance(file_name, str) and ":" not in file_name else None
+
+
+def _config_source(path: Path, kind: str) -> SourceFile | None:
+    return SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
+
+
+def _robot_settings_of(path: Path, identification: Identification | None, config: SourceFile | None) -> Robot | None:
+    """Return what the model is made of, where no configuration reads its recordings; else None."""
+    if config is not None:
+        return _lone_model(load_yaml(config.text, config.path), Path(config.path))
+    if identification is None:
+        return robot_settings(str(path)) or str(path)
+    file = identification.provenance.model
+    return None if file is None else robot_settings(file.path)
+
+
+def _prior_from_logs(path: Path, text: str, ready: Callable[[], None]) -> PriorKnowledge:
+    """Return what a configuration knows: by its logs where they are all there, else nominal."""
+    project = parse_project(text, path)
+    ready()
+    logs = [file for log in (*project.config.train, *project.config.validation) for file in log.file.values()]
+    # a fit to part of the logs would be another one than the configuration describes
+    if missing_file := next((file for file in logs if not file.exists()), None):
+        model = load_model(replace_auto_terms(project.config.model), path.parent)
+        return nominal_knowledge(model, f"the configuration names {missing_file.name}, which is not there")
+    report_progress("identifying from the logs of the configuration")
+    identification = project.identify()
+    return PriorKnowledge(identification.model, identification.estimate.value, identification, NoiseOrigin.LOGS)
+
+
+def _lone_model(data: Any, path: Path) -> Robot | None:
+    """Return the settings of the model in a file that holds nothing else of a configuration; None for another one."""
+    if not isinstance(data, dict) or "model" not in data or set(data) - {"model", "excitation"}:
+        return None
+    context = {"folder": path.parent, "code": path.parent}
+    model = data["model"]
+    if not isinstance(model, Mapping):
+        return robot_settings(str(model), context) or str(model)
+    try:
+        return RobotSettings.model_validate(model, context=context)
+    except ValidationError as error:
+        raise ConfigError(error_text(error, model, f"{path}: model")) from None
+
+
+def _motion_settings(
+    config: SourceFile | None, settings: str | Path | None, changes: Mapping[str, Any] | None
+) -> ExcitationSettings:
+    """Return the settings of the file ``settings``, else those in a configuration, with changes."""
+    data: Mapping[str, Any] = {}
+    place, folder = "excitation", Path()
+    if settings is not None:
+        place, folder = str(settings), Path(settings).parent
+        data = settings_in(load_yaml(read_text(settings, ConfigError, CONFIGS), place), place, alone=True)
+    elif config is not None:
+        place, folder = f"{config.path}: excitation", Path(config.path).parent
+        data = settings_in(load_yaml(config.text, config.path), place, alone=False)
+    changes = dict(changes or {})
+    if isinstance(packages := changes.get("packages"), list | tuple):  # these are relative to where we are
+        changes["packages"] = [
+            Path.cwd() / package if isinstance(package, str | Path) else package for package in packages
+        ]
+    motion_settings = excitation_settings({**data, **changes}, place, folder)
+    for package in motion_settings.packages:
+        if not os.path.isdir(package):
+            raise ConfigError(f"{place}: packages: there is no folder {str(package)!r}.")
+    # a default period leaves room for the ways to and from the periodic motion
+    if (
+        "period" not in motion_settings.model_fields_set
+        and motion_settings.period > MAX_PERIOD_SHARE * motion_settings.duration
+    ):
+        return motion_settings.model_copy(update={"period": MAX_PERIOD_SHARE * motion_settings.duration})
+    return motion_settings
+
+
+def _joint_limits(settings: ExcitationSettings) -> dict[str, JointLimits]:
+    return {name: JointLimits(**limit.model_dump()) for name, limit in settings.limits.items()}
+
+
+def _start_pose(settings: ExcitationSettings, joints: tuple[str, ...]) -> Array | None:
+    if settings.start is None:
+        return None
+    for name in settings.start:
+        if name not in joints:
+            raise ConfigError(f"excitation.start: there is no joint {name!r}; {choices(name, joints)}")
+    return np.array([settings.start.get(name, 0.0) for name in joints])

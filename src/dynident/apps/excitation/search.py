@@ -1,0 +1,400 @@
+"""Search for the most informative motion: a barrier that fades, with a limited-memory quasi-Newton method.
+
+The steps are those of L-BFGS (Nocedal and Wright 2006, "Numerical optimization", sec. 7.2), from the
+curvature of the limits on each joint, and end before any limit: every iterate keeps to all of them. Of
+several random starts the better half goes on from stage to stage. The last stage polishes small problems by SQP.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.excitation.criterion import Criterion, InformationCriterion
+from dynident.apps.excitation.interior import BarrierPoint, Interior
+from dynident.regression import one_thread
+from dynident.runtime import ConfigError, InputError, Step, brief, report_progress
+from dynident.runtime.jobs import run_jobs
+
+Array = NDArray[np.float64]
+POSE_TRIALS = 20  # that are tried
+SHRINK_FACTOR = 0.8
+MIN_SIZE = 1e-3  # of the limits: a motion this small is none
+SIZE_SHARE = 0.95  # of the largest size that keeps to the limits
+MAX_JACOBIAN_SIZE = 1_500_000  # entries of the constraints' derivatives: with more, a step takes too long
+CONSTRAINT_RESERVE = 1e-3  # of each limit, that the iterates leave
+EXCESS = 0.02  # that a motion may exceed a limit by to be made smaller
+HISTORY_LENGTH = 20  # pairs of L-BFGS
+CENTRE_WEIGHT = 5.0  # weight of the curvature at the middle of the limits
+MIN_GAIN, PATIENCE = 1e-4, 10  # of the criterion; steps: less than this gained in so many ends a stage
+MAX_LINE_STEPS = 30
+
+
+def random_motion(interior: Interior, rng: np.random.Generator) -> Array:
+    """Return the coefficients (n, K) of a random motion that keeps to all limits, about as large as they allow.
+
+    The motion is about a random pose. Each joint uses a random share of what its own limits allow, then all are
+    shrunk together until torques and distances are kept. Raises ConfigError where the arm can stand in no pose,
+    and InputError where it can move about none.
+    """
+    n, K = len(interior.limits.joints), interior.family.size
+    for pose in interior.feasible.random_poses(POSE_TRIALS, rng):
+        shape = rng.normal(size=(n, K))
+        # the constant coefficient keeps the mean of the motion at the pose
+        shape[:, 0] = -interior.functions[0, :, 1:].mean(axis=0) @ shape[:, 1:].T
+        centre = np.zeros((n, K))
+        centre[:, 0] = pose
+        joint_shares = rng.uniform(0.3, 1.0, n)
+        candidate = centre + shape * (joint_shares * _largest_sizes(interior, centre, shape))[:, None]
+        x = _shrink_to_feasible(interior, centre, candidate)
+        if x is not None:
+            return x
+    raise InputError("no random motion keeps to the limits; look at the obstacles, the clearance and the limits.")
+
+
+def _largest_sizes(interior: Interior, centre: Array, shape: Array) -> Array:
+    """Return the size (n) of a shape that each joint's own limits allow about a pose."""
+    low, high = np.zeros(len(centre)), np.full(len(centre), 1e3)
+    # bisection on a logarithmic scale, all joints at once: ranges do not couple them
+    for _ in range(40):
+        size = np.sqrt(np.maximum(low, 1e-9) * high)
+        x = centre + size[:, None] * shape
+        is_inside = (interior.range_slack(x) > 0).all(axis=(0, 1))
+        low, high = np.where(is_inside, size, low), np.where(is_inside, high, size)
+    return low
+
+
+def _shrink_to_feasible(interior: Interior, centre: Array, candidate: Array) -> Array | None:
+    """Shrink a motion towards a pose until it keeps to the limits; None where hardly any motion is left."""
+    size = 1.0
+    while not interior.is_inside(centre + size * (candidate - centre)):
+        size *= SHRINK_FACTOR
+        if size < MIN_SIZE:
+            return None
+    # refine between the last size that fits and the first that does not
+    feasible_size, infeasible_size = size, min(size / SHRINK_FACTOR, 1.0)
+    for _ in range(5):
+        middle = (feasible_size + infeasible_size) / 2
+        feasible_size, infeasible_size = (
+            (middle, infeasible_size)
+            if interior.is_inside(centre + middle * (candidate - centre))
+            else (feasible_size, middle)
+        )
+    return centre + SIZE_SHARE * feasible_size * (candidate - centre)
+
+
+def is_small_enough(interior: Interior) -> bool:
+    """Return whether the problem is small enough for this method."""
+    # entries of the dense Jacobian of all constraints
+    n, K = len(interior.limits.joints), interior.family.size
+    rows = sum(len(rows) for rows in interior.guard.rows) + len(interior.grid)
+    return (2 * n * rows + len(interior.grid) * len(interior.space.pairs)) * n * K <= MAX_JACOBIAN_SIZE
+
+
+def polish_motion(interior: Interior, x: Array, steps: int) -> tuple[Array, float]:
+    """Return the best motion (n, K) within ``steps`` from one that keeps to the limits, and its criterion."""
+    from scipy.optimize import minimize
+
+    best = [(x, _motion_criterion(interior, x))]
+
+    def keep_best(flat: Array) -> None:
+        candidate = flat.reshape(x.shape)
+        # iterates of SQP may leave the limits a little: keep those that fit once made smaller
+        if _limit_slacks(interior, candidate).min() > -EXCESS and (shrunk := interior.shrink(candidate)) is not None:
+            value = _motion_criterion(interior, shrunk)
+            if value < best[0][1]:
+                best[0] = shrunk, value
+
+    minimize(
+        lambda flat: _criterion_and_gradient(interior, flat.reshape(x.shape)),
+        x.ravel(),
+        jac=True,
+        method="SLSQP",
+        constraints={
+            "type": "ineq",
+            "fun": lambda flat: _limit_slacks(interior, flat.reshape(x.shape)) - CONSTRAINT_RESERVE,
+            "jac": lambda flat: _slack_jacobian(interior, flat.reshape(x.shape)),
+        },
+        callback=keep_best,
+        options={"maxiter": steps, "ftol": 1e-3 * interior.unit},
+    )
+    return best[0]
+
+
+def _motion_criterion(interior: Interior, x: Array) -> float:
+    return interior.information.value(*interior.states(x)[:3])
+
+
+def _criterion_and_gradient(interior: Interior, x: Array) -> tuple[float, Array]:
+    """Return the criterion and its gradient (n K)."""
+    value, gradients = interior.information.value_and_gradients(*interior.states(x)[:3])
+    return value, np.einsum("din,dik->nk", gradients, interior.functions[:3]).ravel()
+
+
+def _limit_slacks(interior: Interior, x: Array) -> Array:
+    """Return the slack of each limit on the grid: shares, and distances in m."""
+    states = interior.states(x)
+    slacks = interior.range_slack(x), interior.torque_slack(states), interior.gaps(states[0])
+    return np.concatenate([slack.ravel() for slack in slacks])
+
+
+def _slack_jacobian(interior: Interior, x: Array) -> Array:
+    """Return the derivatives of the slacks by the coefficients."""
+    states, functions = interior.states(x), interior.functions
+    n, K = x.shape
+    # ranges act on each joint by itself, so their Jacobian is block diagonal
+    range_jacobian = np.zeros((len(interior.guard_shares[0]), n, n, K))
+    for joint, rows in enumerate(interior.guard_shares):
+        range_jacobian[:, joint, joint] = rows
+    partials = interior.torque_partials(states)
+    torque_jacobian = sum(
+        np.einsum("ijk,il->ijkl", partial, B) for partial, B in zip(partials, functions[:3], strict=True)
+    )
+    torque_jacobian = torque_jacobian / interior.limits.torque[:, None, None]
+    gap_jacobian = np.einsum("ipk,il->ipkl", interior.space.gradients(states[0])[1], functions[0])
+    return np.concatenate(
+        [
+            jacobian.reshape(-1, n * K)
+            for jacobian in (-range_jacobian, range_jacobian, -torque_jacobian, torque_jacobian, gap_jacobian)
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Stage:
+    """At most ``steps`` with a ``weight`` of the barrier, from the best ``kept_share`` of the motions before.
+
+    Without weight the steps are those of ``polish_motion``, where the problem is small enough for it.
+    """
+
+    weight: float
+    steps: int
+    kept_share: float = 1.0
+
+
+STAGES = (Stage(3.0, 40), Stage(0.5, 40, 0.5), Stage(0.1, 60, 0.5), Stage(0.0, 20))
+LARGE_PROBLEM_STAGES = (Stage(0.02, 100), Stage(0.005, 150))  # of the last, for large problems
+
+
+class Plan(NamedTuple):
+    """Number of starts of a search, and its stages."""
+
+    starts: int
+    stages: tuple[Stage, ...] = STAGES
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """Best coefficients ``x`` (n, K) of a search with their ``criterion``, the number of ``starts``, and
+    whether it was ``interrupted``.
+    """
+
+    x: Array
+    criterion: float
+    starts: int
+    interrupted: bool = False
+
+    __repr__ = brief
+
+
+class _SearchJob(NamedTuple):
+    """A motion on its way: its number, the seed of its start or its coefficients, and its stage."""
+
+    number: int
+    seed: int
+    x: Array | None
+    stage: int
+
+
+class _StageResult(NamedTuple):
+    """Best motion of a job at a stage, with its criterion."""
+
+    number: int
+    seed: int
+    x: Array
+    criterion: float
+
+
+def search(
+    interior: Interior,
+    plan: Plan,
+    rng: np.random.Generator,
+    *,
+    initial: Sequence[Array] = (),
+    executor: Executor | None = None,
+) -> SearchResult:
+    """Return the best motion from random ones, or from the ``initial`` ones where there are any.
+
+    The steps that are reported name the best criterion so far. The result depends on the generator alone, not on
+    the executor. Ctrl-C ends the search with the best motion so far, where there is one. Raises InputError where no
+    start keeps to the limits.
+    """
+    stages = plan.stages
+    seeds = rng.integers(2**32, size=plan.starts).tolist()
+    jobs = [_SearchJob(k, 0, x, 0) for k, x in enumerate(initial)] or [
+        _SearchJob(k, seed, None, 0) for k, seed in enumerate(seeds)
+    ]
+    count, best, interrupted = len(jobs), list[_StageResult](), False
+    job_counts = [count]
+    for stage in stages[1:]:
+        # each stage goes on with the best share of the motions, so that the expensive ones are few
+        job_counts.append(max(1, int(np.ceil(job_counts[-1] * stage.kept_share))))
+    total, completed = sum(job_counts), 0
+    try:
+        for k in range(len(stages)):
+            results, reason = list[_StageResult](), ""
+            for job_result in run_jobs(partial(_run_job, interior, stages), jobs, executor):
+                completed += 1
+                if isinstance(job_result.value, _StageResult):
+                    results.append(job_result.value)
+                    # ties go to the lower number: the result does not depend on the order in which jobs end
+                    best = [min([*best, job_result.value], key=lambda result: (result.criterion, result.number))]
+                else:
+                    reason = job_result.reason if job_result.value is None else job_result.value
+                if best:
+                    words = _criterion_words(interior.information, best[0].criterion)
+                    report_progress(Step(f"searching, best so far: {words}", completed, total))
+            if not results:
+                raise InputError(f"no motion was found that keeps to the limits: {reason}")
+            results.sort(key=lambda result: (result.criterion, result.number))
+            if k + 1 < len(stages):
+                jobs = [
+                    _SearchJob(result.number, result.seed, result.x, k + 1) for result in results[: job_counts[k + 1]]
+                ]
+    # on Ctrl-C the best motion so far is as valid as the final one: all iterates keep to the limits
+    except KeyboardInterrupt:
+        if not best:
+            raise
+        interrupted = True
+    return SearchResult(best[0].x, best[0].criterion, count, interrupted)
+
+
+def _criterion_words(information: InformationCriterion, value: float) -> str:
+    """Return the value of a criterion in its usual form."""
+    match information.kind:
+        case Criterion.D_OPTIMAL:
+            return f"log det {2 * np.log(information.scale).sum() - value:.1f}"
+        case Criterion.A_OPTIMAL:
+            return f"variances {np.exp(value):.3g}"
+        case Criterion.CONDITION:
+            return f"condition number {np.exp(value):.1f}"
+
+
+def _run_job(interior: Interior, stages: tuple[Stage, ...], job: _SearchJob) -> _StageResult | str:
+    """Return the result of a stage of a motion, or the reason why there is none."""
+    try:
+        return _run_stage(interior, stages, job)
+    except (ConfigError, InputError) as error:
+        return str(error)
+
+
+def _run_stage(interior: Interior, stages: tuple[Stage, ...], job: _SearchJob) -> _StageResult:
+    with one_thread():
+        x = random_motion(interior, np.random.default_rng(job.seed)) if job.x is None else job.x
+        stage = stages[job.stage]
+        if stage.weight:
+            x, criterion = improve_motion(interior, x, stage)
+        elif is_small_enough(interior):
+            x, criterion = polish_motion(interior, x, stage.steps)
+        else:
+            for final_stage in LARGE_PROBLEM_STAGES:
+                x, criterion = improve_motion(interior, x, final_stage)
+        return _StageResult(job.number, job.seed, x, criterion)
+
+
+def improve_motion(interior: Interior, x: Array, stage: Stage) -> tuple[Array, float]:
+    """Return the best motion of a stage and its criterion, from a motion that keeps to the limits.
+
+    Raises InputError where that does not keep to them.
+    """
+    point = interior.at(x, stage.weight)
+    if point is None:
+        raise InputError("the motion that a search begins with does not keep to the limits, or shows nothing.")
+    best, history, values = (
+        (x, point.criterion),
+        deque[tuple[Array, Array, float]](maxlen=HISTORY_LENGTH),
+        [point.value],
+    )
+    metric = interior.barrier_curvature(x, stage.weight, CENTRE_WEIGHT)
+    for _ in range(stage.steps):
+        step = _direction(metric, history, point.gradient)
+        # not a direction of descent: forget the history, and take the step by the barrier's curvature alone
+        if float((step * point.gradient).sum()) >= 0:
+            history.clear()
+            step = _direction(metric, history, point.gradient)
+        accepted = _line_search(interior, x, step, point, stage.weight)
+        # no point along the step is good enough: try once more without history, from the curvature here
+        if accepted is None:
+            if not history:
+                break
+            history.clear()
+            metric = interior.barrier_curvature(x, stage.weight, CENTRE_WEIGHT)
+            continue
+        next_x, next_point = accepted
+        change, gradient_change = next_x - x, next_point.gradient - point.gradient
+        # pairs with little curvature would make the quasi-Newton matrix indefinite
+        if (curvature := float((change * gradient_change).sum())) > 1e-10 * np.linalg.norm(change) * np.linalg.norm(
+            gradient_change
+        ):
+            history.append((change, gradient_change, 1.0 / curvature))
+        x, point = next_x, next_point
+        if point.criterion < best[1]:
+            best = x, point.criterion
+        values.append(point.value)
+        if len(values) > PATIENCE and values[-PATIENCE - 1] - values[-1] < MIN_GAIN * interior.unit:
+            break
+    return best
+
+
+def _direction(metric: Array, history: Sequence[tuple[Array, Array, float]], gradient: Array) -> Array:
+    """Return the step of L-BFGS (n, K) by the two loops over its pairs."""
+    q, shares = gradient.copy(), list[float]()
+    for change, bend, inverse in reversed(history):
+        shares.append(inverse * float((change * q).sum()))
+        q -= shares[-1] * bend
+    # the curvature of the limits on each joint stands for the initial Hessian
+    r = np.linalg.solve(metric, q[..., None])[..., 0]
+    for (change, bend, inverse), share in zip(history, reversed(shares), strict=True):
+        r += change * (share - inverse * float((bend * r).sum()))
+    return np.asarray(-r)
+
+
+def _line_search(
+    interior: Interior, x: Array, step: Array, point: BarrierPoint, weight: float
+) -> tuple[Array, BarrierPoint] | None:
+    """Return the first motion along a step at which the value is low enough, and its point; None where there is
+    none.
+    """
+    slope = float((step * point.gradient).sum())
+    # stop short of the ranges, beyond which the barrier does not exist; torques and distances are tried
+    size = min(1.0, _free_step(interior, x, step))
+    for _ in range(MAX_LINE_STEPS):
+        next_x = x + size * step
+        next_point = interior.at(next_x, weight)
+        # sufficient decrease (Armijo)
+        if next_point is not None and next_point.value <= point.value + 1e-4 * size * slope:
+            return next_x, next_point
+        size *= 0.5 if next_point is None else _step_reduction(point.value, slope, next_point.value, size)
+    return None
+
+
+def _step_reduction(value: float, slope: float, new_value: float, size: float) -> float:
+    """Return the factor by which a step is shortened, by the parabola through the known values."""
+    # minimum of the parabola through value, slope and the new value, kept away from both ends
+    excess = new_value - value - slope * size
+    return float(np.clip(-slope * size / (2 * excess), 0.1, 0.6)) if excess > 0 else 0.5
+
+
+def _free_step(interior: Interior, x: Array, step: Array) -> float:
+    """Return the share of a step that is free of the limits of q, dq, ddq and jerk, less a little."""
+    room, rate = interior.range_slack(x), interior.constraint_values(step)
+    rates = np.array([rate, -rate])
+    with np.errstate(divide="ignore"):
+        return 0.98 * float(np.where(rates > 0, room / np.where(rates > 0, rates, 1.0), np.inf).min())

@@ -1,0 +1,324 @@
+"""A motion as a function of time, in pieces that follow each other with continuous q, dq and ddq."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.models import Distances
+from dynident.models.geometry import LipschitzDistances
+from dynident.runtime import ConfigError, brief
+
+Array = NDArray[np.float64]
+TIME_TOLERANCE = 1e-9  # of a time: as good as equal
+COARSE_RATE = 50.0  # Hz
+SUBDIVISIONS, FINE_LEVELS = 5, 2  # in which an interval is divided, twice: 1250 Hz
+MAX_LEVELS = 4  # times it is divided where the clearance is not proven: 31 kHz
+PROOF_TOLERANCE = 1e-4  # m: less than the clearance by this is as good
+FINAL_POINTS = 20  # parts, about the smallest distance found
+SPEED_SAFETY = 2.0  # on the speed that a pair has shown
+
+
+class Course(Protocol):
+    """Motion of n joints from time 0 to its duration (s), smooth within."""
+
+    @property
+    def duration(self) -> float:
+        """Its length (s)."""
+
+    def states(self, t: Array, /) -> Array:
+        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N) within 0 and the duration."""
+
+
+class Purpose(StrEnum):
+    """Purpose of a piece.
+
+    The path to its start, the optimised motion, one joint at constant speeds, or a pose for gravity (held,
+    or passed slowly).
+    """
+
+    WAY = "way"
+    MOTION = "motion"
+    FRICTION = "friction"
+    POSE = "pose"
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A course with its purpose; ``label`` tells which one it is (the joint, the number of the pose)."""
+
+    course: Course
+    purpose: Purpose
+    label: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Pieces one after the other, from rest to rest, of the named joints."""
+
+    joints: tuple[str, ...]
+    pieces: tuple[Piece, ...]
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        if not self.pieces:
+            raise ConfigError("a trajectory has no pieces; give at least one.")
+
+    @cached_property
+    def edges(self) -> Array:
+        """Times (P + 1) in s at which the P pieces begin, and the end."""
+        return np.concatenate([[0.0], np.cumsum([piece.course.duration for piece in self.pieces])])
+
+    @property
+    def duration(self) -> float:
+        """The length (s) of all pieces."""
+        return float(self.edges[-1])
+
+    @cached_property
+    def without_repeats(self) -> Trajectory:
+        """The same trajectory without pieces that repeat the course before, such as all periods but the first."""
+        return Trajectory(self.joints, tuple(self.pieces[k] for k in self.first_indices))
+
+    @cached_property
+    def first_indices(self) -> tuple[int, ...]:
+        """Indices of the pieces that do not repeat the course before."""
+        before = (None, *(piece.course for piece in self.pieces))
+        # repeated periods share one course object
+        return tuple(k for k, piece in enumerate(self.pieces) if piece.course is not before[k])
+
+    def first_time(self, t: float) -> float:
+        """Return the first time (s) at which the arm is where ``without_repeats`` is at t."""
+        k = int(
+            np.clip(np.searchsorted(self.without_repeats.edges, t, side="right") - 1, 0, len(self.first_indices) - 1)
+        )
+        return float(self.edges[self.first_indices[k]] + t - self.without_repeats.edges[k])
+
+    def times(self, rate: float) -> Array:
+        """Return times in s, at ``rate`` (Hz) from 0, and the end."""
+        t = np.arange(int(np.floor(self.duration * rate * (1 + TIME_TOLERANCE))) + 1) / rate
+        return t if self.duration - t[-1] <= TIME_TOLERANCE * self.duration else np.append(t, self.duration)
+
+    def states(self, t: Array) -> Array:
+        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N); at rest before it begins and after it
+        ends.
+
+        Where two pieces meet, the later one counts.
+        """
+        t = np.asarray(t, dtype=float)
+        out = np.empty((4, len(t), len(self.joints)))
+        piece_index = np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.pieces) - 1)
+        order = np.argsort(piece_index, kind="stable")
+        # group the times by piece, so that each course is evaluated once
+        for rows in np.split(order, np.flatnonzero(np.diff(piece_index[order])) + 1) if len(t) else ():
+            k = int(piece_index[rows[0]])
+            course = self.pieces[k].course
+            out[:, rows] = course.states(np.clip(t[rows] - self.edges[k], 0.0, course.duration))
+        out[1:, (t < 0) | (t > self.duration)] = 0.0
+        return out
+
+
+@dataclass(frozen=True)
+class SlowedCourse:
+    """A ``course`` that takes ``times`` as long: dq, ddq and the jerk are divided by times, its square and its
+    cube.
+    """
+
+    course: Course
+    times: float
+
+    @property
+    def duration(self) -> float:
+        """Its length (s)."""
+        return self.times * self.course.duration
+
+    def states(self, t: Array, /) -> Array:
+        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
+        length = self.course.duration
+        states = self.course.states(np.clip(np.asarray(t, dtype=float) / self.times, 0.0, length))
+        return states / self.times ** np.arange(4.0)[:, None, None]
+
+
+def slow_down(trajectory: Trajectory, times: float) -> Trajectory:
+    """Return the same path, ``times`` as long; ConfigError where that would be faster."""
+    if not times >= 1:
+        raise ConfigError(f"a trajectory cannot be slowed {times:g} times; give a number of at least 1.")
+    return replace(
+        trajectory,
+        pieces=tuple(replace(piece, course=SlowedCourse(piece.course, times)) for piece in trajectory.pieces),
+    )
+
+
+@dataclass(frozen=True)
+class ClosestApproach:
+    """Smallest distance (m), the pair that it is between, and its time (s)."""
+
+    distance: float
+    pair: tuple[str, str]
+    time: float
+
+
+def closest_approach(space: Distances, trajectory: Trajectory, clearance: float) -> ClosestApproach | None:
+    """Return the smallest distance along a trajectory, None where no pair is watched.
+
+    The distances are sampled at 50 Hz, and finer, up to 1250 Hz, where a pair may come below the
+    ``clearance`` (m) or below the smallest distance found, and there at 25 kHz at last; and up to 31 kHz
+    until no pair can come below the clearance by 0.1 mm. The rate at which a distance may fall is known for
+    ``LipschitzDistances``; else it is twice the rate that was observed around that time.
+    """
+    if not space.pairs:
+        return None
+    times = np.linspace(0.0, trajectory.duration, max(2, int(np.ceil(trajectory.duration * COARSE_RATE)) + 1))
+    step = float(times[1])
+    states = trajectory.states(times)
+    distances = space.distances(states[0])
+    best = _closest_sample(space, times, distances)
+    speed = (
+        _speed_bounds(space, states, step)
+        if isinstance(space, LipschitzDistances)
+        else _observed_speeds(distances, step)
+    )
+    starts, lower = times[:-1], np.minimum(distances[:-1], distances[1:])
+    for level in range(MAX_LEVELS):
+        # first look for the smallest distance itself, then only prove the clearance
+        bound = max(clearance, best.distance) if level < FINE_LEVELS else clearance - PROOF_TOLERANCE
+        # within an interval a distance falls by at most speed times half the interval
+        may_be_near = (lower - speed * step / 2 <= bound).any(axis=1)
+        fine_times = starts[may_be_near, None] + step * np.linspace(0.0, 1.0, SUBDIVISIONS + 1)
+        if not fine_times.size:
+            break
+        distances = space.distances(trajectory.states(fine_times.ravel())[0]).reshape(*fine_times.shape, -1)
+        best = min(
+            best, _closest_sample(space, fine_times.ravel(), distances.reshape(fine_times.size, -1)), key=_distance
+        )
+        step, speed = step / SUBDIVISIONS, np.repeat(speed[may_be_near], SUBDIVISIONS, axis=0)
+        starts, lower = (
+            fine_times[:, :-1].ravel(),
+            np.minimum(distances[:, :-1], distances[:, 1:]).reshape(-1, distances.shape[2]),
+        )
+    # the smallest distance found is refined around its time
+    last_times = np.clip(best.time + step * np.linspace(-1.0, 1.0, 2 * FINAL_POINTS + 1), 0.0, trajectory.duration)
+    return min(
+        best, _closest_sample(space, last_times, space.distances(trajectory.states(last_times)[0])), key=_distance
+    )
+
+
+def _observed_speeds(d: Array, h: float) -> Array:
+    """Return twice the rates (K, P) observed in and around intervals of h (s), from distances d (K + 1, P)."""
+    speed = np.abs(np.diff(d, axis=0)) / h
+    # the speed in neighbouring intervals counts, too: a distance may turn between samples
+    padded = np.pad(speed, ((1, 1), (0, 0)))
+    return SPEED_SAFETY * np.maximum(np.maximum(padded[:-2], padded[2:]), speed)
+
+
+def _speed_bounds(space: LipschitzDistances, states: Array, h: float) -> Array:
+    """Return bounds of the rates (K, P) of pairs in intervals of h (s) between states (4, K + 1, n)."""
+    dq, ddq, jerk = np.maximum(np.abs(states[1:, :-1]), np.abs(states[1:, 1:]))
+    return np.asarray((dq + h / 2 * (ddq + h / 2 * jerk)) @ space.steepest.T)
+
+
+def _distance(approach: ClosestApproach) -> float:
+    return approach.distance
+
+
+def _closest_sample(space: Distances, t: Array, d: Array) -> ClosestApproach:
+    row, pair = np.unravel_index(int(d.argmin()), d.shape)
+    return ClosestApproach(float(d[row, pair]), space.pairs[pair], float(t[row]))
+
+
+@dataclass(frozen=True, eq=False)
+class Hold:
+    """An arm that stands still in a ``pose`` (n) for a ``duration`` (s)."""
+
+    duration: float
+    pose: Array
+
+    __repr__ = brief
+
+    def states(self, t: Array) -> Array:
+        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
+        out = np.zeros((4, len(t), len(self.pose)))
+        out[0] = self.pose
+        return out
+
+
+def ramp_times(speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
+    """Return the time (s) for which the jerk acts, and then that of full acceleration, from rest to a speed.
+
+    Afterwards the jerk acts again, for as long as before.
+    """
+    # at low speeds the acceleration does not reach its limit
+    if speed * jerk < acceleration**2:
+        return float(np.sqrt(speed / jerk)), 0.0
+    return acceleration / jerk, speed / acceleration - acceleration / jerk
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """An arm that moves from rest in a ``pose`` (n) to rest, by ``distance`` times ``direction`` (n).
+
+    In between it has a constant ``speed``; ``acceleration`` and ``jerk`` are the largest on the way to that
+    speed and back, all along the direction. The distance is at least that of speeding up and slowing down.
+    """
+
+    pose: Array
+    direction: Array
+    distance: float
+    speed: float
+    acceleration: float
+    jerk: float
+
+    __repr__ = brief
+
+    @property
+    def duration(self) -> float:
+        """Its length (s)."""
+        return float(self._edges[-1])
+
+    @property
+    def cruise(self) -> float:
+        """How long (s) the speed is constant."""
+        ramp, steady = ramp_times(self.speed, self.acceleration, self.jerk)
+        return max(0.0, abs(self.distance) / self.speed - 2 * ramp - steady)
+
+    @property
+    def end(self) -> Array:
+        """The pose (n) in which it ends."""
+        return np.asarray(self.pose + self.distance * self.direction)
+
+    def states(self, t: Array) -> Array:
+        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
+        t = np.asarray(t, dtype=float)
+        k = np.clip(np.searchsorted(self._edges, t, side="right") - 1, 0, 6)
+        out = np.zeros((4, len(t), len(self.pose)))
+        out[0] = self.pose
+        out += _advance(self._start_states[:, k], t - self._edges[k])[:, :, None] * self.direction
+        return out
+
+    @cached_property
+    def _edges(self) -> Array:
+        ramp, steady = ramp_times(self.speed, self.acceleration, self.jerk)
+        return np.cumsum([0.0, ramp, steady, ramp, self.cruise, ramp, steady, ramp])
+
+    @cached_property
+    def _start_states(self) -> Array:
+        """States (4, 7) along the direction, at the beginning of each part of constant jerk."""
+        states = [np.zeros(4)]
+        # seven parts of constant jerk: ramp up, cruise and ramp down
+        for sign, length in zip((1, 0, -1, 0, -1, 0, 1), np.diff(self._edges), strict=True):
+            states[-1][3] = sign * np.copysign(self.jerk, self.distance)
+            states.append(_advance(states[-1][:, None], np.array([length]))[:, 0])
+        return np.stack(states[:-1], axis=1)
+
+
+def _advance(state: Array, t: Array) -> Array:
+    """Return the states (4, N) after a time t (N) of constant jerk."""
+    q, dq, ddq, jerk = state
+    return np.stack(
+        [q + t * (dq + t * (ddq / 2 + t * jerk / 6)), dq + t * (ddq + t * jerk / 2), ddq + t * jerk, jerk + 0 * t]
+    )

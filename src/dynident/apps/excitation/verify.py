@@ -1,0 +1,328 @@
+"""Last check of a finished trajectory, by other means than those that made it: nothing that fails it is
+written.
+
+All is sampled at 1 kHz or more, and forty times finer around the extremes. Derivatives are compared with
+differences. Torques come from the regressor, and from Pinocchio where it is installed; distances come
+also from the real shapes where these are known. Nothing is used that the design uses to keep within
+limits (bounds, working sets, reserves).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.excitation.limits import Feasibility, MotionLimits
+from dynident.apps.excitation.trajectory import ClosestApproach, Trajectory, closest_approach
+from dynident.models import Distances, RigidBodies
+from dynident.project.export import declare_root, strip_to_joints
+from dynident.runtime import InputError, brief
+
+if TYPE_CHECKING:
+    from dynident.models import Model
+
+Array = NDArray[np.float64]
+SAMPLE_RATE = 1000.0  # Hz
+EXTREME_POINTS = 40  # points about an extreme, on either side
+LIMIT_ROUNDING = 1e-6  # of a limit
+REST_TOLERANCE = 1e-6  # of the velocity and acceleration limits: at rest
+TORQUE_TOLERANCE = 1e-6  # of the largest torque: two routes to it agree
+SECOND_ROUTE_SAMPLES = 1500  # samples for the second route, with those of the largest torques
+BLOCK_SAMPLES = 4000
+QUANTITIES = ("position", "velocity", "acceleration", "jerk", "torque")
+
+
+def pinocchio_torque(model: Model, theta: Array, q: Array, dq: Array, ddq: Array) -> Array | None:
+    """Return the torque (N, n) at parameters theta (p), with the bodies computed by Pinocchio's regressor.
+
+    The other terms are computed by the model. None where Pinocchio is not installed or cannot read the
+    joints, and where the bodies are not those of a URDF as it stands.
+    """
+    bodies = next((term for term in model.terms if isinstance(term, RigidBodies)), None)
+    if bodies is None or bodies.format != "urdf" or bodies.displacements or find_spec("pinocchio") is None:
+        return None
+    widths = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
+    index = next(k for k, term in enumerate(model.terms) if term is bodies)
+    # parameters of the bodies among all parameters of the model
+    columns = slice(int(widths[index]), int(widths[index + 1]))
+    other_terms = tuple(term for term in model.terms if term is not bodies)
+    pinocchio_model = _read_pinocchio_model(bodies)
+    if pinocchio_model is None:
+        return None
+    out = _body_torque(pinocchio_model, bodies, theta[columns].reshape(-1, 10), np.stack([q, dq, ddq]))
+    if other_terms:
+        out += replace(model, terms=other_terms, load=None).regressor(q, dq, ddq) @ np.delete(theta, columns)
+    return out
+
+
+def _read_pinocchio_model(bodies: RigidBodies) -> Any:
+    """Read the arm with Pinocchio; None where it cannot."""
+    import pinocchio as pin
+
+    try:
+        pinocchio_model = pin.buildModelFromXML(declare_root(strip_to_joints(bodies.xml), bodies.file.root))
+    except (ValueError, RuntimeError):  # of names and structures that it does not take
+        return None
+    return (
+        pinocchio_model if all(pinocchio_model.existJointName(body.joint.name) for body in bodies.arm.bodies) else None
+    )
+
+
+def _body_torque(pinocchio_model: Any, bodies: RigidBodies, theta: Array, states: Array) -> Array:
+    """Return the torque (N, n) of bodies with parameters (B, 10) in states q, dq and ddq (3, N, n)."""
+    import pinocchio as pin
+
+    data, arm = pinocchio_model.createData(), bodies.arm
+    pinocchio_model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
+    joint_ids = [pinocchio_model.getJointId(body.joint.name) for body in arm.bodies]
+    columns = [pinocchio_model.joints[joint_id].idx_v for joint_id in joint_ids]
+    all_parameters = np.zeros((pinocchio_model.njoints, 10))
+    # Pinocchio has an inertia for each joint, listed or not: bodies that are not fitted have none
+    all_parameters[[joint_ids[k] for k in arm.parameter_bodies]] = theta
+    fixed_positions = {
+        pinocchio_model.getJointId(name): x
+        for name, x in arm.fixed_positions.items()
+        if pinocchio_model.existJointName(name)
+    }
+    out = np.empty((states.shape[1], len(joint_ids)))
+    for row, positions, velocities, accelerations in zip(out, *arm.body_states(*states), strict=True):
+        # velocities and accelerations by Pinocchio's numbering; joints that stand still have zeros
+        rates = np.zeros((2, pinocchio_model.nv))
+        rates[:, columns] = velocities, accelerations
+        configuration = _configuration(pinocchio_model, fixed_positions | dict(zip(joint_ids, positions, strict=True)))
+        regressor = np.reshape(
+            pin.computeJointTorqueRegressor(pinocchio_model, data, configuration, *rates), (pinocchio_model.nv, -1)
+        )
+        row[:] = (regressor @ all_parameters[1:].ravel())[columns]
+    # from the torques of the bodies' joints to those of the model's joints, which may drive several
+    return np.asarray(out @ arm.drive)
+
+
+def _configuration(pinocchio_model: Any, positions: dict[int, float]) -> Array:
+    """Return the configuration for Pinocchio, where a continuous joint is a point on a circle."""
+    import pinocchio as pin
+
+    out: Array = pin.neutral(pinocchio_model)
+    for k, x in positions.items():
+        joint = pinocchio_model.joints[k]
+        if joint.nv == 1:
+            out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+    return out
+
+
+class LimitError(InputError):
+    """A trajectory leaves its limits.
+
+    ``quantity`` of ``joint`` (or pair of links) has ``value`` at ``time`` (s), where ``limit`` is allowed.
+    """
+
+    def __init__(self, quantity: str, joint: str, time: float, value: float, limit: float, message: str) -> None:
+        super().__init__(message)
+        self.quantity, self.joint, self.time, self.value, self.limit = quantity, joint, time, value, limit
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, float, float, float, str]]:
+        return type(self), (self.quantity, self.joint, self.time, self.value, self.limit, str(self))
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryCheck:
+    """Result of the check of a trajectory, at ``samples`` times.
+
+    ``reached`` (5, n) are the shares used of the limits of position (from the middle of the range),
+    velocity, acceleration, jerk and torque. ``routes`` names the ways in which the torque was computed.
+    ``nearest`` is where the arm comes closest to itself or an obstacle, by the links as the design has them;
+    ``nearest_shapes`` by their real shapes; None where that was not checked.
+    """
+
+    samples: int
+    reached: Array
+    routes: tuple[str, ...]
+    nearest: ClosestApproach | None
+    nearest_shapes: ClosestApproach | None
+
+    __repr__ = brief
+
+
+def verify(trajectory: Trajectory, feasible: Feasibility, shapes: Distances | None = None) -> TrajectoryCheck:
+    """Check a trajectory, and return what it uses of the limits; of ``feasible`` only the numbers are used.
+
+    ``shapes`` are the real shapes. Raises ``LimitError``, an InputError, with joint, time, value and limit,
+    where the trajectory does not begin or end at rest, jumps, or leaves a limit or the clearance (m).
+    """
+    model, theta, limits = feasible.model, feasible.theta, feasible.limits
+    if trajectory.joints != limits.joints:
+        raise InputError(f"the trajectory is of the joints {trajectory.joints}, the limits of {limits.joints}.")
+    samples, reached = 0, np.zeros((5, len(limits.joints)))
+    torque_samples: list[tuple[Array, Array]] = []
+    last: Array | None = None
+    for k in trajectory.first_indices:  # what is repeated is looked at once
+        start, piece = trajectory.edges[k], trajectory.pieces[k]
+        # at least three samples: the trapezoidal rule needs differences
+        t = np.linspace(0.0, piece.course.duration, max(3, int(np.ceil(piece.course.duration * SAMPLE_RATE)) + 1))
+        states = piece.course.states(t)
+        _check_derivatives(states, t, float(start), limits)
+        # a piece that repeats must also join itself
+        _check_continuity(states[:, 0] if last is None else last, states[:, 0], float(start), limits)
+        if trajectory.pieces[k + 1 : k + 2] and trajectory.pieces[k + 1].course is piece.course:
+            _check_continuity(states[:, -1], states[:, 0], float(trajectory.edges[k + 1]), limits)
+        tau = _regressor_torque(model, theta, states)
+        # extremes of a smooth course lie between samples: look closer around each of them
+        fine_times = _times_near_extremes(t, states, tau, limits)
+        fine_states = piece.course.states(fine_times)
+        for times, sampled, torque in (
+            (t, states, tau),
+            (fine_times, fine_states, _regressor_torque(model, theta, fine_states)),
+        ):
+            np.maximum(reached, _limit_shares(sampled, torque, float(start) + times, limits), out=reached)
+            torque_samples.append(_select_samples(sampled, torque))
+            samples += len(times)
+        last = states[:, -1]
+    ends = trajectory.states(np.array([0.0, trajectory.duration]))
+    _check_rest(ends, trajectory.duration, limits)
+    routes = _second_route(model, theta, torque_samples)
+    closest = [
+        None if distances is None else _check_clearance(distances, trajectory, feasible.clearance)
+        for distances in (feasible.space, shapes)
+    ]
+    # clipped to the course: beyond its ends there is no motion
+    return TrajectoryCheck(samples, reached, routes, *closest)
+
+
+def _times_near_extremes(t: Array, states: Array, tau: Array, limits: MotionLimits) -> Array:
+    """Return times (M) around the extremes of q, dq, ddq, jerk and torque."""
+    middles = np.stack([limits.middle, *np.zeros((4, len(limits.joints)))])
+    extremes = np.abs(np.concatenate([states, tau[None]]) - middles[:, None]).argmax(axis=1)
+    around = np.linspace(-1, 1, 2 * EXTREME_POINTS + 1) * (t[1] - t[0])
+    return np.unique(np.clip(t[np.unique(extremes)][:, None] + around, 0.0, t[-1]))
+
+
+def _regressor_torque(model: Model, theta: Array, states: Array) -> Array:
+    """Return the torque (N, n) as the regressor times the parameters."""
+    blocks = [states[:3, k : k + BLOCK_SAMPLES] for k in range(0, states.shape[1], BLOCK_SAMPLES)]
+    return np.concatenate([model.regressor(*block) @ theta for block in blocks])
+
+
+def _limit_shares(states: Array, tau: Array, t: Array, limits: MotionLimits) -> Array:
+    """Return the largest shares of the limits (5, n); LimitError where one exceeds 1."""
+    q, dq, ddq, jerk = states
+    # position is measured from the middle of its range, the other quantities from zero
+    values = np.stack([q, dq, ddq, jerk, tau])
+    sizes = np.stack([limits.half, *limits.sizes[1:], limits.torque])
+    middles = np.stack([limits.middle, *np.zeros((4, len(limits.joints)))])
+    shares = np.abs(values - middles[:, None]) / sizes[:, None]
+    if not (shares <= 1 + LIMIT_ROUNDING).all():
+        which, row, joint = np.unravel_index(int(np.nan_to_num(shares, nan=np.inf).argmax()), shares.shape)
+        value, middle = float(values[which, row, joint]), float(middles[which, joint])
+        limit = middle + float(np.copysign(sizes[which, joint], value - middle))
+        raise _exceeded_error(QUANTITIES[which], limits.joints[joint], float(t[row]), value, limit)
+    return np.asarray(shares.max(axis=1))
+
+
+def _exceeded_error(quantity: str, joint: str, time: float, value: float, limit: float) -> LimitError:
+    message = (
+        f"joint {joint!r} at {time:.4f} s: {quantity} is {value:.6g}, beyond its limit {limit:.6g}; "
+        "the trajectory is refused."
+    )
+    return LimitError(quantity, joint, time, value, limit, message)
+
+
+def _check_continuity(before: Array, after: Array, t: float, limits: MotionLimits) -> None:
+    """Raise LimitError where q, dq or ddq jump from one piece to the next."""
+    jump = np.abs(after - before)[:3]
+    allowed = REST_TOLERANCE * limits.sizes[:3]
+    if not (jump <= allowed).all():
+        which, joint = np.unravel_index(int(np.nan_to_num(jump / allowed, nan=np.inf).argmax()), jump.shape)
+        raise _jump_error(QUANTITIES[which], limits.joints[joint], t, float(jump[which, joint]))
+
+
+def _jump_error(quantity: str, joint: str, t: float, by: float) -> LimitError:
+    message = f"joint {joint!r} at {t:.4f} s: {quantity} jumps by {by:.4g}; the trajectory is refused."
+    return LimitError(quantity, joint, t, by, 0.0, message)
+
+
+def _check_derivatives(states: Array, t: Array, start: float, limits: MotionLimits) -> None:
+    """Raise LimitError where q, dq or ddq are not the integrals of their derivatives: they jump, or these are
+    wrong.
+
+    Over a step h the error of the trapezoidal rule is at most h^3 / 12 times the largest second derivative
+    of the integrand, and h^2 / 4 times its largest slope; ddq changes by at most h times the largest jerk.
+    """
+    not_finite = np.argwhere(~np.isfinite(states))
+    if len(not_finite):
+        which, row, joint = not_finite[0]
+        name, time, value = limits.joints[joint], start + float(t[row]), float(states[which, row, joint])
+        message = f"joint {name!r} at {time:.4f} s: {QUANTITIES[which]} is {value}; the trajectory is refused."
+        raise LimitError(QUANTITIES[which], name, time, value, float("nan"), message)
+    h = float(t[1] - t[0])
+    # bounds of the error of the trapezoidal rule by the jerk limit, plus rounding of the differences
+    for d, error in enumerate((h**3 / 12, h**2 / 4, h)):
+        integral = h * (states[d + 1, :-1] + states[d + 1, 1:]) / 2 if d < 2 else np.zeros_like(states[0, 1:])
+        deviation = np.abs(np.diff(states[d], axis=0) - integral)
+        allowed = error * limits.jerk * (1 + LIMIT_ROUNDING) + 1e-9 * (np.abs(states[d]).max() + limits.sizes[d])
+        if not (deviation <= allowed).all():
+            row, joint = np.unravel_index(int(np.nan_to_num(deviation / allowed, nan=np.inf).argmax()), deviation.shape)
+            raise _jump_error(QUANTITIES[d], limits.joints[joint], start + float(t[row]), float(deviation[row, joint]))
+
+
+def _check_rest(ends: Array, duration: float, limits: MotionLimits) -> None:
+    """Raise LimitError where the trajectory does not begin or end at rest; ``ends`` is (4, 2, n)."""
+    for d in (1, 2):
+        moving = np.abs(ends[d]) > REST_TOLERANCE * limits.sizes[d]
+        if moving.any():
+            end, joint = np.argwhere(moving)[0]
+            value, name, t = float(ends[d, end, joint]), limits.joints[joint], float(end) * duration
+            message = (
+                f"joint {name!r} at {t:.4f} s: {QUANTITIES[d]} is {value:.4g} where the trajectory should be at rest."
+            )
+            raise LimitError(QUANTITIES[d], name, t, value, 0.0, message)
+
+
+def _select_samples(states: Array, tau: Array) -> tuple[Array, Array]:
+    """Return a selection of the states (3, K, n) with their torques: spread evenly, and those of the largest
+    torques.
+    """
+    # a sample of both: all torques would take a long time by the second route
+    rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), max(1, len(tau) // 100)))
+    return states[:3, rows], tau[rows]
+
+
+def _second_route(model: Model, theta: Array, torque_samples: Sequence[tuple[Array, Array]]) -> tuple[str, ...]:
+    """Return the routes to the torque; InputError where Pinocchio's differs from the regressor's."""
+    states, tau = (
+        np.concatenate([block for block, _ in torque_samples], axis=1),
+        np.concatenate([block for _, block in torque_samples]),
+    )
+    # again the largest torques, and about SECOND_ROUTE_SAMPLES spread evenly
+    rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), -(-len(tau) // SECOND_ROUTE_SAMPLES)))
+    pinocchio = pinocchio_torque(model, theta, *states[:, rows])
+    if pinocchio is None:
+        return ("regressor",)
+    deviation, size = np.abs(pinocchio - tau[rows]).max(axis=0), np.abs(tau).max()
+    if not (deviation <= TORQUE_TOLERANCE * size).all():
+        joint = int(np.nan_to_num(deviation, nan=np.inf).argmax())
+        raise InputError(
+            f"joint {model.joints[joint].name!r}: the torque by Pinocchio differs by {deviation[joint]:.4g} "
+            f"{model.joints[joint].effort} from that of the model; the trajectory is refused."
+        )
+    return ("regressor", "Pinocchio")
+
+
+def _check_clearance(space: Distances, trajectory: Trajectory, clearance: float) -> ClosestApproach | None:
+    """Return where the arm comes closest; LimitError where that is nearer than the clearance."""
+    closest = closest_approach(space, trajectory.without_repeats, clearance)
+    if closest is None:
+        return None
+    closest = replace(closest, time=trajectory.first_time(closest.time))
+    if closest.distance < clearance - LIMIT_ROUNDING:
+        first, second = closest.pair
+        message = (
+            f"{first!r} and {second!r} are {1000 * closest.distance:.2f} mm apart at {closest.time:.4f} s, nearer than "
+            f"the clearance of {1000 * clearance:g} mm; the trajectory is refused."
+        )
+        raise LimitError("distance", f"{first} and {second}", closest.time, closest.distance, clearance, message)
+    return closest

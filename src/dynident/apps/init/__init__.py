@@ -1,0 +1,1 @@
+"""A configuration drafted from a robot file and the columns of recordings."""

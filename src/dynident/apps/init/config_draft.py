@@ -1,0 +1,400 @@
+"""Draft of a configuration from a robot file and logs: commented YAML with a reason for each proposal."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
+from dynident.apps.init.match import MovableJoint
+from dynident.checks import relative_gains
+from dynident.files.opener import relative
+from dynident.files.ros import BAGS
+from dynident.files.tables import DataTable, read_columns
+from dynident.files.xml_text import SUFFIXES
+from dynident.files.yaml_text import UNPRINTABLE
+from dynident.identification import moving_span
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline, smooth_log
+from dynident.project.columns import is_commanded
+from dynident.project.fields import UNITS
+from dynident.project.logs import read_recording
+from dynident.project.project import parse_project
+from dynident.project.settings import LogSpec
+from dynident.runtime import DynidentError, InputError, choices, join_names
+
+Array = NDArray[np.float64]
+# names that YAML takes as they are, but for words such as yes
+_PLAIN_NAME = re.compile(r"(?!\.+$)[A-Za-z_./][A-Za-z0-9_./-]*")
+_TRAINING_SHARE = 0.7  # of a single log
+_MAX_MEASURED_VALUE = 1e100  # of values that can have been measured
+_GAIN_QUESTION = (
+    "the gains are those with which gravity and inertia of the robot file explain the motion: are its masses right? "
+    "Errors in % do not depend on a factor that all gains share, but masses, inertias and friction do; data sheets or "
+    "a known payload tell it"
+)
+_AT_REST_NOTE = "; outside, the arm is at rest, where friction is not determined"
+
+SMOOTHER = Spline(factor=8.0)  # position noise may not be white, and the slow torque of gravity tells most
+
+
+@dataclass(frozen=True)
+class LogSource:
+    """A recording: its file, or files by short name, the widths of text files by short name, and its table."""
+
+    files: Mapping[str, Path]
+    widths: Mapping[str, int]
+    table: DataTable
+
+    @property
+    def ros(self) -> bool:
+        """Whether it is a bag, whose units are those of ROS."""
+        return all(path.suffix.lower() in BAGS or path.is_dir() for path in self.files.values())
+
+
+def read_source(log: str) -> LogSource:
+    """Read a recording: a file, the folder of a ROS 2 bag, or files joined by a plus sign (``q.csv+tau.csv``).
+
+    Several files get short names, from the parts in which their stems differ. Raises InputError where one cannot be
+    read.
+    """
+    parts = [log] if os.path.exists(log) else log.split("+")
+    if len(parts) == 1:
+        return LogSource({"": Path(log)}, {}, read_columns(log))
+    paths = [Path(part.strip()) for part in parts]
+    files = dict(zip(_short_names([path.stem for path in paths]), paths, strict=True))
+    if len(files) < len(paths):
+        raise InputError(f"{log}: two of the files have the same name; rename one, or write the configuration by hand.")
+    column_widths = widths({key: read_columns(path) for key, path in files.items()})
+    spec = LogSpec.model_validate(
+        {"file": {key: str(path) for key, path in files.items()}, "width": column_widths or None}
+    )
+    return LogSource(files, column_widths, read_recording(spec))
+
+
+def _short_names(stems: Sequence[str]) -> list[str]:
+    """Return the stems without the words that all of them share at the start and the end."""
+    words = _drop_common_start([re.split(r"[\W_]+", stem) for stem in stems])
+    # reversed, the common end becomes a common start
+    words = _drop_common_start([stem[::-1] for stem in words])
+    short = ["_".join(stem[::-1]) for stem in words]
+    return short if all(short) and len(set(short)) == len(short) else list(stems)
+
+
+def _drop_common_start(words: list[list[str]]) -> list[list[str]]:
+    """Drop the first words that all lists share."""
+    while all(words) and len({name_words[0] for name_words in words}) == 1:
+        words = [name_words[1:] for name_words in words]
+    return words
+
+
+@dataclass(frozen=True)
+class ConfigDraft:
+    """The text of a configuration draft.
+
+    ``notes`` say what it leaves out; ``questions`` are to be confirmed and ``blanks`` to be filled in.
+    """
+
+    text: str
+    notes: tuple[str, ...]
+    questions: tuple[str, ...]
+    blanks: tuple[str, ...]
+
+
+def check_same_columns(mapping: ColumnMapping, sources: Sequence[LogSource]) -> None:
+    """Raise InputError where a later recording lacks a column that was mapped in the first."""
+    mapped_columns = [
+        mapping.time.column,
+        *(channel.column for channel in (*mapping.position.values(), *mapping.torque.values())),
+    ]
+    for source in sources[1:]:
+        for name in filter(None, mapped_columns):
+            if name not in source.table.columns:
+                raise InputError(
+                    f"{source.table.source}: has no column {name!r}, unlike {sources[0].table.source}; "
+                    f"{choices(name, source.table.columns)} All logs of a configuration have the same columns. "
+                    "Files that make one log together are joined by a plus: q.csv+tau.csv."
+                )
+
+
+def draft_config(
+    robot: str, joints: Sequence[MovableJoint], mapping: ColumnMapping, sources: Sequence[LogSource], folder: Path
+) -> ConfigDraft:
+    """Draft the configuration; ``robot`` is the file as the user named it, files are relative to ``folder``.
+
+    The last log is held out for validation; a single one is cut into two windows.
+    """
+    page = _Page([], [], [])
+    page.line(
+        "# For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`."
+    )
+    _write_model(page, robot, joints, mapping, folder)
+    for guess in dict.fromkeys(guess for source in sources for guess in source.table.guesses):
+        page.ask("file", f"{guess} Is this right?")
+    _write_time(page, mapping)
+    for section, signals in (("position", mapping.position), ("torque", mapping.torque)):
+        _write_channels(page, section, signals, mapping)
+    _write_unused(page, mapping, sources[0].table)
+    _write_logs(page, mapping, sources, folder)
+    if mapping.gaps:
+        page.line("gaps: split  # the stamps have gaps; each piece is smoothed separately")
+    page.line("")
+    page.line("estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares")
+    strange = f"recorded, but not in the robot file, so left out: {join_names(map(repr, mapping.unknown_joints))}."
+    table = sources[0].table
+    faults = [f"{name!r} {fault}" for name, fault in table.faults.items() if page.blanks and name not in table.texts]
+    still = (
+        "no motion in the logs, or next to none, so locked where they stand (`model.lock`): "
+        f"{join_names(map(repr, mapping.still_joints))}; what they carry is part of the body before them, and they "
+        "have no friction of their own."
+    )
+    notes = (*((still,) if mapping.still_joints else ()), *((strange,) if mapping.unknown_joints else ()), *faults)
+    # names and reasons come from files: a control character must not start a new line or hide text
+    text = "\n".join(UNPRINTABLE.sub("?", line) for line in page.lines) + "\n"
+    return ConfigDraft(text, notes, tuple(page.questions), tuple(page.blanks))
+
+
+@dataclass(frozen=True)
+class _Page:
+    """Lines written so far, with their open questions."""
+
+    lines: list[str]
+    questions: list[str]
+    blanks: list[str]
+
+    def line(self, text: str, where: str = "", question: str = "") -> None:
+        """Write a line with its question as a comment, and add the question to the list."""
+        self.lines.append(f"{text}  # ? {question}" if question else text)
+        if question:
+            self.questions.append(f"{where}: {question}")
+
+    def ask(self, where: str, question: str) -> None:
+        """Write a question on all lines of a section."""
+        self.lines.append(f"  # ? {question}")
+        self.questions.append(f"{where}: {question}")
+
+    def request_entry(self, where: str, description: str, indent: str = "  ") -> None:
+        """Ask the user to fill in the lines below, which are comments until then."""
+        self.lines.append(f"{indent}# ? fill in, and delete the # before the lines: {description}")
+        self.blanks.append(f"{where}: {description}")
+
+
+def _write_model(page: _Page, robot: str, joints: Sequence[MovableJoint], mapping: ColumnMapping, folder: Path) -> None:
+    if Path(robot).suffix.lower() not in SUFFIXES:
+        place, _, name = robot.rpartition(":")
+        page.line(f"model: {_yaml_name(robot if place == 'gallery' else f'{relative(Path(place), folder)}:{name}')}")
+        return
+    page.line("model:")
+    page.line(f"  file: {_yaml_name(relative(Path(robot), folder))}")
+    page.line(f"  joints: [{', '.join(map(_yaml_name, mapping.position))}]")
+    coupled = [joint for joint in joints if joint.name not in mapping.position and joint.name not in mapping.lock]
+    if coupled:
+        page.lines[-1] += f"  # {join_names(map(repr, [joint.name for joint in coupled]))}: coupled to a fixed joint"
+    if mapping.lock:
+        page.line("  lock:  # joints that are not identified, and their positions")
+    for name, (value, question) in mapping.lock.items():
+        why = "  # does not move in the logs" if name in mapping.still_joints else ""
+        page.line(f"    {_yaml_name(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
+    page.line("  terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs")
+    page.line(
+        "  # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG "
+        "--write-config FILE` writes"
+    )
+
+
+def _write_time(page: _Page, mapping: ColumnMapping) -> None:
+    page.line("")
+    time = mapping.time
+    if time.column is None:
+        page.request_entry(
+            "time", "the sampling rate in Hz, or the column of the stamps and its unit; none was found", ""
+        )
+        page.line("# time: { rate: }")
+        return
+    text = f"time: {{ column: {_yaml_name(time.column)}, unit: {time.unit} }}"
+    rate = f"  # about {1 / time.step:.4g} Hz" if time.step > 0 and not time.question else ""
+    page.line(text + rate, "time", time.question)
+
+
+def _write_channels(page: _Page, section: str, signals: Mapping[str, ChannelProposal], mapping: ColumnMapping) -> None:
+    reason = mapping.reasons.get(section, "")
+    page.line("")
+    page.line(f"{section}:  # {reason}" if reason else f"{section}:")
+    questions = {signal.question for signal in signals.values()}
+    common_question = (
+        questions.pop() if len(questions) == 1 and len(signals) > 1 else ""
+    )  # asked once, not joint by joint
+    if common_question:
+        page.ask(section, common_question)
+    if any(signal.factor for signal in signals.values()):
+        page.ask(section, _GAIN_QUESTION)
+    _request_missing(page, section, signals)
+    for name, channel in signals.items():
+        complete = channel.column is not None and not _needs_gain(channel)
+        question = _factor_question(channel) if channel.factor else "" if common_question else channel.question
+        page.line(_channel_line(name, channel), f"{section}.{name}", question if complete else "")
+
+
+def _needs_gain(signal: ChannelProposal) -> bool:
+    """Whether a gain is to be filled in."""
+    return bool(signal.gain) and signal.factor is None
+
+
+def _factor_question(signal: ChannelProposal) -> str:
+    value, std = signal.factor or (math.nan, math.nan)
+    return f"{value:.4g} +- {std:.2g} from the robot file: {signal.gain}?"
+
+
+def _request_missing(page: _Page, section: str, signals: Mapping[str, ChannelProposal]) -> None:
+    """Ask for the gains and columns of a section that are missing."""
+    gains = sorted({signal.gain for signal in signals.values() if _needs_gain(signal)})
+    if gains:
+        page.request_entry(section, f"the gains: {' or '.join(gains)}")
+    missing = [name for name, signal in signals.items() if signal.column is None]
+    if missing:
+        page.request_entry(section, f"the columns of {join_names(map(repr, missing))}, which were not found")
+
+
+def _channel_line(name: str, signal: ChannelProposal) -> str:
+    """Return the line of a channel; it is a comment where something is to be filled in."""
+    if signal.column is None:
+        return f"  # {_yaml_name(name)}: {{ column: , unit: {signal.unit} }}"
+    gain = f" gain: {signal.factor[0]:.4g}," if signal.factor else " gain: ," if signal.gain else ""
+    gain += f" wraps: {signal.wraps!r}," if signal.wraps else ""
+    start = "  # " if _needs_gain(signal) else "  "
+    return f"{start}{_yaml_name(name)}: {{ column: {_yaml_name(signal.column)},{gain} unit: {signal.unit} }}"
+
+
+def _write_unused(page: _Page, mapping: ColumnMapping, table: DataTable) -> None:
+    """List the unused columns, those that differ in a number as one, and the scalars that may be gains."""
+    if mapping.unknown_joints:
+        page.line(f"# of joints that the robot file does not have: {join_names(map(repr, mapping.unknown_joints))}")
+    kinds = dict.fromkeys(re.sub(r"\d+", "#", name) for name in mapping.unused)
+    if kinds:
+        page.line(f"# not used: {join_names(map(repr, list(kinds)))}")
+    if any(map(is_commanded, mapping.unused)):
+        page.line("# reference positions, with the gains of the drives, let more estimators apply: see `simulation` in")
+        page.line("# docs/configuration.md, and `dynident compare`")
+    if table.constants and page.blanks:
+        page.line(f"# numbers that a gain may name: {join_names(map(repr, list(table.constants)))}")
+
+
+def _write_logs(page: _Page, mapping: ColumnMapping, sources: Sequence[LogSource], folder: Path) -> None:
+    page.line("")
+    if len(sources) > 1:
+        # the last log is the validation, as another motion is the better test
+        *train, last = sources
+        page.line("train:")
+        page.lines.extend(
+            line for source in train for line in (*_log_lines(source, folder), *_window_lines(mapping, source.table))
+        )
+        page.line("validation:  # held out, to judge the fit; best on another motion")
+        page.lines.extend((*_log_lines(last, folder), *_window_lines(mapping, last.table)))
+        return
+    start, stop, cut = _motion_span(mapping, sources[0].table)
+    page.line(f"train:  # the first {100 * _TRAINING_SHARE:.0f} % of the only log")
+    for role, window in (("train", f"[{start}, {cut}]"), ("validation", f"[{cut}, {stop}]")):
+        if role == "validation":
+            page.line("validation:  # its rest; another motion is a better test")
+        page.lines.extend(_log_lines(sources[0], folder))
+        if cut != "null":
+            page.line(f"    window: {window}  # s{_AT_REST_NOTE if window.count('null') == 0 else ''}")
+        else:
+            page.request_entry(f"{role}[0].window", "start and stop in s, because the times are not known", "    ")
+            page.line("    # window: [ , ]")
+
+
+def _window_lines(mapping: ColumnMapping, table: DataTable) -> Iterator[str]:
+    """Yield the window in which the arm moves, if it rests for long before or after."""
+    start, stop, _ = _motion_span(mapping, table)
+    if (start, stop) != ("null", "null"):
+        yield f"    window: [{start}, {stop}]  # s{_AT_REST_NOTE}"
+
+
+def _log_lines(source: LogSource, folder: Path) -> Iterator[str]:
+    if list(source.files) == [""]:
+        yield f"  - file: {_yaml_name(relative(source.files[''], folder))}"
+    else:
+        yield "  - file:"
+        yield from (
+            f"      {_yaml_name(key)}: {_yaml_name(relative(path, folder))}" for key, path in source.files.items()
+        )
+    if source.widths:
+        widths = ", ".join(f"{_yaml_name(key)}: {width}" for key, width in source.widths.items())
+        yield f"    width: {{ {widths} }}  # one number per line; this many form a row"
+
+
+def _motion_span(mapping: ColumnMapping, table: DataTable) -> tuple[str, str, str]:
+    """Return start and end of the motion, and the time at which a single log is cut (s), as rounded texts.
+
+    Start and end are "null" where the arm moves from the first or to the last sample; all three are "null" where
+    the times are not known.
+    """
+    rows = _times_and_positions(mapping, table)
+    if len(rows) < 2 or not rows[-1, 0] > rows[0, 0]:
+        return "null", "null", "null"
+    t, q = rows[:, 0], rows[:, 1:]
+    start, stop = float(t[0]), float(t[-1])
+    # the span of the motion is known only with increasing stamps
+    if q.size and (np.diff(t) > 0).all():
+        start, stop = moving_span(Log(t, q, np.zeros(q.shape), tuple(map(str, range(q.shape[1])))))
+    # digits for a resolution of 1 % of the window or better
+    digits = max(0, 2 - math.floor(math.log10(stop - start)))
+    start_text, stop_text = (f"{x:.{digits}f}" if x != end else "null" for x, end in ((start, t[0]), (stop, t[-1])))
+    return (start_text, stop_text, f"{start + _TRAINING_SHARE * (stop - start):.{digits}f}")
+
+
+def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:
+    """Return the stamps (s) and the matched positions, (N, 1 + n), without impossible values; empty without stamps."""
+    names = [mapping.time.column, *(channel.column for channel in mapping.position.values() if channel.column)]
+    columns = [table.columns[name] for name in names if name is not None]
+    if mapping.time.column is None or len({len(column) for column in columns}) != 1:
+        return np.empty((0, 1))
+    rows = np.column_stack(columns)
+    # a single impossible value would dominate the range
+    rows = rows[(np.abs(rows) < _MAX_MEASURED_VALUE).all(axis=1)]
+    rows[:, 0] *= UNITS["time"][mapping.time.unit]
+    return rows
+
+
+def _yaml_name(name: str) -> str:
+    """Return a name as a YAML scalar, quoted where YAML would read it as another type."""
+    if _PLAIN_NAME.fullmatch(name) and isinstance(yaml.safe_load(name), str):
+        return name
+    return yaml.safe_dump(name, default_style='"', allow_unicode=True, width=math.inf).strip()
+
+
+def with_gains(
+    robot: str, joints: Sequence[MovableJoint], mapping: ColumnMapping, sources: Sequence[LogSource], folder: Path
+) -> ColumnMapping:
+    """Return the mapping with a proposed ``factor`` for each current whose gain the motion shows.
+
+    The arguments are those of ``draft_config``. The mapping is unchanged where no gain is needed, or where the
+    logs cannot be read yet, for example because the time is not known.
+    """
+    if not any(channel.gain for channel in mapping.torque.values()):
+        return mapping
+    # a draft without gains is complete, so that the logs can be read in the units of the currents
+    without_gains = replace(
+        mapping, torque={name: replace(channel, gain="") for name, channel in mapping.torque.items()}
+    )
+    try:
+        project = parse_project(draft_config(robot, joints, without_gains, sources, folder).text, folder / "draft.yaml")
+        logs = project.logs()[0]["train"].values()
+        names = tuple(joint.name for joint in project.model.joints)
+        gains = relative_gains(project.model, [smooth_log(SMOOTHER, log.select(names)) for log in logs])
+    except DynidentError:  # whatever it is, it is said where the configuration is read
+        return mapping
+    torque = {
+        name: replace(channel, factor=(gains[name].value, gains[name].std)) if name in gains else channel
+        for name, channel in mapping.torque.items()
+    }
+    return replace(mapping, torque=torque)

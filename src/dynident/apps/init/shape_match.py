@@ -1,0 +1,284 @@
+"""Matching of columns without telling names by their values: blocks of one column per joint, in any order.
+
+Positions are the block of which another is the derivative, or else the smoothest one; torques are the
+remaining block that the motion explains best. Each is a guess, with its reason and a question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.init.match import Match, MovableJoint, is_increasing
+from dynident.files.tables import DataTable
+from dynident.project.columns import ColumnFamily
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_SAMPLES = 20_000  # of the recording, at most
+MIN_SAMPLES, MAX_VALUE = 100, 1e100
+# least correlation, of each joint that moves, of a column's steps with the integral of its derivative
+MIN_DERIVATIVE_CORRELATION = 0.9
+# correlation from which a block is another of the same quantity, as commanded beside measured
+MIN_TWIN_CORRELATION = 0.99
+MAX_SHARE_DIFFERENCE = 0.05  # of the share explained: a block that is explained as well within it is a rival
+MIN_EXPLAINED_SHARE = 0.3  # least share of a torque that the motion of its joint explains
+MIN_RIVAL_RATIO = 0.5  # of the largest share explained, from which a block is named as a rival
+MIN_MOTION = 1e-3  # rad or m (degrees, N m, ...): a column that moves less says nothing
+# factor by which velocities and accelerations may differ from the derivatives of what is before them
+MAX_UNIT_RATIO = 1.1
+EFFORT_PEAK_RANGE = (0.02, 1.5)  # of the effort limit: usual peaks of torques
+
+
+@dataclass(frozen=True)
+class _ColumnBlock:
+    """As many neighbouring columns as joints, from index ``start`` of those that are not the time."""
+
+    start: int
+    names: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.names[0]!r} to {self.names[-1]!r}" if len(self.names) > 1 else repr(self.names[0])
+
+
+def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Match | None, Match | None]:
+    """Return the columns of positions and of torques, None where no block of columns looks like them.
+
+    Within a block, columns are in the order of the joints. Columns that are constant, or increase as the time
+    does, are neither, unless they are in a block of others. The fingers of a gripper (sliding joints after
+    turning ones) may be missing.
+    """
+    # columns that increase are clocks or counters; shorter ones belong to other logs
+    rows = max((len(column) for column in table.columns.values()), default=0)
+    names = [name for name, x in table.columns.items() if len(x) == rows and not is_increasing(x)]
+    joints = _recorded_joints(joints, len(names))
+    n = len(joints)
+    if rows < MIN_SAMPLES or not n or len(names) < 2 * n:
+        return None, None
+    X = _complete_rows(np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES])
+    if len(X) < MIN_SAMPLES:
+        return None, None
+    starts = _block_starts(len(names), n)
+    blocks = {k: _ColumnBlock(k, tuple(names[k : k + n])) for k in starts}
+    chain, reason = _find_motion(X, starts, n, joints)
+    if not chain:
+        return None, None
+    position = blocks[chain[0]]
+    twins = [blocks[k] for k in _twin_blocks(X, chain[0], starts, n) if _is_separate(k, chain, n)]
+    question = (
+        f"the columns {position} are taken for the positions of {joints[0].name} to {joints[-1].name}, as {reason}: "
+        "are they, and is this order right?"
+    )
+    if twins:
+        question += f" Why not {' or '.join(map(str, twins))}, which are nearly the same?"
+    position_match = _block_match("position", position, joints, question)
+    return position_match, _find_torque(X, chain, starts, joints, blocks)
+
+
+def _recorded_joints(joints: Sequence[MovableJoint], count: int) -> Sequence[MovableJoint]:
+    """Return the joints that ``count`` columns may belong to.
+
+    The fingers of a gripper are left out where the columns fill whole blocks only without them.
+    """
+    turning = next((k for k, joint in enumerate(joints) if k and joint.kind == "prismatic"), len(joints))
+    fingers = all(joint.kind == "prismatic" for joint in joints[turning:])
+    arm = all(joint.kind == "revolute" for joint in joints[:turning])
+    fills_blocks = len(joints) > 0 and count % len(joints) == 0
+    return joints[:turning] if arm and fingers and turning and not fills_blocks and count % turning == 0 else joints
+
+
+def _complete_rows(X: Array) -> Array:
+    """Return the rows without missing values; a column that is mostly missing becomes zero."""
+    is_finite = np.abs(X) < MAX_VALUE
+    empty = is_finite.mean(axis=0) < 0.5
+    return np.where(empty, 0.0, X)[is_finite[:, ~empty].all(axis=1)]
+
+
+def _block_match(role: str, block: _ColumnBlock, joints: Sequence[MovableJoint], question: str) -> Match:
+    columns = {joint.name: name for joint, name in zip(joints, block.names, strict=True)}
+    return Match(ColumnFamily(role, 0, dict(enumerate(block.names))), columns, "matched by their values", question)
+
+
+def _block_starts(count: int, n: int) -> list[int]:
+    """Return where blocks may start: at multiples of n where the columns make whole blocks, else anywhere."""
+    return list(range(0, count - n + 1, n if count % n == 0 else 1))
+
+
+def _is_separate(start: int, other_starts: Sequence[int], n: int) -> bool:
+    return all(abs(start - other_start) >= n for other_start in other_starts)
+
+
+def _derivative_correlation(X: Array) -> tuple[Array, Array]:
+    """Return correlation and slope (m, m) of the steps of column i with the integral of column j over them."""
+    # compared over a lag: differences of single samples would be mostly noise
+    lag = max(1, len(X) // 500)
+    steps = X[lag:] - X[:-lag]
+    # trapezoidal rule
+    cumulative = np.vstack([np.zeros(X.shape[1]), np.cumsum((X[1:] + X[:-1]) / 2, axis=0)])
+    integral = cumulative[lag:] - cumulative[:-lag]
+    C = _correlation(steps, integral)
+    return C, C * steps.std(axis=0)[:, None] / np.maximum(integral.std(axis=0), 1e-300)
+
+
+def _correlation(x: Array, y: Array) -> Array:
+    """Return the correlation (m, k) of the columns of x (N, m) with those of y (N, k); zero for a constant."""
+    normalised = []
+    for columns in (x, y):
+        centred = columns - columns.mean(axis=0)
+        norm = np.linalg.norm(centred, axis=0)
+        normalised.append(centred / np.where(norm > 1e-9 * np.abs(columns).max(axis=0), norm, np.inf))
+    return np.asarray(normalised[0].T @ normalised[1])
+
+
+def _block_diagonal(C: Array, row_start: int, column_start: int, moving: Mask, n: int) -> Array:
+    """Return the entries of a matrix joint by joint for two blocks, for joints that move in the first."""
+    rows = row_start + np.flatnonzero(moving[row_start : row_start + n])
+    return np.asarray(C[rows, rows - row_start + column_start])
+
+
+def _min_correlation(C: Array, row_start: int, column_start: int, moving: Mask, n: int) -> float:
+    return (
+        float(_block_diagonal(C, row_start, column_start, moving, n).min(initial=1.0))
+        if moving[row_start : row_start + n].any()
+        else 0.0
+    )
+
+
+def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[MovableJoint]) -> tuple[list[int], str]:
+    """Return the starts of positions and, if present, velocities and accelerations; and the reason."""
+    moving = np.ptp(X, axis=0) > MIN_MOTION
+    C, slope = _derivative_correlation(X)
+    # a block that is itself a derivative of another one is no block of positions
+    derived = ((C > MIN_DERIVATIVE_CORRELATION) & moving[:, None] & moving).any(axis=0)
+    separate = [(a, b) for a in starts for b in starts if _is_separate(a, [b], n)]
+    correlations = {(a, b): _min_correlation(C, a, b, moving, n) for a, b in separate}
+    pairs = {pair: size for pair, size in correlations.items() if size > MIN_DERIVATIVE_CORRELATION}
+    # of the blocks with a derivative, the one of which most joints move, then the best correlation
+    position_pairs = [pair for pair in pairs if not derived[pair[0] : pair[0] + n].any()]
+    if position_pairs:
+        a, b = max(position_pairs, key=lambda pair: (int(moving[pair[0] : pair[0] + n].sum()), pairs[pair]))
+        unit = float(np.median(_block_diagonal(slope, a, b, moving, n)))
+        # an acceleration is the derivative of the velocity in the same unit of time
+        ratios = {
+            d: float(np.median(_block_diagonal(slope, b, d, moving, n))) / unit
+            for source, d in pairs
+            if source == b and d != a
+        }
+        accelerations = [d for d, ratio in ratios.items() if 1 / MAX_UNIT_RATIO < ratio < MAX_UNIT_RATIO]
+        return [a, b, *accelerations], f"their derivative is in the file, too (correlation {pairs[a, b]:.3f})"
+    # no derivative in the file: of the blocks within reach of the joints the smoothest is the position
+    moving_starts = [k for k in starts if moving[k : k + n].any()]
+    # in rad and m first, then in degrees and mm
+    reachable = [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n])]
+    reachable = reachable or [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n], degrees=True)]
+    if not reachable:
+        return [], ""
+    k = min(reachable, key=lambda start: _roughness(X[:, start : start + n][:, moving[start : start + n]]))
+    return [k], "they are the smoothest within the range of the joints"
+
+
+def _is_reachable(joints: Sequence[MovableJoint], X: Array, *, degrees: bool = False) -> bool:
+    """Return whether columns (N, n) span no more than the joints can move, in rad and m, or in degrees and mm."""
+    for joint, span in zip(joints, np.ptp(X, axis=0), strict=True):
+        lower, upper = joint.limits.lower, joint.limits.upper
+        reach = upper - lower if lower is not None and upper is not None and lower < upper else 4 * np.pi
+        unit = 1.0 if not degrees else 180 / np.pi if joint.kind == "revolute" else 1000.0
+        if span > 1.1 * reach * unit:
+            return False
+    return True
+
+
+def _roughness(X: Array) -> float:
+    """Return the largest rms second difference of columns (N, k), relative to their standard deviation."""
+    return float((np.sqrt(np.mean(np.diff(X, 2, axis=0) ** 2, axis=0)) / X.std(axis=0)).max())
+
+
+def _twin_blocks(X: Array, start: int, starts: Sequence[int], n: int) -> list[int]:
+    """Return the other blocks that are nearly equal, such as commanded positions."""
+    C, moving = _correlation(X, X), np.ptp(X, axis=0) > MIN_MOTION
+    return [
+        k
+        for k in starts
+        if _is_separate(k, [start], n) and _min_correlation(C, start, k, moving, n) > MIN_TWIN_CORRELATION
+    ]
+
+
+def _find_torque(
+    X: Array,
+    chain: Sequence[int],
+    starts: Sequence[int],
+    joints: Sequence[MovableJoint],
+    blocks: Mapping[int, _ColumnBlock],
+) -> Match | None:
+    """Return the block that the motion of its joints explains best, excluding blocks of motion."""
+    n = len(joints)
+    # copies of the motion are explained by it, too
+    excluded = {k for motion_start in chain for k in [motion_start, *_twin_blocks(X, motion_start, starts, n)]}
+    features = _torque_features(X[:, chain[0] : chain[0] + n])
+    shares = {k: _explained_share(X[:, k : k + n], features) for k in starts if _is_separate(k, sorted(excluded), n)}
+    shares = {k: share for k, share in shares.items() if share > MIN_EXPLAINED_SHARE}
+    if not shares:
+        return None
+    # of blocks explained about as well prefer usual peaks: currents are proportional to torques
+    likely = [k for k in shares if shares[k] > max(shares.values()) - MAX_SHARE_DIFFERENCE]
+    best = max(likely, key=lambda k: (_usual_peak_count(joints, X[:, k : k + n]), shares[k]))
+    question = (
+        f"the columns {blocks[best]} are taken for the torques, as the motion explains {100 * shares[best]:.0f} % of "
+        "them: are they torques of the joints, not currents, and is this order right?"
+    )
+    rivals: list[int] = []
+    for k in sorted(shares, key=lambda start: -shares[start]):
+        if shares[k] > MIN_RIVAL_RATIO * shares[best] and _is_separate(k, [best, *rivals], n):
+            rivals.append(k)
+    if rivals:
+        question += f" Why not {' or '.join(str(blocks[k]) for k in sorted(rivals))}?"
+    return _block_match("torque", blocks[best], joints, question)
+
+
+def _usual_peak_count(joints: Sequence[MovableJoint], X: Array) -> float:
+    """Return for how many joints the peaks of columns (N, n) are usual for the effort limits."""
+    peaks = zip(joints, np.abs(X).max(axis=0), strict=True)
+    return float(
+        sum(
+            EFFORT_PEAK_RANGE[0] < peak / joint.limits.effort < EFFORT_PEAK_RANGE[1]
+            for joint, peak in peaks
+            if joint.limits.effort
+        )
+    )
+
+
+def _torque_features(q: Array) -> list[Array]:
+    """Return for each joint rough features of its torque: acceleration, friction, and gravity, (N, k)."""
+    # a span beyond two turns is taken for degrees
+    q = q * (np.pi / 180 if np.ptp(q, axis=0).max() > 4 * np.pi else 1.0)
+    lag = max(2, len(q) // 1000)
+    before, middle, after = q[: -2 * lag], q[lag:-lag], q[2 * lag :]
+    dq, ddq = after - before, after - 2 * middle + before
+    features = []
+    for j in range(q.shape[1]):
+        # a smooth sign, at 5 % of the usual speed, for Coulomb friction
+        sign = np.tanh(dq[:, j] / max(0.05 * float(dq[:, j].std()), 1e-300))
+        # gravity turns with sums of joint angles: this joint alone, and with one or two before it
+        sums = [middle[:, max(j - k, 0) : j + 1].sum(axis=1) for k in range(3)]
+        waves = [wave(angle) for angle in sums for wave in (np.sin, np.cos)]
+        features.append(np.column_stack([ddq[:, j], dq[:, j], sign, np.ones(len(dq)), *waves]))
+    return features
+
+
+def _explained_share(X: Array, features: Sequence[Array]) -> float:
+    """Return the median share (R^2) of columns that the features of their joints explain.
+
+    The share is zero for velocities and accelerations, which a single feature explains.
+    """
+    cut = (len(X) - len(features[0])) // 2
+    shares, single = [], []
+    for x, columns in zip(X[cut : cut + len(features[0])].T, features, strict=True):
+        residual = x - columns @ np.linalg.lstsq(columns, x)[0]
+        shares.append(1.0 - float(np.var(residual)) / float(np.var(x)) if np.var(x) > 0 else 0.0)
+        single.append(float(np.abs(_correlation(x[:, None], columns[:, :2])).max()))
+    # velocities and accelerations are nearly a multiple of one feature; torques never are
+    return 0.0 if min(single) > MIN_TWIN_CORRELATION else float(np.median(shares))

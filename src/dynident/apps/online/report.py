@@ -1,0 +1,216 @@
+"""Sentences on the events of a robot that is watched."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from functools import singledispatch
+
+import numpy as np
+
+from dynident.apps.online.detector import (
+    Alarm,
+    Back,
+    BadLines,
+    BaselineKnown,
+    Changed,
+    ClockReset,
+    Event,
+    Fault,
+    FaultKind,
+    Gap,
+    NewMotion,
+    Passed,
+    Resting,
+    Resumed,
+    Signal,
+    Unreadable,
+    Unsteady,
+)
+from dynident.apps.online.watcher import Watcher, WatchSettings
+from dynident.regression import GroupKind
+from dynident.report.note_words import Line
+from dynident.report.page import number
+from dynident.report.words import kind_words, signed_text
+from dynident.runtime import Severity, join_names
+
+FAULTS = {
+    FaultKind.MISSING: "gives no number",
+    FaultKind.FROZEN: "does not change any more",
+    FaultKind.STILL: "does not change while others do",
+    FaultKind.JUMP: "jumps",
+}
+MIN_SURE_RATIO, MAX_LISTED = 2.0, 4  # standard errors from which on a part of a change is named, and how many are
+# times the residual of the fit that are pointed out, and that ask for a reason
+MIN_NOTABLE_RATIO, MIN_SUSPICIOUS_RATIO = 2.0, 10.0
+DAY = 86_400.0
+
+
+class StampFormatter:
+    """Format stamps: in seconds, or as dates from the midnight ``zero`` (s) where the stream has dates."""
+
+    def __init__(self, zero: float = float("nan")) -> None:
+        self.zero = zero
+
+    def __call__(self, t: float) -> str:
+        """Format a stamp (s)."""
+        if np.isnan(t):
+            return "at the start"
+        if np.isnan(self.zero):
+            return f"{t:.1f} s"
+        return datetime.fromtimestamp(self.zero + t, UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def event_line(event: Event, joints: Sequence[str], to_text: StampFormatter) -> Line:
+    """Return an event as a line, a warning where something changed or fails."""
+    serious = isinstance(event, Alarm | Changed | Fault | Unsteady | Unreadable)
+    text = f"{to_text(event.time)}: {_event_text(event, joints, to_text)}."
+    return Line(text, Severity.WARNING if serious else Severity.INFO)
+
+
+def watch_words(settings: WatchSettings) -> str:
+    """Return how a robot is watched, as a sentence."""
+    often = 1 / settings.false_alarms
+    rate = f"one in {number(often, 2)} days" if often > 1 else f"{number(settings.false_alarms, 2)} a day"
+    return (
+        f"Watching: a baseline of {settings.baseline:g} s of motion without a change first, then changes with at most "
+        f"{rate} by chance; each is sought for in blocks of {settings.block:g} s."
+    )
+
+
+def end_words(watcher: Watcher, events: Sequence[Event], to_text: StampFormatter) -> str:
+    """Return how far the watch has come at the end of a stream, as a sentence."""
+    if np.isnan(watcher.latest):
+        return "The stream has ended without a sample."
+    end, (block_count, needed) = f"The stream has ended at {to_text(watcher.latest)}", watcher.baseline_blocks
+    if block_count < needed:
+        return (
+            f"{end}, within the baseline: it has {block_count} of {needed} blocks of motion, and no change was sought. "
+            "With --baseline S it is shorter."
+        )
+    since = max((event.time for event in events if isinstance(event, BaselineKnown)), default=watcher.latest)
+    change_count = sum(isinstance(event, Changed) for event in events)
+    changes = {0: "no change was found", 1: "1 change was found"}.get(
+        change_count, f"{change_count} changes were found"
+    )
+    return f"{end}: {changes} since {to_text(since)}, when the baseline was complete."
+
+
+@singledispatch
+def _event_text(event: Event, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    raise TypeError(f"there is no text for {type(event).__name__}")
+
+
+@_event_text.register
+def _(event: BaselineKnown, joints: Sequence[str], to_text: StampFormatter) -> str:
+    pairs = list(zip(joints, event.residual, event.identified, strict=True))
+    residuals = join_names((f"{joint} {number(now, 2)}" for joint, now, _ in pairs), 8)
+    worse = [joint for joint, now, then in pairs if now > MIN_NOTABLE_RATIO * then]
+    warning = f"; more than twice that of the identification at {join_names(worse, 8)}" if worse else ""
+    if any(now > MIN_SUSPICIOUS_RATIO * then for _, now, then in pairs):
+        warning += "; at one, more than ten times: check that robot, units and gains are those of the result"
+    return (
+        f"the baseline since {to_text(event.since)} is complete, changes are sought from now on; "
+        f"the model leaves (rms, N m or N) {residuals}{warning}"
+    )
+
+
+@_event_text.register
+def _(event: Unsteady, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return (
+        f"{kind_words(event.kind, event.joint)} changed within the baseline since {to_text(event.since)}; its first "
+        "half is left out, and it goes on"
+    )
+
+
+@_event_text.register
+def _(event: NewMotion, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return (
+        f"the robot moves as it did not in the baseline since {to_text(event.since)}: this motion is learned, and a "
+        "change now would not be seen"
+    )
+
+
+@_event_text.register
+def _(event: Alarm, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return (
+        f"a change since about {to_text(event.since)}, most likely {kind_words(event.kind, event.joint)}; "
+        "its size is being measured"
+    )
+
+
+@_event_text.register
+def _(event: Changed, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    low, high = event.between
+    when = f"at about {to_text(event.since)}"
+    if to_text(low) != to_text(high):
+        when = f"between {to_text(low)} and {to_text(high)}"
+    return f"{kind_words(event.kind, event.joint)} changed {when}: {join_names(_size_words(event), MAX_LISTED)}"
+
+
+def _size_words(event: Changed) -> Iterator[str]:
+    """Yield the significant parts of a change, the clearest first; at least one."""
+    if event.kind is GroupKind.RESIDUAL:
+        yield f"{100 * (float(np.exp(event.size[0])) - 1):+.0f} %"
+        return
+    size, std = np.array(event.size), np.array(event.std)
+    ratio = np.divide(np.abs(size), std, out=np.zeros_like(size), where=np.isfinite(std) & (std > 0))
+    order = [int(k) for k in np.argsort(-ratio, kind="stable")]
+    for k in [k for k in order if ratio[k] >= MIN_SURE_RATIO] or order[:1]:
+        total = "" if np.isclose(event.total[k], size[k]) else f" ({signed_text(event.total[k])} since the baseline)"
+        yield f"{event.names[k]} by {signed_text(size[k])} +- {number(float(std[k]), 2)} {event.units[k]}{total}"
+
+
+@_event_text.register
+def _(event: Passed, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return f"the change since {to_text(event.since)} ({kind_words(event.kind, event.joint)}) has passed"
+
+
+@_event_text.register
+def _(event: Fault, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    fault = f"the {event.signal.value} of {event.joint} {FAULTS[event.kind]}"
+    if event.kind is FaultKind.JUMP:
+        return f"{fault} at {to_text(event.since)}, by {signed_text(event.size)} rad or m, which no joint can do"
+    if event.kind is FaultKind.STILL:
+        why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"
+        return f"{fault}, since {to_text(event.since)}: {why}"
+    stops = "nothing is" if event.signal is Signal.POSITION else "this joint's torque is not"
+    return f"{fault}, since {to_text(event.since)}: its sensor is dead; {stops} watched until it works again"
+
+
+@_event_text.register
+def _(event: Back, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    name = "position" if event.signal is Signal.POSITION else "torque"
+    return f"the {name} of {event.joint} works again, after a fault since {to_text(event.since)}"
+
+
+@_event_text.register
+def _(event: Resting, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return f"the robot has hardly moved since {to_text(event.since)}: there is nothing to watch until it does"
+
+
+@_event_text.register
+def _(event: Gap, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return f"no sample came for {number(event.length, 3)} s"
+
+
+@_event_text.register
+def _(event: ClockReset, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return f"the time was set back, from {to_text(event.last)}"
+
+
+@_event_text.register
+def _(event: BadLines, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    if event.count == 1:
+        return f"line {event.line} could not be read and is left out: {event.text!r}"
+    return f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}"
+
+
+@_event_text.register
+def _(event: Unreadable, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return f"{event.samples} samples cannot be used: {event.reason.rstrip('.')}"
+
+
+@_event_text.register
+def _(event: Resumed, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+    return f"the watch goes on from its saved state, after the sample at {to_text(event.last)}"

@@ -1,0 +1,47 @@
+"""What an arm carries, identified from recordings with the payload."""
+
+from dynident.apps.payload.body import (
+    Component,
+    GainsUnknown,
+    Mount,
+    NoPayload,
+    NotShown,
+    OtherArm,
+    PayloadOrDrift,
+    PhysicalBody,
+    SameRecording,
+    mount_of,
+)
+from dynident.apps.payload.estimate import (
+    ArmEvidence,
+    DriveGains,
+    ErrorSource,
+    PayloadRequest,
+    PayloadSolution,
+    solve_payload,
+)
+from dynident.apps.payload.payload import LoadedLog, Payload, find_payload
+from dynident.apps.payload.report import payload_figure
+
+__all__ = [
+    "ArmEvidence",
+    "Component",
+    "DriveGains",
+    "ErrorSource",
+    "GainsUnknown",
+    "LoadedLog",
+    "Mount",
+    "NoPayload",
+    "NotShown",
+    "OtherArm",
+    "Payload",
+    "PayloadOrDrift",
+    "PayloadRequest",
+    "PayloadSolution",
+    "PhysicalBody",
+    "SameRecording",
+    "find_payload",
+    "mount_of",
+    "payload_figure",
+    "solve_payload",
+]

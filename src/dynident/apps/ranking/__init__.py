@@ -1,0 +1,31 @@
+"""Smoothers and estimators on the same logs, ranked on held-out motion."""
+
+from dynident.apps.ranking.config import Candidate, Combination
+from dynident.apps.ranking.page import cost_figure, ranking_figure
+from dynident.apps.ranking.ranking import (
+    CombinationOutcome,
+    InapplicablePart,
+    RankedCombination,
+    Ranking,
+    TruthFigures,
+    geometric_mean,
+)
+from dynident.apps.ranking.run import FILES, NUMBERS, REPORT, TABLE, compare
+
+__all__ = [
+    "FILES",
+    "NUMBERS",
+    "REPORT",
+    "TABLE",
+    "Candidate",
+    "Combination",
+    "CombinationOutcome",
+    "InapplicablePart",
+    "RankedCombination",
+    "Ranking",
+    "TruthFigures",
+    "compare",
+    "cost_figure",
+    "geometric_mean",
+    "ranking_figure",
+]

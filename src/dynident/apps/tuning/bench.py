@@ -1,0 +1,353 @@
+"""A bench for the logs and the model of one configuration: smooths, fits and validates any tuning, with caches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint, degree_curve, rule_degrees, smoothed_joint
+from dynident.apps.tuning.quick_fit import (
+    QuickFit,
+    columns_in,
+    digest,
+    fold_factors,
+    keep_unfitted,
+    quick_fit,
+    select_columns,
+    without_joints,
+)
+from dynident.apps.tuning.switches import Offers, Switches, estimators_of, noise_of, start_of
+from dynident.apps.tuning.tuning import Tuning
+from dynident.checks import with_findings
+from dynident.estimators import Estimator, Problem
+from dynident.identification import Identification, Recipe, cut_excerpts, identify, tilt_base
+from dynident.identification.calibration import with_load
+from dynident.identification.dataset import Dataset, Motions, RoleMotions
+from dynident.models import Model, drop_load_dependence
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Smoother, Spline, TimeShifted, smooth_log, strip_time_offset
+from dynident.motion.splines import Constraint
+from dynident.regression import Regression, Selection, TriangularFactors, merge_factors, one_thread
+from dynident.runtime import ConfigError, choices, join_names
+from dynident.runtime.cache import Cache
+
+Array = NDArray[np.float64]
+Logs = Mapping[str, Mapping[str, Log]]
+MAX_CACHED_VALUES = 4e6  # samples times joints of all results that are kept together: about a gigabyte
+
+
+@dataclass(frozen=True, eq=False)
+class _Caches:
+    """Results that are kept by tuning: two tabs ask at once, and someone who goes back waits for nothing."""
+
+    logs: Cache[Dataset]
+    motions: Cache[Motions]
+    joints: Cache[Motion]
+    factors: Cache[tuple[TriangularFactors, ...]]
+    fits: Cache[QuickFit]
+    curves: Cache[DegreeCurve]
+    marks: Cache[dict[str, tuple[float, ...]]]
+    identifications: Cache[Identification]
+
+    @classmethod
+    def of(cls, values: int) -> _Caches:
+        """Return empty caches for logs with so many ``values`` (samples times joints): of long logs less is kept."""
+        size = int(np.clip(MAX_CACHED_VALUES / max(values, 1), 2, 12))
+        return cls(
+            logs=Cache(size),
+            motions=Cache(size),
+            joints=Cache(5 * size),
+            factors=Cache(16),
+            fits=Cache(size),
+            curves=Cache(64),
+            marks=Cache(8),
+            identifications=Cache(size),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Logs, a model and a first identification: everything that can be asked of a ``Tuning``.
+
+    ``logs`` are by role ("train", "validation") and name, without exclusions; ``identification`` is the first one, and
+    ``start`` its tuning; ``multi_turn`` are joints that may make any number of turns. All methods may be called from
+    several threads at once, and keep their last results. They raise ConfigError, InputError and ModelError for a
+    tuning that cannot be used.
+    """
+
+    switches: Switches
+    logs: Logs
+    identification: Identification
+    start: Tuning
+    estimators_by_kind: Mapping[str, Estimator]
+    multi_turn: frozenset[str] = frozenset()
+    _known: _Caches = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        values = sum(log.q.size for by_name in self.logs.values() for log in by_name.values())
+        object.__setattr__(self, "_known", _Caches.of(values))
+
+    def __repr__(self) -> str:
+        roles = "; ".join(f"{role} {join_names(by_name, 3) or 'none'}" for role, by_name in self.logs.items())
+        return f"<Bench of {self.switches.model.name!r}: {len(self.joints)} joints; {roles}>"
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        logs: Logs,
+        identification: Identification,
+        *,
+        switchable: bool = True,
+        estimator: str = "",
+    ) -> Bench:
+        """Return the bench of a model as a configuration builds it (terms that are chosen are not in it, its base is
+        level), logs by role and name as they are read, and their identification.
+
+        ``switchable`` says whether terms can be switched: those of a model that is built of a robot file can.
+        ``estimator`` is the kind of the estimator, by
+        default the name of its class.
+        """
+        joints = tuple(joint.name for joint in model.joints)
+        read_logs = {
+            role: {name: log.select(joints) for name, log in by_name.items()} for role, by_name in logs.items()
+        }
+        motions = [validation.motion for validation in identification.validations if validation.role == "train"]
+        offers = Offers.of(identification.model, identification.estimate.value, motions) if switchable else None
+        # Chosen terms are at the end of the identified model; the configured model lacks them.
+        full_model = replace(model, terms=(*model.terms, *identification.model.terms[len(model.terms) :]))
+        switches = Switches.of(full_model, offers)
+        kind, estimators = estimators_of(identification.recipe.estimator, estimator)
+        full_logs = {
+            role: {name: log.include_all() for name, log in by_name.items()} for role, by_name in read_logs.items()
+        }
+        return cls(
+            switches,
+            full_logs,
+            identification,
+            start_of(identification, switches.start, read_logs, kind),
+            estimators,
+        )
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the n joints."""
+        return tuple(joint.name for joint in self.switches.model.joints)
+
+    @cached_property
+    def log_names(self) -> tuple[str, ...]:
+        """Names of all logs, those of the training first."""
+        return tuple(name for by_name in self.logs.values() for name in by_name)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of terms that can be switched on a joint; none where the model is not built of a robot file."""
+        return self.switches.kinds
+
+    @property
+    def estimators(self) -> tuple[str, ...]:
+        """Kinds of estimators to choose from, the configured one first."""
+        return tuple(self.estimators_by_kind)
+
+    @property
+    def smoother(self) -> Smoother:
+        """The smoother as it was first used, without a time offset."""
+        return strip_time_offset(self.identification.recipe.smoothers[0])
+
+    @cached_property
+    def has_degree(self) -> bool:
+        """Whether the smoother is the spline with S in terms of n.
+
+        Of another smoother ``start.degree`` is what it left of the positions; with any other degree this spline takes
+        its place.
+        """
+        smoother = self.smoother
+        return isinstance(smoother, Spline) and smoother.rule == Constraint()
+
+    def check(self, tuning: Tuning) -> None:
+        """Raise ConfigError where a tuning does not fit this bench."""
+        tuning.check(self.joints, self.log_names, self.kinds, self.estimators)
+
+    def model(self, tuning: Tuning) -> Model:
+        """Return the model of a tuning, on a level base, as a configuration with its settings builds it."""
+        return self.switches.with_terms(tuning.terms)
+
+    def recipe(self, tuning: Tuning) -> Recipe:
+        """Return the recipe of a tuning, with nothing left to choose."""
+        speeds = {name: speed for name, speed in zip(self.joints, tuning.min_speed, strict=True) if speed}
+        alike = len(speeds) == len(self.joints) and len(set(speeds.values())) == 1
+        return replace(
+            self.identification.recipe,
+            smoother=self._spline(tuning.degree),
+            estimator=self.estimators_by_kind[tuning.estimator],
+            filter=tuning.filter,
+            min_speed=tuning.min_speed[0] if alike else speeds or None,
+            time_offset=tuning.time_offset,
+            terms=None,
+            proposed=(),
+            unfitted=tuning.unfitted,
+        )
+
+    def smooth(self, tuning: Tuning, log: str, joint: str) -> SmoothedJoint:
+        """Return a joint of a log as the tuning smooths it."""
+        self.check(tuning)
+        role = next((role for role, by_name in self.logs.items() if log in by_name), None)
+        if role is None or joint not in self.joints:
+            raise ConfigError(f"there is no log {log!r} with a joint {joint!r}.")
+        logs, j = self._role_logs(tuning), self.joints.index(joint)
+        repaired = logs.repaired[role][log]
+        noise = float(self._noise(repaired)[j])
+
+        def make_motion() -> Motion:
+            spline = replace(self._plain_spline, sigma=noise, factor=10.0 ** (tuning.degree[j] / 2.0))
+            return smooth_log(spline, repaired.select((joint,)))
+
+        if self._is_tuned(tuning.degree):
+            motion = self._known.joints((tuning.excluded, log, joint, tuning.degree[j]), make_motion)
+        else:
+            motion = self._motions(tuning, 0.0)[role][log]
+        return smoothed_joint(logs.trimmed[role][log], repaired, motion, joint, noise)
+
+    def fit(self, tuning: Tuning) -> QuickFit:
+        """Return the quick fit: that of ``identify`` without the correction of the bias by errors of the motion."""
+        self.check(tuning)
+        return self._known.fits(tuning, lambda: self._fit(tuning))
+
+    def curve(self, tuning: Tuning, joint: str | None = None) -> DegreeCurve:
+        """Return the cross-validated error over the degree of smoothing of all joints, or of one alone."""
+        self.check(tuning)
+        if joint is not None and joint not in self.joints:
+            raise ConfigError(f"there is no joint {joint!r}; {choices(joint, self.joints)}")
+        # The degree that the curve is over is not part of the key.
+        at = tuning.with_degree(0.0, None if joint is None else self.joints.index(joint))  # it is moved anyway
+        key = replace(at, estimator="", min_speed=(), filter=None)
+        return self._known.curves((key, joint), lambda: self._curve(at, joint))
+
+    def identify(self, tuning: Tuning) -> Identification:
+        """Return the identification of a tuning, with the findings of the checks.
+
+        For the ``start`` it is the first identification, for another tuning that of a configuration with these
+        settings.
+        """
+        self.check(tuning)
+        if tuning == self.start:
+            return self.identification
+        return self._known.identifications(tuning, lambda: self._identify(tuning))
+
+    def _identify(self, tuning: Tuning) -> Identification:
+        model, recipe, logs = self.model(tuning), self.recipe(tuning), self._role_logs(tuning).recorded
+        identification = identify(model, logs["train"], logs["validation"], recipe)
+        return with_findings(identification, model, logs, recipe, multi_turn=self.multi_turn)
+
+    def _fit(self, tuning: Tuning) -> QuickFit:
+        start_time = perf_counter()
+        with one_thread():
+            recipe, logs, full_model = self.recipe(tuning), self._role_logs(tuning), self.model(tuning)
+            preliminary_model, selection = drop_load_dependence(full_model), recipe.selection(full_model.joints)
+            motions = logs.prepare_motions(preliminary_model, self._motions(tuning, tuning.time_offset), recipe)
+            train_motions = motions.train
+            model = self._tilt_base(preliminary_model)
+            model = with_load(full_model, model, train_motions, recipe.estimator, selection)
+            folds = self._folds(tuning, model, motions, logs)
+            factors = merge_factors(folds)
+            train_motions = tuple(map(model.remembering, train_motions))
+            regression = Regression(model, train_motions, selection).with_factors(factors)
+            problem = Problem(model, train_motions, regression, logs.fitted_logs(motions), tuning.time_offset)
+            fit = quick_fit(problem, recipe.estimator, folds, factors, motions.by_role)
+        return replace(fit, seconds=perf_counter() - start_time)
+
+    def _folds(
+        self, tuning: Tuning, model: Model, motions: RoleMotions, logs: Dataset
+    ) -> tuple[TriangularFactors, ...]:
+        """Return the factors of a model in folds, as columns of those of all terms where it has no memory."""
+        # Factors of all terms at once, so that switching a term needs no pass over the samples.
+        superset = self._tilt_base(self.switches.superset)
+        columns = None if model.memory else columns_in(superset, model)
+        factor_model = model if columns is None else superset
+        speeds = tuning.min_speed if any(tuning.min_speed) else None
+        train_motions = tuple(keep_unfitted(motion, tuning.unfitted) for motion in motions.train)
+        train = logs.train_logs
+        key = (tuning.excluded, tuning.degree, tuning.time_offset, speeds, tuning.filter, digest(train_motions, train))
+        # With memory the columns depend on the chosen terms and on the load.
+        term_key = None if columns is not None else (tuning.terms, model.load)
+
+        def make_factors() -> tuple[TriangularFactors, ...]:
+            return fold_factors(
+                Regression(
+                    factor_model, tuple(map(factor_model.remembering, train_motions)), Selection(tuning.filter, speeds)
+                )
+            )
+
+        factors = self._known.factors((key, term_key), make_factors)
+        factors = without_joints(factors, [self.joints.index(name) for name in tuning.unfitted])
+        return factors if columns is None else select_columns(factors, columns)
+
+    def _curve(self, tuning: Tuning, joint: str | None) -> DegreeCurve:
+        with one_thread():
+            logs = cut_excerpts(list(self._role_logs(tuning).repaired["train"].values()))
+            model = self._tilt_base(drop_load_dependence(self.model(tuning)))
+            ends = self._plain_spline.ends
+
+            def marks() -> dict[str, tuple[float, ...]]:
+                return rule_degrees(logs, [self._noise(log) for log in logs], ends)
+
+            def spline(degree: tuple[float, ...]) -> Smoother:
+                return _with_time_offset(self._tuned_spline(degree), tuning.time_offset)
+
+            rule_marks = self._known.marks((tuning.excluded, tuning.unfitted), marks)
+            j = None if joint is None else self.joints.index(joint)
+            torque_curve = degree_curve(model, logs, spline, tuning.degree, j)
+            return replace(torque_curve, marks={**rule_marks, **torque_curve.marks})
+
+    def _tilt_base(self, model: Model) -> Model:
+        """Return a model on the base tilt of the first identification."""
+        tilt = self.identification.recipe.base_tilt
+        return tilt_base(model, *tilt) if isinstance(tilt, tuple) else model
+
+    def _role_logs(self, tuning: Tuning) -> Dataset:
+        """Return the logs by role, without the excluded windows."""
+
+        def make_logs() -> Dataset:
+            roles = {
+                role: {name: log.exclude(tuning.windows(name)) for name, log in by_name.items()}
+                for role, by_name in self.logs.items()
+            }
+            recipe = replace(self.identification.recipe, unfitted=tuning.unfitted)
+            return Dataset.of(roles["train"], roles["validation"], recipe, self.joints)
+
+        return self._known.logs((tuning.excluded, tuning.unfitted), make_logs)
+
+    def _motions(self, tuning: Tuning, time_offset: float) -> Motions:
+        key = (tuning.excluded, tuning.unfitted, tuning.degree, time_offset)
+        smoother = _with_time_offset(self._spline(tuning.degree), time_offset)
+        return self._known.motions(key, lambda: self._role_logs(tuning).smooth(smoother))
+
+    def _spline(self, degree: tuple[float, ...]) -> Smoother:
+        """Return the smoother with these degrees: the configured one at the start."""
+        return self._tuned_spline(degree) if self._is_tuned(degree) else self.smoother
+
+    def _is_tuned(self, degree: tuple[float, ...]) -> bool:
+        """Return whether a spline with these degrees smooths, and not another smoother that is configured."""
+        return self.has_degree or degree != self.start.degree
+
+    def _tuned_spline(self, degree: tuple[float, ...]) -> Spline:
+        factors = [10.0 ** (joint_degree / 2.0) for joint_degree in degree]
+        alike = len(set(factors)) == 1
+        return replace(self._plain_spline, factor=factors[0] if alike else dict(zip(self.joints, factors, strict=True)))
+
+    @cached_property
+    def _plain_spline(self) -> Spline:
+        smoother = self.smoother
+        return Spline(Constraint(), smoother.sigma, smoother.ends) if isinstance(smoother, Spline) else Spline()
+
+    def _noise(self, log: Log) -> Array:
+        return noise_of(self._plain_spline, log)
+
+
+def _with_time_offset(smoother: Smoother, time_offset: float) -> Smoother:
+    return TimeShifted(smoother, time_offset) if time_offset else smoother

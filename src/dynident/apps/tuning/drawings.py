@@ -1,0 +1,233 @@
+"""Figures of the page, as plain data; curves are thinned, extremes kept, and finest where the user has
+zoomed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.report import Array, Drawing, thin
+from dynident.report.figures import (
+    AMBER,
+    BLUE,
+    GREEN,
+    INK,
+    PALE,
+    RED,
+    TIME,
+    Trace,
+    curve,
+    panels,
+    time_origin,
+    trace,
+    with_gaps,
+)
+
+if TYPE_CHECKING:
+    from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
+    from dynident.apps.tuning.quick_fit import LogPrediction
+
+Zoom = tuple[float, float] | None  # s of the log, None for all of it
+# of a curve: where it is seen, while a slider moves, on either side
+MAX_POINTS, MAX_COARSE_POINTS, MAX_HIDDEN_POINTS = 1400, 600, 120
+SLIDER_RANGE = -3.0, 4.0  # log S/n, from one end of the slider to the other
+MARK_MERGE_DISTANCE, MARK_LABEL_DISTANCE = 0.12, 1.0  # of log S/n: marks that are one, and whose names would meet
+UNIT_PREFIXES = (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")
+LEFT_OUT_COLOUR = "rgba(128, 128, 128, 0.18)"
+MARGIN = {"l": 72, "r": 8, "t": 8, "b": 40}
+
+
+def motion_drawing(
+    smoothed: SmoothedJoint, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None, *, fine: bool = True
+) -> Drawing:
+    """Draw a joint's measured and smoothed position, their difference, velocity and acceleration over time.
+
+    Windows that are ``left_out`` (s) are grey, and curves have gaps at samples outside the mask; curves that
+    are not ``fine`` have fewer points.
+    """
+    size, prefix = _unit_prefix(smoothed.noise)
+    titles = [f"position, {unit}", f"taken away, {prefix}{unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
+    figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
+    start_time = time_origin(smoothed.t)
+    curves = (
+        (1, "measured", smoothed.measured, PALE, 3.5),
+        (1, "smoothed", smoothed.q, BLUE, 1.3),
+        (2, "measured minus smoothed", with_gaps(smoothed.residual / size, smoothed.mask), INK, 0.8),
+        (3, "velocity", with_gaps(smoothed.dq, smoothed.mask), GREEN, 1.3),
+        (4, "acceleration", with_gaps(smoothed.ddq, smoothed.mask), RED, 1.3),
+    )
+    for row, name, values, colour, width in curves:
+        x, y = _thin_hidden(smoothed.t, values, zoom, MAX_POINTS if fine else MAX_COARSE_POINTS)
+        line = curve(x - start_time, y, name, {"color": colour, "width": width}, len(x) + 8)
+        figure.add(line | {"showlegend": row == 1}, row=row)
+    return _finish_time_axes(figure, left_out, start_time, rows=4, of=f"{smoothed.log}/{smoothed.joint}")
+
+
+def torque_drawing(
+    log: LogPrediction, joint: int, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None
+) -> Drawing:
+    """Draw a joint's measured and predicted torque over time, and their difference below."""
+    motion = log.motion
+    measured, predicted = motion.tau[:, joint], with_gaps(log.predicted[:, joint], motion.mask)
+    figure = panels([f"{'force' if unit == 'N' else 'torque'}, {unit}", f"residual, {unit}"], 300, heights=[0.66, 0.34])
+    start_time = time_origin(motion.t)
+    for name, values, colour, width, row in (
+        ("measured", measured, BLUE, 2.2, 1),
+        ("predicted", predicted, RED, 1.1, 1),
+        ("residual", measured - predicted, INK, 0.8, 2),
+    ):
+        x, y = _thin_hidden(motion.t, values, zoom, MAX_POINTS)
+        line = curve(x - start_time, y, name, {"color": colour, "width": width}, len(x) + 8)
+        figure.add(line | {"showlegend": row == 1}, row=row)
+    return _finish_time_axes(figure, left_out, start_time, rows=2, of=f"{log.name}/{joint}")
+
+
+def residual_drawing(smoothed: SmoothedJoint, unit: str) -> Drawing:
+    """Draw the power spectral density of what the smoothing removes, and its autocorrelation, side by side."""
+    figure = panels(["", ""], 260, shared=False)
+    f, power = smoothed.spectrum()
+    lags, correlation, white = smoothed.autocorrelation()
+    # a logarithmic axis has no place for zero
+    is_positive = power > 0
+    f, power = thin(f[is_positive], power[is_positive], 500)
+    figure.add(_plain_line(f, power, "spectrum", INK))
+    figure.add(_plain_line(lags, correlation, "autocorrelation", INK), row=2)
+    x, y = {"type": "log", "title": {"text": "frequency, Hz"}, "dtick": 1}, {"type": "log", "exponentformat": "power"}
+    figure.layout["xaxis"] |= {"domain": [0.0, 0.44], "anchor": "y"} | x
+    figure.layout["yaxis"] |= {"domain": [0.0, 1.0], "title": {"text": f"power, {unit}²/Hz"}, "nticks": 5} | y
+    figure.layout["xaxis2"] |= {"domain": [0.58, 1.0], "anchor": "y2", "title": {"text": "lag, s"}}
+    figure.layout["yaxis2"] |= {"domain": [0.0, 1.0], "title": {"text": "autocorrelation"}}
+    shapes = []
+    if np.isfinite(smoothed.cutoff) and smoothed.cutoff > 0:
+        shapes.append(_vertical_line("x", "y domain", smoothed.cutoff))
+        figure.layout["annotations"] = [_annotation("cut-off", float(np.log10(smoothed.cutoff)), "x")]
+    if np.isfinite(white):
+        shapes.append(_noise_band(white))
+    figure.layout.update(shapes=shapes, showlegend=False, margin=MARGIN, hovermode="x", font={"size": 12})
+    return figure
+
+
+def curve_drawing(degree_curve: DegreeCurve, at: float, joint: int, alone: bool) -> Drawing:
+    """Draw the cross-validated error over the degree of smoothing, the marks, and the current setting (``at``)."""
+    figure = panels([""], 170, shared=False)
+    figure.add(_plain_line(degree_curve.degrees, degree_curve.errors, "cross-validated error", BLUE, 2.0))
+    marks = _marks(degree_curve, joint, alone)
+    x = np.array([degree for degree, _ in marks])
+    y = np.interp(x, degree_curve.degrees, degree_curve.errors)
+    figure.add(
+        trace(
+            "scatter",
+            x=x,
+            y=y,
+            text=[name for _, name in marks],
+            mode="markers+text",
+            textposition=_sides(x, np.interp(x + MARK_MERGE_DISTANCE, degree_curve.degrees, degree_curve.errors) > y),
+            textfont={"size": 11},
+            cliponaxis=False,
+            name="choices",
+            marker={"color": AMBER, "size": 8, "symbol": "diamond"},
+            hovertemplate="%{text}: log S/n = %{x:.2f}, %{y:.3g} %<extra></extra>",
+        )
+    )
+    figure.layout["shapes"] = [_vertical_line("x", "y domain", at, BLUE)]
+    figure.layout["xaxis"] |= {
+        "title": {"text": "log S/n"},
+        "range": list(SLIDER_RANGE),
+        "dtick": 1,
+        "automargin": False,
+    }
+    figure.layout["yaxis"] |= {"nticks": 4, "ticksuffix": " %", "automargin": False}
+    figure.layout.update(
+        showlegend=False, margin={"l": 46, "r": 10, "t": 14, "b": 36}, hovermode="closest", dragmode=False
+    )
+    figure.layout["font"] = {"size": 11}
+    return figure
+
+
+def _marks(degree_curve: DegreeCurve, joint: int, alone: bool) -> list[tuple[float, str]]:
+    """Return the positions and names of the marks in order; marks at one place are merged."""
+    marks: list[tuple[float, str]] = []
+    for degree, name in sorted(
+        (mark_degree(degrees, joint, alone), name) for name, degrees in degree_curve.marks.items()
+    ):
+        # marks closer than the width of a symbol are one, with all names
+        if marks and degree - marks[-1][0] < MARK_MERGE_DISTANCE:
+            marks[-1] = marks[-1][0], f"{marks[-1][1]}, {name}"
+        else:
+            marks.append((degree, name))
+    return marks
+
+
+def _sides(x: Array, rising: NDArray[np.bool_]) -> list[str]:
+    """Return the side of each mark's name: away from the curve, and from the next mark where that is close."""
+    close = np.append(np.diff(x) < MARK_LABEL_DISTANCE, False)
+    # the name stands on the side of the mark that the curve leaves free
+    sides = {(True, True): "top left", (True, False): "bottom right", (False, True): "bottom left"}
+    return [
+        sides.get((bool(up), bool(next_is_close)), "top right") for up, next_is_close in zip(rising, close, strict=True)
+    ]
+
+
+def mark_degree(degrees: Sequence[float], joint: int, alone: bool) -> float:
+    """Return the position of a mark: the degree of the joint or, for all together, the median."""
+    return float(degrees[joint]) if alone else float(np.median(np.asarray(degrees)))
+
+
+def _unit_prefix(noise: float) -> tuple[float, str]:
+    """Return the size and prefix of the unit for what noise leaves: the same however much is smoothed."""
+    return next(((size, prefix) for size, prefix in UNIT_PREFIXES if noise >= 0.1 * size), UNIT_PREFIXES[-1])
+
+
+def _thin_hidden(t: Array, y: Array, zoom: Zoom, points: int) -> tuple[Array, Array]:
+    """Return times and values of a curve of about ``points``, most of them where it is seen."""
+    if zoom is None or len(t) <= points:
+        return thin(t, y, points)
+    ends = np.searchsorted(t, zoom)
+    start, stop = max(int(ends[0]) - 1, 0), min(int(ends[1]) + 1, len(t))
+    # points are spent where they are seen, and a few on the rest, so that panning shows something
+    parts = [(slice(0, start), MAX_HIDDEN_POINTS), (slice(start, stop), points), (slice(stop, None), MAX_HIDDEN_POINTS)]
+    pieces = [thin(t[part], y[part], max_points) for part, max_points in parts if len(t[part])]
+    times, values = zip(*pieces, strict=True)
+    return np.concatenate(times), np.concatenate(values)
+
+
+def _plain_line(x: Array, y: Array, name: str, colour: str, width: float = 1.0) -> Trace:
+    line = {"color": colour, "width": width}
+    return trace("scatter", x=x, y=y, name=name, mode="lines", line=line, meta="ink" if colour == INK else None)
+
+
+def _finish_time_axes(
+    figure: Drawing, left_out: Sequence[tuple[float, float]], start_time: float, rows: int, of: str
+) -> Drawing:
+    """Label the time axis of a figure, and draw the windows that are left out in grey."""
+    last_axis = f"x{rows}"
+    box = {"type": "rect", "xref": last_axis, "yref": "paper", "y0": 0, "y1": 1, "line": {"width": 0}, "layer": "below"}
+    figure.layout["shapes"] = [
+        {**box, "x0": start - start_time, "x1": stop - start_time, "fillcolor": LEFT_OUT_COLOUR}
+        for start, stop in left_out
+    ]
+    title = f"time since {start_time:.0f} s, s" if start_time else TIME
+    figure.layout[f"xaxis{rows}"]["title"] = {"text": title}
+    figure.axes("y", exponentformat="power", nticks=6, automargin=False)  # margins that follow the labels take time
+    figure.axes("x", automargin=False)
+    figure.layout.update(margin={**MARGIN, "t": 30}, selectdirection="h", uirevision=of, font={"size": 12})
+    return figure
+
+
+def _vertical_line(x: str, y: str, at: float, colour: str = PALE) -> dict[str, Any]:
+    line = {"color": colour, "width": 1.5, "dash": "dot"}
+    return {"type": "line", "xref": x, "yref": y, "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
+
+
+def _noise_band(size: float) -> dict[str, Any]:
+    shape = {"type": "rect", "xref": "x2 domain", "yref": "y2", "x0": 0, "x1": 1, "y0": -size, "y1": size}
+    return {**shape, "line": {"width": 0}, "fillcolor": LEFT_OUT_COLOUR, "layer": "below"}
+
+
+def _annotation(text: str, x: float, axis: str) -> dict[str, Any]:
+    position = {"xref": axis, "x": x, "yref": "y domain", "y": 1, "yanchor": "top", "xanchor": "left"}
+    return {"text": text, "showarrow": False, "font": {"size": 11}, **position}

@@ -1,0 +1,262 @@
+"""Layout of the page: controls on the left, curves in the middle, the result of the fit on the right."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from dash import dcc, html
+
+from dynident.apps.tuning.drawings import SLIDER_RANGE
+from dynident.apps.tuning.edit import estimator_words
+from dynident.runtime import shorten_names
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from dynident.apps.tuning.answers import View
+    from dynident.apps.tuning.bench import Bench
+
+MAX_NAME_LENGTH = 22  # letters of a name of a joint or log
+PLOT_CONFIG = {"displaylogo": False, "responsive": True, "doubleClick": "reset"}
+PLOT_BUTTONS = {"modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]]}
+REACH_CHOICES = {"all": "all joints", "one": "this joint"}
+FILTERS = ("none", "low-pass")
+STORES = (*("tab", "moved", "told", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),)
+
+EMPTY: dict[str, Any] = {
+    "data": [],
+    "layout": {
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "xaxis": {"visible": False},
+        "yaxis": {"visible": False},
+    },
+}
+
+
+def starting_page(name: str) -> Any:
+    """Return the page while the logs are read and identified for the first time."""
+    return html.Main(
+        [
+            dcc.Interval(id="waiting", interval=300),
+            dcc.Store(id="ready"),
+            html.H1(f"Tune {name}"),
+            html.Div("starting", id="step", className="lead", role="status"),
+            html.Div(html.Div(id="bar"), className="progress", id="track"),
+            html.Div(id="failure", role="alert"),
+            html.Button("Read again", id="again", className="quiet", hidden=True),
+        ],
+        className="starting",
+    )
+
+
+def tuning_page(name: str, bench: Bench, view: View) -> Any:
+    """Return the page of a bench, with its controls set as in the view."""
+    return html.Div(
+        [
+            dcc.Location(id="address", refresh=False),
+            *(dcc.Store(id=store) for store in STORES),
+            dcc.Store(id="last", storage_type="session"),  # what was shown before: a reload keeps it
+            dcc.Interval(id="tick", interval=400, disabled=True),
+            _header(name),
+            html.Div(id="gone-words", role="alert"),
+            html.Div(id="complaint", role="alert"),
+            html.Div(
+                [
+                    html.Aside(_controls(bench, view), className="controls", **{"aria-label": "Settings"}),
+                    html.Main(_curve_area(bench), className="curves"),
+                    html.Aside(_fit_area(), className="fit", **{"aria-label": "What the fit gives"}),
+                ],
+                className="bench",
+            ),
+        ],
+        id="tune",
+    )
+
+
+def _header(name: str) -> Any:
+    return html.Header(
+        [
+            html.H1(["Tune ", html.Span(name, className="file")]),
+            html.Div(id="state", role="status", **{"aria-live": "polite"}),
+            html.Div(
+                [
+                    html.Button(
+                        "Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet"
+                    ),
+                    html.Button("Undo save", id="undo", className="quiet", disabled=True),
+                    html.Button("Save", id="save", className="strong", disabled=True),
+                ],
+                className="actions",
+            ),
+            html.Div(id="saved", role="status"),
+        ],
+        className="top",
+    )
+
+
+def _controls(bench: Bench, view: View) -> list[Any]:
+    tuning, parallel_filter = view.tuning, view.tuning.filter
+    joint = bench.joints.index(view.joint)
+    joints, fitted_joints = _short_names(bench.joints), [name for name in bench.joints if name not in tuning.unfitted]
+    estimators = {name: estimator_words(name) for name in bench.estimators}
+    low_pass = "none" if parallel_filter is None else "low-pass"
+    return [
+        _section("Joint", _choice_buttons("joint", joints, [view.joint], "Joint")),
+        _section("Recording", _choice_buttons("log", _short_names(bench.log_names), [view.log], "Recording")),
+        _section(
+            "Changes act on",
+            _choice_buttons("reach", REACH_CHOICES, ["one" if view.alone else "all"], "Changes act on"),
+        ),
+        html.Section(
+            [
+                html.Label("Degree of smoothing, S/n", htmlFor="degree", className="title"),
+                html.Output(id="degree-words"),
+                dcc.Graph(
+                    id="curve", figure=EMPTY, config={**PLOT_CONFIG, "displayModeBar": False}, className="plot small"
+                ),
+                dcc.Input(
+                    id="degree",
+                    type="range",
+                    min=SLIDER_RANGE[0],
+                    max=SLIDER_RANGE[1],
+                    step=0.02,
+                    value=tuning.degree[joint],
+                ),
+                html.Div(id="marks", className="choices"),
+                *_smoother_hint(bench),
+            ],
+            className="degree",
+        ),
+        _section("Samples left out", html.Div(id="windows"), _window_inputs()),
+        _section(
+            "Model",
+            _labelled_field("Minimum speed, rad/s or m/s", _number_input("min_speed", tuning.min_speed[joint], min=0)),
+            _titled_field("Terms", _choice_buttons("term", _kind_names(bench.kinds), tuning.terms[joint], "Terms"))
+            if bench.kinds
+            else html.P("Terms are switched where the model is of a robot file.", className="muted"),
+        ),
+        _section(
+            "Fit",
+            _titled_field(
+                "Torque of these joints", _choice_buttons("fitted", joints, fitted_joints, "Torque of these joints")
+            ),
+            _titled_field("Estimator", _choice_buttons("estimator", estimators, [tuning.estimator], "Estimator")),
+            _titled_field(
+                "Parallel filter", _choice_buttons("filter", _kind_names(FILTERS), [low_pass], "Parallel filter")
+            ),
+            html.Div(
+                [
+                    _labelled_field(
+                        "Keep each k-th sample",
+                        _number_input(
+                            "decimate", None if parallel_filter is None else parallel_filter.decimate, min=1, step=1
+                        ),
+                    ),
+                    _labelled_field(
+                        "Cut-off, Hz",
+                        _number_input("cutoff", None if parallel_filter is None else parallel_filter.cutoff, min=0),
+                    ),
+                ],
+                id="filtering",
+                className="pair",
+                hidden=parallel_filter is None,
+            ),
+            _labelled_field("Time offset, ms", _number_input("offset", 1e3 * tuning.time_offset)),
+        ),
+    ]
+
+
+def _smoother_hint(bench: Bench) -> list[Any]:
+    """Return the hint where the file has another smoother than the one that the slider stands for."""
+    if bench.has_degree:
+        return []
+    hint = "The file has another smoother, which is used until the slider is moved: then it is the smoothing spline."
+    return [html.P(hint, className="muted")]
+
+
+def _window_inputs() -> Any:
+    return html.Details(
+        [
+            html.Summary("by times"),
+            html.Div(
+                [
+                    _labelled_field("from, s", dcc.Input(id="from", type="number", step="any")),
+                    _labelled_field("to, s", dcc.Input(id="to", type="number", step="any")),
+                    html.Button("Leave out", id="leave", className="quiet"),
+                ],
+                className="pair",
+            ),
+        ]
+    )
+
+
+def _curve_area(bench: Bench) -> list[Any]:  # noqa: ARG001
+    return [
+        html.Div(
+            [
+                html.H2(id="drawn-name"),
+                html.Button("Drag to leave out samples", id="dragging", className="quiet", **{"aria-pressed": "false"}),
+            ],
+            className="heading",
+        ),
+        html.Div(id="motion-words", className="muted"),
+        html.Div(id="motion", className="plot motion"),
+        html.H2("What the smoothing takes away"),
+        html.Div(id="residual", className="plot residual"),
+    ]
+
+
+def _fit_area() -> list[Any]:
+    return [
+        html.Section(html.Div("no verdict yet", className="muted"), id="verdict", className="verdict"),
+        html.Div(id="fit-complaint", role="alert"),
+        html.Section(id="numbers"),
+        html.Section(
+            [
+                html.H2(id="torque-name"),
+                dcc.Graph(id="torque", figure=EMPTY, config={**PLOT_CONFIG, **PLOT_BUTTONS}, className="plot torque"),
+            ]
+        ),
+        html.Section(id="errors"),
+        html.Section([html.Div(id="changed"), html.Div(id="unsaved")]),
+        html.Section(id="parameters"),
+    ]
+
+
+def _section(title: str, *children: Any) -> Any:
+    return html.Section([html.H2(title), *children])
+
+
+def _short_names(names: Sequence[str]) -> dict[str, str]:
+    return dict(zip(names, shorten_names(names, MAX_NAME_LENGTH), strict=True))
+
+
+def _choice_buttons(name: str, options: Mapping[str, str], selected: Sequence[str], title: str) -> Any:
+    """Return buttons, pressed where they are ``selected``; ``options`` are their words by value."""
+    buttons = [
+        html.Button(
+            words,
+            id={"button": f"{name}:{value}"},
+            title=value,
+            **{"aria-pressed": "true" if value in selected else "false"},
+        )
+        for value, words in options.items()
+    ]
+    return html.Div(buttons, className="choices", role="group", **{"aria-label": title})
+
+
+def _titled_field(title: str, content: Any) -> Any:
+    return html.Div([html.Span(title, className="title"), content])
+
+
+def _labelled_field(title: str, control: Any) -> Any:
+    return html.Label([html.Span(title), control], className="field")
+
+
+def _number_input(name: str, value: float | None, **how: Any) -> Any:
+    return dcc.Input(id={"control": name}, type="number", value=value, debounce=True, **{"step": "any", **how})
+
+
+def _kind_names(kinds: Sequence[str]) -> dict[str, str]:
+    return {kind: kind.replace("_", " ") for kind in kinds}

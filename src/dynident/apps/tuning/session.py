@@ -1,0 +1,230 @@
+"""A configuration that is tuned: its logs are read and identified in the background, then its pages are
+answered.
+"""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import TYPE_CHECKING, TypeVar
+
+from dynident.runtime import BudgetedFunction, DynidentError, Step, brief, progress_to
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from dynident.apps.tuning.bench import Bench
+    from dynident.apps.tuning.config import ConfigFile
+    from dynident.apps.tuning.tuning import Tuning
+    from dynident.identification import Identification
+    from dynident.project.project import Project
+
+WorkResult = TypeVar("WorkResult")
+MAX_ASKERS = 64  # that are remembered
+MAX_KEPT_RUNS = 8  # results; one holds the signals of all logs
+Identify = Callable[["Tuning"], "Identification"]
+
+FaultHandler = Callable[[str], None]
+
+
+class Stale(Exception):  # noqa: N818 -- no error: a newer request has come
+    """The request is no longer of interest: a newer one of the same asker has come."""
+
+
+class Latest:
+    """Does the work of each asker one by one; work that was overtaken while it waited is not done."""
+
+    def __init__(self) -> None:
+        self._lock, self._askers = Lock(), OrderedDict[Hashable, tuple[Lock, list[int]]]()
+
+    def __call__(self, asker: Hashable, work: Callable[[], WorkResult]) -> WorkResult:
+        """Return what the work returns; raise ``Stale`` where a newer request of the ``asker`` came before it began."""
+        with self._lock:
+            lock, newest = self._askers.setdefault(asker, (Lock(), [0]))
+            self._askers.move_to_end(asker)
+            newest[0] += 1
+            number = newest[0]
+            # forget the asker that has been silent longest
+            while len(self._askers) > MAX_ASKERS:
+                self._askers.popitem(last=False)
+        with lock:
+            if number != newest[0]:
+                raise Stale
+            return work()
+
+
+class _Overtaken(Exception):  # noqa: N818 -- no error: nobody waits for it any longer
+    """No page waits for this setting."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunOutcome:
+    """Outcome of a whole identification: its ``result``, or why it ``failed``, in words."""
+
+    result: Identification | None
+    failed: str = ""
+
+    __repr__ = brief
+
+
+class WholeRuns:
+    """Identifies by ``identify`` the settings that pages wait for, for each page its last.
+
+    A run that no page waits for any longer is given up at the next step of its work.
+    """
+
+    def __init__(self, identify: Identify) -> None:
+        self._identify = BudgetedFunction(identify)
+        self._changed = threading.Condition()
+        self._wanted = OrderedDict[str, "Tuning"]()  # by page, the oldest first
+        self._ended = OrderedDict["Tuning", RunOutcome]()
+        self._now: tuple[Tuning, Step] | None = None
+        self._thread: threading.Thread | None = None
+
+    def request_run(self, page: str, tuning: Tuning) -> None:
+        """Let a page wait for a setting, and no longer for another."""
+        with self._changed:
+            self._wanted.pop(page, None)
+            if tuning in self._ended:
+                self._ended.move_to_end(tuning)
+                return
+            self._wanted[page] = tuning
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, daemon=True)
+                self._thread.start()
+            self._changed.notify_all()
+
+    def outcome(self, tuning: Tuning) -> RunOutcome | None:
+        """Return the outcome of a setting; None while it is waited for."""
+        with self._changed:
+            return self._ended.get(tuning)
+
+    def step(self, tuning: Tuning) -> Step:
+        """Return the current step for a setting."""
+        with self._changed:
+            if self._now is not None and self._now[0] == tuning:
+                return self._now[1]
+        return Step("waiting")
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._wanted)
+                # the page that has waited longest comes first; its setting may change meanwhile
+                tuning = next(iter(self._wanted.values()))
+                self._now = tuning, Step("starting")
+            try:
+                outcome = self._identify_whole(tuning)
+            except _Overtaken:
+                continue
+            with self._changed:
+                self._ended[tuning] = outcome
+                # all pages that wait for this setting are served by one run
+                self._wanted = OrderedDict((page, wanted) for page, wanted in self._wanted.items() if wanted != tuning)
+                while len(self._ended) > MAX_KEPT_RUNS:
+                    self._ended.popitem(last=False)
+                self._now = None
+                self._changed.notify_all()
+
+    def _identify_whole(self, tuning: Tuning) -> RunOutcome:
+        def note_step(step: str) -> None:
+            with self._changed:
+                if tuning not in self._wanted.values():
+                    raise _Overtaken
+                self._now = tuning, Step.of(step)
+
+        try:
+            with progress_to(note_step):
+                return RunOutcome(self._identify(tuning))
+        except DynidentError as error:
+            return RunOutcome(None, str(error))
+        except _Overtaken:
+            raise
+        except Exception as error:  # a fault of dynident ends this setting, not the page
+            return RunOutcome(None, f"This is a fault of dynident: {type(error).__name__}: {error}")
+
+
+@dataclass
+class Session:
+    """State of the configuration at ``path``.
+
+    Where its logs cannot be used, ``failed`` says why; else there is a ``bench``. ``files`` are the file as
+    it was read and after each save, with the setting that it has. ``fault`` is called with unexpected
+    errors.
+    """
+
+    path: Path
+    fault: FaultHandler
+    step: Step = Step("starting")  # noqa: RUF009 -- a text
+    failed: str = ""
+    bench: Bench | None = None
+    runs: WholeRuns | None = None
+    project: Project | None = None
+    files: list[tuple[ConfigFile, Tuning]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.latest, self._saving = Latest(), threading.Lock()
+        self._read = BudgetedFunction(self._load_bench)
+
+    def start(self) -> None:
+        """Begin to read the logs, and to identify them, in the background; again where this failed."""
+        self.failed, self.step = "", Step("starting")
+        threading.Thread(target=self._load, daemon=True).start()
+
+    @property
+    def saved_tuning(self) -> Tuning:
+        """Setting that the file has."""
+        return self.files[-1][1]
+
+    def save(self, tuning: Tuning) -> list[str]:
+        """Write a setting into the file; return the places that have changed.
+
+        Raises the errors of ``ConfigFile.save``, and those of a setting that cannot be fitted, with which the
+        file could not be identified.
+        """
+        from dynident.apps.tuning.config import tuned_changes
+        from dynident.files.yaml_edit import format_path
+
+        assert self.project is not None  # noqa: S101 -- there is a bench
+        assert self.bench is not None  # noqa: S101
+        # fails before anything is written, where the setting cannot be fitted
+        self.bench.fit(tuning)
+        with self._saving:
+            changes, last_file = tuned_changes(self.project, self.bench, tuning), self.files[-1][0]
+            new_file = last_file.save(changes)
+            # the file on disk already has these changes
+            if new_file is last_file:  # another tab was faster
+                return []
+            self.files.append((new_file, tuning))
+        return [format_path(path) for path in changes]
+
+    def undo(self) -> None:
+        """Write what was in the file before the last save. Raises the errors of ``ConfigFile.undo``."""
+        with self._saving:
+            before = self.files[-1][0].undo()
+            self.files[:] = [*self.files[:-2], (before, self.files[-2][1])]
+
+    def _load(self) -> None:
+        try:
+            self._read()
+        except DynidentError as error:
+            self.failed = str(error)
+        except Exception as error:
+            self.failed = f"This is a fault of dynident: {type(error).__name__}: {error}"
+            self.fault("".join(traceback.format_exception(error)))
+
+    def _load_bench(self) -> None:
+        from dynident.apps.tuning.config import ConfigFile, read_bench
+
+        with progress_to(self._note_step):
+            project, bench = read_bench(self.path)
+        self.files = [(ConfigFile.of(project), bench.start)]
+        self.runs, self.project = WholeRuns(bench.identify), project
+        self.bench = bench
+
+    def _note_step(self, step: str) -> None:
+        self.step = Step.of(step)

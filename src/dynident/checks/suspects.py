@@ -1,0 +1,332 @@
+"""The ripple of a joint's torque, which repeats with its position: cogging motors and errors of gears.
+
+The period is that of the largest peak in the periodogram of the residual over position, refined by
+Gauss-Newton steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks import robot_notes
+from dynident.checks.finding import Topic
+from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, misfit
+from dynident.checks.robot_notes import Rival, SuspectQuantity, WrongValue
+from dynident.models import Joint, Model
+from dynident.models.robot_files import RobotJoint
+from dynident.runtime import brief
+
+Array = NDArray[np.float64]
+Rivals = tuple[Rival, ...]
+
+MIN_STANDARD_ERRORS = (
+    6.0  # standard errors from zero: many unknowns are tested, and the errors are themselves uncertain
+)
+MAX_STEPS = 8
+MAX_SETTLED_STEP = 0.1  # of a standard error: a smaller step ends the search
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """An unknown of a ``joint`` (None: of all), with what is needed to test and to correct it.
+
+    ``derivative`` is that of the torque with respect to it, at zero, in a fit; ``correct_case`` returns the case
+    with it corrected; ``note`` makes the note from its value, standard error, share and the rivals that explain
+    as much. ``limit`` is the largest plausible value; of suspects that explain about the same the one of the
+    lowest ``order`` is reported. ``in_use`` is the case as the user meets it: its motion, where that is wrong in
+    the log only.
+    """
+
+    joint: str | None
+    topic: Topic
+    derivative: Callable[[Misfit], Array]
+    correct_case: Callable[[FitCase, float], FitCase]
+    note: Callable[[float, float, float, Rivals], WrongValue]
+    limit: float
+    order: int
+    in_use: Callable[[FitCase, float], FitCase] = lambda case, _: case
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class SuspectEstimate:
+    """The estimate of a suspect: ``value``, ``std``, the ``share`` that it explains, and the corrected case."""
+
+    suspect: Suspect
+    value: float
+    std: float
+    share: float
+    case: FitCase
+
+    __repr__ = brief
+
+    @property
+    def rival(self) -> Rival:
+        """The estimate in short, for the note of another suspect."""
+        quantity = SuspectQuantity(self.suspect.topic.value)
+        value = float(np.exp(self.value)) if quantity in ("gain", "clock") else self.value
+        return Rival(self.suspect.joint or "", quantity, value)
+
+
+def is_convincing(score: ScoreTest, worth: float) -> bool:
+    """Return whether an unknown explains enough, in the whole data and in each part, not to be due to chance."""
+    clear = score.share > worth and score.held_out > worth and score.has_constant_sign  # what is quick is asked first
+    return clear and abs(score.value) > MIN_STANDARD_ERRORS * score.std
+
+
+def promising_suspects(fit: Misfit, suspects: Sequence[Suspect]) -> Iterator[tuple[Suspect, ScoreTest]]:
+    """Yield the suspects whose first step is convincing, with the score test of it."""
+    scores = fit.score_tests(suspect.derivative(fit) for suspect in suspects)
+    for suspect, score in zip(suspects, scores, strict=True):
+        # half of the share that is required in the end, as one step may explain only half of several
+        if score is not None and is_convincing(score, fit.min_share / 2):
+            yield suspect, score
+
+
+def estimate_suspect(fit: Misfit, suspect: Suspect) -> SuspectEstimate | None:
+    """Return the estimate of a suspect by Gauss-Newton steps.
+
+    None where it is not plausible, or explains too little.
+    """
+    case, value, std = fit.case, 0.0, np.inf
+    weight = fit.weight.max(axis=0)
+    # correct by at most half of the limit at a time: the derivative holds only for small values
+    for _ in range(MAX_STEPS):
+        current_fit = misfit(case, weight)
+        (score,) = current_fit.score_tests([suspect.derivative(current_fit)])
+        if score is None:
+            return None
+        step = float(np.clip(score.value, -suspect.limit / 2, suspect.limit / 2))
+        case, value, std = suspect.correct_case(case, step), value + step, score.std
+        if abs(value) > suspect.limit:
+            return None
+        if abs(step) < MAX_SETTLED_STEP * std:
+            break
+    share = 1.0 - misfit(case, weight).size / fit.size
+    return (
+        SuspectEstimate(suspect, value, std, share, case)
+        if share > fit.min_share and abs(value) > MIN_STANDARD_ERRORS * std
+        else None
+    )
+
+
+MAX_LOG_GAIN = 3.0  # natural logarithm of a gain: a factor of 20
+GAIN_ORDER = 1
+
+
+def gain_suspects(model: Model) -> list[Suspect]:
+    """Return the suspects that the gain of one joint is wrong, by its logarithm; none for an arm of one joint."""
+    names = [joint.name for joint in model.joints]
+    return [_gain_suspect(model, j, name) for j, name in enumerate(names) if len(names) > 1]
+
+
+def _gain_suspect(model: Model, j: int, name: str) -> Suspect:
+    def derivative(fit: Misfit) -> Array:
+        column = np.zeros_like(fit.predicted)
+        column[:, j] = fit.torque[:, j]
+        return column
+
+    def correct_case(case: FitCase, value: float) -> FitCase:
+        factor = np.where(np.arange(len(model.joints)) == j, np.exp(value), 1.0)
+        return replace(case, gain=case.gain * factor)
+
+    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
+        factor = float(np.exp(value))
+        return robot_notes.TorqueGain(factor, factor * std, share, rivals)
+
+    return Suspect(name, Topic.GAIN, derivative, correct_case, note, MAX_LOG_GAIN, GAIN_ORDER)
+
+
+LOG_STEP = 1e-5  # of the logarithm, of the difference
+MAX_LOG_FACTOR = 1.0  # natural logarithm of the factor
+CLOCK_ORDER = 5  # stamps are wrong less often than robot files
+
+
+def clock_suspect() -> Suspect:
+    """Return the suspect that the clock is wrong; its value is the logarithm of true seconds per stamped second.
+
+    A factor of all accelerations is absorbed by rotor inertias and bodies, but gravity and friction that falls
+    with speed do not change.
+    """
+
+    def correct_case(case: FitCase, value: float) -> FitCase:
+        rate = float(np.exp(-value))
+        return replace(case, dq=rate * case.dq, ddq=rate**2 * case.ddq, dddq=rate**3 * case.dddq)
+
+    def derivative(fit: Misfit) -> Array:
+        return np.asarray((correct_case(fit.case, LOG_STEP).torque(fit.theta) - fit.torque) / LOG_STEP)
+
+    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
+        factor = float(np.exp(value))
+        return robot_notes.ClockWrong(factor, factor * std, share, rivals)
+
+    return Suspect(None, Topic.CLOCK, derivative, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, correct_case)
+
+
+DIFFERENCE_STEP = 1e-5  # rad or m, of the differences
+MAX_ANGLE, MAX_LENGTH = 0.6, 0.6  # rad, m: errors beyond are no small ones
+ZERO_ORDER, ORIGIN_ORDER, NEW_ORIGIN_ORDER, AXIS_ORDER = 0, 2, 3, 4  # orders: the likeliest fault first
+
+
+def geometry_suspects(model: Model) -> list[Suspect]:
+    """Return the suspects for the zero of each joint and, where a term has frames, for their origins and axes."""
+    suspects = [_zero_suspect(j, joint) for j, joint in enumerate(model.joints)]
+    for term in model.terms:
+        if term.file is not None and term.has_own("with_displacement"):
+            frames = {joint.name: joint for joint in term.file.joints}
+            for joint in model.joints:
+                if joint.name in frames:
+                    suspects += [_origin_suspect(frames[joint.name], k) for k in range(3)]
+                    directions = _perpendicular_axes(frames[joint.name].axis)
+                    suspects += [
+                        _axis_suspect(frames[joint.name], direction, alone)
+                        for direction in directions
+                        for alone in (False, True)
+                    ]
+    return suspects
+
+
+def displace_joint(model: Model, joint: str, displacement: Array) -> Model:
+    """Return the model with the frame of a joint displaced (6 or 9 components), as ``Term.with_displacement`` defines
+    it.
+    """
+    move = tuple(map(float, displacement))
+    return replace(model, terms=tuple(term.with_displacement(joint, move) for term in model.terms))
+
+
+def _zero_suspect(j: int, joint: Joint) -> Suspect:
+    def correct_case(case: FitCase, value: float) -> FitCase:
+        q = case.q.copy()
+        q[:, j] += value
+        return replace(case, q=q)
+
+    limit = MAX_ANGLE if joint.kind == "revolute" else MAX_LENGTH
+    return Suspect(
+        joint.name,
+        Topic.ZERO,
+        _difference_derivative(correct_case),
+        correct_case,
+        robot_notes.ZeroOff,
+        limit,
+        ZERO_ORDER,
+    )
+
+
+def _origin_suspect(joint: RobotJoint, k: int) -> Suspect:
+    displacement, nominal = np.eye(9)[k], float(joint.placement[k, 3])
+
+    def correct_case(case: FitCase, value: float) -> FitCase:
+        return replace(case, model=displace_joint(case.model, joint.name, value * displacement))
+
+    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
+        return robot_notes.LengthWrong("xyz"[k], nominal, nominal + value, std, share, rivals)
+
+    order = ORIGIN_ORDER if abs(nominal) > DIFFERENCE_STEP else NEW_ORIGIN_ORDER
+    return Suspect(
+        joint.name, Topic.LENGTH, _difference_derivative(correct_case), correct_case, note, MAX_LENGTH, order
+    )
+
+
+def _axis_suspect(joint: RobotJoint, across: Array, alone: bool) -> Suspect:
+    displacement = (
+        np.concatenate([np.zeros(6), across]) if alone else np.concatenate([np.zeros(3), across, np.zeros(3)])
+    )
+
+    def correct_case(case: FitCase, value: float) -> FitCase:
+        return replace(case, model=displace_joint(case.model, joint.name, value * displacement))
+
+    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
+        return robot_notes.AxisTilted(tuple(np.round(across, 6).tolist()), value, alone, std, share, rivals)
+
+    return Suspect(
+        joint.name, Topic.AXIS, _difference_derivative(correct_case), correct_case, note, MAX_ANGLE, AXIS_ORDER
+    )
+
+
+def _perpendicular_axes(axis: Array) -> Array:
+    """Return two unit vectors (2, 3) perpendicular to an axis: coordinate axes where the axis is one."""
+    # the coordinate axis that is farthest from the given one
+    reference = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first_axis = reference - (reference @ axis) * axis
+    first_axis /= np.linalg.norm(first_axis)
+    return np.array([first_axis, np.cross(axis, first_axis)])
+
+
+def _difference_derivative(correct_case: Callable[[FitCase, float], FitCase]) -> Callable[[Misfit], Array]:
+    """Return a function for the derivative of the torque at the fitted parameters, by a forward difference."""
+
+    def derivative(fit: Misfit) -> Array:
+        return np.asarray((correct_case(fit.case, DIFFERENCE_STEP).torque(fit.theta) - fit.torque) / DIFFERENCE_STEP)
+
+    return derivative
+
+
+MIN_PERIODS, MAX_PERIODS = 3.0, 100.0  # periods within a joint's range: slower ones are springs and gravity
+PERIOD_SPACING = 0.25  # periods within the range, from one that is tried to the next
+MIN_RIPPLE_SHARE = 0.1  # share of a joint's squared residual that a period must explain to be looked at closely
+GAUSS_NEWTON_STEPS = 2
+
+
+def find_ripple(fit: Misfit, j: int) -> tuple[float, Array] | None:
+    """Return the period (rad or m) of a joint's largest ripple, and the ripple of unit size at the samples (M).
+
+    Returns None where none is likely. Ripples above half of ``MAX_CUTOFF`` at the largest speed are not seen.
+    """
+    counted = fit.weight[:, j] > 0
+    q, residual = fit.case.q[counted, j], fit.residual[counted, j]
+    span = float(np.ptp(q)) if len(q) else 0.0
+    if not span > 0 or not residual.any():
+        return None
+    fastest = float(np.abs(fit.case.dq[counted, j]).max())
+    # the grid is finer than the width of a peak, so that none falls between two trial rates
+    rates = (
+        2
+        * np.pi
+        / span
+        * np.arange(MIN_PERIODS, min(MAX_PERIODS, MAX_CUTOFF / 2 * span / (fastest or np.inf)), PERIOD_SPACING)
+    )
+    if not len(rates):
+        return None
+    power = _position_periodogram(q - q.mean(), residual, rates)
+    if power.max() < MIN_RIPPLE_SHARE:
+        return None
+    rate = float(rates[int(np.argmax(power))])
+    # refine the rate within one grid step; the parameters of the model are eliminated
+    for _ in range(GAUSS_NEWTON_STEPS):
+        column, step = _fit_ripple(fit, j, rate)
+        rate += float(np.clip(step, -PERIOD_SPACING * 2 * np.pi / span, PERIOD_SPACING * 2 * np.pi / span))
+    column, _ = _fit_ripple(fit, j, rate)
+    return 2 * np.pi / rate, column
+
+
+def _position_periodogram(q: Array, residual: Array, rates: Array) -> Array:
+    """Return the share of a squared residual (M) that a ripple of each rate (1/rad or 1/m, uniform) explains."""
+    # rates are equally spaced: rotate the phasors by one factor per rate instead of computing new exponentials
+    phasor, step = (
+        np.exp(1j * rates[0] * q) * residual,
+        np.exp(1j * (rates[-1] - rates[0]) / max(len(rates) - 1, 1) * q),
+    )
+    power = np.empty(len(rates))
+    for k in range(len(rates)):
+        power[k] = np.abs(phasor.sum()) ** 2
+        phasor *= step
+    return np.asarray(2.0 * power / (len(q) * np.square(residual).sum()))
+
+
+def _fit_ripple(fit: Misfit, j: int, rate: float) -> tuple[Array, float]:
+    """Return the ripple of unit size (M) that explains the most at a rate, and the Gauss-Newton step of the rate."""
+    q = fit.case.q[:, j]
+    waves = np.array([np.sin(rate * q), np.cos(rate * q)])
+    columns = np.zeros((4, *fit.residual.shape))
+    # sine and cosine of the ripple, and their derivatives with respect to the rate
+    columns[:, :, j] = *waves, *(q * waves)
+    A, residual = fit.orthogonal_part(columns).reshape(4, -1).T, fit.residual.ravel()
+    size = np.linalg.lstsq(A[:, :2], residual, rcond=None)[0]
+    slope = size[0] * A[:, 3] - size[1] * A[:, 2]  # by the rate
+    step = np.linalg.lstsq(np.column_stack([A[:, :2], slope]), residual, rcond=None)[0][2]
+    return np.asarray(size @ waves / (np.linalg.norm(size) or 1.0)), float(step)

@@ -1,0 +1,215 @@
+"""What compares: ``dynident compare`` methods, ``compare-results`` results, and ``fleet`` logs and robots."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dynident.cli.options import CONFIG, DIRECTORY, FILE, RESULT, FiniteRange, WorkerOptions, add_worker_options
+from dynident.cli.terminal import console, one_line, print_error, print_path, status
+from dynident.runtime import report_progress
+
+if TYPE_CHECKING:
+    from dynident.apps.compare_results import ResultComparison
+
+# imported by all workers at once
+COMPARE_MODULES = ("dynident.apps.ranking.assemble", "dynident.estimators", "dynident.motion.smoothers")
+FLEET_MODULES = ("dynident.apps.fleets.fit", "dynident.report.identification.report")
+DIFFERENT_EXIT_CODE = 3  # exit code
+NUMBERS, PAGE = "comparison.json", "report.html"
+
+
+def _split_kinds(ctx: click.Context, option: click.Parameter, value: str | None) -> list[str] | None:
+    """Return the kinds in a list separated by commas."""
+    if value is None:
+        return None
+    kinds = [kind.strip() for kind in value.split(",") if kind.strip()]
+    if not kinds:
+        raise click.BadParameter("no kind is given; name some, separated by commas.", ctx, option)
+    return kinds
+
+
+@click.command(short_help="Rank smoothers and estimators on held-out motion.")
+@click.argument("config", type=CONFIG)
+@click.option("--smoothers", metavar="KIND,...", callback=_split_kinds, help="Smoothers to try.  [default: all]")
+@click.option(
+    "--estimators", metavar="KIND,...", callback=_split_kinds,
+    help="Estimators to try; consistent+KIND makes a linear one consistent with physics.  [default: all that apply]",
+)  # fmt: skip
+@click.option(
+    "--truth", type=FILE,
+    help="File of true parameters: YAML of values by name, a robot file, or a result.json.",
+)  # fmt: skip
+@click.option(
+    "--folds", type=click.IntRange(0), default=5, show_default=True,
+    help="Stretches of the cross-validation, which ranks where no log is held out; 0 for none.",
+)  # fmt: skip
+@add_worker_options
+@click.option(
+    "--out",
+    type=DIRECTORY,
+    help="Folder for report.html, compare.json and compare.parquet; rows in it are not repeated.",
+)
+@click.option("--rerun", is_flag=True, help="Compute all rows anew.")
+@click.option("--json", "json_file", type=FILE, help="JSON file for all numbers.")
+def compare(
+    config: Path,
+    smoothers: list[str] | None,
+    estimators: list[str] | None,
+    truth: Path | None,
+    folds: int,
+    spread: WorkerOptions,
+    out: Path | None,
+    rerun: bool,
+    json_file: Path | None,
+) -> None:
+    """Fit the logs of CONFIG (YAML) by each smoother with each estimator, rank them by the torque error on held-out
+    logs, and say which differences are more than chance. Smoother and estimator of CONFIG are always among them."""
+    from dynident.apps import ranking as methods
+    from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
+    from dynident.files.opener import refuse_inputs, remember_inputs
+    from dynident.files.results import check_json, probe_folder, write_json
+
+    for path in (config, *((truth,) if truth else ())):
+        remember_inputs(path)
+    if json_file:
+        refuse_inputs(json_file)
+        check_json(json_file)
+        probe_folder(json_file.parent)
+    with status(), spread.executor(*COMPARE_MODULES) as executor:
+        ranking = methods.compare(
+            config, out, smoothers=smoothers, estimators=estimators, truth=truth, folds=folds, executor=executor,
+            limits=spread.limits, rerun=rerun)  # fmt: skip
+    screen = console()
+    screen.say(f"{ranking.name}: {ranking_heading(ranking)}.", "bold")
+    for table in ranking_tables(ranking):
+        screen.show(table)
+    for line in ranking_findings(ranking):
+        screen.say(f"* {line}")
+    if json_file:
+        print_path(screen, "Numbers", write_json(json_file, ranking_dict(ranking)))
+    if out:
+        from dynident.apps.ranking import FILES
+
+        for label, name in zip(("Table", "Numbers", "Report"), FILES, strict=True):
+            print_path(screen, label, out / name)
+    if not ranking.standings:
+        raise click.ClickException("no combination has an estimate; see the reasons above")
+
+
+@click.command("compare-results", short_help="Compare saved results: parameters, errors and files.")
+@click.argument("reference", type=RESULT)
+@click.argument("results", nargs=-1, required=True, metavar="RESULT...", type=RESULT)
+@click.option(
+    "--level", type=FiniteRange(0, 1, min_open=True, max_open=True), default=0.01, show_default=True,
+    help="Level of significance: how often parameters that are the same may be said to differ.",
+)  # fmt: skip
+@click.option(
+    "--tolerance", type=FiniteRange(0, 1000), default=5.0, show_default=True, metavar="PERCENT",
+    help="How much larger the torque error on a log may be, in % of that of REFERENCE.",
+)  # fmt: skip
+@click.option("--only-worse", is_flag=True, help="Exit code 3 only where a RESULT is worse, not where it differs.")
+@click.option("--json", "json_file", type=FILE, help="JSON file for all numbers.")
+@click.option("--out", type=DIRECTORY, help="Folder for report.html and comparison.json.")
+def compare_results(
+    reference: Path, results: tuple[Path, ...], level: float, tolerance: float, only_worse: bool,
+    json_file: Path | None, out: Path | None,
+) -> None:  # fmt: skip
+    """Compare each RESULT with REFERENCE, all of them a result.json of identify: base parameters with significance,
+    torque errors on logs of the same name, verdicts, and the files of the model. No model file is needed.
+
+    The exit code is 3 where parameters differ significantly, or a RESULT is worse: its torque error on the same
+    recording is larger than REFERENCE's by more than the tolerance, its verdict is lower, or a file of the model could
+    be proven before and cannot now. It is 3 as well where a RESULT has nothing that can be compared.
+    """
+    from dynident.apps import compare_results as app
+    from dynident.apps.compare_results.config import compared_names, read_compared
+    from dynident.apps.compare_results.report import comparison_dict, comparison_page
+    from dynident.files.folder import refuse_other_report, result_folder
+    from dynident.files.opener import refuse_inputs, remember_inputs
+    from dynident.files.results import check_json, json_text, probe_folder, write_json
+
+    paths = (reference, *results)
+    for path in paths:
+        remember_inputs(path)
+    if json_file:
+        refuse_inputs(json_file)
+        check_json(json_file)
+        probe_folder(json_file.parent)
+    if out:
+        refuse_inputs(out / NUMBERS, out / PAGE)
+        refuse_other_report(out, NUMBERS)
+    with result_folder(out) if out else nullcontext() as folder:
+        with status():
+            report_progress("reading the results")
+            reference_result, *other_results = [
+                read_compared(path, name) for path, name in zip(paths, compared_names(paths), strict=True)
+            ]
+            comparisons = [
+                app.compare_results(reference_result, other_result, level, tolerance) for other_result in other_results
+            ]
+        numbers = comparison_dict(comparisons)
+        written = folder.replace({NUMBERS: json_text(numbers), PAGE: comparison_page(comparisons)}) if folder else ()
+    _show_comparisons(comparisons)
+    screen = console()
+    if json_file:
+        print_path(screen, "Numbers", write_json(json_file, numbers))
+    for label, path in zip(("Numbers", "Report"), written, strict=False):
+        print_path(screen, label, path)
+    if any(
+        comparison.worse or not comparison.comparable or (comparison.differs and not only_worse)
+        for comparison in comparisons
+    ):
+        raise SystemExit(DIFFERENT_EXIT_CODE)
+
+
+def _show_comparisons(comparisons: list[ResultComparison]) -> None:
+    """Print all comparisons."""
+    from dynident.apps.compare_results.report import comparison_lines, comparison_tables, headline, overview_table
+
+    screen = console()
+    screen.show(overview_table([comparisons[0].first, *(comparison.second for comparison in comparisons)]))
+    for comparison in comparisons:
+        screen.say(headline(comparison), "bold")
+        for line in comparison_lines(comparison):
+            screen.say(line)
+        screen.say("")
+        for table in comparison_tables(comparison):
+            screen.show(table)
+
+
+@click.command(short_help="Identify many logs of many robots, and find what changes.")
+@click.argument("config", type=CONFIG)
+@click.option(
+    "--out", type=DIRECTORY, required=True,
+    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; what is known there stays.",
+)  # fmt: skip
+@click.option("--rerun", is_flag=True, help="Identify all logs anew.")
+@add_worker_options
+def fleet(config: Path, out: Path, rerun: bool, spread: WorkerOptions) -> None:
+    """Identify the logs that CONFIG (YAML) lists of many robots, each with the same recipe, and report how parameters
+    change over time, which changes are beyond their uncertainty, and what robots of one type share."""
+    from dynident.apps import fleets
+    from dynident.apps.fleets.config import REPORT, TABLE
+    from dynident.apps.fleets.report import fleet_findings, fleet_heading, fleet_tables
+
+    with status(), spread.executor(*FLEET_MODULES) as executor:
+        fleet_result = fleets.fleet(config, out, executor=executor, limits=spread.limits, rerun=rerun)
+    for words in fleet_result.warnings:
+        print_error(one_line(f"Warning: {words}"))
+    screen = console()
+    screen.say(f"{fleet_result.name}: {fleet_heading(fleet_result)}", "bold")
+    for table in fleet_tables(fleet_result):
+        screen.show(table)
+    for line in fleet_findings(fleet_result):
+        screen.say(f"* {line}")
+    if known_logs := len(fleet_result.rows) - fleet_result.identified_count:
+        screen.remark(f"Logs identified now: {fleet_result.identified_count}; known before: {known_logs}.")
+    for label, name in (("Table", TABLE), ("Report", REPORT)):
+        print_path(screen, label, out / name)
+    if not fleet_result.histories:
+        first_reason = next((f": {reason}" for reason in fleet_result.rows["reason"] if reason), "")
+        raise click.ClickException(f"no log has a result{first_reason}")

@@ -1,0 +1,372 @@
+"""From files to a model: ``dynident init``, ``identify``, ``predict`` and ``export``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dynident.cli.failures import command
+from dynident.cli.options import (
+    ALLOW_CODE,
+    CONFIG,
+    DIRECTORY,
+    FILE,
+    LOG_NAME,
+    RESULT,
+    ROBOT,
+    WorkerOptions,
+    add_worker_options,
+)
+from dynident.cli.terminal import console, print_path, say_line, status
+from dynident.runtime import report_progress
+
+if TYPE_CHECKING:
+    from dynident.apps.init.config_draft import ConfigDraft
+    from dynident.files.folder import ResultFolder
+    from dynident.files.tables import DataTable
+    from dynident.identification import Identification
+    from dynident.project.export import Export
+    from dynident.project.project import Project
+    from dynident.report.note_words import Line
+    from dynident.validation import LogValidation
+
+
+@click.command(short_help="Draft a configuration for your robot and logs.")
+@click.argument("robot", type=ROBOT)
+@click.argument("logs", nargs=-1, required=True, type=LOG_NAME)
+@click.option("-o", "--out", type=FILE, default="identify.yaml", show_default=True, help="The configuration to write.")
+@click.option("--force", is_flag=True, help="Overwrite an existing configuration.")
+def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
+    """Write a configuration for `dynident identify`, with columns and units guessed from LOGS.
+
+    ROBOT is a URDF or MJCF file, or gallery:NAME. The first log is fitted and the last one held out. Files that make
+    one log together are joined by a plus sign: q.csv+tau.csv.
+    """
+    from dynident.files.opener import refuse_inputs, remember_inputs
+    from dynident.files.results import write_text
+    from dynident.runtime import InputError
+
+    if os.path.lexists(out) and not force:
+        raise InputError(f"{out}: exists already; choose another name with -o, or overwrite it with --force.")
+    for file in (robot, robot.rpartition(":")[0], *logs, *(file.strip() for log in logs for file in log.split("+"))):
+        remember_inputs(file)
+    refuse_inputs(out)
+    with status():
+        written, tables = draft_from_files(robot, logs, out.parent)
+    print_path(console(), "Configuration", write_text(out, written.text))
+    _print_remarks(written, out, tables)
+
+
+def draft_from_files(robot: str, logs: Sequence[str], folder: Path) -> tuple[ConfigDraft, list[DataTable]]:
+    """Return the configuration drafted for a folder, and the tables that were read."""
+    from dynident.apps.init.column_mapping import map_columns
+    from dynident.apps.init.config_draft import check_same_columns, draft_config, read_source, with_gains
+    from dynident.apps.init.match import read_joints
+    from dynident.files.xml_text import SUFFIXES
+
+    joints = read_joints(robot)
+    sources = []
+    for log in logs:
+        report_progress(f"reading {log}")
+        sources.append(read_source(log))
+    first_table, *other_tables = (source.table for source in sources)
+    mapping = map_columns(
+        first_table, joints, sources[0].ros, other_tables, lockable=Path(robot).suffix.lower() in SUFFIXES
+    )
+    check_same_columns(mapping, sources)
+    if any(signal.gain for signal in mapping.torque.values()):
+        report_progress("estimating the gains")
+        mapping = with_gains(robot, joints, mapping, sources, folder)
+    return draft_config(robot, joints, mapping, sources, folder), [source.table for source in sources]
+
+
+def _print_remarks(written: ConfigDraft, out: Path, tables: Sequence[DataTable]) -> None:
+    """Print what to fill in and to confirm, and the next command."""
+    screen = console()
+    for note in written.notes:
+        screen.remark(f"Note: {note}")
+    known_notes = [note for table in tables for note in table.notes]
+    notes = [note for table in tables for note in table.notes if note not in table.guesses]  # these are asked below
+    for note in [*notes, *(() if written.blanks else _trial_warnings(written.text, out, known_notes))]:
+        screen.remark(f"Warning: {note}", "yellow")
+    for title, lines in (("Fill in:", written.blanks), ("Confirm or correct:", written.questions)):
+        if lines:
+            screen.say(title)
+        for line in lines:
+            screen.say(f"  {line}")
+    lead = "Then" if written.blanks or written.questions else "Next"
+    screen.remark(f"{lead}: {command('check', out)}", no_wrap=True)
+
+
+def _trial_warnings(text: str, out: Path, known_notes: Sequence[str]) -> list[str]:
+    """Read the logs as the configuration says, and return the warnings or the error, without the ``known_notes``."""
+    from dynident.project.project import parse_project
+    from dynident.runtime import DynidentError
+
+    try:
+        project = parse_project(text, out)
+        specs = (*project.config.train, *project.config.validation)
+        known_warnings = {f"{spec.label}: {note}" for spec in specs for note in known_notes}
+        return [warning for warning in (*project.warnings, *project.logs()[1]) if warning not in known_warnings]
+    except DynidentError as error:
+        return [f"the configuration cannot be used yet: {error}"]
+
+
+@click.command(short_help="Identify parameters from recordings.")
+@click.argument("config", type=CONFIG)
+@click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
+@click.option(
+    "--write-config",
+    type=CONFIG,
+    metavar="FILE",
+    help="File (YAML) for the same configuration with all that was chosen written out.",
+)
+@add_worker_options
+def identify(config: Path, out: Path | None, write_config: Path | None, spread: WorkerOptions) -> None:
+    """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs.
+
+    Logs too long for the memory (Parquet) are fitted in pieces, by the workers; with --out an interrupted run goes on
+    where it stopped.
+    """
+    from dynident.files.folder import result_folder
+    from dynident.files.opener import refuse_inputs
+    from dynident.files.results import write_text
+    from dynident.identification import judge
+    from dynident.project.explicit_config import explicit_config
+    from dynident.project.export import export_files, exports
+    from dynident.project.export.proof import relocate_exports
+    from dynident.project.project import read_project
+    from dynident.report.identification import identification_notes, identification_tables
+    from dynident.report.identification.report import STYLES, verdict_text
+    from dynident.report.identification.robot import export_notes
+    from dynident.report.identification.terms import choice_comments
+    from dynident.report.note_words import Line
+    from dynident.runtime.kernel import kernel
+
+    with result_folder(out) if out else nullcontext() as folder:
+        with status():
+            project = read_project(config)
+            if write_config:
+                refuse_inputs(_require_yaml_name(write_config))
+            if out:
+                names = ("result.json", "report.html", *export_files(project.model))
+                refuse_inputs(*(out / name for name in names))
+            with spread.executor("dynident.project.long_recordings") if project.long else nullcontext() as executor:
+                state_folder = folder.path if folder else None
+                identification = project.identify(executor=executor, limits=spread.limits, folder=state_folder)
+            report_progress("writing and verifying the model")
+            model_exports = (
+                relocate_exports(folder.path, exports(identification), identification.provenance) if folder else ()
+            )
+        # written before anything is printed: the reader of a pipe may close it early
+        written = write_result(folder, identification, model_exports) if folder else []
+        if write_config:
+            text = explicit_config(identification, write_config, choice_comments(identification, config.name))
+            written.append(("Configuration", write_text(write_config, text)))
+    screen = console()
+    verdict, steps = verdict_text(identification)
+    screen.say(verdict, f"bold {STYLES[judge(identification).use]}")
+    for table in identification_tables(identification):
+        screen.show(table)
+    for note in (*identification_notes(identification), *map(Line, export_notes(model_exports))):
+        say_line(screen, note)
+    for step in steps:
+        screen.remark(f"Next: {step}")
+    screen.remark(f"Computed by {kernel()}.")
+    for label, path in written:
+        print_path(screen, label, path)
+    for line in _next_commands(
+        config, out, project, chose=identification.calibration.terms is not None and not write_config
+    ):
+        screen.remark(line, no_wrap=True)
+
+
+def _require_yaml_name(path: Path) -> Path:
+    """Return the path of a configuration to be written; raises ConfigError where its suffix is not that of YAML."""
+    from dynident.runtime import ConfigError
+
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise ConfigError(f"--write-config: {str(path)!r} is no name of a configuration; end it in .yaml.")
+    return path
+
+
+def _next_commands(config: Path, out: Path | None, project: Project, *, chose: bool) -> Iterator[str]:
+    """Yield the next commands to type; ``chose`` tells that terms were chosen and not written out."""
+    from dynident.project.logs import recording_argument
+
+    if chose:
+        explicit = config.with_name(f"{config.stem}-explicit.yaml")
+        yield f"To write out the terms that were chosen: {command('identify', config, '--write-config', explicit)}"
+    if out is None:
+        yield f"To keep this, with a report: {command('identify', config, '--out', f'{config.stem}-out')}"
+        return
+    result, log = (
+        out / "result.json",
+        recording_argument(next(iter((*project.config.validation, *project.config.train)))),
+    )
+    yield f"To predict the torque of a recording: {command('predict', result, log, '--out', out / 'torques.csv')}"
+    yield f"To design what to record next: {command('excite', result, '-o', out / 'next')}"
+    yield f"To export the model: {command('export', result, '--format', 'numpy', '--out', out / 'arm.py')}"
+
+
+def write_result(
+    folder: ResultFolder, identification: Identification, model_exports: Sequence[Export]
+) -> list[tuple[str, Path]]:
+    """Write the model's files, result.json and report.html; return what was written where."""
+    from dynident.project.saved import model_files
+    from dynident.report.identification.report import run_files
+
+    files = {
+        model_export.file: model_export.written.text
+        for model_export in model_exports
+        if model_export.ready and model_export.written is not None
+    }
+    kinds = dict.fromkeys(files, "Model") | {"result.json": "Result", "report.html": "Report"}
+    files |= run_files(identification, model_exports)
+    # the models of an earlier run would pass for this one's
+    paths = folder.replace(files, removed=model_files(folder.path / "result.json", identification.provenance))
+    return [(kinds[path.name], path) for path in paths]
+
+
+@click.command(short_help="Predict the torque of recordings from a saved result.")
+@click.argument("result", type=RESULT)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=LOG_NAME)
+@click.option("--out", type=FILE, help="Table of measured and predicted torques (.csv or .parquet).")
+@ALLOW_CODE
+def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: bool) -> None:
+    """Predict the torque of each LOG with the model in RESULT (the result.json of identify).
+
+    LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
+    names several files for a recording, LOG is key=file,key=file.
+    """
+    from dynident.files.opener import refuse_inputs, remember_inputs
+    from dynident.files.results import probe_folder, table_kind, write_table
+    from dynident.project.saved import load
+    from dynident.report.identification.validation import prediction_frame, prediction_table
+    from dynident.runtime import ConfigError
+
+    if out:
+        table_kind(out)
+        remember_inputs(result)
+        for text in logs:
+            for file in (text, *(part.rpartition("=")[2] for part in text.split(","))):
+                remember_inputs(file)
+        refuse_inputs(out)
+        probe_folder(out.parent)
+    screen = console()
+    with status():
+        report_progress("reading the result")
+        saved = load(result, allow_code=allow_code)
+        if out:
+            refuse_inputs(out)
+        predictions, warnings = _predict_logs(saved, logs, allow_code)
+    for line in warnings:
+        say_line(screen, line)
+    measured = [validation for validation, has_torque in predictions if has_torque]
+    if measured:
+        screen.show(prediction_table(measured, saved.model.joints))
+    unknown = [validation.name for validation, has_torque in predictions if not has_torque]
+    if unknown and not out:
+        raise ConfigError(f"{', '.join(unknown)}: there are no torques to compare with; give --out a file.")
+    if out:
+        print_path(screen, "Torques", write_table(out, prediction_frame(predictions)))
+
+
+def _predict_logs(
+    saved: Identification, logs: tuple[str, ...], allow_code: bool
+) -> tuple[list[tuple[LogValidation, bool]], list[Line]]:
+    """Return the prediction of every log, with whether its torques are known, and the warnings of reading."""
+    from dynident.identification import substitute_notes
+    from dynident.project.saved import read_log_like
+    from dynident.report.note_words import Line, note_lines
+    from dynident.runtime import Severity
+
+    predictions, warnings = [], []
+    for text in logs:
+        report_progress(f"predicting {text}")
+        reading = read_log_like(saved, text, allow_code=allow_code)
+        warnings += [Line(f"Warning: {words}", Severity.WARNING) for words in reading.warnings]
+        validations = [saved.predict(log) for log in reading.logs]
+        warnings += note_lines(substitute_notes(validations))
+        predictions += [(validation, reading.measured) for validation in validations]
+    return predictions, warnings
+
+
+class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions
+    """A kind of exporter, looked up only when it is needed."""
+
+    name = "format"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
+        from dynident.runtime.families import EXPORTERS
+
+        return f"[{'|'.join(EXPORTERS.kinds())}]"
+
+    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
+        from dynident.runtime.families import EXPORTERS
+
+        return f"One of {', '.join(EXPORTERS.kinds())}."
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from dynident.runtime import choices
+        from dynident.runtime.families import EXPORTERS
+
+        if value not in EXPORTERS.table and value not in (kinds := EXPORTERS.kinds()):
+            self.fail(f"{value!r} is not a format; {choices(value, kinds)}", param, ctx)
+        return value
+
+
+@click.command(short_help="Write a saved result as a robot file, YAML, or Python module.")
+@click.argument("result", type=RESULT)
+@click.option("--format", "kind", type=_Format(), required=True, help="Format.")
+@click.option("--out", type=FILE, required=True, help="File to write.")
+@ALLOW_CODE
+def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
+    """Write the model in RESULT (the result.json of identify), after a check of its torque at random states."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from dynident.files.opener import refuse_inputs, remember_inputs
+    from dynident.files.results import probe_folder, write_text
+    from dynident.project import export as exports
+    from dynident.project.export import IdentifiedModel, random_states
+    from dynident.project.export.proof import relocate_exports
+    from dynident.project.saved import load
+    from dynident.report.identification.robot import export_notes
+    from dynident.report.words import tiny
+    from dynident.runtime import ModelError
+    from dynident.runtime.families import EXPORTERS
+
+    remember_inputs(result)
+    refuse_inputs(out)
+    probe_folder(out.parent)
+    identification, exporter = load(result, allow_code=allow_code), EXPORTERS.get(kind)()
+    refuse_inputs(out)
+    estimate, states = (
+        identification.estimate,
+        random_states(len(identification.model.joints), np.random.default_rng(0)),
+    )
+    identified = IdentifiedModel(identification.model, estimate.value, estimate.std, tuple(estimate.provenance))
+    (model_export,) = relocate_exports(
+        out.parent, [exports.export(identified, exporter, states)], identification.provenance
+    )
+    if not model_export.ready or model_export.written is None or model_export.proof is None:
+        raise ModelError(f"{out}: not written: {model_export.refusal}")
+    screen = console()
+    for note in (
+        *export_notes([replace(model_export, file=out.name)], "listed here"),
+        *(f"Not in the file: {words}" for words in model_export.written.left_out),
+        *(f"{words}." for words in model_export.proof.skipped),
+    ):
+        screen.say(note)
+    screen.say(
+        f"Loaded again, its torque differs from each joint's by a share of {tiny(model_export.proof.agreement)} at "
+        "most."
+    )
+    print_path(screen, "Model", write_text(out, model_export.written.text))

@@ -1,0 +1,350 @@
+"""A robot in use: ``dynident excite``, ``payload``, ``watch`` and ``tune``."""
+
+from __future__ import annotations
+
+import json
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dynident.cli.failures import command
+from dynident.cli.options import (
+    ALLOW_CODE,
+    CONFIG,
+    DESIGNED,
+    DIRECTORY,
+    LOG_NAME,
+    RESULT,
+    FiniteRange,
+    WorkerOptions,
+    add_worker_options,
+    parse_noise,
+)
+from dynident.cli.terminal import console, print_error, print_path, say_line, status
+from dynident.runtime import report_progress
+
+if TYPE_CHECKING:
+    from dynident.apps.online.watch import Watch
+    from dynident.apps.payload import Payload
+    from dynident.files.folder import ResultFolder
+    from dynident.identification import Identification
+
+PROGRAMS = ("motion", "friction", "gravity", "all")
+POSITIVE = FiniteRange(0, min_open=True)
+_KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
+
+
+@click.command(short_help="Design a motion that shows the parameters of a robot.")
+@click.argument("robot", type=DESIGNED)
+@click.option(
+    "-o", "--out", type=DIRECTORY, required=True,
+    help="Folder for the motions (CSV, NumPy, ROS 2), identify.yaml, excite.json and report.html.",
+)  # fmt: skip
+@click.option(
+    "--settings", type=CONFIG, metavar="FILE",
+    help="File (YAML) of the settings, limits and obstacles.  [default: section `excitation` of a configuration]",
+)  # fmt: skip
+@click.option(
+    "--program", type=click.Choice(PROGRAMS),
+    help="An optimised motion, constant speeds of each joint, poses for gravity, or all of these.",
+)  # fmt: skip
+@click.option("--duration", type=POSITIVE, metavar="S", help="Most seconds that it may take, with its ways.")
+@click.option("--criterion", type=click.Choice(["d", "a", "condition"]), help="What is optimised.")
+@click.option("--parameter", multiple=True, metavar="NAME", help="A parameter that matters (criterion a); repeat it.")
+@click.option("--family", type=click.Choice(["fourier", "bspline"]), help="Periodic, or of one piece.")
+@click.option("--period", type=POSITIVE, metavar="S", help="Seconds of a period.")
+@click.option("--harmonics", type=click.IntRange(1), help="Harmonics of a period.")
+@click.option("--rate", type=POSITIVE, metavar="HZ", help="Rate of the recording.")
+@click.option("--file-rate", type=POSITIVE, metavar="HZ", help="Rate of the files.  [default: that of the recording]")
+@click.option("--floor", type=float, metavar="M", help="Height of a floor, along z of the root link.")
+@click.option(
+    "--package", multiple=True, type=DIRECTORY,
+    help="Folder of a package (package://) with the robot's meshes, or one around it; repeat it.",
+)  # fmt: skip
+@click.option("--noise", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
+@click.option("--starts", type=click.IntRange(1), help="How often the search begins anew.")
+@click.option("--seed", type=click.IntRange(0), help="Of what is drawn: another one gives another motion.")
+@ALLOW_CODE
+@add_worker_options
+def excite(
+    robot: Path, out: Path, settings: Path | None, parameter: tuple[str, ...], package: tuple[Path, ...],
+    noise: tuple[str, ...], allow_code: bool, spread: WorkerOptions, **options: Any,
+) -> None:  # fmt: skip
+    """Design the motion that shows the parameters of ROBOT as accurately as its limits allow, another one for
+    validation, and say how accurate a result will be.
+
+    ROBOT is a robot file (URDF, MJCF), a configuration (YAML), or the result.json of identify, to whose information the
+    motion then adds. Options stand in place of the settings. Ctrl-C ends the search with the best motion so far.
+    """
+    from functools import partial
+
+    from dynident.apps.excitation.report import (
+        NO_TRIAL,
+        TRIAL,
+        excitation_findings,
+        excitation_heading,
+        excitation_tables,
+    )
+    from dynident.apps.excitation.robot import read_excitation
+    from dynident.apps.excitation.run import CONFIG as DRAFT
+    from dynident.apps.excitation.run import refuse_targets, write_design
+    from dynident.files.folder import result_folder
+
+    changes = {name: value for name, value in options.items() if value is not None}
+    changes |= {"parameters": list(parameter), "criterion": "a"} if parameter else {}
+    changes |= {"packages": list(package)} if package else {}
+    changes |= {} if (size := parse_noise("--noise", noise)) is None else {"noise": size}
+    with result_folder(out) as folder, status():
+        ready = partial(refuse_targets, folder.path)
+        project = read_excitation(robot, settings, changes, ready=ready, allow_code=allow_code)
+        with spread.executor("dynident.apps.excitation.design") as executor:
+            design = project.design(executor)
+        report_progress("writing the motions and reading them again")
+        written = write_design(folder, project, design)
+    screen = console()
+    screen.say(excitation_heading(design), "bold")
+    for table in excitation_tables(design):
+        screen.show(table)
+    for line in excitation_findings(project, design):
+        screen.say(f"* {line}")
+    if not any(path.name.startswith(f"{TRIAL}.") for path in written):
+        screen.say(f"* {NO_TRIAL}")
+    for path in written:
+        label = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
+        if label:
+            print_path(screen, label, path)
+    screen.remark("Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml for ROS 2.")
+    if any(path.name == DRAFT for path in written):
+        screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", no_wrap=True)
+
+
+@click.command(short_help="Identify what the arm carries.")
+@click.argument("result", type=RESULT)
+@click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=LOG_NAME)
+@click.option("--unloaded", multiple=True, type=LOG_NAME, help="Recording of the same day without it; repeat it.")
+@click.option("--frame", help="Link that carries it; else the flange.")
+@click.option("--known-mass", type=float, metavar="KG", help="Its mass, weighed: finds the gains of the drives.")
+@click.option(
+    "--known-centre", type=float, nargs=3, metavar="X Y Z",
+    help="Its centre of mass in the frame (m), where that is known, too: for the gains of the wrist.",
+)  # fmt: skip
+@click.option("--gains", type=RESULT, help="payload.json of a payload of known mass, for the gains of the drives.")
+@click.option(
+    "--gain-error", type=float, default=3.0, show_default=True, metavar="PERCENT",
+    help="How wrong the gains of the drives may be, all together and each (one standard deviation).",
+)  # fmt: skip
+@click.option(
+    "--friction-change", type=float, default=30.0, show_default=True, metavar="PERCENT",
+    help="How much friction and offsets may have drifted, and friction changed by the load, of a joint's friction.",
+)  # fmt: skip
+@click.option(
+    "--load-friction", type=float, default=5.0, show_default=True, metavar="PERCENT",
+    help="Friction that grows with the load, and is not in the model: about so much of the load.",
+)  # fmt: skip
+@click.option("--removed", is_flag=True, help="The arm carried it when RESULT was identified, and does no more.")
+@click.option("--out", type=DIRECTORY, help="Folder for payload.json, report.html, and a URDF with the payload.")
+@ALLOW_CODE
+def payload(
+    result: Path, loaded: tuple[str, ...], unloaded: tuple[str, ...], frame: str | None, known_mass: float | None,
+    known_centre: tuple[float, float, float] | None, gains: Path | None, gain_error: float, friction_change: float,
+    load_friction: float, removed: bool, out: Path | None, allow_code: bool,
+) -> None:  # fmt: skip
+    """Identify mass, centre of mass and inertia of what the arm in RESULT (the result.json of identify) carries.
+
+    LOADED are recordings with the payload, with the channels of the configuration that was identified, or the
+    result.json of such recordings.
+    """
+    from dataclasses import replace
+
+    from dynident.apps.payload import NoPayload, PayloadRequest, find_payload
+    from dynident.apps.payload.config import (
+        NUMBERS,
+        check_places,
+        payload_logs,
+        payload_name,
+        read_arm,
+        read_gains,
+        read_loaded,
+    )
+    from dynident.apps.payload.report import gains_table, payload_table, payload_words, shares_table, torque_table
+    from dynident.files.folder import result_folder
+    from dynident.files.opener import refuse_inputs, remember_inputs
+    from dynident.report.note_words import note_lines
+
+    check_places(loaded, unloaded, out)
+    for file in (result, *([gains] if gains else [])):
+        remember_inputs(file)
+    with result_folder(out) if out else nullcontext() as folder:
+        with status():
+            known_gains = read_gains(gains) if gains else None
+            request = PayloadRequest(
+                frame, known_mass, known_centre, gain_error, known_gains, friction_change, load_friction, removed
+            )
+            report_progress("reading the result")
+            saved = read_arm(result, allow_code=allow_code)
+            if out:
+                refuse_inputs(*(out / name for name in (NUMBERS, "report.html", payload_name(saved))))
+            loaded_logs, warnings = read_loaded(saved, loaded, allow_code=allow_code)
+            unloaded_logs, notes, unloaded_warnings = payload_logs(saved, unloaded, allow_code=allow_code, new=True)
+            estimate = find_payload(saved, loaded_logs, unloaded_logs, request)
+            estimate = replace(estimate, notes=(*notes, *estimate.notes))
+        written, urdf_notes = _write_payload(folder, estimate, saved) if folder else ([], ())
+    screen = console()
+    screen.say(payload_words(estimate), "bold")
+    for table in (payload_table(estimate), shares_table(estimate), *torque_table(estimate), *gains_table(estimate)):
+        screen.show(table)
+    for line in note_lines(note for note in estimate.notes if not isinstance(note, NoPayload)):
+        say_line(screen, line)
+    for words in (*warnings, *unloaded_warnings, *urdf_notes):
+        screen.remark(f"Note: {words}")
+    for label, path in written:
+        print_path(screen, label, path)
+    if out and known_mass is not None:
+        next_command = command("payload", result, "LOADED", "--gains", out / "payload.json")
+        screen.remark(f"To find another payload with these gains: {next_command}", no_wrap=True)
+
+
+def _write_payload(
+    folder: ResultFolder, estimate: Payload, saved: Identification
+) -> tuple[list[tuple[str, Path]], tuple[str, ...]]:
+    """Write the files of a payload; return their kinds and paths, and notes on the URDF."""
+    from dynident.apps.payload.config import payload_data, payload_name, payload_urdf
+    from dynident.apps.payload.report import payload_page
+    from dynident.files.results import json_text
+    from dynident.report.note_words import words
+    from dynident.runtime import ModelError
+
+    notes = [words(note) for note in estimate.notes]
+    files = {"payload.json": json_text(payload_data(estimate, saved.provenance, notes))}
+    files["report.html"] = payload_page(estimate, saved)
+    urdf_notes: tuple[str, ...] = ()
+    try:
+        files[payload_name(saved)], urdf_notes = payload_urdf(saved, estimate, folder.path)
+    except ModelError as error:
+        urdf_notes = (f"no URDF with the payload is written: {error}",)
+    paths = folder.replace(files)
+    kinds = ("Payload", "Report", "Robot with the payload")
+    return list(zip(kinds, paths, strict=False)), urdf_notes
+
+
+@click.command(short_help="Watch a robot, and say what changes.")
+@click.argument("result", type=RESULT)
+@click.argument("stream", metavar="FILE|-", type=LOG_NAME)
+@click.option("--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, by which a stopped watch goes on.")
+@click.option("--once", is_flag=True, help="Stop at the end of FILE, instead of waiting for more.")
+@click.option(
+    "--false-alarms", type=float, default=0.03, show_default=True, metavar="PER_DAY",
+    help="Changes found by chance in a day of a robot that does not change.",
+)  # fmt: skip
+@click.option(
+    "--baseline", type=float, default=600.0, show_default=True, metavar="S",
+    help="Seconds at the start that show what is usual; nothing should change in them.",
+)  # fmt: skip
+@click.option(
+    "--block", type=float, default=5.0, show_default=True, metavar="S", help="Seconds that are looked at together."
+)
+@click.option(
+    "--tolerance", type=float, default=0.05, show_default=True,
+    help="Changes of the torque by this share of its noise are none.",
+)  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print each event as a JSON object in a line.")
+@ALLOW_CODE
+def watch(
+    result: Path,
+    stream: str,
+    out: Path | None,
+    once: bool,
+    false_alarms: float,
+    baseline: float,
+    block: float,
+    tolerance: float,
+    as_json: bool,
+    allow_code: bool,
+) -> None:
+    """Watch a robot by the model in RESULT (the result.json of identify): friction, payload, offsets, what the model
+    leaves, and sensors that fail.
+
+    FILE is a text file that another program adds lines to, with the columns of the configuration that was identified;
+    "-" is standard input, with such lines or JSON objects by column. A file may be rotated. With --out the same command
+    goes on where it stopped, however it was stopped.
+    """
+    from dynident.apps.online import WatchSettings
+    from dynident.apps.online.report import StampFormatter, end_words, watch_words
+    from dynident.apps.online.watch import make_watch
+    from dynident.files.folder import result_folder
+    from dynident.files.opener import remember_inputs
+
+    settings = WatchSettings(false_alarms, block, baseline, 6 * block, tolerance)
+    remember_inputs(result)
+    if stream != "-":
+        remember_inputs(stream)
+    with result_folder(out) if out else nullcontext() as folder:
+        with status():
+            robot_watch = make_watch(result, stream, settings, folder, allow_code=allow_code)
+        if not as_json:
+            console().remark(watch_words(settings))
+        _print_events(robot_watch, as_json, follow=not once)
+    if not as_json:
+        console().remark(end_words(robot_watch.watcher, robot_watch.events, StampFormatter(robot_watch.reader.zero)))
+    if out and not as_json:
+        from dynident.apps.online.watch import EVENTS
+
+        print_path(console(), "Changes", out / EVENTS)
+
+
+def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
+    """Print events as they come."""
+    from dynident.apps.online.report import StampFormatter, event_line
+    from dynident.apps.online.watch import event_data
+    from dynident.runtime import Severity
+
+    screen = console()
+    try:
+        for event in robot_watch.run(follow=follow):
+            if as_json:
+                click.echo(json.dumps(event_data(event)))
+                continue
+            line = event_line(event, robot_watch.watcher.joints, StampFormatter(robot_watch.reader.zero))
+            if line.severity is Severity.WARNING:
+                screen.say(line.text, "yellow")
+            else:
+                say_line(screen, line)
+    except KeyboardInterrupt as stop:
+        if robot_watch.folder is None:
+            stop.add_note("nothing is kept; with --out FOLDER a watch goes on where it stopped.")
+        else:
+            stop.add_note(f"{robot_watch.folder.path}: the state is saved; the same command goes on.")
+        raise
+
+
+@click.command(short_help="Look and tune, in a browser.")
+@click.argument("config", type=CONFIG)
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port of this machine; by default a free one."
+)
+@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+def tune(config: Path, port: int, no_browser: bool) -> None:
+    """Show the logs of CONFIG (YAML) smoothed and fitted, on a page that follows its controls: degree of smoothing,
+    samples, terms, joints, estimator; and save the settings into CONFIG.
+
+    The page is for this machine alone. Ctrl-C ends it.
+    """
+    from dynident.apps.tuning import serve_configuration
+    from dynident.apps.tuning.server import answer, open_browser
+    from dynident.cli.terminal import escape_controls
+    from dynident.project.project import read_project
+
+    read_project(config)  # what is wrong in it is said here
+    with serve_configuration(config, port, lambda text: print_error(escape_controls(text))) as (address, server):
+        screen = console()
+        screen.say(str(address), no_wrap=True)
+        screen.remark("This address is for this machine alone. Ctrl-C ends it.")
+        if not no_browser:
+            open_browser(address)
+        try:
+            answer(server)
+        except KeyboardInterrupt as stop:
+            if hasattr(stop, "number"):  # another signal than Ctrl-C, which is how a person ends it
+                raise

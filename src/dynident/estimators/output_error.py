@@ -1,0 +1,270 @@
+"""Output error: the simulated positions are fitted to the measured ones, in closed loop or between restarts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal, get_args
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
+
+from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.least_squares import (
+    MAX_ITERATIONS,
+    LeastSquares,
+    LinearEstimator,
+    LinearFit,
+    check_weights,
+    estimate_of,
+    fit_from_information,
+    joint_weights,
+    solve_least_squares,
+    weight_joints,
+)
+from dynident.estimators.output_error_descent import Descent
+from dynident.estimators.simulated_recordings import (
+    Shots,
+    closed_shots,
+    controller_of,
+    log_of,
+    no_controller_error,
+    open_shots,
+    torque_shots,
+)
+from dynident.runtime import (
+    MEMORY_VARIABLE,
+    ConfigError,
+    InputError,
+    MissingInputError,
+    brief,
+    choices,
+    format_bytes,
+    memory_budget,
+    settings_repr,
+)
+
+Array = NDArray[np.float64]
+BYTES_PER_DERIVATIVE = 20  # for each sample, joint and direction: the derivatives, and what the starts leave of them
+
+
+@dataclass(frozen=True, eq=False)
+class OutputFit:
+    """A fit by simulation: its ``value`` (p), and what the data determine of it, as ``linear`` rows."""
+
+    value: Array
+    linear: LinearFit
+
+    __repr__ = brief
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Return the estimate, with undetermined directions as at the start."""
+        estimate = estimate_of(problem, self.linear)
+        return replace(estimate, value=self.value, residual=self.linear.residual(problem, self.value))
+
+
+def fit_output(problem: Problem, shots: tuple[Shots, ...], iterations: int) -> OutputFit:
+    """Return the fit of stretches of recordings, in the directions of the parameters that their motion determines.
+
+    Raises InputError where the derivatives need more memory than there is.
+    """
+    triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
+    weights = joint_weights(triangular, "per_joint", 3, parameters)
+    factor, rank = weight_joints(triangular, weights, parameters)
+    r = rank.rank
+    _check_memory(problem, shots, r)
+    # directions in which the weighted regressor is orthonormal: those that least squares does not see stay
+    basis = rank.determined_directions / rank.values[:r]
+    descent = Descent(problem, basis, iterations).fit(solve_least_squares(factor, rank).value, shots)
+    to_basis = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
+    information = to_basis.T @ descent.information @ to_basis
+    fit = fit_from_information(descent.value, information, rank, descent.samples, descent.notes)
+    return OutputFit(descent.value, replace(fit, weights=weights, correlated=True))
+
+
+def _check_memory(problem: Problem, shots: Sequence[Shots], directions: int) -> None:
+    """Raise InputError where the derivatives of all simulations need more memory than the budget has."""
+    samples, n = sum(recording.samples for recording in shots), len(problem.model.joints)
+    needed = BYTES_PER_DERIVATIVE * samples * n * (directions + 2 * n)
+    if needed <= memory_budget():
+        return
+    sources = ", ".join(dict.fromkeys(recording.source for recording in problem.motions))
+    raise InputError(
+        f"{sources}: the derivatives of the simulation, {samples} samples of each joint by {directions} directions of "
+        f"the parameters, would take {format_bytes(needed)} of memory, more than {format_bytes(memory_budget())}. "
+        f"Take a shorter `window` ({100 * memory_budget() / needed:.2g} % of it fit), an estimator that simulates "
+        f"nothing, or raise this by --memory or {MEMORY_VARIABLE} (in GB)."
+    )
+
+
+@dataclass(frozen=True)
+class Didim(LinearEstimator):
+    """The theta with which the recorded controller asks for the measured torque, each joint weighted by its residual.
+
+    The model is simulated in the loop of the recorded controller (``Log.controller``) under the recorded reference,
+    from an unknown state at the start; minimised is the difference of the controller's torque to the measured one.
+    Measured positions are not used but for the first guess: no noise of theirs is in a regressor, and none is
+    differentiated.
+    Where the published method takes the regressor of the simulated motion for the derivatives of that torque, which a
+    stiff loop justifies, these are exact here, so that the iteration of Gauss and Newton, with Levenberg's damping,
+    converges in a soft loop, too. It begins with least squares, or with another fit where this is nearer when
+    simulated; ``iterations`` is the most steps.
+
+    The covariance allows for residuals that are correlated in time and between joints, among them what the loop makes
+    of disturbances. The controller must be the one that ran: what it is wrong by is an error of the parameters.
+
+    Calling it with a ``Problem`` gives an ``Estimate``. Raises MissingInputError where a recording does not know its
+    controller, InputError where no first model can be simulated in the loop or the controller does not see the
+    positions, ModelError for terms that remember, ConfigError for bad settings. Reference: Gautier, Janot and Vandanjon
+    (2013).
+
+    A mass in the loop of a PD controller, of whose positions 1 mm of noise hides the acceleration:
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.lagrangian import slider
+    >>> from dynident.models.simulation import PD, simulate_recording
+    >>> rail, t, one = slider(values=(5.0, 8.0, 3.0, 0.5)), np.arange(1000) * 0.005, np.ones(1)
+    >>> path, zero = 0.2 * np.sin(3 * t[:, None]) + 0.1 * np.sin(7 * t[:, None]), np.zeros((1000, 1))
+    >>> drive = PD(("slider",), t, path, 400 * one, 80 * one, one, np.inf * one, zero)
+    >>> still = dy.Motion(t, zero, zero, zero, zero, ("slider",), np.ones(1000, dtype=bool))
+    >>> run, rng = simulate_recording(rail, rail.values, still, drive), np.random.default_rng(0)
+    >>> q, tau = run.q + 1e-3 * rng.standard_normal(zero.shape), run.tau + 0.1 * rng.standard_normal(zero.shape)
+    >>> log = dy.Log(t, q, tau, ("slider",), controller=drive)
+    >>> for estimator in (dy.LeastSquares(), dy.Didim()):
+    ...     recipe = dy.Recipe(smoother=dy.Difference(), estimator=estimator, time_offset=0.0025)
+    ...     found = dy.identify(rail, log, recipe=recipe).estimate
+    ...     print(f"M = {found.value[0]:.3f} +- {found.std[0]:.3f}")
+    M = 0.053 +- 0.010
+    M = 4.999 +- 0.001
+    """
+
+    iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 30
+
+    needs_samples: ClassVar[bool] = True
+    __repr__ = settings_repr
+
+    def __post_init__(self) -> None:
+        check_weights("per_joint", self.iterations)
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate; a note says where the iteration did not converge."""
+        return self._fit(problem).estimate(problem)
+
+    def reduced(self, problem: Problem) -> LinearFit:
+        """Return the value with its information, as rows to which constraints can be added."""
+        return self._fit(problem).linear
+
+    def quick(self) -> LeastSquares:
+        """Return least squares: a search needs no simulation."""
+        return LeastSquares(weights="per_joint")
+
+    def _fit(self, problem: Problem) -> OutputFit:
+        shots = []
+        for k, motion in enumerate(problem.motions):
+            controller = controller_of(problem, k)
+            if controller is None:
+                raise no_controller_error(motion, "the closed loop is", "use an estimator that simulates nothing")
+            shots.append(torque_shots(problem, k, controller))
+        return fit_output(problem, tuple(shots), self.iterations)
+
+
+LoopMode = Literal["auto", "closed", "open"]
+TorqueSource = Literal["measured", "commanded"]
+MEASURED_SEGMENT = 1.0  # s, of a measured torque: its noise moves the model more than sensors of positions have noise
+COMMANDED_SEGMENT = 5.0  # s, of a commanded torque, which has none
+MAX_SEGMENT = 1e4  # s
+
+
+@dataclass(frozen=True)
+class OutputError(LinearEstimator):
+    """The theta whose simulated positions are nearest to the measured ones, each joint weighted by its residual.
+
+    ``loop``: "closed" simulates the model in the loop of the recorded controller (``Log.controller``) under the
+    recorded reference, from an unknown state at the start; "open" drives the model with the ``torque`` that was
+    "measured", or, where it is known, "commanded" (``Log.command``), in segments of ``segment`` s (by default 1 s, of a
+    commanded torque 5 s), whose states at the start are all unknown (multiple shooting): a robot would run away from
+    one start. "auto" closes the loop where all recordings know their controller.
+
+    Gauss and Newton's iteration with Levenberg's damping, by the exact derivatives of the discrete simulation. It
+    begins with least squares, or with another fit where this is nearer when simulated: there are several minima;
+    ``iterations`` is the most steps.
+    The covariance allows for residuals that are correlated in time and between joints: what noise of a measured torque
+    does to the model is in them, as is all that the model lacks. Such noise is not modelled: with a measured torque
+    that has much of it, maximum likelihood has smaller errors; with an exact one, output error uses that it is.
+
+    Calling it with a ``Problem`` gives an ``Estimate``. Raises MissingInputError where a recording lacks the controller
+    or the command that is asked for, InputError where no first model can be simulated, ModelError for terms that
+    remember, ConfigError for bad settings. References: Landau and Karimi (1997); Jubien, Gautier and Janot (2014); of
+    multiple shooting, Bock (1983).
+
+    Driven by the torque, a pendulum whose positions have 0.2 mrad of noise:
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.lagrangian import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(2001) * 0.005, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(2 * s) + np.sin(3 * s)], t)
+    >>> log = dy.record(motion, sigma_q=2e-4, sigma_tau=1e-3, rng=rng).log
+    >>> for estimator in (dy.LeastSquares(), dy.OutputError()):
+    ...     found = dy.identify(arm, log, recipe=dy.Recipe(smoother=dy.Difference(), estimator=estimator)).estimate
+    ...     print(f"J = {found.value[0]:.5f} +- {found.std[0]:.1e}")
+    J = 0.02057 +- 8.0e-04
+    J = 0.08250 +- 1.5e-06
+    """
+
+    loop: LoopMode = "auto"
+    torque: TorqueSource = "measured"
+    segment: Annotated[float, Gt(0), Le(MAX_SEGMENT)] | None = None
+    iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 30
+
+    needs_samples: ClassVar[bool] = True
+    __repr__ = settings_repr
+
+    def __post_init__(self) -> None:
+        if self.loop not in get_args(LoopMode):
+            raise ConfigError(f"loop = {self.loop!r}; {choices(self.loop, get_args(LoopMode))}")
+        if self.torque not in get_args(TorqueSource):
+            raise ConfigError(f"torque = {self.torque!r}; {choices(self.torque, get_args(TorqueSource))}")
+        if self.segment is not None and not 0 < self.segment <= MAX_SEGMENT:
+            raise ConfigError(f"segment = {self.segment}; give a time (s) of at most {MAX_SEGMENT:g}, or null.")
+        if not 1 <= self.iterations <= MAX_ITERATIONS:
+            raise ConfigError(f"iterations = {self.iterations}; give a whole number from 1 to {MAX_ITERATIONS}.")
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate; a note says where the iteration did not converge."""
+        return self._fit(problem).estimate(problem)
+
+    def reduced(self, problem: Problem) -> LinearFit:
+        """Return the value with its information, as rows to which constraints can be added."""
+        return self._fit(problem).linear
+
+    def quick(self) -> LeastSquares:
+        """Return least squares: a search needs no simulation."""
+        return LeastSquares(weights="per_joint")
+
+    def _fit(self, problem: Problem) -> OutputFit:
+        controllers = [controller_of(problem, k) for k in range(len(problem.motions))]
+        if self.loop == "closed" and None in controllers:
+            raise no_controller_error(
+                problem.motions[controllers.index(None)], "the closed loop is", "leave `loop` at auto"
+            )
+        closed = [] if self.loop == "open" else [entry for entry in controllers if entry is not None]
+        if len(closed) == len(problem.motions):
+            shots = [closed_shots(problem, k, entry) for k, entry in enumerate(closed)]
+        else:
+            shots = [entry for k in range(len(problem.motions)) for entry in self._open_segments(problem, k)]
+        return fit_output(problem, tuple(shots), self.iterations)
+
+    def _open_segments(self, problem: Problem, k: int) -> Iterator[Shots]:
+        """Return the segments of the k-th recording, driven by its torque."""
+        if self.torque == "measured":
+            return open_shots(problem, k, self.segment or MEASURED_SEGMENT)
+        log = log_of(problem, k)
+        if log is None or log.command is None:
+            raise MissingInputError(
+                f"{problem.motions[k].source}: the commanded torque is to drive the model, and the recording does not "
+                "have it (Log.command). Give it, or leave `torque` at measured."
+            )
+        return open_shots(problem, k, self.segment or COMMANDED_SEGMENT, log.command)

@@ -1,5 +1,0 @@
-"""Least squares with physical constraints, and a prior for what the data do not determine."""
-
-from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
-
-__all__ = ["PhysicallyConsistent"]

@@ -1,0 +1,1 @@
+"""Files: bytes to columns, rows and folders, and back."""

@@ -1,0 +1,215 @@
+"""Convert the named arrays of a file to columns, reading only those that are needed, within the memory budget."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, BinaryIO
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from dynident.files.opener import afford
+from dynident.runtime import memory_budget
+
+Array = NDArray[np.float64]
+_MAX_LISTED_COLUMNS = 1000  # columns of one array that are listed one by one where they are not read
+_MIN_TIME_ASPECT = 20  # times the other side of an array: a side that long is the time, where no column says so
+_HEADERS: dict[tuple[int, int], Callable[..., Any]] = {
+    (1, 0): npy.read_array_header_1_0,
+    (2, 0): npy.read_array_header_2_0,
+}
+
+
+@dataclass(frozen=True)
+class StoredArray:
+    """An array that is still in its file.
+
+    ``read`` reads it, and ``extra`` is the memory (bytes) that this takes besides the array itself.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[], NDArray[Any]]
+    extra: int = 0  # bytes
+
+    @property
+    def size(self) -> int:
+        """The number of elements."""
+        return math.prod(self.shape)
+
+    @property
+    def cost(self) -> int:
+        """The memory (bytes) that reading takes: the array as it is stored, and as float64."""
+        return self.size * (self.dtype.itemsize + 8) + self.extra
+
+
+ArrayOrText = StoredArray | str  # a text describes what is no array of numbers
+
+
+@dataclass
+class ArrayColumns:
+    """The content of a file by name: columns and scalars as float64, faults, and the columns that were not needed.
+
+    ``guesses`` describes the arrays whose time was assumed to run along their rows.
+    """
+
+    columns: dict[str, Array] = field(default_factory=dict)
+    constants: dict[str, float] = field(default_factory=dict)
+    faults: dict[str, str] = field(default_factory=dict)
+    unread: list[str] = field(default_factory=list)
+    guesses: list[str] = field(default_factory=list)
+
+
+def wrap_array(array: NDArray[Any]) -> StoredArray:
+    """Wrap an array that is in memory already."""
+    return StoredArray(array.shape, array.dtype, lambda: array)
+
+
+def read_arrays(
+    items: Mapping[str, ArrayOrText], needed: Collection[str] | None, source: str, memory_in_use: int = 0
+) -> ArrayColumns:
+    """Read the arrays; where ``needed`` is given, only those with such columns.
+
+    Time runs down the rows. It is taken to run along them where the length of other columns says so, or else
+    where that side is far longer; this guess is reported. ``memory_in_use`` is in bytes. Raises InputError for an
+    array that is needed by name and beyond the budget; where all arrays are read, such an array is a fault of its
+    columns.
+    """
+    # 1-D arrays tell the number of samples, by which the time axis of 2-D arrays is recognised
+    lengths = {
+        entry.size
+        for entry in items.values()
+        if not isinstance(entry, str) and max(entry.shape, default=0) == entry.size > 1
+    }
+    content = ArrayColumns()
+    for name, entry in items.items():
+        if isinstance(entry, str) or entry.dtype.kind not in "biuf" or entry.size == 0:
+            content.faults[name] = f"holds {_describe_entry(entry)}, not an array of numbers."
+        # the checks are ordered by cost: an array is read only after its type, shape, need and size have passed
+        elif not (table := _table_shape(entry.shape, lengths)):
+            words = f"has the shape {entry.shape}; time must run down the rows of a 2-D array: transpose it."
+            content.faults[name] = words
+        elif not _is_needed(name, entry, needed):
+            content.unread += _column_names(name, min(table[1], _MAX_LISTED_COLUMNS))
+        elif needed is None and memory_in_use + entry.cost > memory_budget():
+            words = f"would take {entry.cost / 1e9:.3g} GB of memory, more than a file may; raise this by --memory."
+            content.faults |= dict.fromkeys([*_column_names(name, min(table[1], _MAX_LISTED_COLUMNS)), name], words)
+        else:
+            # what was read so far counts, too: all arrays are in memory together
+            afford(
+                memory_in_use := memory_in_use + entry.cost, f"{source}: to read {name!r}, {entry.shape}, would take"
+            )
+            values = entry.read()
+            # the time runs along the rows: the transposed table is a guess that the user should confirm
+            if table == _sides(entry.shape)[::-1] and table[0] != table[1]:
+                content.guesses.append(_guess_note(name, entry.shape, *table, matches_length=table[0] in lengths))
+            if entry.size == 1:
+                content.constants[name] = float(values.item())
+            else:
+                content.columns |= zip(_column_names(name, table[1]), _split_columns(values, *table), strict=True)
+    return content
+
+
+def _is_needed(name: str, array: StoredArray, needed: Collection[str] | None) -> bool:
+    return needed is None or array.size == 1 or any(part == name or part.startswith(f"{name}[") for part in needed)
+
+
+def _table_shape(shape: tuple[int, ...], lengths: Collection[int]) -> tuple[int, int] | None:
+    """Return the rows and columns of an array, None where the time axis is not clear.
+
+    Time runs down the rows of an array, or along them, as the ``lengths`` of other columns tell; where they do
+    not, a side that is far longer is the time. Sides of length one are left out.
+    """
+    if max(shape, default=1) == (size := math.prod(shape)):
+        return size, 1
+    if len(sides := _sides(shape)) != 2:
+        return None
+    rows, columns = sides
+    # lengths of other columns decide; the aspect ratio only where they say nothing or fit both sides
+    down, along = rows in lengths, columns in lengths
+    undecided = (along and down) or not lengths
+    if (along and not down) or (undecided and columns >= _MIN_TIME_ASPECT * rows):
+        return columns, rows
+    return (rows, columns) if rows >= columns else None
+
+
+def _sides(shape: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(n for n in shape if n != 1)
+
+
+def _guess_note(name: str, shape: tuple[int, ...], rows: int, columns: int, *, matches_length: bool) -> str:
+    why = f"as other columns have {rows} values" if matches_length else "its longer side"
+    return f"{name!r} has the shape {shape}: it is read as {rows} rows of {columns} columns, {why}."
+
+
+def _column_names(name: str, columns: int) -> list[str]:
+    return [name] if columns == 1 else [f"{name}[{k}]" for k in range(columns)]
+
+
+def _split_columns(array: NDArray[Any], rows: int, columns: int) -> list[Array]:
+    if columns == 1:
+        return [_to_float64(array.reshape(-1))]
+    array = array.reshape(_sides(array.shape))
+    array = array if array.shape == (rows, columns) else array.T
+    return [_to_float64(array[:, k]) for k in range(columns)]
+
+
+def _to_float64(array: NDArray[Any]) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):  # extended precision may exceed float64: then inf
+        return np.array(array, dtype=np.float64)
+
+
+def _describe_entry(entry: ArrayOrText) -> str:
+    return entry if isinstance(entry, str) else f"{entry.dtype} values of shape {entry.shape}"
+
+
+@contextmanager
+def open_npz(file: BinaryIO) -> Iterator[dict[str, ArrayOrText]]:
+    """Open the arrays of an archive by name; a member that is no array is described by a text.
+
+    Raises ValueError, and zipfile.BadZipFile, where it is damaged or holds a name twice.
+    """
+    with ZipFile(file) as archive:
+        members = archive.infolist()
+        for name, count in Counter(member.filename for member in members).items():
+            if count > 1:
+                raise ValueError(f"the array {name.removesuffix('.npy')!r} is there twice")
+        yield {member.filename.removesuffix(".npy"): _stored_member(archive, member) for member in members}
+
+
+def _stored_member(archive: ZipFile, member: ZipInfo) -> ArrayOrText:
+    if member.flag_bits & 1 or member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+        return "what numpy.savez does not write"
+    if not member.filename.endswith(".npy"):
+        return "what is no array"
+    with archive.open(member) as data:
+        shape, _, dtype = _read_npy_header(data)
+    if dtype.hasobject:
+        return "Python objects, which are not read"
+    return StoredArray(shape, dtype, partial(_read_member, archive, member))
+
+
+def _read_npy_header(data: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    version = npy.read_magic(data)
+    if version not in _HEADERS:
+        raise ValueError(f"an array of version {version}")
+    shape, fortran_order, dtype = _HEADERS[version](data)
+    return tuple(map(int, shape)), fortran_order, dtype
+
+
+def _read_member(archive: ZipFile, member: ZipInfo) -> NDArray[Any]:
+    """Read an array: exactly as many bytes as its header says."""
+    with archive.open(member) as data:
+        shape, fortran_order, dtype = _read_npy_header(data)
+        size = math.prod(shape) * dtype.itemsize
+        values = data.read(size)
+        if len(values) < size or data.read(1):
+            raise ValueError(f"the array {member.filename!r} is not of the size that its header says")
+    return np.frombuffer(values, dtype).reshape(shape, order="F" if fortran_order else "C")

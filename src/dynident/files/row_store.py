@@ -1,0 +1,328 @@
+"""Rows of long work in a growing file: parts, each written as a whole, are merged into one table in the end.
+
+Beside a table ``study.parquet`` lies the folder ``study.parquet.parts`` while it grows. Every two seconds the
+new rows become one more file there, so that saving a row costs the same however many there are; a killed run
+loses only the rows of the last seconds. The next run reads the keys of the table and of the parts; of two
+rows with one key, that in the later part counts. The end merges all parts, piece by piece, into the table,
+which gets its name when it is complete, and then removes them, the oldest first: whatever is left of them,
+the last row of each key still counts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, nullcontext, suppress
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+from threading import RLock, Timer
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, TypeVar
+from uuid import uuid4
+
+from dynident.files.folder import hold_folder, whole_file
+from dynident.files.opener import afford, open_input
+from dynident.files.results import write_table
+from dynident.files.text import call_polars
+from dynident.runtime import InputError, join_names
+
+if TYPE_CHECKING:
+    import polars as pl
+
+T = TypeVar("T")
+Key = tuple[Any, ...]
+SAVE_EVERY = 2.0  # s from a row to the part that holds it
+# parts, after each of which this takes as long again, or a long study would leave too many files
+PARTS_PER_SLOWDOWN = 1000
+MAX_UNSAVED_ROWS = 20_000  # rows in memory that are not yet in a part
+ROWS_PER_GROUP = 50_000  # rows of the table that a reader takes at once
+KEY_BYTES = 300  # memory of a key
+PART_NAME = re.compile(r"(\d{4,})-[0-9a-f]{8}\.parquet")
+
+
+@dataclass(frozen=True, eq=False)
+class _StoredPart:
+    """Rows that belong together, in a file or in memory; ``replaced_keys`` have another row in a later part."""
+
+    rows: pl.LazyFrame
+    count: int
+    path: Path | None = None
+    replaced_keys: list[Key] = field(default_factory=list)
+
+
+class RowStore:
+    """Rows of a table at ``path`` (Parquet), one for each key; in memory only, where the path is None.
+
+    ``schema`` has the type of each column, ``key`` the columns that identify a row. Rows of an earlier run are known,
+    ``key in store``, except those with a value that ``retried`` names for one of their columns; with ``rerun`` none
+    is known. A row that is not known stays until a row of its key is added. As a context it holds the table
+    exclusively: InputError where another run does, where a file is not of such a table, or the disk is full. The rows
+    can be read at any time; those of a file after entering the context.
+    """
+
+    def __init__(
+        self,
+        path: str | Path | None,
+        schema: Mapping[str, Any],
+        key: Sequence[str],
+        *,
+        rerun: bool = False,
+        retried: Mapping[str, Iterable[Any]] | None = None,
+    ) -> None:
+        self.path = None if path is None else Path(path)
+        self.schema, self.key, self.rerun = dict(schema), tuple(key), rerun
+        self.again = {name: list(values) for name, values in (retried or {}).items()}
+        self._parts: list[_StoredPart] = []
+        self._latest: dict[Key, int] = {}  # the number of the part with the row that counts; ~number of one not known
+        self._count = 0
+        self._new: dict[Key, Mapping[str, Any]] = {}  # the next part
+        self._lock = RLock()
+        self._timer: Timer | None = None
+        self._error: Exception | None = None
+        self._held = ExitStack()
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of the parts."""
+        return None if self.path is None else parts_folder(self.path)
+
+    def __enter__(self) -> RowStore:
+        if self.path is None or self.folder is None:
+            return self
+        if self.path.suffix.lower() != ".parquet":
+            raise InputError(f"{self.path}: rows are kept in Parquet files; give a name that ends in .parquet.")
+        with ExitStack() as stack:
+            stack.callback(_remove_empty, self.folder)
+            stack.enter_context(hold_folder(self.folder))
+            parts = [entry for entry in self.folder.iterdir() if PART_NAME.fullmatch(entry.name)]
+            # the table first, then the parts by number: a later row of a key replaces an earlier one
+            for file in [self.path] * self.path.exists() + sorted(parts, key=_part_number):
+                self._read_keys(file)
+            self._held = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Save all rows and merge the parts into the table; where that fails after an error, they stay as they are."""
+        with self._held, suppress(InputError) if isinstance(error, Exception) else nullcontext():
+            if self._timer is not None:
+                self._timer.cancel()
+            self.save()
+            self._merge()
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._new or self._latest.get(key, -1) >= 0  # type: ignore[call-overload]
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Add rows; a row with a known key replaces the earlier one. They are on the disk within seconds.
+
+        Raises InputError where earlier rows could not be written.
+        """
+        with self._lock:
+            if self._error is not None:
+                raise self._error
+            for row in rows:
+                if unknown := row.keys() - self.schema.keys():
+                    raise ValueError(f"the table has no columns {sorted(unknown)}")
+                key = tuple(row[name] for name in self.key)
+                # a row counts once, also where it replaces another
+                self._count += key not in self
+                self._new[key] = row
+                if len(self._new) >= MAX_UNSAVED_ROWS:
+                    self.save()
+            if self._new and self.path is not None and self._timer is None:
+                # parts become rarer with their number, so that their count stays moderate
+                self._timer = Timer(SAVE_EVERY * (1 + len(self._parts) // PARTS_PER_SLOWDOWN), self._save_from_timer)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def save(self) -> None:
+        """Write the rows that are not yet in a part; InputError where that fails, and they stay in memory."""
+        import polars as pl
+
+        with self._lock:
+            if not self._new:
+                return
+            frame, path = pl.DataFrame(list(self._new.values()), schema=self.schema), None
+            if self.folder is not None:
+                # numbered on from the last part, so that the order of the parts is that of their names
+                last = _part_number(self._parts[-1].path) if self._parts else 0
+                path = write_table(self.folder / f"{last + 1:04d}-{uuid4().hex[:8]}.parquet", frame)
+            for key in self._new:  # in this order: Ctrl-C may come between any two steps
+                self._place(key, len(self._parts))
+            self._parts.append(_StoredPart(frame.lazy() if path is None else _scan_files(path), len(frame), path))
+            self._new = {}
+
+    def scan(self) -> pl.LazyFrame:
+        """Return all rows as a query, read when it is collected."""
+        import polars as pl
+
+        self.save()
+        frames = [pl.LazyFrame(schema=self.schema)]
+        # neighbouring files without replaced rows are read by one scan
+        for is_unreplaced, parts in groupby(
+            list(self._parts), lambda part: not part.replaced_keys and part.path not in (None, self.path)
+        ):
+            if is_unreplaced:
+                frames.append(_scan_files(*(part.path for part in parts)))
+                continue
+            for part in parts:
+                if not part.replaced_keys:
+                    frames.append(part.rows)
+                elif len(part.replaced_keys) < part.count:
+                    kinds = {name: self.schema[name] for name in self.key}
+                    replaced = pl.LazyFrame(part.replaced_keys, schema=kinds, orient="row")
+                    # an anti-join drops the rows whose keys stand in a later part
+                    frames.append(part.rows.join(replaced, on=self.key, how="anti"))
+        return pl.concat(frames)
+
+    def table(self, keys: pl.DataFrame | None = None) -> pl.DataFrame:
+        """Return all rows, or those whose keys are in ``keys`` (a table of the key columns)."""
+        rows = self.scan()
+        if keys is None:
+            count = sum(part.count for part in self._parts)
+            afford(16 * count * len(self.schema), f"{self.path}: its {count} rows would take")
+        else:
+            rows = rows.join(keys.lazy(), on=self.key, how="semi")
+        return self._run_query(rows.collect)
+
+    def _save_from_timer(self) -> None:
+        with self._lock:
+            self._timer = None
+            try:
+                self.save()
+            except Exception as error:  # for the next call
+                self._error = error
+
+    def _place(self, key: Key, number: int, *, is_known: bool = True) -> None:
+        """Note which part has the row of a key."""
+        previous = self._latest.get(key)
+        if previous is not None:
+            # the sign of the number tells whether the row is known: ~n is negative
+            part = ~previous if previous < 0 else previous
+            if part < number:
+                self._parts[part].replaced_keys.append(key)
+        self._latest[key] = number if is_known else ~number
+
+    def _read_keys(self, file: Path) -> None:
+        """Read the keys of a file."""
+        part, number = self._open_part(file), len(self._parts)
+        self._parts.append(part)
+        afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
+        # keys only, in groups of rows, as the table may be larger than the memory
+        keys = part.rows.select(*self.key, self._unknown_expression().alias(""))
+        # equal values share one object, which saves most of the memory of the keys
+        pools: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
+        for start in range(0, part.count, ROWS_PER_GROUP):
+            frame = self._run_query(keys.slice(start, ROWS_PER_GROUP).collect)
+            for name in self.key:
+                if frame[name].null_count():
+                    raise _foreign_error(file, f"its column {name!r} has empty cells")
+            for *values, unknown in frame.iter_rows():
+                key = tuple(pool.setdefault(value, value) for pool, value in zip(pools, values, strict=True))
+                if self._latest.get(key) in (number, ~number):
+                    raise _foreign_error(file, "a row stands in it twice")
+                self._count += (not unknown) - (key in self)
+                self._place(key, number, is_known=not unknown)
+
+    def _open_part(self, file: Path) -> _StoredPart:
+        import polars as pl
+
+        with open_input(file, remember=False):  # no pipe, and not too large
+            pass
+        try:
+            schema = call_polars(lambda: dict(pl.read_parquet_schema(file)))
+            count = call_polars(lambda: _scan_files(file).select(pl.len()).collect().item())
+        except (pl.exceptions.PolarsError, ValueError, OSError) as error:
+            raise _damaged_error(file, error) from error
+        if reason := self._schema_fault(schema):
+            raise _foreign_error(file, reason)
+        return _StoredPart(_scan_files(file).select(list(self.schema)), int(count), file)
+
+    def _unknown_expression(self) -> pl.Expr:
+        """Return the expression that marks rows which count as not known."""
+        import polars as pl
+
+        return pl.any_horizontal(
+            pl.lit(self.rerun), *(pl.col(name).is_in(values) for name, values in self.again.items())
+        )
+
+    def _schema_fault(self, schema: Mapping[str, pl.DataType]) -> str:
+        """Return why a schema is not that of the table; empty where it is."""
+        for name, kind in self.schema.items():
+            if name not in schema:
+                return f"it has no column {name!r} (columns {join_names(schema)})"
+            if schema[name] != kind:
+                return f"its column {name!r} holds {schema[name]}, not {kind}"
+        extra = [name for name in schema if name not in self.schema]
+        return f"its column {extra[0]!r} is not known (columns {join_names(self.schema)})" if extra else ""
+
+    def _merge(self) -> None:
+        """Merge all rows into the table, a piece at a time, and remove the parts."""
+        import polars as pl
+
+        files = [part.path for part in self._parts if part.path not in (None, self.path)]
+        if self.path is None or not files:
+            return
+        try:
+            with whole_file(self.path) as temporary:
+                self._run_query(lambda: self.scan().sink_parquet(temporary, row_group_size=ROWS_PER_GROUP))
+        except (pl.exceptions.PolarsError, ValueError, OSError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(
+                f"{self.path}: cannot be written: {reason}; all rows are kept in {self.folder}. Make "
+                "room or allow writing, and run the same command again."
+            ) from error
+        # only after the table has its name: until then the parts hold the rows
+        for file in files:
+            file.unlink(missing_ok=True)
+        self._parts = [_StoredPart(_scan_files(self.path), len(self._latest), self.path)]
+
+    def _run_query(self, read: Callable[[], T]) -> T:
+        """Run a query over the parts; InputError that names a damaged part."""
+        import polars as pl
+
+        try:
+            return call_polars(read)
+        except (pl.exceptions.PolarsError, ValueError, OSError):
+            # the query does not tell which file failed: each is read alone
+            for part in self._parts:
+                try:
+                    call_polars(part.rows.collect)
+                except (pl.exceptions.PolarsError, ValueError, OSError) as error:
+                    raise _damaged_error(part.path, error) from error
+            raise
+
+
+def parts_folder(table: Path) -> Path:
+    """Return the folder of the parts of a table."""
+    return table.with_name(f"{table.name}.parts")
+
+
+def _scan_files(*files: Path | None) -> pl.LazyFrame:
+    import polars as pl
+
+    return pl.scan_parquet(list(files), glob=False, hive_partitioning=False)  # type: ignore[arg-type]
+
+
+def _part_number(file: Path | None) -> int:
+    match = PART_NAME.fullmatch(file.name) if file else None
+    return int(match[1]) if match else 0
+
+
+def _damaged_error(file: Path | None, error: Exception) -> InputError:
+    return InputError(f"{file}: is not a readable table ({error}); delete it and run again: its rows are made anew.")
+
+
+def _foreign_error(file: Path, reason: str) -> InputError:
+    return InputError(f"{file}: holds other rows: {reason}; choose another file or folder.")
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()

@@ -1,0 +1,335 @@
+"""Columns of numbers from a text; separator, header and decimal comma are detected, damaged rows reported."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Lock
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.runtime import InputError
+
+if TYPE_CHECKING:
+    import polars as pl
+
+Array = NDArray[np.float64]
+_DAY = 86_400
+_STAMP = (
+    r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2})[Tt ]\s*"
+    r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"
+    r"\s*(?P<zone>Z|z|UTC|(?P<sign>[+-])(?P<zh>\d{2}):?(?P<zm>[0-5]\d)?)?$"
+)
+
+T = TypeVar("T")
+_STDERR_LOCK = Lock()  # the descriptors belong to all threads
+
+_NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
+_UNIT_CELL = re.compile(
+    r"-|[\[(][^\d\])]{0,12}[\])]|(?!(?i:nan?|null|none|inf)$)[^\W\d_][\w/^*·%°²-]{0,11}|[%°µ]\w{0,3}"
+)
+_LINE_ENDS = list(b"\n\r\v\f\x1c\x1d\x1e\x85\xa8\xa9")  # bytes that end a line, in any encoding
+_SEPARATORS = list(b",;\t ")
+_COUNT_SIZE = 1 << 20
+_MISSING = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
+
+
+def is_stamp(text: str) -> bool:
+    """Return whether a text is a date with a time of day."""
+    return re.match(_STAMP, text) is not None
+
+
+def parse_stamps(cells: pl.Series) -> Array | None:
+    """Return the seconds of texts such as ``2024-05-01T12:00:00.25+02:00``; None unless all are of this form.
+
+    Null becomes nan. The seconds may be missing or have fractions after a point or a comma, and the T may be a
+    blank. Either all texts have a zone, or none has.
+    """
+    import polars as pl
+
+    texts = cells.drop_nulls()
+    if not len(texts) or not texts.str.contains(_STAMP).all():
+        return None
+    parts = cells.to_frame("x").select(pl.col("x").str.extract_groups(_STAMP)).unnest("x")
+    # with a mixture of texts with and without a zone, no common time is known
+    if 0 < parts["zone"].null_count() - cells.null_count() < len(texts):
+        return None
+    date = parts["date"].str.replace_all("/", "-").str.to_date("%Y-%m-%d", strict=False)
+    # a day that does not exist, such as February 30
+    if date.null_count() > cells.null_count():
+        return None
+    # missing parts of a time are zero
+    number = {key: parts[key].cast(pl.Int64).fill_null(0) for key in ("h", "m", "s", "zh", "zm")}
+    sign = pl.select(pl.when(parts["sign"] == "-").then(-1).otherwise(1)).to_series()
+    zone_minutes = sign * (60 * number["zh"] + number["zm"])
+    whole_seconds = 3600 * number["h"] + 60 * (number["m"] - zone_minutes) + number["s"] + _DAY * date.cast(pl.Int64)
+    fraction = (parts["f"].fill_null("") + "000000000").str.slice(0, 9).cast(pl.Int64)
+    return _since_midnight(whole_seconds, 1) + _to_seconds(
+        fraction, 1_000_000_000
+    )  # together they would overflow in 292 years
+
+
+def seconds(series: pl.Series) -> Array:
+    """Return the seconds of a series of dates, dates with times, times of day, or durations; nan for null."""
+    import polars as pl
+
+    counts = series.to_physical().cast(pl.Int64)
+    if series.dtype == pl.Date:
+        return _since_midnight(counts * _DAY, 1)
+    if series.dtype == pl.Time:
+        return _to_seconds(counts, 1_000_000_000)
+    rate = {"ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}[str(getattr(series.dtype, "time_unit", "us"))]
+    return _to_seconds(counts, rate) if series.dtype == pl.Duration else _since_midnight(counts, rate)
+
+
+def _since_midnight(counts: pl.Series, rate: int) -> Array:
+    """Return the seconds of integers (``rate`` per second) since the midnight before the first of them."""
+    values = counts.drop_nulls()
+    # integers are subtracted before the division, which keeps the full resolution
+    return _to_seconds(counts - (values[0] // (_DAY * rate) * _DAY * rate if len(values) else 0), rate)
+
+
+def _to_seconds(counts: pl.Series, rate: int) -> Array:
+    import polars as pl
+
+    return np.array((counts.cast(pl.Float64) / rate).fill_null(np.nan).to_numpy())
+
+
+def parse_text(
+    data: bytes, source: str
+) -> tuple[dict[str, Array], dict[str, str], list[int], tuple[str, ...], dict[str, str]]:
+    """Return the columns of a text, the faults of those that are not numbers, the line of each row, the columns that
+    hold dates with times, in seconds, and what is in columns with the same text in each row.
+
+    The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
+    start with # or % are comments. Raises InputError for truncated rows and for ambiguous numbers.
+    """
+    lines, body = _split_lines(data, source)
+    # from the second line, as names of columns may contain commas
+    separator = _find_separator(body[min(1, len(body) - 1)][1])
+    names, header = _find_header(body[0][1], [line for k, line in lines if k < body[0][0]], separator)
+    body = body[header:]
+    if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
+        names, body = units, body[1:]
+    if not body:
+        raise InputError(f"{source}: holds a header, but no row of numbers.")
+    numbers, rows = [k for k, _ in body], [row for _, row in body]
+    # quotes are removed only here: names in the header may hold the separator inside them
+    names, rows = _trim_separator(names, [row.replace('"', "") for row in rows] if b'"' in data else rows, separator)
+    _check_rows(rows, numbers, len(names), separator, source)
+    cells, names = _split_cells(rows, separator), _check_distinct(names, source)
+    columns, faults, stamps = _parse_cells(cells, names, numbers, source)
+    faulty_cells = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}
+    texts = {name: str(column[0]) for name, column in faulty_cells.items() if column.n_unique() == 1}
+    return columns, faults, numbers, stamps, texts
+
+
+def parsing_memory(data: bytes) -> int:
+    """Return the memory (bytes) that ``parse_text`` takes at most, by the number of lines and cells (measured)."""
+    parts = (np.frombuffer(data[k : k + _COUNT_SIZE], np.uint8) for k in range(0, len(data), _COUNT_SIZE))
+    counts = sum((np.bincount(part, minlength=256) for part in parts), np.zeros(256, int))
+    lines = 1 + int(counts[_LINE_ENDS].sum())
+    return 5 * len(data) + 350 * lines + 80 * (lines + int(counts[_SEPARATORS].sum()))
+
+
+def _split_lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """Return the nonempty lines with their numbers, and those of them that are not comments."""
+    text = _decode(data, source)
+    # numbers of lines as an editor shows them, for the messages
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line and not line.isspace()]
+    commented = "#" in text or "%" in text
+    body = [(k, line) for k, line in lines if line.lstrip()[0] not in "#%"] if commented else lines
+    if not body:
+        raise InputError(f"{source}: holds no numbers, only comments.")
+    return lines, body
+
+
+def _find_header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
+    """Return the column names, and whether the first line has them; else the last comment may have them."""
+    cells = _split_line(line, separator)
+    numbers = [_is_number(cell) or is_stamp(cell) for cell in cells]
+    # some recorders write the names of the columns in a comment
+    comment_cells = _split_line(comments[-1].strip().lstrip("#% "), separator) if comments else []
+    is_named_by_comment = len(comment_cells) == len(cells) and not any(
+        _NUMBER.fullmatch(cell) for cell in comment_cells
+    )
+    if not all(numbers) and not (
+        is_named_by_comment and separator and any(numbers)
+    ):  # a row may have texts, as names of joints
+        return cells, True
+    return (comment_cells if len(comment_cells) == len(cells) else [str(k) for k in range(len(cells))]), False
+
+
+def unit_row(line: str, names: list[str], separator: str | None) -> list[str] | None:
+    """Return the names with the units of the line below them, as ``name [unit]``; None where it has no units."""
+    cells = _split_line(line, separator)
+    if len(cells) != len(names) or not any(_UNIT_CELL.fullmatch(cell) for cell in cells):
+        return None
+    if any(cell and not _UNIT_CELL.fullmatch(cell) for cell in cells):
+        return None
+    bare = [cell.strip("[]()- ") for cell in cells]
+    return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, bare, strict=True)]
+
+
+def first_row(line: str, comments: list[str]) -> tuple[list[str], bool, str | None]:
+    """Return column names of the first line, whether it is a header, and the separator."""
+    separator = _find_separator(line)
+    return *_find_header(line, comments, separator), separator
+
+
+def row_cells(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line."""
+    return _split_line(line, separator)
+
+
+def _decode(data: bytes, source: str) -> str:
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16")
+    if b"\0" in data:
+        raise InputError(f"{source}: is not a text but a binary file; give it the extension of its type.")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:  # an older editor's degree sign in the header; the numbers are ASCII anyhow
+        return data.decode("latin-1")
+
+
+def _find_separator(line: str) -> str | None:
+    """Return the separator of a line: ; before tab before comma, since decimal commas go with the former."""
+    return next((mark for mark in (";", "\t", ",") if mark in line), None)
+
+
+def _split_line(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.replace('"', "").split()
+    cells = (
+        next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if '"' in line else line.split(separator)
+    )
+    return [cell.strip() for cell in cells]
+
+
+def _is_number(cell: str) -> bool:
+    return bool(_NUMBER.fullmatch(cell)) or cell.lower() in (*_MISSING, "inf", "-inf", "+inf")
+
+
+def _trim_separator(names: list[str], rows: list[str], separator: str | None) -> tuple[list[str], list[str]]:
+    """Drop the separator that some recorders write after the last cell of each line."""
+    if separator is None or not all(row.endswith(separator) for row in rows):
+        return names, rows
+    # the header may have a name for the empty last cell, or none
+    cells = rows[0].count(separator)
+    if len(names) == cells + 1 and names[-1] in ("", str(cells)):
+        names = names[:-1]
+    return (names, [row[:-1] for row in rows]) if len(names) == cells else (names, rows)
+
+
+def _check_rows(rows: list[str], numbers: list[int], width: int, separator: str | None, source: str) -> None:
+    for k, row in enumerate(rows):
+        count = len(row.split()) if separator is None else row.count(separator) + 1
+        if count == width:
+            continue
+        hint = "The last line is cut off: delete it." if k == len(rows) - 1 else "Complete or delete the line."
+        if separator == "," and count > width:
+            hint = "If commas are decimal marks, separate the columns with ';'."
+        fields = "1 field" if count == 1 else f"{count} fields"
+        raise InputError(f"{source}: line {numbers[k]} has {fields} where {width} are expected. {hint}")
+
+
+def _check_distinct(names: list[str], source: str) -> list[str]:
+    names = [name or str(k) for k, name in enumerate(names)]
+    first_index: dict[str, int] = {}
+    for k, name in enumerate(names):
+        if first_index.setdefault(name, k) < k:
+            raise InputError(
+                f"{source}: columns {first_index[name] + 1} and {k + 1} are both named {name!r}; rename one of them."
+            )
+    return names
+
+
+def _split_cells(rows: list[str], separator: str | None) -> pl.Series:
+    """Return the cells as texts, row after row."""
+    import polars as pl
+
+    if separator is None:
+        separator, rows = " ", [" ".join(row.split()) for row in rows]
+    return pl.Series([separator.join(rows)]).str.split(separator).explode().str.strip_chars()
+
+
+def _parse_cells(
+    cells: pl.Series, names: list[str], numbers: list[int], source: str
+) -> tuple[dict[str, Array], dict[str, str], tuple[str, ...]]:
+    """Return the numbers of each column (NaN for empty cells), faults of other columns, and stamp columns."""
+    import polars as pl
+
+    values = cells.cast(pl.Float64, strict=False)
+    if not values.null_count():  # all are plain numbers
+        table = values.to_numpy().reshape(-1, len(names))
+        return {name: table[:, k].copy() for k, name in enumerate(names)}, {}, ()
+    comma, point = (rf"^[-+]?\d*[{mark}]\d+([eE][-+]?\d+)?$" for mark in ",.")
+    decimal_comma = cells.str.contains(comma).any()
+    # a thousands separator cannot be told from a decimal mark where both occur
+    if decimal_comma and cells.str.contains(point).any():
+        raise InputError(
+            f"{source}: some numbers have a decimal comma and others a decimal point; "
+            "write all with one of them and no thousands separators."
+        )
+    plain = cells.str.replace(",", ".", literal=True) if decimal_comma else cells
+    values = plain.cast(pl.Float64, strict=False)
+    bad = (values.is_null() & ~cells.str.to_lowercase().is_in(_MISSING)).to_numpy().reshape(-1, len(names))
+    table = values.fill_null(np.nan).to_numpy().reshape(-1, len(names))
+    columns, faults, stamps = {}, {}, []
+    is_faulty = np.atleast_1d(bad.any(axis=0))
+    for k, name in enumerate(names):
+        if is_faulty[k] and (times := _stamp_column(cells.gather_every(len(names), k))) is not None:
+            columns[name] = times
+            stamps.append(name)
+        elif is_faulty[k]:
+            row = int(np.argmax(bad[:, k]))
+            text, line = cells[row * len(names) + k], numbers[row]
+            faults[name] = f"has {text!r} at line {line}, which is not a number; correct or empty the cell."
+        else:
+            columns[name] = table[:, k].copy()
+    return columns, faults, tuple(stamps)
+
+
+def _stamp_column(cells: pl.Series) -> Array | None:
+    """Return the seconds of a column of dates with times; None where it is not one."""
+    import polars as pl
+
+    empty = cells.str.to_lowercase().is_in(_MISSING)
+    return parse_stamps(pl.select(pl.when(~empty).then(cells)).to_series())
+
+
+def call_polars(read: Callable[[], T]) -> T:
+    """Call polars; a panic of its readers, which is not an ``Exception``, becomes ValueError without a trace."""
+    import polars as pl
+
+    try:
+        with _STDERR_LOCK, _silence_stderr():
+            return read()
+    except pl.exceptions.PanicException as error:
+        raise ValueError(str(error)) from error
+
+
+@contextmanager
+def _silence_stderr() -> Iterator[None]:
+    """Send file descriptor 2 to the null device.
+
+    Rust writes the trace of a panic there, before Python can catch it.
+    """
+    try:
+        saved = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)

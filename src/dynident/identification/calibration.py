@@ -1,0 +1,349 @@
+"""The model with the plain set of terms, for the steps before a fit, and the choice of other terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem
+from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, tilt_base
+from dynident.identification.cross_validation import Gain, SmootherChoice, factors_by_fold, gain_from_errors
+from dynident.identification.dataset import Dataset, RoleMotions
+from dynident.identification.recipe import Recipe
+from dynident.identification.terms import (
+    KINDS,
+    JointExcitation,
+    NotChosen,
+    PlainTerms,
+    TermChoice,
+    choose_terms,
+    kind_of_class,
+)
+from dynident.identification.terms.candidates import TooFewSamplesError
+from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, trial_samples
+from dynident.models import Model, RotorInertia, drop_load_dependence
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.motion.log import Motion, thin_motions
+from dynident.regression import EVERYTHING, Regression, Selection, merge_factors
+from dynident.runtime import Note, Severity, brief, call_part, report_progress
+from dynident.runtime.families import TERMS
+
+ROUNDS = 2  # the bodies make up for friction that grows with the load while it is left out
+
+
+def with_load(
+    model: Model,
+    preliminary_model: Model,
+    motions: tuple[Motion, ...],
+    estimator: Estimator,
+    selection: Selection = EVERYTHING,
+) -> Model:
+    """Return ``model`` with the load that it needs, and with the other terms as in ``preliminary_model``.
+
+    ``preliminary_model`` is the model without the terms that remember the load, on its tilted base; the motions
+    remember its states. It is returned itself where ``model`` needs no load or has one. The load is the torque of
+    its bodies once the estimator, or its fast substitute, has fitted it to the motions, and again with that load.
+    Raises the errors of ``Regression`` and the estimator.
+    """
+    if not model.needs_load or model.load is not None:
+        return preliminary_model
+    report_progress("finding the load")
+    loaded_model, other_terms = preliminary_model, iter(preliminary_model.terms)
+    terms = tuple(term if term.needs_load else next(other_terms) for term in model.terms)
+    # The first load comes from a fit without load friction; the second round corrects what the bodies took up of it.
+    for _ in range(ROUNDS):
+        loaded_motions = tuple(map(loaded_model.remembering, motions))
+        problem = Problem(loaded_model, loaded_motions, Regression(loaded_model, loaded_motions, selection))
+        load = loaded_model.with_load(call_part(estimator.quick(), problem, Estimate).value).load
+        loaded_model = replace(model, terms=terms, load=load)
+    return loaded_model
+
+
+Array = NDArray[np.float64]
+FOLDS = 6
+MIN_ROWS_PER_PARAMETER = 3  # times the parameters: with fewer there is nothing to predict
+STRENGTHS = (1e-2, 1e-1)  # of the squared residual, where a parameter is one usual size away
+MIN_GAIN = 1.0  # % of the squared cross-validated error that a strength must remove
+
+
+@dataclass(frozen=True)
+class PriorStrength(Note):
+    """The ``strength`` of the prior that is used, and the ``gain`` of the best one in cross-validation."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    strength: float
+    gain: Gain
+
+
+def find_prior_strength(
+    model: Model, motions: Sequence[Motion], estimator: Estimator, selection: Selection = EVERYTHING
+) -> PriorStrength | None:
+    """Find the strength of the prior with the least cross-validated error.
+
+    It is 0 unless the gain exceeds one standard error and 1 %. Stretches of time are predicted from the others by
+    the estimator. None where it has no strength to choose, there is no inertia in the robot file, or there are
+    too few samples. Raises the errors of ``Regression`` and the estimator.
+    """
+    if not isinstance(estimator, PhysicallyConsistent) or estimator.strength != "auto" or not estimator.inertia:
+        return None
+    has_nominal_mass = any(parameter.role == "mass" and (parameter.value or 0.0) > 0 for parameter in model.parameters)
+    if estimator.prior != "nominal" or not has_nominal_mass:
+        return None
+    report_progress("choosing the strength of the prior")
+    thin = thin_motions(motions, trial_samples(model))
+    parts = factors_by_fold(model, thin, FOLDS, selection)
+    if sum(fold.total for fold in parts) < MIN_ROWS_PER_PARAMETER * len(model.parameters):
+        return None
+
+    # The costs and a slow inner fit do not change which strength predicts best.
+    rows = None if estimator.fit is None else estimator.fit.quick()
+
+    def errors(strength: float) -> Array:
+        """Return the squared errors (folds, n) of each fold, predicted from the others."""
+        fit, fold_errors = replace(estimator, strength=strength, costs=False, fit=rows), []
+        for k, part in enumerate(parts):
+            train_factors = merge_factors([*parts[:k], *parts[k + 1 :]])
+            regression = Regression(model, thin, selection.unfiltered).with_factors(train_factors)
+            fold_errors.append(part.residual(fit(Problem(model, thin, regression)).value))
+        return np.stack(fold_errors)
+
+    # The plain error is shared by all gains: without a prior, least squares with constraints.
+    plain = errors(0.0)
+    gains = {strength: gain_from_errors(plain, errors(strength)) for strength in STRENGTHS}
+    best = max(gains, key=lambda candidate: gains[candidate].share)
+    return PriorStrength(best if gains[best].sure and gains[best].share > MIN_GAIN else 0.0, gains[best])
+
+
+def with_strength(estimator: Estimator, prior: PriorStrength | None) -> Estimator:
+    """Return the estimator with the strength that was found."""
+    if prior is None or not isinstance(estimator, PhysicallyConsistent):
+        return estimator
+    return replace(estimator, strength=prior.strength)
+
+
+PLAIN_TERMS = (RotorInertia, Viscous, Coulomb, Offset)
+
+
+def with_plain_terms(model: Model) -> Model:
+    """Return the model with rotor inertia, viscous and Coulomb friction and offset, where it lacks them."""
+    terms = []
+    for term_class in PLAIN_TERMS:
+        names = {joint.name: term_class((joint,)).parameters[0].name for joint in model.joints}
+        if on := tuple(joint for joint, name in names.items() if name not in model.names):
+            terms.append(term_class(model.joints, on=on))
+    return model.with_terms(*terms)
+
+
+def preliminary_setup(model: Model, recipe: Recipe) -> tuple[Model, Estimator]:
+    """Return model and estimator for the steps before a fit.
+
+    The model is without load, and with the plain set where terms are still to be chosen; the estimator's settings
+    for other parameters are dropped.
+    """
+    preliminary = drop_load_dependence(model)
+    if recipe.terms is not None:
+        preliminary = with_plain_terms(preliminary)
+    same = preliminary.names == model.names
+    return preliminary, recipe.estimator if same else recipe.estimator.among(preliminary.names)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How smoother, time offset, tilt of the base, terms, strength of the prior were found; None where not sought."""
+
+    smoother: SmootherChoice | None = None
+    time_offset: TimeOffset | None = None
+    base_tilt: BaseTilt | None = None
+    prior_strength: PriorStrength | None = None
+    terms: TermChoice | None = None
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Preparation:
+    """The motions of all logs, aligned with the torque, and the model on its base: what a calibration begins with.
+
+    ``model`` has no terms that need a fit before, and ``estimator`` knows only its parameters. ``tilt`` is how the
+    ``angles`` (rad) of the base were found, None where they were given.
+    """
+
+    model: Model
+    estimator: Estimator
+    motions: RoleMotions
+    alignment: Alignment
+    tilt: BaseTilt | None = None
+    angles: tuple[float, float] | None = None
+
+
+def prepare(model: Model, data: Dataset, recipe: Recipe, executor: Executor | None = None) -> Preparation:
+    """Align torque and motion, smooth all logs, and level the base, with the model as it is before a fit."""
+    selection = recipe.selection(model.joints)
+    model, estimator = preliminary_setup(model, recipe)
+    # Smoother and time offset come first: everything else depends on the smoothed motion.
+    alignment = align_motion(
+        model, data.train_logs, recipe.smoothers, recipe.time_offset, estimator, selection, executor=executor
+    )
+    motions = data.motions(model, alignment.smoother, recipe)
+    if recipe.base_tilt is None:
+        return Preparation(model, estimator, motions, alignment)
+    if recipe.base_tilt != "estimate":
+        level_model = tilt_base(model, *recipe.base_tilt)
+        return Preparation(level_model, estimator, motions, alignment, None, recipe.base_tilt)
+    if not has_gravity(model):
+        return Preparation(model, estimator, motions, alignment)
+    report_progress("estimating the base tilt")
+    tilt = find_base_tilt(model, motions.train, estimator, selection)
+    return Preparation(tilt_base(model, tilt.x, tilt.y), estimator, motions, alignment, tilt, (tilt.x, tilt.y))
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """All that is chosen before the fit: the model and the ``recipe`` as used, in which nothing is left to choose."""
+
+    model: Model
+    recipe: Recipe
+    motions: RoleMotions
+    alignment: Alignment
+    calibration: Calibration
+
+    @property
+    def time_offset(self) -> float:
+        """The time (s) by which the positions are stamped later than the torque."""
+        return self.motions.train[0].time_offset
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is to be said of the calibration."""
+        return steep_note(self.calibration.base_tilt)
+
+
+def calibrate(preparation: Preparation, model: Model, recipe: Recipe) -> Setup:
+    """Find what needs a first fit: the load, on which friction may depend, and the strength of the prior.
+
+    ``model`` is the one to fit, with its terms that need the load.
+    """
+    selection, motions = recipe.selection(model.joints), preparation.motions
+    if model.needs_load and model.load is None:
+        model = with_load(model, preparation.model, motions.train, preparation.estimator, selection)
+        motions = motions.remember(model)
+    else:
+        model = preparation.model
+    strength = find_prior_strength(model, motions.train, recipe.estimator, selection)
+    alignment = preparation.alignment
+    used_recipe = replace(
+        recipe, smoother=alignment.smoother, estimator=with_strength(recipe.estimator, strength),
+        time_offset=motions.train[0].time_offset, base_tilt=preparation.angles,
+    )  # fmt: skip
+    calibration = Calibration(alignment.choice, alignment.time_offset, preparation.tilt, strength)
+    return Setup(model, used_recipe, motions, alignment, calibration)
+
+
+def steep_note(tilt: BaseTilt | None) -> tuple[Note, ...]:
+    """Return the note on a tilt too large for a mounting error."""
+    return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenTerms:
+    """A model and recipe with the terms that the data chose, and the calibration by which these were chosen."""
+
+    model: Model
+    recipe: Recipe
+    preliminary: Calibration
+    time_offset: float
+    absent: tuple[NotChosen, ...]
+
+    def complete(self, calibration: Calibration) -> Calibration:
+        """Return a calibration with these terms, and with what was found before they were chosen and not after."""
+        offset, before = calibration.time_offset, self.preliminary
+        if offset is None or offset.seconds == self.time_offset:
+            offset = before.time_offset
+        tilt = before.base_tilt if calibration.base_tilt is None else calibration.base_tilt
+        return replace(calibration, smoother=before.smoother, time_offset=offset, base_tilt=tilt, terms=before.terms)
+
+    def notes(self, calibration: Calibration) -> tuple[Note, ...]:
+        """Return what is to be said of the choice, beside a calibration with the chosen terms."""
+        steep = steep_note(self.preliminary.base_tilt) if calibration.base_tilt is None else ()
+        tried = self.preliminary.terms is None or self.preliminary.terms.trials
+        return (*self.absent, *steep, *(() if tried else (PlainTerms(),)))
+
+
+def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> ChosenTerms:
+    """Choose the terms of a model on prepared motions; return model and recipe with them.
+
+    The recipe keeps the smoother with its time offset, and a tilt that was found; one that was refused is tried again.
+    """
+    selection, motions = recipe.selection(model.joints), preparation.motions.train
+    choice = choose_model_terms(model, preparation.angles, motions, selection, recipe.proposed)
+    model, chosen_recipe, absent = with_choice(model, recipe, choice)
+    angles = preparation.angles
+    chosen_recipe = replace(
+        chosen_recipe, smoother=preparation.alignment.smoother, proposed=(),
+        base_tilt=recipe.base_tilt if angles == (0.0, 0.0) else angles,
+    )  # fmt: skip
+    alignment = preparation.alignment
+    preliminary = Calibration(alignment.choice, alignment.time_offset, preparation.tilt, terms=choice)
+    return ChosenTerms(model, chosen_recipe, preliminary, motions[0].time_offset, absent)
+
+
+def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model, Recipe, tuple[NotChosen, ...]]:
+    """Return model and recipe with the chosen terms and minimum speeds, and a note on parameters without a term.
+
+    The note is on parameters that the recipe names, that might have been chosen, and were not.
+    """
+    model = model.with_terms(*choice.terms)
+    recipe_names = recipe.estimator.named
+    absent_names = tuple(name for name in recipe_names if name not in model.names and name in _eligible_names(model))
+    kept_names = [
+        name for name in recipe_names if name not in absent_names
+    ]  # with those that are misspelt, which the estimator refuses
+    estimator = recipe.estimator.among((*model.names, *kept_names)) if absent_names else recipe.estimator
+    recipe = replace(recipe, estimator=estimator, min_speed=_min_speeds(recipe, choice), terms=None)
+    return model, recipe, (NotChosen(absent_names),) if absent_names else ()
+
+
+def _eligible_names(model: Model) -> set[str]:
+    """Return the names of the parameters of all terms that might be chosen."""
+    # Sizes do not matter here: any excitation gives the names of the parameters.
+    excitations = [JointExcitation(model.joints, joint, 1.0, 1.0, 1.0) for joint in model.joints]
+    terms = [kind.sizes(excitation)[0] for excitation in excitations for kind in KINDS]
+    return {parameter.name for term in terms for parameter in term.parameters}
+
+
+def choose_model_terms(
+    model: Model,
+    tilt: tuple[float, float] | None,
+    motions: tuple[Motion, ...],
+    selection: Selection,
+    proposed: Sequence[type],
+) -> TermChoice:
+    """Choose the terms of a model on its tilted base; the plain set where samples are too few.
+
+    Classes that are ``proposed`` take part beside those of the library. Raises the other errors of
+    ``choose_terms``.
+    """
+    bodies = drop_load_dependence(model if tilt is None else tilt_base(model, *tilt))
+    # classes of the library that say themselves in what sizes they are tried need no entry among the kinds
+    library = ((kind, TERMS.get(kind)) for kind in TERMS.table)
+    named = [(kind, term_class) for kind, term_class in library if hasattr(term_class, "proposed")]
+    named += [(term_class.__name__, term_class) for term_class in proposed]
+    kinds = (*KINDS, *(kind_of_class(name, term_class) for name, term_class in named))
+    try:
+        return choose_terms(bodies, tuple(map(bodies.remembering, motions)), selection, kinds=kinds)
+    except TooFewSamplesError:
+        joints = tuple(joint.name for joint in model.joints)
+        unknown, no_speeds = (np.nan,) * len(joints), (0.0,) * len(joints)
+        return TermChoice(joints, with_plain_terms(model).terms[len(model.terms) :], (), unknown, unknown, no_speeds)
+
+
+def _min_speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:
+    """Return the minimum speed of the recipe, else that of the joints for which one was chosen."""
+    if recipe.min_speed is not None:
+        return recipe.min_speed
+    return {name: speed for name, speed in zip(choice.joints, choice.min_speed, strict=True) if speed} or None

@@ -1,0 +1,342 @@
+"""The verdict on a model, and the figures behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.identification.result import Identification
+from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
+from dynident.models.simulation import Failure
+from dynident.regression import UnexcitedParameters
+from dynident.runtime import Finding, Use
+from dynident.validation import Cause, Driver, NoiseFloor
+
+MIN_STATES, ZERO_SHIFT = 50, 0.3  # random states; rad or m by which a zero is moved
+MOTION_SCALE = 1.3  # times a motion
+MAX_TORQUE_DIFFERENCE = 1e-6  # relative difference of torques below which other parameters give the same ones
+
+
+@dataclass(frozen=True)
+class Unobservable:
+    """Base of the errors that no data of one robot can show."""
+
+
+@dataclass(frozen=True)
+class CommonGain(Unobservable):
+    """A factor that all torques share: masses, inertias and friction take it up.
+
+    A known total mass does not show it: the bodies that the torque shows grow, those at the base shrink.
+    """
+
+
+@dataclass(frozen=True)
+class Zeros(Unobservable):
+    """The zeros of these ``joints``, which no torque depends on, or which the parameters take up."""
+
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MotionRatios(Unobservable):
+    """The gear ratios, leads or units of the positions of these ``joints``, which the parameters take up."""
+
+    joints: tuple[str, ...]
+
+
+def unknowns(identification: Identification) -> Iterator[Unobservable]:
+    """Yield the errors that no data of this robot can show."""
+    yield CommonGain()
+    if not any(term.file is not None for term in identification.model.terms):
+        return
+    zeros, ratios = _absorbed_changes(identification)
+    if zeros:
+        yield Zeros(zeros)
+    if ratios:
+        yield MotionRatios(ratios)
+
+
+def _absorbed_changes(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the joints in which parameters absorb a shifted zero, and those with a scaled motion.
+
+    Shapes of friction absorb the scale of a motion themselves, so that only the torque of the bodies is compared.
+    """
+    model, rng = identification.model, np.random.default_rng(0)
+    n, p = len(model.joints), len(model.parameters)
+    states = max(MIN_STATES, 2 * p // n)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, states, n))
+    no_memory = np.zeros((states, model.memory))
+    Y = model.regressor(q, dq, ddq, no_memory).reshape(-1, p)
+    scale = np.linalg.norm(Y, axis=0)
+    # An orthonormal basis of all torques that any parameters can make in these states.
+    basis, singular, _ = np.linalg.svd(Y / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    basis = basis[:, singular > MAX_TORQUE_DIFFERENCE * singular[0]]
+
+    def is_absorbed(tau: NDArray[np.float64]) -> bool:
+        return bool(np.linalg.norm(tau - basis @ (basis.T @ tau)) < MAX_TORQUE_DIFFERENCE * np.linalg.norm(tau))
+
+    value, bodies = identification.estimate.value, np.zeros(p)
+    is_body = np.isin(model.names, model.bodies.names)
+    bodies[is_body] = value[is_body]
+    zeros, ratios = list[str](), list[str]()
+    for joint, unit in zip(model.joints, np.eye(n), strict=True):
+        # One joint at a time; a change is invisible where its torque stays in the span of the regressor.
+        scale_by_joint = 1.0 + (MOTION_SCALE - 1.0) * unit
+        if is_absorbed(model.torque(q + ZERO_SHIFT * unit, dq, ddq, value, no_memory).ravel()):
+            zeros.append(joint.name)
+        if is_absorbed(
+            model.torque(scale_by_joint * q, scale_by_joint * dq, scale_by_joint * ddq, bodies, no_memory).ravel()
+        ):
+            ratios.append(joint.name)
+    return tuple(zeros), tuple(ratios)
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Base of the reasons; errors are in %."""
+
+    usual_remedy: ClassVar[Remedy | None] = None
+
+    @property
+    def remedy(self) -> Remedy | NextStep | None:
+        """What to do about it, None where there is no single remedy."""
+        return self.usual_remedy
+
+
+@dataclass(frozen=True)
+class NoHoldOut(Reason):
+    """No log was held out."""
+
+    usual_remedy = Remedy.HOLD_OUT
+
+
+@dataclass(frozen=True)
+class ForbiddingFindings(Reason):
+    """Findings of the checks, or notes of the estimate, that forbid a use: ``findings`` of one kind."""
+
+    usual_remedy = Remedy.CORRECT
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class Repeats(Reason):
+    """All held-out logs repeat a motion of the training: ``pairs`` of their names."""
+
+    usual_remedy = Remedy.ANOTHER_MOTION
+    pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class SlowHoldOut(Reason):
+    """The held-out motions have at most ``share`` of the speed of the training, so that little is seen of inertia."""
+
+    share: float
+
+    @property
+    def remedy(self) -> NextStep | None:
+        """A motion as fast as the training; any other where the held-out one does not move."""
+        return HoldOutFaster(1.0 / self.share) if self.share > 0 else None
+
+
+@dataclass(frozen=True)
+class SilentTorque(Reason):
+    """The torque of these ``joints`` does not change in any training log."""
+
+    usual_remedy = Remedy.TORQUE_COLUMN
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TorqueErrorTooLarge(Reason):
+    """The torque ``error`` on a held-out ``log`` exceeds the ``limit``."""
+
+    usual_remedy = Remedy.CHECK
+    log: str
+    error: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
+    """A torque error of the unfiltered torque that is too large, where the fit has a low-pass."""
+
+
+@dataclass(frozen=True)
+class JointErrorsTooLarge(Reason):
+    """Single joints have a torque error above the ``limit``: pairs of name and error."""
+
+    usual_remedy = Remedy.LONGER_TRAINING
+    log: str
+    errors: tuple[tuple[str, float], ...]
+    limit: float
+
+
+@dataclass(frozen=True)
+class NotCarriedOver(Reason):
+    """The error on a held-out ``log`` is ``ratio`` times that of the training."""
+
+    usual_remedy = Remedy.LONGER_TRAINING
+    log: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class TrainedWorse(Reason):
+    """The ``error`` on a training ``log`` is large, ``ratio`` times that held out: the fit has outliers, or a fault."""
+
+    usual_remedy = Remedy.CHECK
+    log: str
+    error: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class MassMatrixNotPositive(Reason):
+    """The mass matrix has an ``eigenvalue`` that is not positive."""
+
+    usual_remedy = Remedy.CONSISTENT_FIT
+    eigenvalue: float
+
+
+@dataclass(frozen=True)
+class MostlyUnexcited(Reason):
+    """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
+
+    usual_remedy = Remedy.EXCITE
+    unexcited: int
+    total: int
+
+
+@dataclass(frozen=True)
+class PartlyUnexcited(Reason):
+    """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
+
+    unexcited: int
+    total: int
+
+
+@dataclass(frozen=True)
+class HeldBack(Reason):
+    """Physical constraints hold the parameters far from the least-squares estimate.
+
+    Without them the residual would be smaller: it is ``growth`` % larger. On the training motion at twice its
+    speed the torque would differ by ``torque_change`` %.
+    """
+
+    usual_remedy = Remedy.CHECK
+    growth: float
+    torque_change: float
+
+
+@dataclass(frozen=True)
+class DrawnBack(HeldBack):
+    """A prior, without any constraint, holds the parameters far from the least-squares estimate."""
+
+
+@dataclass(frozen=True)
+class NegativeValues(Reason):
+    """Parameters with ``names`` are negative, which is not physical."""
+
+    usual_remedy = Remedy.CONSISTENT_FIT
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class InertiasFree(Reason):
+    """The bodies' inertias were not constrained to be physically consistent."""
+
+    usual_remedy = Remedy.CONSISTENT_FIT
+
+
+@dataclass(frozen=True)
+class NoFreeRun(Reason):
+    """No free simulation was asked for."""
+
+    usual_remedy = Remedy.SIMULATE
+
+
+@dataclass(frozen=True)
+class FreeRunFails(Reason):
+    """The free simulations of these ``logs`` fail, the first for this ``failure``."""
+
+    logs: tuple[str, ...]
+    failure: Failure
+
+
+@dataclass(frozen=True)
+class FreeRunAstray(Reason):
+    """The free simulation of a ``log`` has a large ``error`` (% of the motion of a ``joint``).
+
+    With the measured torque as ``driver`` it is restarted every ``restart`` s.
+    """
+
+    log: str
+    joint: str
+    error: float
+    driver: Driver
+    restart: float | None
+
+    @property
+    def remedy(self) -> Remedy | None:
+        """Closed-loop simulation where the torque alone drove the arm, which drifts; else no single remedy."""
+        return None if self.driver is Driver.CONTROLLER else Remedy.CONTROLLER_LOOP
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """The torque errors (%) of the held-out log and of the training log where they are largest.
+
+    The errors are those after the low-pass of the fit, where it has one; ``unfiltered`` are then the same two logs'
+    errors as measured, else None.
+    """
+
+    error: float
+    training: float
+    unfiltered: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class WorstRun:
+    """The free simulation with the largest ``error``, in % of the motion of a ``joint`` on a ``log``."""
+
+    log: str
+    joint: str
+    error: float
+
+
+@dataclass(frozen=True)
+class LargestResidual:
+    """The ``joint`` and ``log`` with the largest torque residual, and its likely ``causes``.
+
+    ``floor`` is what the sensors allow there, where it is known; ``all_at_floor`` tells that the residuals of all
+    joints on the log are at the noise floor, ``over`` times what the sensors allow together.
+    """
+
+    joint: str
+    log: str
+    causes: tuple[Cause, ...]
+    floor: NoiseFloor | None = None
+    over: float | None = None
+    all_at_floor: bool = False
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a model is good for, all ``reasons`` against more, what to do ``next``, and the figures behind it.
+
+    ``reasons`` are empty only for simulation. ``held_out`` is None where no log was held out, ``run`` where no free
+    simulation succeeded, ``residual`` where the torque residual could not be tested. ``unknown`` is what no data can
+    show, of a model that is good for something.
+    """
+
+    use: Use
+    reasons: tuple[Reason, ...]
+    next: tuple[Remedy | UnexcitedParameters | NextStep, ...]
+    held_out: HeldOut | None
+    run: WorstRun | None
+    residual: LargestResidual | None
+    unknown: tuple[Unobservable, ...] = ()

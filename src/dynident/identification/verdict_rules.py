@@ -1,0 +1,492 @@
+"""The rules of the verdict: is the model fit for use, and if not, why?
+
+The rules and the reasons for their limits are in docs/methods.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.estimators import Ridge
+from dynident.identification import verdict
+from dynident.identification.result import Identification
+from dynident.identification.verdict import HeldOut, LargestResidual, Reason, Verdict, WorstRun, unknowns
+from dynident.identification.verdict_steps import (
+    MIN_GAIN_SHARE,
+    CheckRipple,
+    ExcitingMotion,
+    NextStep,
+    Remedy,
+    SetRight,
+    Sharpen,
+    SlowReversals,
+    gain_points,
+    judged_log,
+    window_steps,
+)
+from dynident.models import INERTIAL
+from dynident.motion.log import stack_states, subsample
+from dynident.regression import MAX_REPEAT_DIFFERENCE, UnexcitedParameters, repeat_of
+from dynident.runtime import Finding, Note, Use
+from dynident.validation import SLOW_SPEED_SHARE, Cause, Driver, FreeRun, LogValidation, ResidualRipple, Reversals
+
+MAX_SAMPLES = 2000  # of all training motions
+SPEED_FACTOR = 2.0  # times the speed of the training, at which fits are compared
+RANK_TOLERANCE = 1e-5  # share of the largest singular value below which the data say nothing
+
+
+@dataclass(frozen=True)
+class ConstraintEffect:
+    """The effect of constraints or a prior on an estimate, compared with least squares.
+
+    ``growth`` (%) is that of the training residual, ``torque_change`` (%) the difference of the torque on the
+    training motion at twice its speed.
+    """
+
+    growth: float
+    torque_change: float
+
+
+def constraint_effect(identification: Identification) -> ConstraintEffect:
+    """Compare an estimate with least squares on samples of the training, each joint weighted by its residual."""
+    motions = [log.motion for log in identification.validations if log.role == "train"]
+    rows = subsample(motions, MAX_SAMPLES)
+    states, tau = (
+        stack_states(motions, rows),
+        np.concatenate([motion.tau[k] for motion, k in zip(motions, rows, strict=True)]),
+    )
+    value, model = identification.estimate.value, identification.model
+    Y = model.regressor(**states)
+    residual = tau - Y @ value
+    noise = np.sqrt(np.mean(residual**2, axis=0))
+    noise[noise == 0] = 1.0
+    is_recorded = [
+        np.ones(tau.shape[1], bool) if motion.keep is None else motion.keep.any(axis=0) for motion in motions
+    ]
+    # A joint that was never recorded must not count in the fit.
+    noise[~np.any(is_recorded, axis=0)] = np.inf
+    X, y = (Y / noise[:, None]).reshape(-1, len(value)), (residual / noise).ravel()
+    size = np.linalg.norm(X, axis=0)
+    size[size == 0] = 1.0
+    # Least squares in the change of the parameters, so that directions without data stay as estimated.
+    change = np.linalg.lstsq(X / size, y, rcond=RANK_TOLERANCE)[0] / size
+    residual_norm = float(np.linalg.norm(y - X @ change))
+    faster = model.regressor(**states | {"dq": SPEED_FACTOR * states["dq"], "ddq": SPEED_FACTOR**2 * states["ddq"]})
+    torque = float(np.linalg.norm(faster @ value))
+    return ConstraintEffect(
+        100.0 * (float(np.linalg.norm(y)) / residual_norm - 1.0) if residual_norm else 0.0,
+        100.0 * float(np.linalg.norm(faster @ change)) / torque if torque else 0.0,
+    )
+
+
+Array = NDArray[np.float64]
+MIN_RELATIVE_STD = 0.3  # standard error over value from which a parameter wants better data
+MIN_TORQUE_SHARE = 1.0  # %, of the torque, that the standard error must be worth for that
+MAX_PARAMETER_STEPS = 5  # next steps on single parameters
+MAX_SAMPLES_NEXT_STEPS = 500  # of the training, and of the log that is judged
+RANK_TOLERANCE_NEXT_STEPS = 1e-6  # share of the largest singular value below which the training says nothing
+
+
+def next_steps(identification: Identification) -> tuple[UnexcitedParameters | NextStep, ...]:
+    """Return what to record or change next, beyond the remedies of the reasons.
+
+    Steps are ordered by their gain. Those of unknown gain come last, parameters that are not excited before the
+    others.
+    """
+    steps = (
+        *_correction_steps(identification),
+        *window_steps(identification),
+        *_sharpening_steps(identification),
+        *_residual_steps(identification),
+    )
+    ranked = sorted((step for step in steps if step.gain is not None), key=lambda step: -(step.gain or 0.0))
+    return (*ranked, *identification.base.unexcited, *(step for step in steps if step.gain is None))
+
+
+def _correction_steps(identification: Identification) -> Iterator[SetRight]:
+    """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
+    log = judged_log(identification)
+    for finding in identification.findings:
+        gain = gain_points(log, dict(finding.removed))
+        is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error
+        if is_worthwhile or (isinstance(finding.message, Note) and finding.message.advises):
+            yield SetRight(finding, gain=gain)
+
+
+def _residual_steps(identification: Identification) -> Iterator[NextStep]:
+    """Yield the steps that the tests of the residuals suggest."""
+    held_out = [log for log in identification.validations if log.role == "validation"] or list(
+        identification.validations
+    )
+    causes = {joint: test.causes for log in held_out for joint, test in log.residuals.items()}
+    log = judged_log(identification)
+    tests = {joint: (test, log.errors.rmse[joint] ** 2) for joint, test in log.residuals.items()}
+    if joints := _joints_with(causes, Reversals):
+        excess = {j: size * max(test.reversal_share - test.slow_share, 0.0) for j, (test, size) in tests.items()}
+        speeds = SLOW_SPEED_SHARE * np.sqrt(np.mean(log.motion.dq[log.motion.mask] ** 2, axis=0))
+        reported_speeds = tuple(float(speeds[log.motion.joints.index(joint)]) for joint in joints)
+        terms_chosen = identification.calibration.terms is not None and bool(identification.calibration.terms.trials)
+        yield SlowReversals(joints, reported_speeds, terms_chosen, gain=_gain_of_joints(log, excess, joints))
+    if joints := _joints_with(causes, ResidualRipple):
+        excess = {joint: size * max(test.peak_share, 0.0) for joint, (test, size) in tests.items()}
+        yield CheckRipple(joints, gain=_gain_of_joints(log, excess, joints))
+
+
+def _gain_of_joints(log: LogValidation, removed: Mapping[str, float], joints: Sequence[str]) -> float | None:
+    return gain_points(log, {joint: removed.get(joint, 0.0) for joint in joints})
+
+
+def _joints_with(causes: Mapping[str, tuple[Cause, ...]], kind: type[Cause]) -> tuple[str, ...]:
+    return tuple(
+        joint for joint, joint_causes in causes.items() if any(isinstance(cause, kind) for cause in joint_causes)
+    )
+
+
+def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
+    """Yield the motions that would improve the least accurate of the parameters that matter to the torque."""
+    basis = identification.base.on_data
+    if basis is None:
+        value, names, std = identification.estimate.value, identification.estimate.names, identification.errors.std_hac
+        leads: tuple[int, ...] = tuple(range(len(value)))
+    else:
+        value, names, leads = basis.to_base(identification.estimate.value), basis.groupings, basis.independent
+        std = identification.errors.best_base
+    if std is None:
+        return
+    columns, torque = _training_equations(identification)
+    # The torque of one standard error, relative to that of the training: parameters without effect do not matter.
+    share = 100.0 * std * np.linalg.norm(columns, axis=(0, 1))[list(leads)] / (np.linalg.norm(torque) or 1.0)
+    uncertain = np.flatnonzero((std > MIN_RELATIVE_STD * np.abs(value)) & (share > MIN_TORQUE_SHARE) & np.isfinite(std))
+    worst = sorted(map(int, uncertain), key=lambda k: -share[k])[:MAX_PARAMETER_STEPS]
+    gains = _gains_if_known(identification, columns, list(leads), worst, std)
+    for k, gain in zip(worst, gains, strict=True):
+        how, joint = _motion_for(identification, leads[k])
+        needed = min(std[k] / (MIN_RELATIVE_STD * np.abs(value[k]) or np.inf), share[k] / MIN_TORQUE_SHARE)
+        faster = float(np.sqrt(needed)) if how is ExcitingMotion.ACCELERATE else None
+        figures = float(value[k]), float(std[k]), float(share[k])
+        yield Sharpen(names[k], *figures, how, joint, faster, gain=gain)
+
+
+def _training_equations(identification: Identification) -> tuple[Array, Array]:
+    """Return regressor (M, n, p) and torque (M, n) of some samples of the training."""
+    motions = [log.motion for log in identification.validations if log.role == "train"]
+    columns, torque = [], []
+    for motion in motions:
+        (rows,) = subsample([motion], MAX_SAMPLES_NEXT_STEPS)
+        columns.append(identification.model.regressor(**motion.states(rows)))
+        torque.append(motion.tau[rows])
+    return np.concatenate(columns), np.concatenate(torque)
+
+
+def _gains_if_known(
+    identification: Identification, columns: Array, leads: list[int], parameters: Sequence[int], std: Array
+) -> list[float | None]:
+    """Return the gain in points, on the log that is judged, of knowing each of the parameters exactly.
+
+    The others would change with it: with the covariance C of all, the torque Y C e_k / sqrt(C_kk) is then known,
+    whose size is that by the standard error. C is taken from the regressor of the training, up to its scale.
+    """
+    log = judged_log(identification)
+    (rows,) = subsample([log.motion], MAX_SAMPLES_NEXT_STEPS)
+    motion = log.motion
+    weight = identification.estimate.residual.sigma
+    weight = 1.0 / np.where(weight > 0, weight, 1.0)
+    # Columns scaled to norm one, so that the rank does not depend on the units of the parameters.
+    X = (columns[:, :, leads] * weight[:, None]).reshape(-1, len(leads))
+    size = np.linalg.norm(X, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    C = np.linalg.pinv((X / size).T @ (X / size), rcond=RANK_TOLERANCE_NEXT_STEPS, hermitian=True)
+    Y = identification.model.regressor(**motion.states(rows))[:, :, leads] / size
+    gains = []
+    for k in parameters:
+        torque = Y @ C[:, k] / (C[k, k] or np.inf) * size[k] * std[k]
+        removed = np.mean(torque**2, axis=0)
+        gains.append(gain_points(log, dict(zip(motion.joints, map(float, removed), strict=True))))
+    return gains
+
+
+def _motion_for(identification: Identification, column: int) -> tuple[ExcitingMotion, str | None]:
+    """Return the motion that excites a parameter, which acts on the torque by position, velocity or acceleration."""
+    model, n = identification.model, len(identification.model.joints)
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
+    rest, memory = np.zeros_like(q), rng.uniform(-1.0, 1.0, (20, model.memory))
+    # At rest only gravity acts, on starting also inertia: the difference tells which motion shows the parameter.
+    full, standing, starting = (
+        np.abs(model.regressor(q, *rates)[:, :, column])
+        for rates in ((dq, ddq, memory), (rest, rest, 0 * memory), (rest, ddq, 0 * memory))
+    )
+    threshold = 1e-9 * full.max()  # a share, so that the unit does not count
+    acting = [joint.name for joint, size in zip(model.joints, full.max(axis=0), strict=True) if size > threshold]
+    joint = acting[-1] if acting else None
+    role = model.parameters[column].role
+    if role in ("viscous", "coulomb"):
+        return ExcitingMotion.CONSTANT_SPEEDS, joint
+    if standing.max() > threshold:
+        return ExcitingMotion.MANY_POSES, joint
+    if starting.max() > threshold:
+        return ExcitingMotion.ACCELERATE, joint
+    return ExcitingMotion.CONSTANT_SPEEDS, joint
+
+
+MAX_TORQUE_ERROR = 10.0  # %, held-out torque error up to which a feedforward helps
+MAX_UNFILTERED_ERROR = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
+MAX_JOINT_ERROR = 25.0  # %, the same of one joint
+HARMLESS_EFFORT_SHARE = (
+    1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
+)
+MAX_ERROR_RATIO = 2.0  # held-out error over training error, or the other way round
+MAX_UNEXCITED_SHARE = 0.25  # share of the base parameters that the data may leave out
+MAX_LOOP_ERROR, MAX_WINDOW_ERROR = (
+    1.0,
+    25.0,
+)  # %, position error of the free simulation: with the controller; from the measured torque
+MAX_RESIDUAL_GROWTH = 5.0  # %, by which physical constraints may raise the residual
+MAX_TORQUE_CHANGE = (
+    7.0,
+    1.0,
+)  # %, by which they may change the torque at twice the speed, for control and for simulation
+MIN_SPEED_SHARE = 0.5  # share of the speed of the training that the fastest held-out motion must have
+
+
+def judge(identification: Identification) -> Verdict:
+    """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function.
+
+    The identification keeps its verdict, as each text of a result asks for it.
+    """
+    return identification.fact("verdict", lambda: _evaluate(identification))
+
+
+def _evaluate(identification: Identification) -> Verdict:
+    by_use = _constraint_reasons(identification)
+    against_use = (
+        *_finding_reasons(identification, Use.CONTROL),
+        *by_use.get(Use.CONTROL, ()),
+        *_against_use(identification),
+    )
+    against_simulation = (
+        *_finding_reasons(identification, Use.SIMULATION),
+        *by_use.get(Use.SIMULATION, ()),
+        *_against_simulation(identification),
+    )
+    reasons = (*against_use, *against_simulation)
+    use = Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION
+    return Verdict(
+        use=use,
+        reasons=reasons,
+        next=tuple(dict.fromkeys(_order_actions(against_use, against_simulation, next_steps(identification)))),
+        held_out=_held_out(identification),
+        run=_worst_run(identification),
+        residual=_largest_residual(identification),
+        unknown=() if use is Use.DO_NOT_USE else tuple(unknowns(identification)),
+    )
+
+
+def _order_actions(
+    against_use: Sequence[Reason], against_simulation: Sequence[Reason], steps: Sequence[UnexcitedParameters | NextStep]
+) -> Iterator[Remedy | UnexcitedParameters | NextStep]:
+    """Yield what to do: remedies, then motions to record.
+
+    Remedies for a simulation come last where the model is of no use.
+    """
+    yield from (reason.remedy for reason in against_use if reason.remedy)
+    later_remedies = [reason.remedy for reason in against_simulation if reason.remedy]
+    yield from (*steps, *later_remedies) if against_use else (*later_remedies, *steps)
+
+
+def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
+    """Yield findings of the checks and notes of the estimate that forbid a use, each kind once."""
+    notes = (Finding(note.severity, None, note) for note in identification.estimate.notes)
+    kinds: dict[object, list[Finding]] = {}
+    for finding in (*identification.findings, *notes):
+        if finding.forbids is use:
+            kinds.setdefault(finding.message if isinstance(finding.message, str) else type(finding.message), []).append(
+                finding
+            )
+    yield from (verdict.ForbiddingFindings(tuple(group)) for group in kinds.values())
+
+
+def _constraint_reasons(identification: Identification) -> dict[Use, tuple[Reason, ...]]:
+    """Return the reason of constraints or a prior that hold the estimate back, by the use that it forbids.
+
+    It is a sign of an effect that the model lacks, or of a wrong gain or direction. Least squares itself holds
+    nothing back.
+    """
+    if identification.estimate.consistency is None:
+        return {}
+    effect = constraint_effect(identification)
+    if effect.growth < MAX_RESIDUAL_GROWTH or effect.torque_change < min(MAX_TORQUE_CHANGE):
+        return {}
+    kind = verdict.DrawnBack if isinstance(identification.recipe.estimator, Ridge) else verdict.HeldBack
+    reason = kind(effect.growth, effect.torque_change)
+    return {Use.CONTROL if effect.torque_change > max(MAX_TORQUE_CHANGE) else Use.SIMULATION: (reason,)}
+
+
+def _against_use(identification: Identification) -> Iterator[Reason]:
+    """Yield the reasons against any use."""
+    held_out, train = _logs_of_role(identification, "validation"), _logs_of_role(identification, "train")
+    if not held_out:
+        yield verdict.NoHoldOut()
+    # Held-out logs that repeat the training say nothing about other motions.
+    repetitions = {
+        a.name: b.name for a in held_out for b in train if repeat_of(a.motion, b.motion).error < MAX_REPEAT_DIFFERENCE
+    }
+    if held_out and len(repetitions) == len(held_out):
+        yield verdict.Repeats(tuple(repetitions.items()))
+    joints = [joint.name for joint in identification.model.joints]
+    if silent := [
+        name for k, name in enumerate(joints) if not any(np.ptp(validation.motion.tau[:, k]) for validation in train)
+    ]:
+        yield verdict.SilentTorque(tuple(silent))
+    for log in held_out:
+        yield from _log_reasons(log, max(map(_judged_error, train)))
+    worst, largest = max(train, key=_judged_error), max(map(_judged_error, held_out), default=0.0)
+    if (
+        _judged_error(worst) > MAX_TORQUE_ERROR and _judged_error(worst) > MAX_ERROR_RATIO * largest > 0
+    ):  # nan where the held-out torque is zero
+        yield verdict.TrainedWorse(worst.name, _judged_error(worst), _judged_error(worst) / largest)
+    if identification.mass and not identification.mass.positive:
+        yield verdict.MassMatrixNotPositive(identification.mass.smallest)
+    lost, total = _count_unexcited(identification)
+    if lost > MAX_UNEXCITED_SHARE * total:
+        yield verdict.MostlyUnexcited(lost, total)
+
+
+def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
+    """Yield the reasons in the torque error of one held-out log; ``trained`` is the error (%) in training."""
+    error = _judged_error(log)
+    if not error <= MAX_TORQUE_ERROR:
+        yield verdict.TorqueErrorTooLarge(log.name, error, MAX_TORQUE_ERROR)
+    if error != log.errors.relative_error and not log.errors.relative_error <= MAX_UNFILTERED_ERROR:
+        yield verdict.UnfilteredErrorTooLarge(log.name, log.errors.relative_error, MAX_UNFILTERED_ERROR)
+    if bad := tuple((joint, size) for joint, size in _joint_errors(log).items() if _is_harmful(log, joint, size)):
+        yield verdict.JointErrorsTooLarge(log.name, bad, MAX_JOINT_ERROR)
+    if error > MAX_ERROR_RATIO * trained and error > MAX_TORQUE_ERROR / 2:
+        yield verdict.NotCarriedOver(log.name, error / trained)
+
+
+def _against_simulation(identification: Identification) -> Iterator[Reason]:
+    """Yield the reasons against a simulation, which turns small physical faults into growing errors."""
+    lost, total = _count_unexcited(identification)
+    if 0 < lost <= MAX_UNEXCITED_SHARE * total:
+        yield verdict.PartlyUnexcited(lost, total)
+    if (share := _speed_share(identification)) < MIN_SPEED_SHARE:
+        yield verdict.SlowHoldOut(share)
+    estimate, parameters = identification.estimate, identification.model.parameters
+    pairs = zip(parameters, estimate.value, strict=True)
+    negative = [x.name for x, value in pairs if x.role in ("viscous", "coulomb", "rotor", "mass") and value < 0]
+    if negative:
+        yield verdict.NegativeValues(tuple(negative))
+    bodies = any(parameter.role in INERTIAL for parameter in parameters)
+    # Eigenvalues of the pseudo-inertias; a tolerance for values on the boundary of the cone.
+    smallest = estimate.consistency.eigenvalues.values() if estimate.consistency else ()
+    if bodies and not (smallest and min(smallest) >= -1e-9):
+        yield verdict.InertiasFree()
+    failed = [(run.name, run.failure) for run in identification.runs if run.failure]
+    if not identification.runs:
+        yield verdict.NoFreeRun()
+    elif failed:
+        yield verdict.FreeRunFails(tuple(name for name, _ in failed), failed[0][1])
+    else:
+        yield from _free_run_reasons(*_largest_motion_error(identification))
+
+
+def _speed_share(identification: Identification) -> float:
+    """Return the rms speed of the fastest held-out motion relative to the fastest training motion.
+
+    Each joint counts relative to its own speed.
+    """
+    held_out, train = (
+        np.array(
+            [
+                np.sqrt(np.mean(validation.motion.dq[validation.motion.mask] ** 2, axis=0))
+                for validation in _logs_of_role(identification, role)
+            ]
+        )
+        for role in ("validation", "train")
+    )
+    # Joints that rest in training have no speed to compare with.
+    fastest = train.max(axis=0)
+    moving = fastest > 0
+    if not len(held_out) or not moving.any():
+        return 1.0
+    return float(np.sqrt(np.mean((held_out[:, moving] / fastest[moving]) ** 2, axis=1)).max())
+
+
+def _free_run_reasons(run: FreeRun, joint: str, error: float) -> Iterator[Reason]:
+    if not error <= (MAX_LOOP_ERROR if run.driver is Driver.CONTROLLER else MAX_WINDOW_ERROR):
+        yield verdict.FreeRunAstray(run.name, joint, error, run.driver, run.restart)
+
+
+def _largest_motion_error(identification: Identification) -> tuple[FreeRun, str, float]:
+    """Return the free simulation and the joint with the largest position error, in % of its motion."""
+    errors = [(run, joint, error) for run in identification.runs for joint, error in run.motion_error.items()]
+    return max(errors, key=lambda entry: -1.0 if np.isnan(entry[2]) else entry[2])
+
+
+def _worst_run(identification: Identification) -> WorstRun | None:
+    if not identification.runs or any(run.failure for run in identification.runs):
+        return None
+    run, joint, error = _largest_motion_error(identification)
+    return WorstRun(run.name, joint, error)
+
+
+def _held_out(identification: Identification) -> HeldOut | None:
+    held_out = _logs_of_role(identification, "validation")
+    if not held_out:
+        return None
+    worst, trained = max(held_out, key=_judged_error), max(_logs_of_role(identification, "train"), key=_judged_error)
+    filtered = worst.errors.relative_error_filtered is not None
+    return HeldOut(
+        _judged_error(worst),
+        _judged_error(trained),
+        (worst.errors.relative_error, trained.errors.relative_error) if filtered else None,
+    )
+
+
+def _largest_residual(identification: Identification) -> LargestResidual | None:
+    """Return the largest torque residual; one that is not white is advice, not a reason."""
+    logs = _logs_of_role(identification, "validation") or _logs_of_role(identification, "train")
+    sizes = [
+        (log.errors.rmse[joint] * _joint_errors(log)[joint], log, joint, test)
+        for log in logs
+        for joint, test in log.residuals.items()
+        if np.isfinite(_joint_errors(log)[joint]) and np.isfinite(test.lag1)
+    ]
+    if not sizes:
+        return None
+    _, log, joint, test = max(sizes, key=lambda entry: entry[0])
+    return LargestResidual(joint, log.name, test.causes, log.floors.get(joint), log.over_floor, log.at_floor)
+
+
+def _logs_of_role(identification: Identification, role: str) -> list[LogValidation]:
+    return [log for log in identification.validations if log.role == role]
+
+
+def _judged_error(log: LogValidation) -> float:
+    """Return the error (%) that is judged: after the low-pass of the fit, where there is one."""
+    filtered = log.errors.relative_error_filtered
+    return log.errors.relative_error if filtered is None else filtered
+
+
+def _joint_errors(log: LogValidation) -> dict[str, float]:
+    return dict(log.errors.per_joint_filtered or log.errors.per_joint)
+
+
+def _is_harmful(log: LogValidation, joint: str, error: float) -> bool:
+    return error > MAX_JOINT_ERROR and not log.errors.effort_share.get(joint, np.inf) < HARMLESS_EFFORT_SHARE
+
+
+def _count_unexcited(identification: Identification) -> tuple[int, int]:
+    """Return the number of base parameters that the data do not excite, and the number of all."""
+    if identification.base.on_data is None or identification.base.structural is None:
+        return max(len(identification.estimate.names) - identification.estimate.determined.rank, 0), len(
+            identification.estimate.names
+        )
+    return max(
+        identification.base.structural.rank - identification.base.on_data.rank, 0
+    ), identification.base.structural.rank

@@ -1,1 +1,0 @@
-"""The only package that opens files: it reads logs, configurations and models, and writes results."""

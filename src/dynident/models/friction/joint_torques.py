@@ -1,0 +1,369 @@
+"""Springs and counterbalances as a series in the position."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+from typing import Annotated, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
+
+from dynident.models.friction.joint_term import Constant, JointTerm, Number, PerJoint, Slopes
+from dynident.models.term import Equation, Joint, Past
+from dynident.motion.smoothers import BY_JOINT
+from dynident.runtime import ModelError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Offset(PerJoint):
+    """Constant torque of a joint, tau_j = offset_j, in N m or N; ``on``, ``names``, ... as in ``Viscous``.
+
+    >>> import dynident as dy
+    >>> dy.Offset((dy.Joint("elbow"),)).parameters[0].name
+    'offset_elbow'
+    """
+
+    title: ClassVar[str] = "constant torque"
+
+    symbol = "offset"
+
+    def meaning(self) -> str:
+        """Return the meaning of the parameter."""
+        return "constant torque"
+
+    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
+        """Return the torque at a joint as an equation."""
+        return Equation("tau_o", ("tau_o",))
+
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        return np.ones_like(dq)
+
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        return np.zeros_like(dq)
+
+
+Time = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
+
+
+@dataclass(frozen=True)
+class Drift(JointTerm):
+    """Drift of a torque, tau_j = drift_j (1 - exp(-t / T_j)), in N m or N, with t (s) from the start of the recording.
+
+    ``time`` T (s) is that in which most of the drift is over, of all joints or by joint; ``on``, ``names``, ... as in
+    ``Viscous``. Every recording starts cold: this suits those that were made after the same pause.
+
+    >>> import dynident as dy
+    >>> from dynident.models.friction import Drift
+    >>> Drift((dy.Joint("elbow"),), time=120.0).parameters[0].expression
+    'torque by which the joint drifts, in about 120 s'
+    """
+
+    title: ClassVar[str] = "drift"
+
+    constants: ClassVar[Mapping[str, Constant]] = {"time": Constant("a time above 0, in s")}
+    time: Time = 60.0
+
+    @property
+    def memory(self) -> int:
+        """The share of the drift that is over, for each joint in ``on``."""
+        return len(self.acts_on)
+
+    def remember(self, past: Past) -> Array:
+        """Return the share of the drift that is over at the samples of a motion, shape (N, m)."""
+        start = 0.0 if past.start is None else past.start
+        elapsed = (past.t - past.t[:1])[:, None]
+        return np.asarray(1.0 - (1.0 - start) * np.exp(-elapsed / self.by_column("time")))
+
+    def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
+        """Yield default name, unit and meaning of the parameter of a joint."""
+        time = self.constant("time", joint.name)
+        yield f"drift_{joint.name}", joint.effort, f"torque by which the joint drifts, in about {time:g} s"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        time = "T", self.constant("time", joint.name), "s"
+        return Equation("D * (1 - exp(-t / T))", ("D",), (time,))
+
+    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
+        """Return the torque per unit of each parameter (N, p)."""
+        return memory[0]
+
+    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
+        """Return the derivatives, zero."""
+        return None, None, None
+
+
+Length = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
+LengthOrZero = Annotated[Annotated[float, Ge(0)] | Mapping[str, Annotated[float, Ge(0)]], BY_JOINT]
+LENGTH = Constant("a length from 1e-6 to 1e3 m", 1e-6, 1e3)
+MIN_LENGTH = 1e-9  # m: a length is divided by it
+
+
+@dataclass(frozen=True)
+class Counterbalance(PerJoint):
+    """A spring between two points on both sides of a joint that turns, with stiffness k_j in N/m.
+
+    One point is ``base_arm`` (m) from the axis on the link before the joint, the other ``link_arm`` (m) on the link
+    after it; at q = 0 the second arm is turned by ``angle`` (rad) from the first, about the axis. With the length
+    L(q) = sqrt(a^2 + b^2 - 2 a b cos(q + angle)) and the ``free_length`` L0 (m), the potential k (L - L0)^2 / 2 gives
+    tau_j = k_j (L - L0) dL/dq, which the drive has to hold. Lengths and angle are those of all joints or by joint;
+    other fields as in ``Viscous``. Raises ModelError for a joint that slides, and as ``Viscous`` does.
+
+    >>> import dynident as dy
+    >>> joints = dy.Joint("base"), dy.Joint("shoulder")
+    >>> shape = {"base_arm": 0.5, "link_arm": 0.2, "angle": 3.14, "free_length": 0.4}
+    >>> spring = dy.models.friction.Counterbalance(joints, on=("shoulder",), **shape)
+    >>> spring.parameters[0].name, spring.parameters[0].unit
+    ('kc_shoulder', 'N/m')
+    """
+
+    title: ClassVar[str] = "counterbalance"
+
+    constants: ClassVar[Mapping[str, Constant]] = {
+        "base_arm": LENGTH,
+        "link_arm": LENGTH,
+        "angle": Constant("an angle from -10 to 10 rad", -10.0, 10.0),
+        "free_length": Constant("a length from 0 to 1e3 m", 0.0, 1e3),
+    }
+    base_arm: Length = field(kw_only=True)
+    link_arm: Length = field(kw_only=True)
+    angle: Number = field(kw_only=True)
+    free_length: LengthOrZero = field(kw_only=True)
+    symbol = "kc"
+    of = "q"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for joint in self.joints:
+            if joint.name in self.acts_on and joint.kind == "prismatic":
+                raise ModelError(
+                    f"Counterbalance: joint {joint.name!r} slides; name those that turn by `on`, or use Spring."
+                )
+
+    def meaning(self) -> str:
+        """Return the meaning of the parameter."""
+        return (
+            f"counterbalance: stiffness of a spring of {self.free_length:g} m between arms of {self.base_arm:g} and "
+            f"{self.link_arm:g} m, {self.angle:g} rad apart at q = 0"
+        )
+
+    def unit(self, joint: Joint) -> str:  # noqa: ARG002
+        """Return the unit of a joint's parameter."""
+        return "N/m"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        names = {"a": "base_arm", "b": "link_arm", "phi_0": "angle", "L_0": "free_length"}
+        constants = (
+            (key, self.constant(name, joint.name), "rad" if key == "phi_0" else "m") for key, name in names.items()
+        )
+        length = "L", "sqrt(a**2 + b**2 - 2 * a * b * cos(q + phi_0))"
+        return Equation("k_c * (1 - L_0 / L) * a * b * sin(q + phi_0)", ("k_c",), tuple(constants), (length,))
+
+    def shape(self, q: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        length, rate, _ = self._length(q)
+        return np.asarray((length - self.by_column("free_length")) * rate)
+
+    def slope(self, q: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        length, rate, curvature = self._length(q)
+        return np.asarray(rate**2 + (length - self.by_column("free_length")) * curvature)
+
+    def _length(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return the length of the spring and its first and second derivative by q, each (N, p)."""
+        a, b = self.by_column("base_arm"), self.by_column("link_arm")
+        # the law of cosines by the half angle, which keeps its digits where the arms are in line
+        angle = q + self.by_column("angle")
+        length = np.maximum(np.hypot(a - b, 2 * np.sqrt(a * b) * np.sin(angle / 2)), MIN_LENGTH)
+        rate = a * b * np.sin(angle) / length
+        return length, rate, (a * b * np.cos(angle) - rate**2) / length
+
+    def formula(self) -> str:
+        """Return ``shape`` as NumPy source."""
+        a, b, angle, free_length = map(self.source, ("base_arm", "link_arm", "angle", "free_length"))
+        length = f"np.maximum(np.hypot({a} - {b}, 2 * np.sqrt({a} * {b}) * np.sin((q + {angle}) / 2)), {MIN_LENGTH})"
+        return f"(1 - {free_length} / {length}) * {a} * {b} * np.sin(q + {angle})"
+
+
+Cycles = Annotated[float, Gt(0)]
+CyclesList = Cycles | tuple[Cycles, ...]
+WAVES = (("sin", 0.0), ("cos", np.pi / 2))  # as the sine of an angle and a phase
+
+
+@dataclass(frozen=True)
+class Ripple(JointTerm):
+    """Torque that repeats with the position, tau_j = sum of a_jk sin(k u_j) + b_jk cos(k u_j), in N m or N.
+
+    u = q - ``delay`` dq, and k are the ``cycles``, one or several: of a joint that turns, the number of periods in a
+    turn, as of the teeth of its gear or the poles of its motor (Garcia et al. 2002, "Velocity dependence in the cyclic
+    friction arising with gears"); of one that slides 2 pi / period, in rad/m. ``delay`` (s, within 1) is how much later
+    than the position the torque acts, to first order in time, because a second one would be an inertia. Both are those
+    of all joints, or by joint; other fields as in ``Viscous``. Raises ModelError for cycles that are listed twice, and
+    as ``Viscous`` does.
+
+    >>> import dynident as dy
+    >>> ripple = dy.models.friction.Ripple((dy.Joint("shoulder"), dy.Joint("elbow")), on=("elbow",), cycles=(100, 200))
+    >>> [one.name for one in ripple.parameters]
+    ['ripple_elbow_sin100', 'ripple_elbow_cos100', 'ripple_elbow_sin200', 'ripple_elbow_cos200']
+    """
+
+    title: ClassVar[str] = "ripple over the position"
+
+    constants: ClassVar[Mapping[str, Constant]] = {
+        "cycles": Constant("numbers from 1e-3 to 1e6 in 1/rad or rad/m", 1e-3, 1e6),
+        "delay": Constant("a time from -1 to 1 s", -1.0, 1.0),
+    }
+    cycles: Annotated[CyclesList | Mapping[str, CyclesList], BY_JOINT] = field(kw_only=True)
+    delay: Number = 0.0
+    symbol: ClassVar[str] = "ripple"
+    letters: ClassVar[tuple[str, str, str]] = ("A", "B", "n")  # in an equation: of sine and cosine, and the cycles
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.acts_on:
+            labels = [f"{k:g}" for k in self._cycles_of(name)]
+            if duplicates := [k for i, k in enumerate(labels) if k in labels[:i]]:
+                raise ModelError(
+                    f"{type(self).__name__}: cycles of joint {name!r} list {duplicates[0]} twice; leave one out."
+                )
+
+    def count(self, joint: Joint) -> int:
+        """Return the number of parameters of a joint."""
+        return 2 * len(self._cycles_of(joint.name))
+
+    def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
+        """Yield default name, unit and meaning of the parameters of a joint."""
+        delay = self.constant("delay", joint.name)
+        argument = f"(q - {delay:g} dq)" if delay else "q"
+        for k, (wave, _) in product(self._cycles_of(joint.name), WAVES):
+            yield (
+                f"{self.symbol}_{joint.name}_{wave}{k:g}",
+                joint.effort,
+                f"ripple: torque per {wave}({k:g} {argument})",
+            )
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        delay, argument = self.constant("delay", joint.name), "q"
+        constants, symbols, parts = [], [], []
+        if delay:
+            constants, argument = [("delta", delay, "s")], "(q - delta * dq)"
+        sine, cosine, rate = self.letters
+        for k, cycles in enumerate(self._cycles_of(joint.name), 1):
+            constants.append((f"{rate}_{k}", cycles, "1" if joint.kind == "revolute" else "rad/m"))
+            symbols += [f"{sine}_{k}", f"{cosine}_{k}"]
+            parts += [f"{sine}_{k} * sin({rate}_{k} * {argument})", f"{cosine}_{k} * cos({rate}_{k} * {argument})"]
+        return Equation(" + ".join(parts), tuple(symbols), tuple(constants))
+
+    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
+        """Return the torque per unit of each parameter (N, p)."""
+        return np.asarray(np.sin(self._angles(q, dq)))
+
+    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> tuple[Array, Array, None]:  # noqa: ARG002
+        """Return the derivatives of ``shapes`` by q and dq, each (N, p)."""
+        # u = q - delay dq
+        slope = self._waves[0] * np.cos(self._angles(q, dq))
+        return slope, -self.by_column("delay") * slope, None
+
+    def formula(self) -> str:
+        """Return ``shapes`` as NumPy source."""
+        k, phase = (f"np.array({row!r})" for row in self._waves.tolist())
+        return f"np.sin({k} * (q - {self.source('delay')} * dq) + {phase})"
+
+    def _cycles_of(self, joint: str) -> tuple[float, ...]:
+        cycles = self.constant("cycles", joint)
+        return cycles if isinstance(cycles, tuple) else (cycles,)
+
+    @cached_property
+    def _waves(self) -> Array:
+        """The factors of the position and the phases, (2, p)."""
+        waves = [(k, phase) for name in self.acts_on for k, (_, phase) in product(self._cycles_of(name), WAVES)]
+        return np.array(waves, dtype=float).T
+
+    def _angles(self, q: Array, dq: Array) -> Array:
+        k, phase = self._waves
+        return np.asarray(k * (q - self.by_column("delay") * dq) + phase)
+
+
+MAX_ORDER = 3
+Order = Annotated[int, Ge(1), Le(MAX_ORDER)]
+
+
+@dataclass(frozen=True)
+class Spring(JointTerm):
+    """Torque of a spring as a series in the position, for springs, cables and counterbalances of unknown geometry.
+
+    Of a joint that turns, tau_j = sum of a_jk sin(k q_j) + b_jk cos(k q_j) for k = 1 to ``order``, in N m; of one that
+    slides, tau_j = sum of c_jk q_j^k, in N/m^k. ``order`` is 1, 2 or 3, of all joints or by joint; other fields as in
+    ``Viscous``. The constant of the series is ``Offset``. Where gravity acts on the joint, the data may not tell some
+    parameters from those of the bodies.
+
+    >>> import dynident as dy
+    >>> [one.name for one in dy.models.friction.Spring((dy.Joint("shoulder"),)).parameters]
+    ['spring_shoulder_sin1', 'spring_shoulder_cos1']
+    """
+
+    title: ClassVar[str] = "spring"
+
+    constants: ClassVar[Mapping[str, Constant]] = {"order": Constant("1, 2 or 3", 1, MAX_ORDER, integer=True)}
+    order: Annotated[Order | Mapping[str, Order], BY_JOINT] = 1
+
+    def count(self, joint: Joint) -> int:
+        """Return the number of parameters of a joint."""
+        return len(_terms(joint, self.constant("order", joint.name)))
+
+    def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
+        """Yield default name, unit and meaning of the parameters of a joint."""
+        for wave, k, _ in _terms(joint, self.constant("order", joint.name)):
+            is_angle = wave != "q"
+            unit = joint.effort if is_angle else "N/m" if k == 1 else f"N/m^{k}"
+            shape = f"{wave}({k} q)".replace("(1 ", "(") if is_angle else f"q^{k}".removesuffix("^1")
+            yield f"spring_{joint.name}_{wave}{k}", unit, f"spring: torque per {shape}"
+
+    def law(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation."""
+        letters = {"sin": "a", "cos": "b", "q": "c"}
+        terms = _terms(joint, self.constant("order", joint.name))
+        symbols = tuple(f"{letters[wave]}_{k}" for wave, k, _ in terms)
+        # readers do not write a factor or an exponent of 1
+        shapes = ((f"{wave}({k} * q)" if wave != "q" else f"q**{k}", k) for wave, k, _ in terms)
+        readable = (shape.replace("1 * ", "").removesuffix("**1") if k == 1 else shape for shape, k in shapes)
+        return Equation(" + ".join(f"{s} * {f}" for s, f in zip(symbols, readable, strict=True)), symbols)
+
+    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
+        """Return the torque per unit of each parameter (N, p)."""
+        slides, k, phase = self._series
+        return np.where(slides, q**k, np.sin(k * q + phase))
+
+    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> tuple[Array, None, None]:  # noqa: ARG002
+        """Return the derivative of ``shapes`` by q, (N, p)."""
+        slides, k, phase = self._series
+        return k * np.where(slides, q ** (k - 1), np.cos(k * q + phase)), None, None
+
+    def formula(self) -> str:
+        """Return ``shapes`` as NumPy source."""
+        slides, k, phase = (f"np.array({array.tolist()!r})" for array in self._series)
+        return f"np.where({slides}, q ** {k}, np.sin({k} * q + {phase}))"
+
+    @cached_property
+    def _series(self) -> tuple[NDArray[np.bool_], Array, Array]:
+        """Whether each parameter (p) is of a power; exponent or factor of the position (p); phase (p)."""
+        joints = {joint.name: joint for joint in self.joints}
+        terms = [term for name in self.acts_on for term in _terms(joints[name], self.constant("order", name))]
+        slides, k, phase = zip(*((wave == "q", float(k), phase) for wave, k, phase in terms), strict=True)
+        return np.array(slides), np.array(k), np.array(phase)
+
+
+def _terms(joint: Joint, order: int) -> list[tuple[str, int, float]]:
+    """Return the terms of the series of a joint, each as sin, cos or q, its factor or exponent, and its phase."""
+    waves = WAVES if joint.kind == "revolute" else (("q", 0.0),)
+    return [(wave, k, phase) for k in range(1, int(order) + 1) for wave, phase in waves]

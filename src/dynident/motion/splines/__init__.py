@@ -1,0 +1,39 @@
+"""Natural cubic smoothing splines after Reinsch (1967), and what is built on them."""
+
+from dynident.motion.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_by_name
+from dynident.motion.splines.series import NORMAL_95, coloured_noise, grid_step, median_sigma, noise_sigma, steady_noise
+from dynident.motion.splines.spikes import (
+    LONGEST_SPIKE,
+    bridge_gaps,
+    frozen_samples,
+    spikes,
+    stretches,
+    torn_ends,
+    trailing_maximum,
+)
+from dynident.motion.splines.spline import SmoothingSpline, smooth
+
+__all__ = [
+    "GCV",
+    "LONGEST_SPIKE",
+    "NORMAL_95",
+    "REML",
+    "Constraint",
+    "Fixed",
+    "Interpolation",
+    "Rule",
+    "SmoothingSpline",
+    "bridge_gaps",
+    "coloured_noise",
+    "frozen_samples",
+    "grid_step",
+    "median_sigma",
+    "noise_sigma",
+    "rule_by_name",
+    "smooth",
+    "spikes",
+    "steady_noise",
+    "stretches",
+    "torn_ends",
+    "trailing_maximum",
+]

@@ -1,0 +1,1 @@
+"""A configuration and what follows from it: the model, the recipe, the recordings, the saved result."""

@@ -1,0 +1,234 @@
+"""Parser of column names: quantity, joint, number, unit, and whether it was measured or commanded."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from dynident.project.fields import UNITS
+
+_UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower case, and its name in a configuration
+    "time": {
+        **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+        **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), "ms"),
+        **dict.fromkeys(("us", "usec", "µs", "micros", "microseconds"), "us"),
+        **dict.fromkeys(("ns", "nsec", "nanos", "nanosec", "nanoseconds"), "ns"),
+    },
+    "position": {
+        **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+        **dict.fromkeys(("deg", "degree", "degrees", "°"), "deg"),
+        **dict.fromkeys(("rev", "revs"), "rev"),
+        **{unit: unit for unit in ("mrad", "m", "mm", "cm", "um")},
+    },
+    "torque": {"nm": "N m", "mnm": "mN m", "knm": "kN m", "ncm": "N cm", "n": "N", "kn": "kN"},
+    "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
+}
+_UNIT_ROLES = {  # units that tell the role too
+    **dict.fromkeys(("deg", "rad", "°", "degrees", "mrad"), "position"),
+    **dict.fromkeys(("nm", "mnm"), "torque"),
+    "ma": "current",
+}
+_UNIT = re.compile(
+    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|°)\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|°)(?=[\W_]*\d*[\W_]*$)"
+)
+_WORD_BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])")
+
+
+def _word_set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
+    "acceleration": _word_set("ddq qdd acc accel acceleration accelerations ddtheta qddot beschleunigung"),
+    "velocity": _word_set(
+        "dq qd vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad"
+    ),
+    "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente"),
+    "torque": _word_set("tau torque torques effort efforts eff trq tq moment force forces drehmoment kraft couple"),
+    "position": _word_set(
+        "q pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione"
+    ),
+    "time": _word_set("t time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo"),
+}
+_COMMANDED_WORDS = _word_set(
+    "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
+    "con control soll sollwert consigne"
+)
+_MEASURED_WORDS = _word_set("meas measured actual act fb feedback msr real sensed raw state read ist istwert")
+_FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")
+_DERIVED_WORDS = _word_set(
+    "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
+    "max min ff feedforward residual res"
+)
+_STATE_WORDS = _word_set("observation state")  # as LeRobot names the positions
+
+
+@dataclass(frozen=True)
+class ColumnName:
+    """The parsed name of a column; ``family`` is the part it shares with the same quantity of other joints."""
+
+    column: str
+    role: str
+    joint: str | None
+    number: int | None
+    unit: str | None
+    family: tuple[str, ...]
+    rank: int  # 1 measured, 0 not said, -1 filtered, -2 commanded or something derived
+
+
+@dataclass(frozen=True)
+class ColumnFamily:
+    """Columns of one quantity, by joint or by number; the key of a column without either is None.
+
+    ``units`` has the unit of each column whose name contains it.
+    """
+
+    role: str
+    rank: int
+    columns: Mapping[str | int | None, str]
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+def tokens(name: str) -> tuple[str, ...]:
+    """Return the words and numbers of a name, in lower case: ``tau_meas1`` and ``tauMeas[1]`` are tau, meas, 1."""
+    return tuple(part.lower() for part in _WORD_BREAK.split(name) if part)
+
+
+def read_name(column: str, joints: Iterable[str]) -> ColumnName:
+    """Parse a column's name, given the names of the robot's joints."""
+    words = tokens(column)
+    # the joint is taken out first: its name may contain words such as torque or position
+    joint, remaining = _take_joint(words, joints)
+    unit_spelling, unit_words = _unit_in_name(column)
+    unit_role = _UNIT_ROLES.get(unit_spelling, "")
+    role = (
+        _find_role(remaining)
+        or (_find_role(words) if joint else "")
+        or unit_role
+        or ("position" if set(words) >= _STATE_WORDS else "")
+    )
+    role = unit_role if unit_role and role == "time" else role  # T1 [Nm] is a torque
+    unit = _UNITS.get(role, {}).get(unit_spelling)
+    if unit:
+        remaining = _remove_words(remaining, unit_words)
+    number, remaining = _take_number(remaining) if joint is None else (None, remaining)
+    return ColumnName(column, role, joint, number, unit, (*remaining, unit or ""), _measurement_rank(set(remaining)))
+
+
+def _take_number(words: tuple[str, ...]) -> tuple[int | None, tuple[str, ...]]:
+    """Return the last number among the words, and the others."""
+    # the last number counts: earlier ones may belong to the robot, as in ur5_q1
+    at = max((k for k, word in enumerate(words) if word.isdecimal()), default=None)
+    return (None, words) if at is None else (int(words[at]), (*words[:at], *words[at + 1 :]))
+
+
+def families(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFamily]:
+    """Return the families of the columns, in the order of the file; columns without a known role are left out."""
+    groups: dict[tuple[object, ...], dict[str | int | None, ColumnName]] = {}
+    for name in (read_name(column, joints) for column in columns):
+        # measured, filtered and commanded columns differ in their rank, and become families of their own
+        if name.role:
+            key = (name.role, name.unit, name.rank, name.family, name.joint is None, name.number is None)
+            groups.setdefault(key, {}).setdefault(name.joint if name.joint is not None else name.number, name)
+    # merge families of one quantity whose units differ by joint, as mm and deg
+    merged: list[dict[str | int | None, ColumnName]] = []
+    for members in groups.values():
+        target = next((group for group in merged if _is_complement(group, members)), None)
+        if target is None:
+            merged.append(members)
+        else:
+            target |= members
+    return [_family(list(members.values()), list(members)) for members in merged]
+
+
+def _family(members: Sequence[ColumnName], keys: Sequence[str | int | None]) -> ColumnFamily:
+    return ColumnFamily(
+        members[0].role,
+        members[0].rank,
+        {key: name.column for key, name in zip(keys, members, strict=True)},
+        {name.column: name.unit for name in members if name.unit},
+    )
+
+
+def _is_complement(
+    group: Mapping[str | int | None, ColumnName], other_group: Mapping[str | int | None, ColumnName]
+) -> bool:
+    """Return whether two families are one quantity of different joints, as with mm and deg, or N and N m.
+
+    Columns that have only numbers must differ in the dimension of their unit.
+    """
+    if set(group) & set(other_group):
+        return False
+    name, other_name = (next(iter(members.values())) for members in (group, other_group))
+    if (name.role, name.rank, _bare_words(name)) != (other_name.role, other_name.rank, _bare_words(other_name)):
+        return False
+    # without joint names, two numbered families are merged only if their dimensions show that they are different joints
+    if name.joint is None or other_name.joint is None:
+        numbered = name.number is not None and other_name.number is not None
+        return numbered and "" != _unit_dimension(name) != _unit_dimension(other_name) != ""
+    return True
+
+
+def _bare_words(name: ColumnName) -> tuple[str, ...]:
+    """Return the words of a family without its unit and role words, so that force and torque compare equal."""
+    return tuple(word for word in name.family[:-1] if word not in _ROLES.get(name.role, ()))
+
+
+def _unit_dimension(name: ColumnName) -> str:
+    return next((dimension for dimension, units in UNITS.items() if name.unit in units), "")
+
+
+def _take_joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | None, tuple[str, ...]]:
+    """Return the joint with the longest name that occurs in the words, and the remaining words."""
+    for joint in sorted(joints, key=lambda name: -len(tokens(name))):
+        name = tokens(joint)
+        for k in range(len(words) - len(name) + 1):
+            if name and words[k : k + len(name)] == name:
+                return joint, (*words[:k], *words[k + len(name) :])
+    return None, words
+
+
+def _find_role(words: Sequence[str]) -> str:
+    """Return the first role given by a word; a single letter t or i counts only if it is the whole name."""
+    texts = [word for word in words if not word.isdecimal()]
+    for role, role_words in _ROLES.items():
+        if any(word in role_words and (word not in ("t", "i") or texts[0] == word) for word in texts):
+            return role
+    return ""
+
+
+def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
+    """Return the unit in brackets or at the end of a name, in lower case, and its words."""
+    matches = list(_UNIT.finditer(column))
+    if not matches:
+        return "", ()
+    text = matches[-1]["bracket"] or matches[-1]["tail"]
+    return re.sub(r"[\s*·.]", "", text).lower(), tokens(text)
+
+
+def _remove_words(words: tuple[str, ...], removed: tuple[str, ...]) -> tuple[str, ...]:
+    remaining = list(words)
+    for word in removed:
+        # remove the last occurrence, since units stand at the end of a name
+        if word in remaining:
+            remaining.reverse()
+            remaining.remove(word)
+            remaining.reverse()
+    return tuple(remaining)
+
+
+def is_commanded(column: str) -> bool:
+    """Return whether the name of a column says that it was commanded, as a reference is."""
+    return bool(set(tokens(column)) & _COMMANDED_WORDS)
+
+
+def is_reference(column: str, joints: Iterable[str]) -> bool:
+    """Return whether the name of a column says that it is a reference position of a controller."""
+    return is_commanded(column) and read_name(column, joints).role == "position"
+
+
+def _measurement_rank(words: set[str]) -> int:
+    if words & (_COMMANDED_WORDS | _DERIVED_WORDS):
+        return -2
+    return int(bool(words & _MEASURED_WORDS)) - int(bool(words & _FILTERED_WORDS))

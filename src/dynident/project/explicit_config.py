@@ -1,0 +1,244 @@
+"""The configuration of a result with all that was chosen written out, so that nothing is left to choose."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dynident.files.opener import real_path, relative
+from dynident.files.xml_text import SUFFIXES
+from dynident.files.yaml_text import UNPRINTABLE, load_yaml
+from dynident.identification import Identification
+from dynident.models import CoupledMotor, RigidBodies
+from dynident.motion.smoothers import strip_time_offset
+from dynident.project.config import fingerprint, robot_text
+from dynident.project.settings import robot_settings
+from dynident.runtime import ConfigError
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS, PartFamily
+
+_BOOL_TAG = "tag:yaml.org,2002:bool"
+
+
+def settings_digest(folder: Path, *settings: Any) -> str:
+    """Return a digest of settings, in which the content of the files that they name in ``folder`` counts.
+
+    Raises ModelError where a robot file, or a Python file, cannot be read.
+    """
+    text = json.dumps([_with_file_digests(setting, folder) for setting in settings], sort_keys=True, default=str)
+    return sha256(text.encode()).hexdigest()[:12]
+
+
+def _with_file_digests(value: Any, folder: Path) -> Any:
+    """Return settings with the digest of its content in place of the name of a robot file or a Python file."""
+    if isinstance(value, Mapping):
+        return {str(key): _with_file_digests(entry, folder) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_file_digests(entry, folder) for entry in value]
+    if not isinstance(value, str):
+        return value
+    # the content counts instead of the name, so that an edited file gives another digest
+    if value.lower().endswith(SUFFIXES):
+        return sha256(robot_text(real_path(folder / value)).encode()).hexdigest()
+    place, colon, name = value.rpartition(":")
+    return f"{fingerprint(real_path(folder / place))}{colon}{name}" if place.endswith(".py") else value
+
+
+def explicit_config(identification: Identification, path: Path, comments: Mapping[str, Sequence[str]]) -> str:
+    """Return the text of a configuration, to lie at ``path``, that repeats a result without any choice.
+
+    ``comments`` are lines to stand above keys, those of the model as ``model.terms``; those above all by the key "".
+    Raises ConfigError where the result was made without a configuration, or a part has settings without a plain form.
+    """
+    return settings_text(explicit_settings(identification, path.parent), comments)
+
+
+def settings_text(settings: Mapping[str, Any], comments: Mapping[str, Sequence[str]]) -> str:
+    """Return the text of a configuration with these settings, and ``comments`` as in ``explicit_config``."""
+    lines = [*_comment_lines(comments, ""), ""]
+    for key, value in settings.items():
+        if key == "model" and isinstance(value, dict):
+            lines.append("model:")
+            for name, setting in value.items():
+                lines += [*_comment_lines(comments, f"model.{name}", "  "), *_yaml_lines(name, setting, "  ")]
+        else:
+            lines += [*_comment_lines(comments, key), *_yaml_lines(key, value)]
+    return "\n".join(lines) + "\n"
+
+
+def explicit_settings(identification: Identification, folder: Path) -> dict[str, Any]:
+    """Return the explicit configuration of a result as plain values, with file names relative to ``folder``.
+
+    Raises as ``explicit_config``.
+    """
+    source, recipe = identification.provenance.configuration, identification.recipe
+    if source is None:
+        raise ConfigError("the result was made from Python, without a configuration, so that none can be written.")
+    old_folder, folder = Path(source.path).parent, real_path(folder)
+    data: dict[str, Any] = dict(load_yaml(source.text, source.path))
+    # the time offset is written as the setting ``delay``, not as part of the smoother
+    smoother = strip_time_offset(recipe.smoothers[0])
+    data["model"] = _model_settings(identification, data["model"], old_folder, folder)
+    for role in ("train", "validation"):
+        data[role] = [{**log, "file": _relocate_files(log["file"], old_folder, folder)} for log in data.get(role) or ()]
+    resolved_settings = {
+        "simulation": _relocate_part(data.get("simulation"), old_folder, folder),
+        "delay": recipe.time_offset,
+        "min_speed": recipe.min_speed,
+        "smoother": part_settings(SMOOTHERS, smoother, folder),
+        "estimator": part_settings(ESTIMATORS, recipe.estimator, folder),
+        "outliers": recipe.outliers,
+        "rests": recipe.rests,
+    }
+    # what was resolved replaces what the configuration left open
+    return {key: value for key, value in {**data, **resolved_settings}.items() if value is not None and value != []}
+
+
+def relocate_settings(settings: Mapping[str, Any], old_folder: Path, folder: Path) -> dict[str, Any]:
+    """Return explicit settings whose file names, relative to ``old_folder``, are made relative to ``folder``."""
+    data = {key: _relocate_part(value, old_folder, folder) for key, value in settings.items()}
+    model = data["model"]
+    if isinstance(model, dict):
+        data["model"] = model | {"file": _relocate_files(model["file"], old_folder, folder)}
+    else:
+        data["model"] = _relocate_function(str(model), old_folder, folder)
+    for role in ("train", "validation"):
+        if role in data:
+            data[role] = [{**log, "file": _relocate_files(log["file"], old_folder, folder)} for log in data[role]]
+    return data
+
+
+def _relocate_part(value: Any, old_folder: Path, folder: Path) -> Any:
+    """Return a part with its Python file, and those inside it, in another folder."""
+    if isinstance(value, list):
+        return [_relocate_part(entry, old_folder, folder) for entry in value]
+    if not isinstance(value, dict):
+        return value
+    entries = {key: _relocate_part(entry, old_folder, folder) for key, entry in value.items()}
+    # the kind of a part of the user names a file and a class in it
+    place, colon, name = str(value.get("kind", "")).rpartition(":")
+    return (
+        entries | {"kind": f"{_relocate_files(place, old_folder, folder)}{colon}{name}"}
+        if place.endswith(".py")
+        else entries
+    )
+
+
+def _relocate_function(model: str, old_folder: Path, folder: Path) -> str:
+    """Return a model of a Python file, or of the gallery, as a configuration in another folder names it."""
+    place, colon, name = model.rpartition(":")
+    return f"{relative(old_folder / place, folder)}{colon}{name}" if place != "gallery" else model
+
+
+def _model_settings(identification: Identification, model_entry: Any, old_folder: Path, folder: Path) -> Any:
+    """Return the settings of the model, with its terms and the tilt of its base where it is built of a robot file."""
+    if isinstance(model_entry, str) and robot_settings(model_entry) is None:
+        return _relocate_function(model_entry, old_folder, folder)
+    data = dict(model_entry) if isinstance(model_entry, Mapping) else {"file": model_entry}
+    tilt = identification.recipe.base_tilt
+    data["file"] = _relocate_files(data["file"], old_folder, folder)
+    data["base_tilt"] = list(tilt) if isinstance(tilt, tuple) else "none"
+    # bodies and couplings follow from the robot file and the other keys, the remaining terms are listed
+    joint_terms = [term for term in identification.model.terms if not isinstance(term, RigidBodies | CoupledMotor)]
+    return data | {"terms": [part_settings(TERMS, term, folder) for term in joint_terms]}
+
+
+def part_settings(family: PartFamily, part: Any, folder: Path) -> Any:
+    """Return the settings of a part that are not as they are by default, its Python file relative to a folder.
+
+    Raises ConfigError where a setting has no plain form.
+    """
+    return _relative_kinds(_without_defaults(family.describe(part), part), folder)
+
+
+def _without_defaults(described: dict[str, Any], part: Any) -> dict[str, Any]:
+    """Return the settings of a part, and of parts inside it, without those that are as they are by default."""
+    # a part may keep its settings in another class than itself
+    holder = getattr(type(part), "Settings", type(part))
+    defaults = {field.name: field.default for field in (*fields(part), *fields(holder)) if field.init}
+    return {
+        key: _without_defaults(value, getattr(part, key)) if isinstance(value, dict) and "kind" in value else value
+        for key, value in described.items()
+        if key == "kind" or not (value is None or _is_default(value, defaults.get(key, MISSING)))
+    }
+
+
+def _is_default(value: Any, default: Any) -> bool:
+    """Whether a setting, or that of each joint, is as it is by default."""
+    if isinstance(value, dict | list) and not value:
+        return not default
+    return all(entry == default for entry in value.values()) if isinstance(value, dict) else value == default
+
+
+def _relocate_files(files: Any, old_folder: Path, folder: Path) -> Any:
+    """Return the name of a file, or a mapping of short names to them, relative to another folder."""
+    if isinstance(files, Mapping):
+        return {key: _relocate_files(file, old_folder, folder) for key, file in files.items()}
+    return str(files) if Path(str(files)).is_absolute() else relative(old_folder / str(files), folder)
+
+
+def _relative_kinds(described: Any, folder: Path) -> Any:
+    """Return settings with the Python files that kinds in them name relative to a folder."""
+    if not isinstance(described, dict):
+        return described
+    place, colon, name = str(described.get("kind", "")).rpartition(":")
+    entries = {key: _relative_kinds(value, folder) for key, value in described.items()}
+    return entries | {"kind": f"{relative(Path(place), folder)}{colon}{name}"} if place.endswith(".py") else entries
+
+
+def _comment_lines(comments: Mapping[str, Sequence[str]], key: str, indent: str = "") -> list[str]:
+    """Return the lines above a key; names in them may hold anything."""
+    return [f"{indent}# {UNPRINTABLE.sub('?', line)}" for line in comments.get(key, ())]
+
+
+def _yaml_lines(key: str, value: Any, indent: str = "") -> Iterator[str]:
+    """Yield a setting as YAML: each entry of a list of mappings, or mapping of them, on a line of its own."""
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        yield f"{indent}{_flow_line({key: None})}"
+        yield from (f"{indent}  - {_flow_text(entry)}" for entry in value)
+    elif (
+        isinstance(value, dict) and any(isinstance(entry, dict) for entry in value.values()) and _has_plain_keys(value)
+    ):
+        yield f"{indent}{_flow_line({key: None})}"
+        yield from (f"{indent}  {_flow_line({name: entry})}" for name, entry in value.items())
+    else:
+        yield f"{indent}{_flow_line({key: value})}"
+
+
+def _has_plain_keys(value: Mapping[Any, Any]) -> bool:
+    """Whether each key can stand on a line before a colon; very long ones cannot."""
+    return not any(_flow_line({name: 0}).startswith("?") for name in value)
+
+
+def _flow_line(value: dict[Any, Any]) -> str:
+    """Return a mapping of one key on one line."""
+    text = _flow_text(value)[1:-1]
+    return text.removesuffix(" null") if list(value.values()) == [None] else text
+
+
+def _flow_text(value: Any) -> str:
+    text = yaml.dump(
+        value, Dumper=_Dumper, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
+    )
+    return str(text).strip(os.linesep + "\n")
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes the key ``on`` without quotes, as it is read, and nothing as an alias."""
+
+    def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
+        node = super().represent_mapping(tag, mapping, flow_style)
+        # YAML 1.1 reads ``on`` as a truth value: tagged as one, the key is written without quotes
+        for key, _ in node.value:
+            key.tag = _BOOL_TAG if key.value == "on" else key.tag
+        return node
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+        return True

@@ -1,0 +1,43 @@
+"""The identified model as files for other programs."""
+
+from dynident.project.export.formats import Mjcf, Numpy, Urdf, Yaml, declare_root, identified_yaml
+from dynident.project.export.identified import IdentifiedModel
+from dynident.project.export.numpy_module import identified_module
+from dynident.project.export.proof import export, export_files, exports, prove, random_states, spread
+from dynident.project.export.robot_files import (
+    check_payload_link,
+    identified_mjcf,
+    identified_urdf,
+    relocate_files,
+    strip_to_joints,
+    with_payload_link,
+)
+from dynident.project.export.written import Export, Exporter, ExportText, FileError, Proof
+
+__all__ = [
+    "Export",
+    "ExportText",
+    "Exporter",
+    "FileError",
+    "IdentifiedModel",
+    "Mjcf",
+    "Numpy",
+    "Proof",
+    "Urdf",
+    "Yaml",
+    "check_payload_link",
+    "declare_root",
+    "export",
+    "export_files",
+    "exports",
+    "identified_mjcf",
+    "identified_module",
+    "identified_urdf",
+    "identified_yaml",
+    "prove",
+    "random_states",
+    "relocate_files",
+    "spread",
+    "strip_to_joints",
+    "with_payload_link",
+]

@@ -1,0 +1,271 @@
+"""The formats that a model is exported to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any, ClassVar
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from dynident.files.xml_text import XmlText
+from dynident.models import RigidBodies, motion_memory
+from dynident.project.export.identified import IdentifiedModel, drives
+from dynident.project.export.numpy_module import identified_module
+from dynident.project.export.robot_files import identified_mjcf, identified_urdf
+from dynident.project.export.written import ExportText, Reader, States, place_values
+from dynident.runtime import DynidentError
+
+FRAME = (
+    "mass, first moment and inertia of a body are about the origin of its joint's frame with the axes of its link; "
+    "they contain all links that move with it"
+)
+
+Array = NDArray[np.float64]
+SHAPE_TAGS = (
+    "actuator", "asset", "camera", "contact", "custom", "deformable", "equality", "extension", "geom", "keyframe",
+    "light", "sensor", "site", "skin", "tendon", "visual",
+)  # fmt: skip
+
+
+def identified_yaml(identified: IdentifiedModel) -> ExportText:
+    """Return all parameters as YAML; it can hold any values."""
+    model = identified.model
+    data: dict[str, Any] = {
+        "model": model.name,
+        "frames": FRAME,
+        "joints": [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints],
+    }
+    if (robot := identified.robot) is not None:
+        merged = {body: list(links) for body, links in robot.merged_links.items()}
+        data |= {"robot": {"file": robot.source, "gravity": list(robot.gravity), "locked": dict(robot.locked)}}
+        data["robot"]["merged"] = merged
+    data["parameters"] = [_parameter_row(identified, k) for k in range(len(model.parameters))]
+    return ExportText(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120))
+
+
+def _parameter_row(identified: IdentifiedModel, k: int) -> dict[str, Any]:
+    parameter = identified.model.parameters[k]
+    row: dict[str, Any] = {"name": parameter.name, "value": float(identified.value[k])}
+    if identified.std is not None:
+        row["std"] = float(identified.std[k]) if np.isfinite(identified.std[k]) else None
+    if identified.verdict:
+        row["verdict"] = str(identified.verdict[k])
+    row |= {"unit": parameter.unit, "meaning": parameter.expression}
+    return row | ({"body": parameter.body} if parameter.body else {})
+
+
+def torque_by_numpy(source: str, _: IdentifiedModel, states: States) -> Array:
+    """Return the torque of a module's own inverse dynamics."""
+    namespace: dict[str, Any] = {"__name__": "model"}
+    exec(compile(source, "model.py", "exec"), namespace)  # noqa: S102 - the text was written above, names are quoted
+    return np.asarray(namespace["inverse_dynamics"](*states))
+
+
+def torque_by_yaml(text: str, identified: IdentifiedModel, states: States) -> Array:
+    """Return the torque of the parameters in a YAML text, which must be the same to the last digit."""
+    safe = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times faster, where PyYAML was built with it
+    values = {row["name"]: row["value"] for row in yaml.load(text, safe)["parameters"]}  # noqa: S506
+    read_values = np.array([values[name] for name in identified.model.names])
+    if (read_values != identified.value).any():  # of some, the torque says nothing
+        raise DynidentError("a value differs")
+    return identified.model.torque(*states, read_values, np.zeros((len(states[0]), identified.model.memory)))
+
+
+def torque_by_dynident(text: str, identified: IdentifiedModel, states: States) -> Array:
+    """Return the torque of a text that dynident itself reads."""
+    bodies, _ = identified.bodies
+    names = tuple(joint.name for joint in bodies.joints)
+    reloaded = RigidBodies(text, names, bodies.locked, bodies.gravity, bodies.source)
+    values = [parameter.value for parameter in reloaded.parameters]
+    if None in values:
+        raise DynidentError("a body has no inertia of its own")
+    coefficients = [
+        np.array([attribute.get(name, 0.0) for name in names]) for attribute in (reloaded.damping, reloaded.friction)
+    ]
+    rotor = np.array([reloaded.armature.get(name, 0.0) for name in names])
+    _, dq, ddq = states
+    torque = reloaded.regressor(*states) @ np.array(values, dtype=float)
+    return np.asarray(torque + coefficients[0] * dq + coefficients[1] * np.sign(dq) + rotor * ddq)
+
+
+def torque_by_pinocchio(text: str, identified: IdentifiedModel, states: States) -> Array:
+    """Return the torque of a URDF that Pinocchio reads; fixed joints stay fixed in its full model."""
+    import pinocchio as pin
+
+    bodies, _ = identified.bodies
+    model = pin.buildModelFromXML(declare_root(text, bodies.file.root))
+    arm, data = bodies.arm, model.createData()
+    names = [body.joint.name for body in arm.bodies]
+    model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
+    # Pinocchio has an order of joints of its own
+    columns = [model.joints[model.getJointId(name)].idx_v for name in names]
+    standing = {name: x for name, x in arm.fixed_positions.items() if model.existJointName(name)}
+
+    def position(q: Array) -> Array:
+        """Return the configuration of Pinocchio, in which a continuous joint is a point of a circle."""
+        out: Array = pin.neutral(model)
+        for name, x in {**standing, **dict(zip(names, q, strict=True))}.items():
+            joint = model.joints[model.getJointId(name)]
+            if joint.nv == 1:
+                out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+        return out
+
+    out = np.empty((len(states[0]), len(names)))
+    for row, q, dq, ddq in zip(out, *arm.body_states(*states), strict=True):
+        full = np.zeros((2, model.nv))
+        full[:, columns] = dq, ddq
+        row[:] = pin.rnea(model, data, position(q), *full)[columns]
+    driven_columns = [columns[k] for k in arm.driven]
+    damping, friction = (np.asarray(x)[driven_columns] for x in (model.damping, model.friction))
+    return np.asarray(out @ arm.drive + damping * states[1] + friction * np.sign(states[1]))
+
+
+def declare_root(text: str, root: str) -> str:
+    """Return a URDF whose root link is declared: some exporters omit the world link that the base is fixed to."""
+    edited = XmlText(text)
+    if all(node.attributes.get("name") != root for node in edited.root.children if node.tag == "link"):
+        edited.insert(edited.root, f"<link name={quoteattr(root)}/>")
+    return str(edited)
+
+
+def torque_by_mujoco(text: str, identified: IdentifiedModel, states: States) -> Array:
+    """Return the torque of an MJCF, without its shapes, that MuJoCo reads.
+
+    Friction is computed here, as that of MuJoCo is soft at rest.
+    """
+    import mujoco
+
+    bodies, _ = identified.bodies
+    model = mujoco.MjModel.from_xml_string(_remove_shapes(text))
+    # constraints and actuators would add forces to the inverse dynamics
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_ACTUATION
+    model.body_gravcomp[:] = 0.0
+    model.opt.density = model.opt.viscosity = 0.0
+    arm, data = bodies.arm, mujoco.MjData(model)
+    joints = [model.joint(body.joint.name) for body in arm.bodies]
+    columns = [int(joint.dofadr[0]) for joint in joints]
+    places = [int(joint.qposadr[0]) for joint in joints]
+    data.qpos[:] = model.qpos0
+    # locked joints stand where the identification had them
+    for name, position in arm.fixed_positions.items():
+        data.qpos[model.joint(name).qposadr[0]] = position
+    out = np.empty((len(states[0]), len(joints)))
+    for row, q, dq, ddq in zip(out, *arm.body_states(*states), strict=True):
+        data.qpos[places], data.qvel[columns], data.qacc[columns] = q, dq, ddq
+        mujoco.mj_inverse(model, data)
+        row[:] = data.qfrc_inverse[columns]
+    friction = model.dof_frictionloss[[columns[k] for k in arm.driven]]
+    return np.asarray(out @ arm.drive + friction * np.sign(states[1]))
+
+
+def _remove_shapes(text: str) -> str:
+    """Return an MJCF without shapes and references to them, as their files may be missing."""
+    edited = XmlText(text)
+    todo = list(edited.root.children)
+    while todo:
+        node = todo.pop()
+        if node.tag in SHAPE_TAGS:
+            edited.delete(node)
+        elif node.tag != "default":
+            todo += node.children
+    return str(edited)
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """The robot's own URDF with the identified inertias, damping and friction."""
+
+    format: ClassVar[str] = "urdf"
+    readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": torque_by_pinocchio, "dynident": torque_by_dynident}
+
+    def file(self, identified: IdentifiedModel) -> str:
+        """Return the name of the robot's file, as that of an identified one."""
+        return f"{_file_stem(identified)}.identified.urdf"
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the URDF."""
+        return identified_urdf(identified)
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of bodies, damping and friction."""
+        return _robot_file_torque(identified, states, armature=False)
+
+
+@dataclass(frozen=True)
+class Mjcf:
+    """The robot's own MJCF with the identified inertias, damping, friction and armature."""
+
+    format: ClassVar[str] = "mjcf"
+    readers: ClassVar[Mapping[str, Reader]] = {"MuJoCo": torque_by_mujoco, "dynident": torque_by_dynident}
+
+    def file(self, identified: IdentifiedModel) -> str:
+        """Return the name of the robot's file, as that of an identified one."""
+        return f"{_file_stem(identified)}.identified.xml"
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the MJCF."""
+        return identified_mjcf(identified)
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of bodies, damping, friction and armature."""
+        return _robot_file_torque(identified, states, armature=True)
+
+
+@dataclass(frozen=True)
+class Numpy:
+    """A Python module that needs only NumPy."""
+
+    format: ClassVar[str] = "numpy"
+    readers: ClassVar[Mapping[str, Reader]] = {"NumPy": torque_by_numpy}
+
+    def file(self, identified: IdentifiedModel) -> str:  # noqa: ARG002
+        """Return model.py."""
+        return "model.py"
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the module."""
+        return identified_module(identified)
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of all terms except those that remember more than the load."""
+        memoryless = identified.memoryless
+        memory = motion_memory(memoryless.model, np.zeros(len(states[0])), *states)
+        return memoryless.model.torque(*states, memoryless.value, memory)
+
+
+@dataclass(frozen=True)
+class Yaml:
+    """All parameters by name, with units and meanings."""
+
+    format: ClassVar[str] = "yaml"
+    readers: ClassVar[Mapping[str, Reader]] = {"YAML": torque_by_yaml}
+
+    def file(self, identified: IdentifiedModel) -> str:  # noqa: ARG002
+        """Return parameters.yaml."""
+        return "parameters.yaml"
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the parameters."""
+        return identified_yaml(identified)
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of all terms, with the memory of those that have one at zero."""
+        return identified.model.torque(*states, identified.value, np.zeros((len(states[0]), identified.model.memory)))
+
+
+def _file_stem(identified: IdentifiedModel) -> str:
+    return PurePath(identified.robot.source if identified.robot else identified.model.name).stem
+
+
+def _robot_file_torque(identified: IdentifiedModel, states: States, *, armature: bool) -> Array:
+    best = place_values(identified, armature=armature)
+    bodies, values = best.bodies
+    names = tuple(joint.name for joint in bodies.joints)
+    joint_drives = drives(best, armature=armature)
+    return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))

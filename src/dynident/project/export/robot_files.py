@@ -1,0 +1,350 @@
+"""A payload as a link of its own in a URDF, fixed to the link that carries it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.files.xml_text import XmlNode, XmlText
+from dynident.models import RigidBodies, to_physical
+from dynident.models.robot_files import UNNAMED
+from dynident.project.export.identified import Drives, IdentifiedModel, LinkInertias, drives, link_inertias
+from dynident.project.export.written import ExportText, move_notes, place_values
+from dynident.runtime import ModelError
+
+Array = NDArray[np.float64]
+EARTH_GRAVITY = (0.0, 0.0, -9.81)
+FILE_ATTRIBUTES = {"mesh": ("filename",), "texture": ("filename",), "compiler": ("meshdir", "texturedir", "assetdir")}
+TENSOR_ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+# compiler settings that change inertias
+ALTERING_SETTINGS = "balanceinertia", "boundmass", "boundinertia", "settotalmass"
+FULL_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+ZERO_INERTIAL = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
+
+LINK_NAME = "payload"
+MAX_TORQUE_DIFFERENCE = 1e-6  # largest difference of the torque, relative
+
+
+def identified_urdf(identified: IdentifiedModel) -> ExportText:
+    """Return the robot's URDF with ``<inertial>`` and ``<dynamics>`` as identified.
+
+    All else is preserved byte by byte, except rounded angles of joints: they are written exactly, as they were
+    used, such as pi for 3.14159. Rotor inertia that acts on the torque as the inertia of a link does is written
+    as such (``place_values``).
+
+    Inertias are about the centre of mass with the axes of the link (the specification of ROS,
+    http://wiki.ros.org/urdf/XML). Raises ModelError where the model does not come from a URDF, and for
+    inconsistent bodies or negative friction.
+    """
+    bodies, _ = identified.bodies
+    if bodies.format != "urdf":
+        raise ModelError(f"{bodies.source}: it is an MJCF, which can be written as `mjcf`, not as `urdf`.")
+    best = place_values(identified, armature=False)
+    joint_drives, shares = drives(best, armature=False), link_inertias(bodies, best.bodies[1])
+    text = XmlText(bodies.xml)
+    joints = {body.joint.name for body in bodies.arm.bodies}
+    for node in text.root.children:
+        name = node.attributes.get("name", "")
+        if node.tag == "link" and name in shares.links:
+            _set_urdf_inertia(text, node, shares.links[name])
+        elif node.tag == "joint":
+            _set_joint(text, node, joint_drives, name if name in joints else None)
+    gravity = (
+        [] if bodies.gravity == EARTH_GRAVITY else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
+    )
+    notes = (*move_notes(identified, best), *joint_drives.notes, *shares.notes, *fixed_joint_notes(bodies, shares))
+    return ExportText(str(text), (*joint_drives.left_out, *gravity), notes)
+
+
+def strip_to_joints(xml: str) -> str:
+    """Return a URDF of links and joints alone, for readers that refuse the full file.
+
+    It has no inertia and shapes, limits at each joint, and rounded angles written as this package reads them,
+    such as pi for 3.14159.
+    """
+    text = XmlText(xml)
+    for node in text.root.children:
+        if node.tag not in ("link", "joint"):
+            text.delete(node)
+        for child in node.children if node.tag == "link" else ():
+            text.delete(child)
+        if node.tag == "joint":
+            _free_joint(text, node)
+    return str(text)
+
+
+def _free_joint(text: XmlText, joint: XmlNode) -> None:
+    """Keep only what places a joint and what it follows, and insert limits."""
+    for child in joint.children:
+        if child.tag == "origin":
+            text.write_exact_angles(child, "rpy")
+        elif child.tag not in ("parent", "child", "axis", "mimic"):
+            text.delete(child)
+    text.insert(joint, '<limit effort="1" velocity="1" lower="-1" upper="1"/>')
+
+
+def relocate_files(xml: str, prefix: str) -> str:
+    """Return a URDF for another folder, with ``prefix`` before its relative file names.
+
+    ``prefix`` leads from that folder to the one where the names start. It is set for meshes and textures, and for
+    the folders that MuJoCo's <compiler> names; URIs are left as they are.
+    """
+    text = XmlText(xml)
+    for node in text.root.walk():
+        keys = FILE_ATTRIBUTES.get(node.tag, ())
+        names = {key: node.attributes[key] for key in keys if node.attributes.get(key)}
+        # absolute names and URIs do not depend on the folder
+        new_names = {
+            key: f"{prefix}/{name}" for key, name in names.items() if not (":" in name or name.startswith("/"))
+        }
+        if new_names:
+            text.set(node, new_names)
+    return str(text)
+
+
+def numbers_text(values: Iterable[float]) -> str:
+    """Return numbers with all their digits, separated by spaces."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def fixed_joint_notes(bodies: RigidBodies, shares: LinkInertias) -> tuple[str, ...]:
+    """Return notes on the links that belong to a body only while a joint is fixed, and on their inertia."""
+    movable = {joint.child: joint.name for joint in bodies.file.joints if joint.kind != "fixed"}
+    names = [
+        f"{movable[link]!r}" for body in bodies.arm.bodies_with_parameters for link in body.links[1:] if link in movable
+    ]  # fmt: skip
+    if not names:
+        return ()
+    sentence = (
+        f"the joints {', '.join(names)} were fixed: the identified bodies include the links beyond them, which is "
+        "exact "
+        f"only in that position; these links have inertias {'as noted' if shares.notes else 'as the file has them'}"
+    )
+    return (sentence,)
+
+
+def _set_urdf_inertia(text: XmlText, link: XmlNode, theta: Array | None) -> None:
+    inertial = link.find("inertial")
+    if theta is None:
+        if inertial is not None:
+            text.delete(inertial)
+        return
+    mass, centre, tensor = to_physical(theta, link.attributes["name"])
+    values = {key: repr(float(tensor[place])) for key, place in TENSOR_ENTRIES.items()}
+    if inertial is None:
+        parts = (
+            f'<origin xyz="{numbers_text(centre)}"/>',
+            f'<mass value="{float(mass)!r}"/>',
+            _element("inertia", values),
+        )
+        text.insert(link, "<inertial>", *("  " + part for part in parts), "</inertial>")
+        return
+    # the tensor is written in the axes of the link: a rotated inertial frame is turned back
+    _set_origin(text, inertial, numbers_text(centre))
+    for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", values)):
+        element = inertial.find(tag)
+        if element is not None:  # the parser rejects an <inertial> without them
+            text.set(element, attributes)
+
+
+def _set_origin(text: XmlText, inertial: XmlNode, centre: str) -> None:
+    """Set the frame of an inertia: at the centre of mass, with the axes of the link."""
+    origin = inertial.find("origin")
+    if origin is None:
+        text.insert(inertial, f'<origin xyz="{centre}"/>')
+    else:
+        rotation = {"rpy": "0 0 0"} if any(float(x) for x in origin.attributes.get("rpy", "").split()) else {}
+        text.set(origin, {"xyz": centre, **rotation})
+
+
+def _element(tag: str, values: Mapping[str, str]) -> str:
+    return f"<{tag} " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>"
+
+
+def _set_joint(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str | None) -> None:
+    """Set the frame of a joint; damping and friction, too, if it moves and so has a ``name``."""
+    if (origin := joint.find("origin")) is not None:
+        text.write_exact_angles(origin, "rpy")
+    if name is not None:
+        _set_dynamics(text, joint, joint_drives, name)
+
+
+def _set_dynamics(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str) -> None:
+    coefficients = {"damping": joint_drives.damping.get(name), "friction": joint_drives.friction.get(name)}
+    values = {key: repr(float(value)) for key, value in coefficients.items() if value is not None}
+    dynamics = joint.find("dynamics")
+    if dynamics is not None:
+        text.set(dynamics, values)
+    elif values:
+        text.insert(joint, _element("dynamics", values))
+
+
+def identified_mjcf(identified: IdentifiedModel) -> ExportText:
+    """Return the robot's MJCF with the identified inertias, ``armature``, ``damping`` and ``frictionloss``.
+
+    The gravity is that of the identification, rounded angles are written as they were read, and compiler settings
+    that would change inertias are removed. Raises ModelError where the model does not come from an MJCF, and for
+    inconsistent bodies or negative friction.
+    """
+    bodies, _ = identified.bodies
+    if bodies.format != "mjcf":
+        raise ModelError(f"{bodies.source}: it is a URDF, which can be written as `urdf`, not as `mjcf`.")
+    best = place_values(identified, armature=True)
+    joint_drives, shares = drives(best, armature=True), link_inertias(bodies, best.bodies[1])
+    text = XmlText(bodies.xml)
+    if _is_in_radians(text):
+        for node in (element for element in _body_nodes(text) if element.tag in ("body", "frame")):
+            text.write_exact_angles(node, "euler")
+            text.write_exact_angles(node, "axisangle", 1)
+    _set_identified(text, bodies, joint_drives, shares)
+    if bodies.file.gravity != bodies.gravity:
+        _set_gravity(text, bodies.gravity)
+    notes = (
+        *move_notes(identified, best),
+        *joint_drives.notes,
+        *shares.notes,
+        *fixed_joint_notes(bodies, shares),
+        *_remove_altering(text),
+    )
+    return ExportText(str(text), joint_drives.left_out, notes)
+
+
+def _is_in_radians(text: XmlText) -> bool:
+    compilers = [child.attributes for child in text.root.children if child.tag == "compiler"]
+    # settings of several compiler elements are merged, the last one counts
+    return [compiler["angle"] for compiler in compilers if "angle" in compiler][-1:] == ["radian"]
+
+
+def _body_nodes(text: XmlText) -> Iterator[XmlNode]:
+    """Yield all elements of the bodies."""
+    for world in text.root.children:
+        if world.tag == "worldbody":
+            yield from world.walk()
+
+
+def _set_identified(text: XmlText, bodies: RigidBodies, joint_drives: Drives, shares: LinkInertias) -> None:
+    """Set the inertias of bodies, and the attributes of their joints."""
+    joints = {body.joint.name for body in bodies.arm.bodies}
+    links = {name: theta for name, theta in bodies.file.links.items() if theta is not None}
+    altered, count = bool(_altering_settings(text)), 0
+    for node in _body_nodes(text):
+        # bodies without a name are numbered in the order of the file, as the parser numbers them
+        count += node.tag == "body"
+        name = node.attributes.get("name") or (UNNAMED.format(count) if node.tag == "body" else "")
+        if node.tag == "body" and name in shares.links:
+            _set_mjcf_inertia(text, node, name, shares.links[name], bodies.file.origins[name])
+        elif node.tag == "body" and name in links and (altered or node.find("inertial") is None):
+            # of shapes, or as the compiler alters it; without its settings and without shapes it is the same
+            _set_mjcf_inertia(text, node, name, links[name], bodies.file.origins[name])
+        elif node.tag == "joint" and name in joints:
+            _set_drive(text, node, joint_drives, name)
+
+
+def _set_mjcf_inertia(text: XmlText, body: XmlNode, name: str, theta: Array | None, origin: Array) -> None:
+    element = ZERO_INERTIAL
+    if theta is not None and theta.any():
+        # MuJoCo wants the inertia about the centre of mass
+        mass, centre, tensor = to_physical(theta, name)
+        full = numbers_text(tensor[place] for place in FULL_INERTIA)
+        element = f'<inertial pos="{numbers_text(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
+    inertial = body.find("inertial")
+    if inertial is None:
+        text.insert(body, element)
+    else:
+        text.replace(inertial, element)
+
+
+def _set_drive(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str) -> None:
+    names = {"armature": joint_drives.armature, "damping": joint_drives.damping, "frictionloss": joint_drives.friction}
+    attributes = {key: repr(float(values[name])) for key, values in names.items() if name in values}
+    if "damping" in attributes and any(" " in node.attributes.get("damping", "").strip() for node in text.root.walk()):
+        attributes["damping"] += " 0 0"  # a default class has powers, which would be added
+    text.set(joint, attributes)
+
+
+def _set_gravity(text: XmlText, gravity: tuple[float, ...]) -> None:
+    """Set gravity wherever it is given, as the last one counts; else in the first option, or in a new one."""
+    options = [child for child in text.root.children if child.tag == "option"]
+    stated = [option for option in options if "gravity" in option.attributes] or options[:1]
+    for option in stated:
+        text.set(option, {"gravity": numbers_text(gravity)})
+    if not stated:
+        text.insert(text.root, f'<option gravity="{numbers_text(gravity)}"/>')
+
+
+def _altering_settings(text: XmlText) -> list[tuple[XmlNode, tuple[str, ...]]]:
+    """Return the compiler settings that change inertias, by their element."""
+    settings = []
+    for compiler in (child for child in text.root.children if child.tag == "compiler"):
+        keys = [key for key in ALTERING_SETTINGS if key in compiler.attributes]
+        keys += ["inertiafromgeom"] if compiler.attributes.get("inertiafromgeom") == "true" else []
+        settings += [(compiler, tuple(keys))] if keys else []
+    return settings
+
+
+def _remove_altering(text: XmlText) -> tuple[str, ...]:
+    """Remove settings that would change the inertias when the file is compiled; return a note on them."""
+    removed = [key for _, keys in _altering_settings(text) for key in keys]
+    for compiler, keys in _altering_settings(text):
+        text.drop(compiler, keys)
+    return (f"<compiler> {', '.join(removed)} removed, so that the inertias are used as written",) if removed else ()
+
+
+def with_payload_link(xml: str, frame: str, mass: float, centre: Array, tensor: Array) -> str:
+    """Return a URDF with a payload as a further link.
+
+    It has ``mass`` (kg), ``centre`` of mass (3) in m and ``tensor`` (3, 3) in kg m^2 about this, both in the
+    ``frame`` of the link to which a fixed joint ties it; all else is preserved byte by byte. Raises ModelError
+    where the text is no URDF or has no such link.
+    """
+    text = XmlText(xml)
+    links = {node.attributes.get("name", "") for node in text.root.children if node.tag == "link"}
+    joints = {node.attributes.get("name", "") for node in text.root.children if node.tag == "joint"}
+    if text.root.tag != "robot":
+        raise ModelError("a payload is written into a URDF; this robot file is an MJCF.")
+    if frame not in links:
+        raise ModelError(f"the payload's frame {frame!r} is no link of the URDF.")
+    name = next(
+        candidate for candidate in (LINK_NAME, *(f"{LINK_NAME}_{k}" for k in range(2, 1000))) if candidate not in links
+    )
+    joint = next(
+        candidate
+        for candidate in (f"{name}_joint", *(f"{name}_joint_{k}" for k in range(2, 1000)))
+        if candidate not in joints
+    )
+    values = " ".join(f'{key}="{float(tensor[place])!r}"' for key, place in TENSOR_ENTRIES.items())
+    lines = (
+        f'<link name="{name}">',
+        "  <inertial>",
+        f'    <origin xyz="{numbers_text(centre)}"/>',
+        f'    <mass value="{float(mass)!r}"/>',
+        f"    <inertia {values}/>",
+        "  </inertial>",
+        "</link>",
+        f'<joint name="{joint}" type="fixed">',
+        f"  <parent link={quoteattr(frame)}/>",
+        f'  <child link="{name}"/>',
+        "</joint>",
+    )
+    text.insert(text.root, *lines)
+    return str(text)
+
+
+def check_payload_link(before: str, after: str, bodies: RigidBodies, added: Array) -> float:
+    """Compare the torque that a payload adds to a URDF with that of the parameters ``added`` (p) of its ``bodies``.
+
+    Returns the largest relative difference; raises ModelError where it is more than rounding.
+    """
+    q, dq, ddq = np.random.default_rng(0).uniform(-3, 3, (3, 100, len(bodies.joints)))
+    torques = []
+    for text in (before, after):
+        arm = RigidBodies(text, bodies.joints_used, bodies.locked, bodies.gravity, bodies.source, bodies.displacements)
+        torques.append(arm.torque(q, dq, ddq, np.array([parameter.value or 0.0 for parameter in arm.parameters])))
+    expected = bodies.torque(q, dq, ddq, added)
+    error = float(np.abs(torques[1] - torques[0] - expected).max() / (np.abs(expected).max() or 1.0))
+    if not error < MAX_TORQUE_DIFFERENCE:
+        raise ModelError(f"the URDF with the payload, loaded again, has another torque (by {100 * error:.2g} %).")
+    return error

@@ -1,0 +1,276 @@
+"""A configuration and what it names: the model, the recipe, the recordings; and the runs that are made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+
+from dynident.checks import CheckResult, notes, reading_line, run_checks, with_findings
+from dynident.files.opener import real_path
+from dynident.files.results import as_path
+from dynident.files.tables import recording_parts
+from dynident.files.xml_text import SUFFIXES
+from dynident.identification import (
+    AccuracyBound,
+    Identification,
+    Recipe,
+    SourceFile,
+    Sources,
+    TorqueNoise,
+    accuracy_bound,
+    identify,
+    identify_from_pieces,
+    plan_pieces,
+)
+from dynident.models import Model
+from dynident.motion.log import Log
+from dynident.project.config import (
+    config_text,
+    config_warnings,
+    fingerprint,
+    load_model,
+    model_file,
+    parse_config,
+    robot_text,
+)
+from dynident.project.logs import read_roles, read_with_findings, turning_joints
+from dynident.project.long_recordings import is_long, long_logs, pieces_name, reduce_pieces
+from dynident.project.parts import build_part
+from dynident.project.settings import Config, RobotSettings, TorqueInputSettings
+from dynident.regression import ParallelFilter
+from dynident.runtime import Finding, Remark, Severity, brief, report_progress
+from dynident.runtime.jobs import Limits
+
+
+def build_recipe(config: Config) -> Recipe:
+    """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
+    filter_settings = config.filter
+    parallel_filter = (
+        None
+        if filter_settings is None
+        else ParallelFilter(filter_settings.decimate, filter_settings.cutoff, filter_settings.order)
+    )
+    tilt = config.model.base_tilt if isinstance(config.model, RobotSettings) else "none"
+    restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
+    smoother, estimator = build_part(config.smoother), build_part(config.estimator)
+    # a model of Python code has all its terms, a robot file may leave them to the training logs
+    return Recipe(
+        smoother,
+        estimator,
+        parallel_filter,
+        config.min_speed,
+        config.delay,
+        None if tilt == "none" else tilt,
+        restart,
+        config.outliers,
+        config.rests,
+        "auto" if isinstance(config.model, RobotSettings) and config.model.chooses_terms else None,
+        config.model.proposed if isinstance(config.model, RobotSettings) else (),
+        config.unfitted,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Project:
+    """What a configuration names: ``config`` as written in the file ``path``, and the model and recipe made of it.
+
+    ``warnings`` are on the configuration itself; ``sources`` are its file and that of the model. Recordings are read
+    by the methods, each time that one is called.
+    """
+
+    path: Path
+    config: Config
+    model: Model
+    recipe: Recipe
+    warnings: tuple[str, ...]
+    sources: Sources
+
+    __repr__ = brief
+
+    def logs(self) -> tuple[dict[str, dict[str, Log]], tuple[str, ...]]:
+        """Read all recordings: their logs by role ("train", "validation") and name, and warnings.
+
+        Raises ConfigError and InputError as ``read_roles`` does.
+        """
+        return read_roles(self.config, self.model.joints)
+
+    @property
+    def long(self) -> bool:
+        """Whether the training is too long for the memory, so that it is fitted in pieces."""
+        return is_long(self.config)
+
+    def identify(
+        self, *, executor: Executor | None = None, limits: Limits | None = None, folder: Path | None = None
+    ) -> Identification:
+        """Identify the parameters from the recordings, with all warnings, the findings of the checks, and the hashes of
+        all files that were read.
+
+        A training too ``long`` for the memory is fitted in pieces, over the ``executor``; those that were done are kept
+        in the ``folder``, if there is one, for the next run. Of another the smoothers are tried there. Raises the
+        errors of reading and of ``dynident.identification.identify``.
+        """
+        if self.long:
+            identification, logs, remarks = self._identify_in_pieces(executor, limits, folder)
+        else:
+            logs, remarks = self.logs()
+            read = logs["train"], logs["validation"]
+            identification = identify(self.model, *read, self.recipe, executor=executor)
+        report_progress("reading the logs once more, for their hashes")
+        files = log_files(self.config)
+        turning = turning_joints(self.config)
+        identification = with_findings(identification, self.model, logs, self.recipe, multi_turn=turning)
+        # what reading has warned of may be among the findings as well
+        findings, remarks = _merge_remarks(identification.findings, remarks)
+        return self._with_provenance(
+            replace(identification, warnings=(*identification.notes, *findings)), (*self.model.notes, *remarks), files
+        )
+
+    def _identify_in_pieces(
+        self, executor: Executor | None, limits: Limits | None, folder: Path | None
+    ) -> tuple[Identification, dict[str, dict[str, Log]], tuple[str, ...]]:
+        """Return the identification of long recordings, their excerpts with the held-out logs, and what to remark."""
+        validation_config = self.config.model_copy(update={"train": ()})
+        logs, remarks = read_roles(validation_config, self.model.joints)
+        recordings = long_logs(self.config, self.model.joints)
+        preparation = plan_pieces(self.model, recordings, self.recipe)
+        table = None if folder is None else folder / pieces_name(preparation, recordings)
+        pieces = reduce_pieces(preparation, table, executor, limits)
+        identification = identify_from_pieces(preparation, pieces, logs["validation"])
+        notes = [note for recording in recordings for note in recording.notes]
+        if preparation.lost_samples:
+            notes.append(f"{preparation.lost_samples} samples between gaps are too few to be smoothed, and left out.")
+        return identification, {"train": dict(preparation.logs), "validation": logs["validation"]}, (*notes, *remarks)
+
+    def bound(
+        self,
+        sigma_q: Mapping[str, float] | float | None = None,
+        sigma_tau: Mapping[str, float] | float | None = None,
+        torque: TorqueNoise = "residual",
+    ) -> AccuracyBound:
+        """Return the accuracy that any method could reach with the training logs; arguments as in
+        ``accuracy_bound``."""
+        logs, remarks = self.logs()
+        accuracy = accuracy_bound(
+            self.model, logs["train"], self.recipe, sigma_q=sigma_q, sigma_tau=sigma_tau, torque=torque
+        )
+        return replace(accuracy, identification=self._with_provenance(accuracy.identification, remarks))
+
+    def examine(self) -> CheckResult:
+        """Examine the robot file and all recordings; one that cannot be read is an error among the findings."""
+        logs, reading_findings = read_with_findings(self.config, self.model.joints)
+        config_findings = tuple(
+            Finding(Severity.WARNING, None, words, source=self.path.name) for words in self.warnings
+        )
+        turning = turning_joints(self.config)
+        return run_checks(
+            self.model, logs, self.recipe, multi_turn=turning, initial_findings=(*config_findings, *reading_findings)
+        )
+
+    def _with_provenance(
+        self, identification: Identification, remarks: Sequence[str], files: tuple[SourceFile, ...] = ()
+    ) -> Identification:
+        """Return an identification that says what it was made from, and all that is to be warned of."""
+        warnings = (*map(Remark, (*self.warnings, *remarks)), *identification.warnings)
+        sources = replace(identification.provenance, configuration=self.sources.configuration, model=self.sources.model)
+        sources = replace(sources, logs=files, identified=stamp())
+        return replace(identification, warnings=warnings, provenance=sources)
+
+
+def read_project(path: str | Path) -> Project:
+    """Read a configuration (YAML) and build its model and recipe; relative file names start at its folder.
+
+    Raises ConfigError where it is wrong, ModelError where its model cannot be built.
+    """
+    path = as_path(path)
+    text = config_text(path)
+    return _build_project(parse_config(text, path.parent, str(path)), path, text)
+
+
+def parse_project(text: str, path: Path, source: str | None = None) -> Project:
+    """Return the project of a YAML text that belongs at ``path``; ``source`` is its name in messages.
+
+    Raises the errors of ``read_project``.
+    """
+    return _build_project(parse_config(text, path.parent, source or str(path)), path, text)
+
+
+def _build_project(config: Config, path: Path, text: str) -> Project:
+    report_progress("building the model")
+    model = load_model(config.model, path.parent)
+    file = model_file(config.model, path.parent)
+    robot = None if file is None else model_source(file)
+    sources = Sources(SourceFile(str(real_path(path)), sha256(text.encode()).hexdigest(), text), robot)
+    return Project(path, config, model, build_recipe(config), config_warnings(config), sources)
+
+
+def model_source(file: Path) -> SourceFile:
+    """Return what a result keeps of the file of a model: of a robot file its text, too."""
+    text = robot_text(file) if file.suffix.lower() in SUFFIXES else ""
+    return SourceFile(str(real_path(file)), fingerprint(file), text)
+
+
+def run(path: str | Path, *, executor: Executor | None = None) -> Identification:
+    """Identify what a configuration describes, as the command ``dynident identify`` does.
+
+    Recordings too long for the memory are fitted in pieces, over the ``executor``. Raises ConfigError, ModelError,
+    InputError.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(1001) * 0.01
+    >>> table = np.column_stack([t, np.sin(3 * t), -45 * np.sin(3 * t) + 24 * np.cos(3 * t)])  # 5 kg, 8 N s/m
+    >>> text = '''
+    ... model: gallery:slider
+    ... time: { column: t, unit: s }
+    ... position: { slider: { column: x, unit: m } }
+    ... torque: { slider: { column: f, unit: N } }
+    ... train: [{ file: log.csv }]
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savetxt(Path(folder, "log.csv"), table, delimiter=",", header="t,x,f", comments="")
+    ...     _ = Path(folder, "robot.yaml").write_text(text)
+    ...     found = dy.run(Path(folder, "robot.yaml"))
+    >>> print(found.estimate.names[0], round(found.estimate.value[0], 2))
+    M 5.0
+    """
+    return read_project(path).identify(executor=executor)
+
+
+def _merge_remarks(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Return findings and remarks of reading, each said once: as a finding where it forbids a use, else as a remark."""
+    findings_by_line = {
+        f"{entry.source}: {reading_line(entry)}": entry
+        for entry in findings
+        if isinstance(entry.message, notes.ReadingNote)
+    }
+    duplicates = [
+        findings_by_line[entry]
+        for entry in remarks
+        if entry in findings_by_line and findings_by_line[entry].forbids is None
+    ]
+    remaining_remarks = tuple(
+        entry for entry in remarks if entry not in findings_by_line or findings_by_line[entry].forbids is None
+    )
+    return tuple(entry for entry in findings if entry not in duplicates), remaining_remarks
+
+
+def log_files(config: Config) -> tuple[SourceFile, ...]:
+    """Return every file of the recordings with its SHA-256; each is read once more."""
+    paths = (path for spec in (*config.train, *config.validation) for path in spec.file.values())
+    files = {real_path(file): None for path in paths for file in recording_parts(path)}
+    return tuple(SourceFile(str(file), fingerprint(file), modified=stamp(file)) for file in files)
+
+
+def stamp(file: Path | None = None) -> str:
+    """Return when a file was last modified, or the time now, as ISO 8601 in UTC; "" where that is not known."""
+    try:
+        when = datetime.now(UTC) if file is None else datetime.fromtimestamp(file.stat().st_mtime, UTC)
+    except (OSError, OverflowError, ValueError):
+        return ""
+    return when.isoformat(timespec="seconds")

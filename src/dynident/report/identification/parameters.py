@@ -1,0 +1,334 @@
+"""The parameters of an identification in a report: values, standard errors, and what determined them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.identification.links import DeterminedBy, LinkInertia, determined_by, link_inertias
+from dynident.models import INERTIAL, Geometry, ShapeSource
+from dynident.report.equations import with_formulas
+from dynident.report.identification.figures import has_nominal_values, interval_figure, relative_std
+from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.words import count, motion_known
+from dynident.runtime import join_names
+
+if TYPE_CHECKING:
+    from dynident.identification import Identification
+    from dynident.models import Parameter
+
+MAX_FULL_LIST = 40  # a terminal shows up to this many parameters all
+MAX_ONE_FIGURE = 30  # more parameters are drawn group by group
+MAX_WARNING_LENGTH = 300  # signs of a warning in a terminal
+WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
+DETERMINED_WORDS = {
+    DeterminedBy.DATA: "data",
+    DeterminedBy.COMBINATION: "in combination",
+    DeterminedBy.PRIOR: "prior",
+    DeterminedBy.BOUND: "at a bound",
+    DeterminedBy.NOTHING: "not identifiable",
+}
+FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
+
+_CAPTION = "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero."
+_ROBUST = (
+    "Standard errors allow for residuals that are correlated in time, for noise left in the motion and for the error "
+    "of the time offset; those in grey assume independent residuals and an exact motion, and are then too small."
+)
+_VERDICT = (
+    "Determined by: data, the measured torques; prior, the nominal values where the data leave a choice; at a bound, a "
+    "limit of physics or of the configuration; not identifiable, nothing."
+)
+_COMBINED = (
+    "Determined by: data, the measured torques; in combination, only together with others (see the base parameters): "
+    "the single value is then one of many, and means nothing by itself; not identifiable, no effect on the torque."
+)
+
+
+_UNSEEN = (
+    "No standard error can be given: the torques of these recordings change with them only together with others, or "
+    "not at all. The values are those of the prior, or one choice of many."
+)
+
+MIN_SHOWN_VALUE = 1e-9  # of what is mm, kg or kg m^2, below which it is rounding
+MAX_LISTED_MESHES = 5  # meshes in a sentence
+SOURCE_WORDS = {
+    DeterminedBy.DATA: "the data",
+    DeterminedBy.COMBINATION: "the data, with other links",
+    DeterminedBy.PRIOR: "the prior",
+    DeterminedBy.BOUND: "a bound",
+    DeterminedBy.NOTHING: "nothing",
+}
+_LINKS = (
+    "The centre of mass is in the frame of the link; the principal moments are about it. ±: standard error. Where the "
+    "data alone leave a value open, the prior chose it, and its error is not known: ± is then open. Combinations of "
+    "parameters that the data determine have their errors in the table of the parameters."
+)
+_OPEN = (
+    "The data alone leave mass, centre of mass and moments of each link open: only combinations of links act on the "
+    "torque, and least squares does not choose among them. `estimator: {kind: consistent}` finds the physical "
+    "values that are nearest to the file."
+)
+_PARTLY = "What the data alone leave open is not shown, as least squares does not choose (-)."
+
+
+@dataclass(frozen=True)
+class _Quantities:
+    """Quantities of a link in a table: its ``caption``, their ``heads``, the ``part`` of the seven values of an
+    ``Inertia`` that they are, and factors to the ``units`` shown.
+    """
+
+    caption: str
+    heads: tuple[str, ...]
+    part: slice
+    units: tuple[float, ...]
+
+
+_MASS = _Quantities(
+    "Mass and centre of mass", ("mass, kg", "centre x, mm", "y, mm", "z, mm"), slice(0, 4), (1.0, 1e3, 1e3, 1e3)
+)
+_MOMENTS = _Quantities(
+    "Principal moments about the centre of mass",
+    ("smallest, kg m²", "middle, kg m²", "largest, kg m²"),
+    slice(4, 7),
+    (1.0, 1.0, 1.0),
+)
+
+
+def parameter_section(identification: Identification) -> PageSection:
+    """Return the section of the parameters: how many are well known, the table, and their intervals by group."""
+    parameters = identification.model.parameters
+    blocks: list[PageBlock] = [" ".join((_certainty_sentence(identification), *rank_sentence(identification, "below")))]
+    blocks += [_ROBUST] if identification.errors.std_hac is not None else []
+    blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
+    determined, undetermined = _split_by_data(identification)
+    if len(determined) <= MAX_FULL_LIST:
+        blocks += [_table_with_formulas(identification, determined)] if determined else []
+    else:
+        not_inertial = tuple(k for k in determined if parameters[k].role not in INERTIAL)
+        blocks += [_table_with_formulas(identification, not_inertial)] if not_inertial else []
+        blocks.append(
+            Fold(
+                f"All {len(determined)} parameters that these data show",
+                (_table_with_formulas(identification, determined),),
+            )
+        )
+    if undetermined:
+        title = f"{count(len(undetermined), 'parameter')} that these data do not show alone"
+        blocks.append(Fold(title, (_UNSEEN, _table_with_formulas(identification, undetermined))))
+    # Few parameters are drawn in one figure, many by group
+    groups = {name: [k for k in rows if k in determined] for name, rows in _group_parameters(parameters).items()}
+    groups = {name: rows for name, rows in groups.items() if rows}
+    if len(determined) <= MAX_ONE_FIGURE:
+        groups = {"all": list(determined)} if determined else {}
+    views = tuple(((group,), (_interval_figure(identification, rows),)) for group, rows in groups.items())
+    return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
+
+
+def _table_with_formulas(identification: Identification, indices: tuple[int, ...]) -> PageTable:
+    return with_formulas(parameter_table(identification, indices), identification.model)
+
+
+def parameter_table(identification: Identification, indices: tuple[int, ...] | None = None) -> PageTable:
+    """Return the table of the parameters at ``indices``, by default all; columns without content are left out."""
+    estimate, parameters = identification.estimate, identification.model.parameters
+    selected = range(len(parameters)) if indices is None else indices
+    errors = identification.errors.best
+    relative = relative_std(estimate.value, errors)
+    robust = identification.errors.std_hac is not None
+    # Columns without content are multiplied by False, and so left out
+    has_reference = any(parameters[k].value is not None for k in selected)
+    has_meaning = any(parameters[k].expression for k in selected) and not any(
+        parameter.body for parameter in parameters
+    )
+    verdict = tuple(DETERMINED_WORDS[source] for source in determined_by(identification))
+    sized = bool(np.isfinite(errors[list(selected)]).any())
+    columns = [Column("parameter", numeric=False), Column("value")]
+    columns += [Column("std. error"), Column("%"), *[Column("if independent", muted=True)] * robust] * sized
+    reference = "nominal" if has_nominal_values(identification.model) else "true"
+    columns += [Column(reference)] * has_reference + [UNIT]
+    columns += [Column("determined by", numeric=False)] * bool(verdict) + [MEANING] * has_meaning
+    rows = []
+    for k in selected:
+        row = [estimate.names[k], number(float(estimate.value[k]))]
+        if sized:
+            row += [number(float(errors[k]), 2), number(float(relative[k]) if estimate.value[k] else None, 2)]
+            row += [number(float(estimate.std[k]), 2)] * robust
+        row += [number(parameters[k].value)] * has_reference + [estimate.units[k]]
+        row += list(verdict[k : k + 1]) + [parameters[k].expression] * has_meaning
+        rows.append(tuple(row))
+    return PageTable(tuple(columns), tuple(rows), "Parameters with their standard errors")
+
+
+def _split_by_data(identification: Identification) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the indices of the parameters that the data determine by themselves, and of the others."""
+    is_determined = np.isfinite(identification.errors.best)
+    return tuple(map(int, np.flatnonzero(is_determined))), tuple(map(int, np.flatnonzero(~is_determined)))
+
+
+def _certainty_sentence(identification: Identification) -> str:
+    estimate = identification.estimate
+    relative = relative_std(estimate.value, identification.errors.best)
+    well = int((relative <= WELL).sum())
+    unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
+    suffix = f"; less certain: {join_names(unsure)}" if unsure and not identification.base.on_data else ""
+    return f"{well} of {len(relative)} parameters have a standard error of at most {WELL:g} %{suffix}."
+
+
+def _group_parameters(parameters: tuple[Parameter, ...]) -> dict[str, list[int]]:
+    """Return the indices of the parameters by what they are, those of the bodies last."""
+    groups: dict[str, list[int]] = {}
+    for k in sorted(range(len(parameters)), key=lambda k: parameters[k].role in INERTIAL):
+        groups.setdefault(_group_name(parameters[k]), []).append(k)
+    return groups
+
+
+def _group_name(parameter: Parameter) -> str:
+    role = parameter.role
+    if role in INERTIAL:
+        return "mass" if role == "mass" else "first moments" if role in INERTIAL[1:4] else "inertia"
+    return FRICTION.get(role, "offsets and others" if parameter.unit in ("N m", "N") else "others")
+
+
+def _interval_figure(identification: Identification, rows: list[int]) -> Figure:
+    estimate, model = identification.estimate, identification.model
+    figure = interval_figure(
+        [estimate.names[k] for k in rows],
+        [estimate.units[k] for k in rows],
+        np.asarray(estimate.value)[rows],
+        identification.errors.best[rows],
+        [model.parameters[k].value for k in rows] if not has_nominal_values(model) else (),
+    )
+    return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
+
+
+def terminal_parameters(identification: Identification) -> tuple[PageTable, tuple[str, ...]]:
+    """Return the table for a terminal, without inertial parameters where the model is large, and the notes below it."""
+    parameters, (determined, undetermined) = identification.model.parameters, _split_by_data(identification)
+    not_inertial = {k for k, parameter in enumerate(parameters) if parameter.role not in INERTIAL}
+    long = len(parameters) > MAX_FULL_LIST and len(not_inertial) < len(parameters)
+    table = parameter_table(identification, tuple(k for k in determined if not long or k in not_inertial))
+    notes = [f"{len(parameters) - len(not_inertial)} inertial parameters are in the report."] * long
+    if names := [parameters[k].name for k in undetermined if not long or k in not_inertial]:
+        notes.append(f"Not shown alone by these data (values in the report): {join_names(names)}.")
+    return table, (*notes, *rank_sentence(identification))
+
+
+def rank_sentence(identification: Identification, place: str = "in the report") -> tuple[str, ...]:
+    """Return how many combinations of a robot's standard parameters the data show, and in which ``place`` they are
+    listed; nothing where they show all.
+    """
+    estimate, basis = identification.estimate, identification.base.on_data
+    rank, count = basis.rank if basis else estimate.determined.rank, len(estimate.names)
+    standard = any(parameter.role in INERTIAL for parameter in identification.model.parameters)
+    if rank == count or not standard:
+        return ()
+    suffix = f", listed {place}" if basis else ""
+    return (
+        f"In these data the {count} parameters act on the torque in {rank} combinations, the base parameters{suffix}.",
+    )
+
+
+def shorten_warning(warning: str) -> str:
+    """Return a warning for a terminal, cut at a word where it is long."""
+    if len(warning) <= MAX_WARNING_LENGTH:
+        return warning
+    return f"{warning[:MAX_WARNING_LENGTH].rsplit(' ', 1)[0]} ... (in full in the report)"
+
+
+def link_section(identification: Identification, geometry: Geometry | None = None) -> Iterator[PageSection]:
+    """Yield the section of the links: mass, centre of mass and moments of each, file and found, and what determined
+    them. A model without a robot file has none.
+    """
+    links = link_inertias(identification)
+    if not links:
+        return
+    has_estimates = any(link.found is not None for link in links)
+    complete = all(link.sure.all() for link in links) or bool(identification.estimate.provenance)
+    note = _LINKS if complete else f"{_LINKS} {_PARTLY}" if has_estimates else _OPEN
+    tables = (
+        *(_inertia_table(links, quantities, has_estimates) for quantities in (_MASS, _MOMENTS)),
+        _source_table(links),
+    )
+    notes = tuple(_shape_notes(links, geometry))
+    yield PageSection("Links", (note, *tables, *((notes,) if notes else ())))
+
+
+def link_title(links: Sequence[str]) -> str:
+    """Return the name of links that are one body: the first, and how many more there are."""
+    return links[0] if len(links) == 1 else f"{links[0]} (+{len(links) - 1})"
+
+
+def _inertia_table(links: Sequence[LinkInertia], quantities: _Quantities, has_estimates: bool) -> PageTable:
+    """Return the table of some quantities of the links: of each in the file and, where any is known, found."""
+    titles = ("file", "found", "±") if has_estimates else ("file",)
+    columns = (Column("link", numeric=False), *(Column(title, head) for head in quantities.heads for title in titles))
+    rows = []
+    for link in links:
+        file = np.full(7, np.nan) if link.file is None else link.file.values
+        value = np.full(7, np.nan) if link.found is None else link.found.values
+        cells = [link_title(link.links)]
+        for k, unit in zip(range(*quantities.part.indices(7)), quantities.units, strict=True):
+            cells.append(_value_cell(unit * file[k]))
+            if has_estimates:
+                cells += [
+                    _value_cell(unit * value[k]),
+                    _error_cell(unit * link.std[k], bool(link.sure[k]), unit * value[k]),
+                ]
+        rows.append(tuple(cells))
+    return PageTable(columns, tuple(rows), quantities.caption)
+
+
+def _value_cell(value: float) -> str:
+    return number(0.0 if abs(value) < MIN_SHOWN_VALUE else float(value), 3)
+
+
+def _error_cell(std: float, sure: bool, value: float) -> str:
+    """Return the standard error of a value that the data alone determine."""
+    if not np.isfinite(value) or not np.isfinite(std):
+        return "-"
+    return number(float(std), 2) if sure else "open"
+
+
+def _source_table(links: Sequence[LinkInertia]) -> PageTable:
+    """Return how many parameters of each link were determined by what; only sources that occur have a column."""
+    kinds = [source for source in DeterminedBy if any(source in link.by for link in links)]
+    columns = (
+        Column("link", numeric=False),
+        *(Column(SOURCE_WORDS[source], "parameters determined by") for source in kinds),
+    )
+    rows = tuple((link_title(link.links), *(str(link.by.get(source, 0)) for source in kinds)) for link in links)
+    return PageTable(columns, rows, "What determined the parameters that act on the torque")
+
+
+def _shape_notes(links: Sequence[LinkInertia], geometry: Geometry | None) -> Iterator[str]:
+    """Yield which bodies have no ellipsoid, how the links are drawn, and which meshes are missing."""
+    for field, where in (("file", "in the file"), ("found", "as found")):
+        bodies = [(link.name, getattr(link, field)) for link in links]
+        complete = [
+            (name, inertia) for name, inertia in bodies if inertia is not None and np.isfinite(inertia.values).all()
+        ]
+        if wrong := [name for name, inertia in complete if inertia.ellipsoid is None]:
+            yield f"No body has this inertia, so that it has no ellipsoid, {where}: {join_names(wrong)}."
+    if geometry is not None:
+        yield from drawing_notes(geometry)
+
+
+def drawing_notes(geometry: Geometry) -> Iterator[str]:
+    """Yield which links are drawn without their shapes, and which meshes could not be read."""
+    rods = [geometry.link(body) for body, kind in geometry.sources.items() if kind is ShapeSource.JOINTS]
+    if rods:
+        yield f"Drawn as rods between the joints, as their shapes are not known: {join_names(rods)}."
+    yield from missing_mesh_notes(geometry)
+
+
+def missing_mesh_notes(geometry: Geometry) -> Iterator[str]:
+    """Yield which meshes could not be read."""
+    if geometry.missing:
+        names = join_names(
+            (f"{file} ({reason.rstrip('.')})" for file, reason in geometry.missing.items()), MAX_LISTED_MESHES
+        )
+        yield f"Meshes that could not be read: {names}."

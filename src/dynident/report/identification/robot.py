@@ -1,0 +1,338 @@
+"""The robot in a report: in three dimensions, along its recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from functools import lru_cache
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
+from dynident.models import Geometry, Outline, outlines, rod_geometry
+from dynident.report.figures import AMBER, BLUE, GREEN, RED, VIOLET, Trace, plain, time_origin
+from dynident.report.identification.parameters import SOURCE_WORDS, link_title
+from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number, relative_link
+from dynident.report.scene import (
+    STILL,
+    Ellipsoid,
+    Layer,
+    MovingTrace,
+    Replay,
+    centre_marks,
+    ellipsoid_circles,
+    legend_key,
+    lighten_colour,
+    root_surface,
+    scene_figure,
+    solid_ellipsoids,
+    surface,
+)
+from dynident.report.words import count, log_labels, percent, tiny
+
+if TYPE_CHECKING:
+    from dynident.identification import Identification
+    from dynident.models import RigidBodies
+    from dynident.project.export import Export, FileError
+
+Array = NDArray[np.float64]
+MAX_TRIANGLES = 300  # of a link
+REPLAY_RATE = 25.0  # Hz, of the poses along a recording, which the page draws a line between
+MAX_POSES = 60_000  # positions of single bodies in all recordings of a page
+VIEW_HEIGHT, SMALL_VIEW_HEIGHT = 470, 250  # px, heights
+CAMERA_DISTANCE = 1.4  # diagonals of the arm from which the small view looks at it
+LEGEND = {
+    "orientation": "h",
+    "x": 0,
+    "y": 0,
+    "yref": "container",
+    "yanchor": "bottom",
+    "itemclick": False,
+    "itemdoubleclick": False,
+}
+COLOURS = {
+    DeterminedBy.DATA: BLUE,
+    DeterminedBy.COMBINATION: GREEN,
+    DeterminedBy.PRIOR: AMBER,
+    DeterminedBy.BOUND: RED,
+    DeterminedBy.NOTHING: VIOLET,
+}
+_VIEW = (
+    "Play moves the arm along the recording, with the line in the torques; so does a pointer in a figure over time. "
+    "Drag to turn the view. A link has the colour of what determined most of its ten parameters."
+)
+_INERTIA = (
+    " Inertia shows in each link the ellipsoid of even density that has its mass and inertia, solid as found and as "
+    "circles as in the file."
+)
+
+_LEAD = (
+    "Each file was loaded again before it was written, and its torque compared with that of the identified model, "
+    "without what the format cannot hold: the largest difference of a joint, relative to the norm of its torque."
+)
+
+
+def robot_blocks(identification: Identification, geometry: Geometry | None = None) -> Iterator[PageBlock]:
+    """Yield the words on the robot and, last, its view, which the page moves along the recordings.
+
+    There is nothing to yield where the model is not from a robot file.
+    """
+    bodies = rigid_bodies(identification)
+    if bodies is None or not identification.validations:
+        return
+    links, shapes = link_inertias(identification), _cached_outlines(geometry or rod_geometry(bodies))
+    moving = _surface_traces(bodies, links, shapes)
+    inertia = list(_inertia_traces(links))
+    still = [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
+    moving_count, trace_count = len(moving), len(moving) + len(inertia)
+    layers = [Layer("Inertia", tuple(range(moving_count, trace_count)), tuple(range(moving_count)))] if inertia else []
+    figure = scene_figure(bodies, _recording_replays(identification), [*moving, *inertia], still, layers)
+    figure.layout.update(height=VIEW_HEIGHT, showlegend=True, legend=LEGEND, margin={"t": 0, "l": 0, "r": 0, "b": 50})
+    yield _VIEW + (_INERTIA if inertia else "")
+    yield Figure(figure, "The arm, in the frame of the root link (m).")
+
+
+def robot_view(identification: Identification, geometry: Geometry | None = None) -> Figure | None:
+    """Return a small view of the robot without axes, which follows the other figures.
+
+    None where the model is not from a robot file.
+    """
+    bodies = rigid_bodies(identification)
+    if bodies is None or not identification.validations:
+        return None
+    shapes = _cached_outlines(geometry or rod_geometry(bodies))
+    moving = _surface_traces(bodies, link_inertias(identification), shapes)
+    still = [root_surface(shape) for shape in shapes if shape.body < 0]
+    if not moving:
+        return None
+    figure = scene_figure(bodies, _recording_replays(identification), moving, still)
+    figure.layout["height"] = SMALL_VIEW_HEIGHT
+    scene = figure.layout["scene"]
+    scene["camera"] = _camera_towards(figure.data[: len(moving)], scene)
+    for axis in "xyz":
+        scene[f"{axis}axis"]["visible"] = False
+    return Figure(figure, "Links in the colour of what determined them (see below).", player=False)
+
+
+def _camera_towards(arm: Sequence[Trace], scene: dict[str, Any]) -> dict[str, Any]:
+    """Return the camera of a ``scene`` that looks at the ``arm`` from the side from which it is already seen."""
+    low, high = (np.array([edge([edge(trace[axis]) for trace in arm]) for axis in "xyz"]) for edge in (np.min, np.max))
+    start, stop = np.array([scene[f"{axis}axis"]["range"] for axis in "xyz"]).T
+    extent = (stop - start).max()
+    # Plotly measures the camera in units of the longest side, from the centre of the view
+    middle = ((low + high) - (start + stop)) / (2 * extent)
+    side = np.array([scene["camera"]["eye"][axis] for axis in "xyz"])
+    away = CAMERA_DISTANCE * float(np.linalg.norm(high - low)) / extent * side / np.linalg.norm(side)
+    return {key: dict(zip("xyz", at.tolist(), strict=True)) for key, at in (("center", middle), ("eye", middle + away))}
+
+
+@lru_cache(maxsize=1)
+def _cached_outlines(geometry: Geometry) -> tuple[Outline, ...]:
+    """Return the surfaces of the links; kept, because a page may have several views."""
+    return outlines(geometry, max_triangles=MAX_TRIANGLES)
+
+
+def _surface_traces(bodies: RigidBodies, links: Sequence[LinkInertia], shapes: Sequence[Outline]) -> list[MovingTrace]:
+    """Return the surfaces of the bodies, coloured by what determined them, with hover texts."""
+    links_by_body = {link_inertia.body: link_inertia for link_inertia in links}
+    out: list[MovingTrace] = []
+    for shape in shapes:
+        if shape.body < 0:
+            continue
+        link = links_by_body.get(shape.body)
+        name = link_title(bodies.arm.bodies[shape.body].links)
+        hover_text = "<br>".join(map(plain, [name] if link is None else _hover_lines(link)))
+        colour = STILL if link is None else COLOURS[link.main_source]
+        colour = lighten_colour(colour) if len(out) % 2 else colour
+        out.append(surface(shape, name, colour, hoverinfo="text", hovertext=hover_text))
+    return out
+
+
+def _hover_lines(link: LinkInertia) -> Iterator[str]:
+    yield link_title(link.links)
+    masses = (
+        (origin_word, inertia.mass)
+        for origin_word, inertia in (("found", link.found), ("file", link.file))
+        if inertia is not None
+    )
+    if masses_text := ", ".join(
+        f"{number(mass, 3)} kg ({origin_word})" for origin_word, mass in masses if np.isfinite(mass)
+    ):
+        yield f"mass {masses_text}"
+    yield "by " + ", ".join(
+        f"{SOURCE_WORDS[source]} {link.by[source]}" for source in DeterminedBy if link.by.get(source)
+    )
+
+
+def _inertia_traces(links: Sequence[LinkInertia]) -> Iterator[MovingTrace]:
+    """Yield the ellipsoids and centres of the links, as found and as in the file; they are hidden at first."""
+    found_inertias, file_inertias = (
+        {entry.body: entry.found for entry in links},
+        {entry.body: entry.file for entry in links},
+    )
+    colours = {entry.body: COLOURS[entry.main_source] for entry in links}
+    traces: list[MovingTrace] = []
+    if solid := _ellipsoids(found_inertias, colours):
+        traces.append(solid_ellipsoids(solid, "found"))
+    if outline := _ellipsoids(file_inertias, colours):
+        traces.append(ellipsoid_circles(outline, "inertia in the file"))
+    for inertias, name, symbol in (
+        (found_inertias, "centre found", "circle"),
+        (file_inertias, "centre in the file", "circle-open"),
+    ):
+        points = {
+            body: entry.centre
+            for body, entry in inertias.items()
+            if entry is not None and np.isfinite(entry.centre).all()
+        }
+        if points:
+            traces.append(centre_marks(points, name, symbol))
+    for entry in traces:
+        entry.trace["visible"] = False
+        yield entry
+
+
+def _ellipsoids(inertias: Mapping[int, BodyInertia | None], colours: Mapping[int, str]) -> list[Ellipsoid]:
+    return [
+        Ellipsoid(body, inertia.centre, inertia.ellipsoid, inertia.axes, colours[body])
+        for body, inertia in inertias.items()
+        if inertia is not None and inertia.ellipsoid is not None and inertia.ellipsoid.any()
+    ]
+
+
+def _legend_keys(links: Sequence[LinkInertia]) -> list[Trace]:
+    """Return legend entries for the colours that occur."""
+    sources = {link.main_source for link in links}
+    return [legend_key(f"by {SOURCE_WORDS[source]}", COLOURS[source]) for source in DeterminedBy if source in sources]
+
+
+def _recording_replays(identification: Identification) -> list[Replay]:
+    """Return the recordings, held-out ones first, at even times with the origin of the figures."""
+    bodies = len(identification.model.joints)
+    # All recordings of the page share a number of poses
+    max_poses = max(int(MAX_POSES / (bodies * len(identification.validations))), 2)
+    out = []
+    for label, k in log_labels(identification):
+        motion = identification.validations[k].motion
+        t, columns = (
+            motion.t - time_origin(motion.t),
+            [motion.joints.index(joint.name) for joint in identification.model.joints],
+        )
+        even = np.linspace(t[0], t[-1], min(int((t[-1] - t[0]) * REPLAY_RATE) + 2, max_poses))
+        q = np.stack([np.interp(even, t, np.nan_to_num(motion.q[:, column])) for column in columns], axis=1)
+        out.append(Replay(label, float(t[0]), float(t[-1]), q))
+    return out
+
+
+def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
+    """Yield the section on the files, where there are any."""
+    if not exports:
+        return
+    rows = tuple(
+        (
+            export.file,
+            tiny(export.proof.agreement) if export.proof else "-",
+            ", ".join(export.proof.readers) if export.proof else "-",
+            "yes" if export.ready else "no",
+        )
+        for export in exports
+    )
+    words = (Column("file", numeric=False), Column("difference"))
+    columns = (*words, Column("loaded by", numeric=False), Column("written", numeric=False))
+    links = tuple(relative_link(export.file) if export.ready else "" for export in exports)
+    blocks: list[PageBlock] = [_LEAD, PageTable(columns, rows, "Files of the identified model", links)]
+    for export in exports:
+        notes = [
+            *([f"Not written: {export.refusal}"] if export.refusal else []),
+            *(export.written.notes if export.written else ()),
+        ]
+        notes += [f"Not in the file: {words}." for words in (export.written.left_out if export.written else ())]
+        notes += export.proof.skipped if export.proof else ()
+        if notes:
+            blocks.append(PageSection(export.file, (tuple(notes),)))
+    if costs := [
+        (export.file, error.log, error.model, error.file) for export in exports for error in _file_errors(export)
+    ]:
+        blocks.append(_error_table(costs))
+    yield PageSection("Files of the model", tuple(blocks))
+
+
+def export_links(exports: Sequence[Export]) -> tuple[str, ...]:
+    """Return links to the files that lie beside the report, as one paragraph of HTML; nothing where there are none."""
+    from markupsafe import Markup
+
+    files = [export.file for export in exports if export.ready]
+    if not files:
+        return ()
+    link = Markup('<a href="{}">{}</a>')
+    return (
+        Markup('<p class="files">Files: {}</p>').format(
+            Markup(", ").join(link.format(relative_link(name), name) for name in ("result.json", *files))
+        ),
+    )
+
+
+def _error_table(costs: Sequence[tuple[str, str, float, float]]) -> PageTable:
+    """Return the table of torque errors of the model, and of files that cannot hold all of its parameters."""
+    columns = (Column("file", numeric=False), Column("log", numeric=False), Column("model (%)"), Column("file (%)"))
+    rows = tuple((file, log, number(model, 4), number(file_error, 4)) for file, log, model, file_error in costs)
+    return PageTable(columns, rows, "Relative torque error of the model, and of files that leave something of it out")
+
+
+def _file_errors(export: Export) -> Sequence[FileError]:
+    """Return the errors of a file that leaves something out, on held-out logs, or on all where none is held out."""
+    if export.written is None or not export.written.left_out:
+        return ()
+    return [error for error in export.errors if error.role == "validation"] or export.errors
+
+
+def export_notes(exports: Sequence[Export], place: str = "listed in the report") -> list[str]:
+    """Return the notes for a terminal: refusals, and how much each file leaves out, listed at ``place``."""
+    notes = [f"{export.file} is not written: {export.refusal}" for export in exports if export.refusal]
+    for export in exports:
+        if export.ready and export.written and export.written.left_out:
+            notes.append(
+                f"{export.file} cannot hold {count(len(export.written.left_out), 'item')}, {place}.{_cost(export)}"
+            )
+        notes += [
+            f"{export.file}: {note}." for note in (export.written.notes if export.ready and export.written else ())
+        ]
+    return notes
+
+
+def _cost(export: Export) -> str:
+    """Return a sentence on the log on which the file is worst, compared with the model."""
+    worst = max(_file_errors(export), key=lambda error: error.file - error.model, default=None)
+    if worst is None:
+        return ""
+    file, model = percent(worst.file, 4), percent(worst.model, 4)
+    return f" By itself it has a torque error of {file} on {worst.log!r}, the model {model}."
+
+
+def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:
+    """Return the files as plain values: file, sha256, format, agreement, proven, readers, left_out, notes,
+    refusal, and errors: the torque error (%) of model and file on each log.
+    """
+    return [
+        {
+            "file": export.file,
+            "sha256": sha256(export.written.text.encode(errors="backslashreplace")).hexdigest()
+            if export.written
+            else None,
+            "format": export.format,
+            "agreement": export.proof.agreement if export.proof else None,
+            "proven": export.ready,
+            "readers": dict(export.proof.readers) if export.proof else {},
+            "left_out": list(export.written.left_out) if export.written else [],
+            "notes": [
+                *(export.written.notes if export.written else ()),
+                *(export.proof.skipped if export.proof else ()),
+            ],
+            "refusal": export.refusal,
+            "errors": [asdict(error) for error in export.errors],
+        }
+        for export in exports
+    ]

@@ -1,0 +1,372 @@
+"""How well an identified model does, in a report: errors, residuals, torques, free simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.models import Joint
+from dynident.motion.splines import Rule, SmoothingSpline, smooth
+from dynident.report.figures import Array
+from dynident.report.identification.figures import error_figure, run_figure, smoothing_figure, torque_figure
+from dynident.report.note_words import residual_words, words
+from dynident.report.page import (
+    UNIT,
+    Beside,
+    Column,
+    Figure,
+    Fold,
+    Gallery,
+    PageBlock,
+    PageSection,
+    PageTable,
+    number,
+    render,
+)
+from dynident.report.words import ROLES, log_labels, points
+from dynident.runtime import ConfigError, InputError, join_names
+from dynident.validation import FloorOrigin
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from dynident.files.tables import DataTable as Columns
+    from dynident.identification import Identification
+    from dynident.validation import LogValidation
+
+MAX_FINE_RATIO = 1.5  # times the noise floor, up to which three digits are shown
+_ERRORS = (
+    "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
+    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Over the "
+    "noise floor: the unfiltered error over what the sensors allow of any model. That is the scatter between two "
+    "passes of the same motion, where there are two; else the least that white noise of torque and positions leaves, "
+    "of which coloured noise is not part, so that the figure is the most it can be (≤). It is not known (-) where the "
+    "torque was filtered before it was recorded, and no motion is repeated."
+)
+_RESIDUALS = (
+    "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
+    "robot file allows the joint. Independent after: the time after which samples of the residual count as new ones; "
+    "where it is longer than one step, standard errors that assume independence are too small. White: the p-value of "
+    "Ljung and Box; real residuals are hardly ever white. The last columns show where the residual is."
+)
+_RUNS = (
+    "The model is simulated instead of the robot and its position compared with the measured one. In the loop of a "
+    "controller, which holds almost any model on its way, look at the torque it asks for too."
+)
+_TORQUES = (
+    "Measured and predicted torque, and below their difference. Drag over a part to zoom, double-click to return. "
+    "Long curves are thinned such that every extreme stays."
+)
+
+_PREFIXES = ("", "d_", "dd_")  # of the names of values, first and second derivatives
+_HEADS = {"sigma": "sigma", "noise": "noise left", "S": "S", "lam": "lam", "edf": "edf", "bandwidth": "bandwidth, s"}
+
+
+def error_section(identification: Identification) -> PageSection:
+    """Return the section of the errors: per log, per joint, and what is left of the torque."""
+    joints = [joint.name for joint in identification.model.joints]
+    figure = Figure(error_figure(identification.validations, joints), "Torque error by joint, unfiltered.")
+    bars = (figure,) if len(joints) > 1 else ()
+    blocks: list[PageBlock] = [_ERRORS, error_table(identification), *bars, _joint_matrix(identification)]
+    if any(log.residuals for log in identification.validations):
+        blocks.append(
+            Fold("What is left of the torque: tests of the residuals", (_RESIDUALS, _residual_table(identification)))
+        )
+    return PageSection("Errors", tuple(blocks))
+
+
+def error_table(identification: Identification) -> PageTable:
+    """Return the relative errors per log."""
+    words = (Column("log", numeric=False), Column("role", numeric=False))
+    heads = ("samples", "unfiltered, %", "over the noise floor", "filtered, %")
+    columns = (*words, *map(Column, heads))
+    rows = [
+        (
+            log.name,
+            ROLES.get(log.role, log.role),
+            str(log.errors.samples),
+            number(log.errors.relative_error, 3),
+            floor_ratio_text(log),
+            number(log.errors.relative_error_filtered, 3),
+        )
+        for log in identification.validations
+    ]
+    return PageTable(columns, tuple(rows), "Relative torque error per log")
+
+
+def joint_table(identification: Identification) -> PageTable:
+    """Return the errors with one row per log and joint, as a terminal shows them."""
+    names = (Column("log", numeric=False), Column("joint", numeric=False))
+    columns = (*names, *map(Column, ("error, %", "over the noise floor", "rmse")))
+    rows = [
+        (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
+        for log in identification.validations
+        for joint in identification.model.joints
+    ]
+    return PageTable((*columns, UNIT), tuple(rows), "Torque error per log and joint, unfiltered")
+
+
+def unknown_noise(identification: Identification) -> Iterator[str]:
+    """Yield a sentence on the joints whose sensor noise is not known, and why."""
+    known_joints = [{*log.errors.sensor_noise, *log.floors} for log in identification.validations if log.errors.rmse]
+    unknown = [
+        joint.name for joint in identification.model.joints if any(joint.name not in names for names in known_joints)
+    ]
+    if unknown:
+        yield (
+            f"The sensors' noise is not known of {join_names(unknown)}: the torque was filtered before it was "
+            "recorded, or its noise is not white."
+        )
+
+
+def _joint_matrix(identification: Identification) -> PageTable:
+    """Return the errors with one row per joint and the logs side by side."""
+    heads = [Column("joint", numeric=False), UNIT]
+    for log in identification.validations:
+        name = f"{log.name} ({ROLES.get(log.role, log.role)})"
+        heads += [Column(title, name) for title in ("error, %", "over the noise floor", "rmse")]
+        heads += [Column("of limit, %", name)] * bool(log.errors.effort_share)
+    rows = []
+    for joint in identification.model.joints:
+        row = [joint.name, joint.effort]
+        for log in identification.validations:
+            row += _joint_errors(log, joint.name)
+            row += [number(log.errors.effort_share.get(joint.name), 2)] * bool(log.errors.effort_share)
+        rows.append(tuple(row))
+    return PageTable(tuple(heads), tuple(rows), "Torque error per joint, unfiltered")
+
+
+def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str, str]:
+    errors = log.errors
+    return (
+        number(errors.per_joint.get(joint), 3),
+        floor_ratio_text(log, joint),
+        number(errors.rmse.get(joint), 3),
+    )
+
+
+def floor_ratio_text(log: LogValidation, joint: str | None = None) -> str:
+    """Return the error on a log over the noise floor, of a joint or of all; "≤ 1.8" where the floor is white noise."""
+    floors = [floor for name, floor in log.floors.items() if joint in (None, name)]
+    ratio = log.over_floor if joint is None else floors[0].ratio if floors else None
+    white = any(floor.origin is FloorOrigin.WHITE for floor in floors)
+    return f"{'≤ ' * white}{number(ratio, 3 if ratio is not None and ratio < MAX_FINE_RATIO else 2)}"
+
+
+def _residual_table(identification: Identification) -> PageTable:
+    heads = ("explained", "of the effort limit, %", "independent after, s", "white, p", "below 5 Hz, %", "peak, Hz")
+    columns = (Column("log", numeric=False), Column("joint", numeric=False), *map(Column, heads))
+    rows = [
+        (
+            log.name,
+            joint,
+            number(log.errors.r2.get(joint), 4),
+            number(log.errors.effort_share.get(joint), 2),
+            number(test.decorrelation, 2),
+            number(test.p_value, 2),
+            number(100 * test.low_share, 2),
+            number(test.peak, 3),
+            number(100 * test.reversal_share, 2),
+            residual_words(log, joint) or "-",
+        )
+        for log in identification.validations
+        for joint, test in log.residuals.items()
+    ]
+    extra_columns = (Column("at reversals, %"), Column("points to", numeric=False))
+    return PageTable((*columns, *extra_columns), tuple(rows), "What is left of the torque, unfiltered")
+
+
+def torque_section(identification: Identification, robot: Sequence[PageBlock] = ()) -> PageSection:
+    """Return the section of the torques: one figure at a time, by log and joint.
+
+    ``robot`` are words on the robot and, last, its view, which stands beside the figures.
+    """
+    curve_points = points(identification)
+    views = []
+    for label, k in log_labels(identification):
+        log = identification.validations[k]
+        for joint in identification.model.joints:
+            caption = (
+                f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
+                f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
+            )
+            figure = torque_figure(log, joint.name, joint.effort, curve_points).follow_run(label)
+            views.append(((label, joint.name), (Figure(figure, caption),)))
+    gallery = Gallery(("log", "joint"), tuple(views))
+    if not robot:
+        return PageSection("Torques", (_TORQUES, gallery))
+    *notes, view = robot
+    return PageSection("The robot and its torques", (_TORQUES, *notes, Beside((view,), (gallery,))))
+
+
+def simulation_section(identification: Identification) -> Iterator[PageSection]:
+    """Yield the section of the free simulations, where there are any."""
+    if not identification.runs:
+        return
+    heads = (Column("log", numeric=False), Column("driven by", numeric=False), Column("joint", numeric=False))
+    columns = (*heads, *map(Column, ("position error, %", "of its way, %", "rms", "torque error, %")))
+    units = {joint.name: joint.unit for joint in identification.model.joints}
+    rows = [
+        (
+            run.name,
+            run.driver if run.restart is None else f"{run.driver}, {run.restart:g} s",
+            joint,
+            number(run.relative_error[joint], 3),
+            number(run.motion_error[joint], 3),
+            f"{number(run.rms[joint], 3)} {units[joint]}",
+            number(run.torque_error.get(joint), 3),
+        )
+        for run in identification.runs
+        for joint in run.joints
+    ]
+    failures = tuple(f"{run.name}: {words(run.failure)}" for run in identification.runs if run.failure)
+    table = PageTable(columns, tuple(rows), "Free simulation beside the measured position")
+    yield PageSection(
+        "Free simulation", (_RUNS, *((failures,) if failures else ()), table, *_run_galleries(identification))
+    )
+
+
+def _run_galleries(identification: Identification) -> Iterator[Gallery]:
+    units, curve_points = {joint.name: joint.unit for joint in identification.model.joints}, points(identification)
+    runs = {run.name: run for run in identification.runs if not run.failure}
+    views = tuple(
+        (
+            (label, joint),
+            (
+                Figure(
+                    run_figure(run, joint, units[joint], curve_points).follow_run(label),
+                    f"{joint}: measured and simulated position.",
+                ),
+            ),
+        )
+        for label, k in log_labels(identification)
+        if (run := runs.get(identification.validations[k].name))
+        for joint in run.joints
+    )
+    if views:
+        yield Gallery(("log", "joint"), views)
+
+
+def prediction_table(logs: Sequence[LogValidation], joints: Sequence[Joint]) -> PageTable:
+    """Return the errors per log and joint, for logs with measured torques."""
+    rows: list[tuple[str, ...]] = []
+    for log in logs:
+        errors = log.errors
+        rows.append((log.name, "all", number(errors.relative_error, 3), number(errors.all_over_noise, 2), "-", "-"))
+        rows += [
+            (
+                log.name,
+                joint.name,
+                number(errors.per_joint[joint.name], 3),
+                number(errors.over_noise.get(joint.name), 2),
+                number(errors.rmse[joint.name], 3),
+                joint.effort,
+            )
+            for joint in joints
+        ]
+    words = (Column("log", numeric=False), Column("joint", numeric=False))
+    numbers = map(Column, ("error, %", "times white noise", "rmse"))
+    columns = (*words, *numbers, UNIT)
+    return PageTable(columns, tuple(rows), "Torque error per log and joint, unfiltered")
+
+
+def prediction_frame(logs: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame:
+    """Return all logs as one table; each comes with whether its torques were measured.
+
+    Columns: log, t (s), used (False where smoothing is not accurate, at the ends), and per joint measured_NAME
+    (null without measurement) and predicted_NAME, in N m or N.
+    """
+    import polars as pl
+
+    parts = []
+    for log, measured in logs:
+        motion = log.motion
+        name = log.name.encode("utf-8", "backslashreplace").decode()  # a file's may be no text
+        columns: dict[str, object] = {"log": [name] * len(motion), "t": motion.t, "used": motion.mask}
+        for j, name in enumerate(motion.joints):
+            torque = motion.tau[:, j] if measured else np.full(len(motion), np.nan)
+            columns[f"measured_{name}"] = pl.Series(torque, nan_to_null=True)
+            columns[f"predicted_{name}"] = log.predicted_torque[:, j]
+        parts.append(pl.DataFrame(columns))
+    return pl.concat(parts)
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """The ``name`` of a column of time stamps, and their ``unit`` in s."""
+
+    name: str
+    unit: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedTable:
+    """Columns of a file with their spline: ``names`` (k) of ``measured`` (N, k), over the column ``time``.
+
+    ``stamps`` (N) are the values of that column, in its own unit.
+    """
+
+    time: str
+    stamps: Array
+    names: tuple[str, ...]
+    measured: Array
+    fit: SmoothingSpline
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table of the time, the smoothed columns, and their first (d_) and second (dd_) derivatives."""
+        import polars as pl
+
+        columns = {self.time: self.stamps}
+        for order, prefix in enumerate(_PREFIXES):
+            values = self.fit.derivative(order)
+            columns |= {f"{prefix}{name}": values[:, k] for k, name in enumerate(self.names)}
+        return pl.DataFrame(columns)
+
+
+def smooth_columns(
+    table: Columns, time: TimeColumn, columns: Sequence[str], rule: Rule, sigma: float | None = None
+) -> SmoothedTable:
+    """Smooth ``columns`` of a table, by default all but the ``time``; ``sigma`` in their unit, None: estimated.
+
+    Derivatives are per s.
+
+    Raises InputError for columns that are missing, differ in length or cannot be smoothed, ConfigError where a column
+    has the name of another one's derivative.
+    """
+    stamps = table.column(time.name)
+    names = tuple(columns) or tuple(name for name in table.columns if name != time.name)
+    if not names:
+        raise InputError(f"{table.source}: holds no column besides {time.name!r} to smooth.")
+    _check_names(table.source, (*names, time.name), [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names])
+    wrong = [name for name in names if len(table.column(name)) != len(stamps)]
+    if wrong:
+        raise InputError(f"{table.source}: column {wrong[0]!r} and {time.name!r} differ in length.")
+    measured = np.column_stack([table.column(name) for name in names])
+    fit = smooth(time.unit * stamps, measured, rule, sigma=sigma)
+    return SmoothedTable(time.name, stamps, names, measured, fit)
+
+
+def _check_names(source: str, columns: Sequence[str], derivatives: Sequence[str]) -> None:
+    clash = [name for name in derivatives if name in columns]
+    if clash:
+        raise ConfigError(f"{source}: {clash[0]!r} would name both a column and a derivative; choose with --column.")
+
+
+def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> PageTable:
+    """Return the smoothing of each column: noise, S, lam, effective degrees of freedom, bandwidth."""
+    values = [np.atleast_1d(getattr(fit, key)) for key in _HEADS]
+    rows = tuple((name, *(number(float(value[k])) for value in values)) for k, name in enumerate(names))
+    return PageTable((Column("column", numeric=False), *map(Column, _HEADS.values())), rows, "Smoothing per column")
+
+
+def smoothing_page(source: str, names: Sequence[str], measured: np.ndarray, fit: SmoothingSpline) -> str:
+    """Return the page: the table, and per column the measured and smoothed values with both derivatives."""
+    parts = [fit.derivative(order) for order in range(3)]
+    sections = [PageSection("Smoothing", (smoothing_table(names, fit),))]
+    for k, name in enumerate(names):
+        figure = smoothing_figure(fit.t, measured[:, k], [part[:, k] for part in parts])
+        sections.append(PageSection(name, (Figure(figure, name),)))
+    return render(f"Smoothed {source}", "Natural cubic smoothing splines and their derivatives.", sections)

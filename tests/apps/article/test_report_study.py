@@ -1,0 +1,150 @@
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rich.console
+
+from dynident.apps.article import findings, study_page, study_tables, study_text
+from dynident.report.terminal import terminal_table
+from tests.report.conftest import TRUE, Case, Reproduction, cases
+
+
+def text_of(*renderables, width=80):
+    console = rich.console.Console(width=width, file=io.StringIO(), color_system=None)
+    for renderable in renderables:
+        console.print(renderable)
+    return console.file.getvalue()
+
+
+def exact(**changes):
+    """A study whose estimates are all right, to spoil one thing at a time."""
+    case = Case(1e-6, "spline", np.tile(TRUE, (4, 1)))
+    return Reproduction((replace(case, **changes),), runs=4)
+
+
+def test_findings_are_three_to_five_lines_computed_from_the_estimates(reproduction):
+    lines = findings(reproduction)
+    assert 3 <= len(lines) <= 5
+    ranking, loss, signs, article, failures = lines
+    assert "1e-8: filtered differences 3.0" in ranking
+    assert "Most is lost by raw differences at sigma_q^2 = 1e-8" in loss
+    assert "for theta1, theta2, theta3; theta1 is 0.0006800 instead of 0.03400" in loss
+    assert "theta3 of raw differences (-0.000450 at 1e-8" in signs
+    assert "raw differences 0.0" in article
+    assert failures == "All 108 estimations succeeded."
+
+
+def test_findings_of_a_perfect_study():
+    lines = findings(exact())
+    assert lines[0].endswith("1e-6: smoothing splines 0 %.")
+    assert lines[1:] == [
+        "No method at any noise level is off by more than half of a parameter's value on average.",
+        "Every mean has the sign of the true value.",
+        "All 4 estimations succeeded.",
+    ]
+
+
+def test_the_distance_from_the_article_is_in_percent_of_the_true_value():
+    printed = tuple(TRUE * 1.02)[:3] + (None,) * 4
+    assert "of the true value: smoothing splines 2.0 %." in findings(exact(published_mean=printed))[3]
+
+
+def test_a_single_lost_parameter_is_found():
+    estimates = np.tile(TRUE, (4, 1))
+    estimates[:, 1] = -0.0032
+    lines = findings(exact(estimates=estimates))
+    assert "for theta2; theta2 is -0.003200 instead of 0.003000" in lines[1]
+    assert "theta2 of smoothing splines (-0.00320 at 1e-6)" in lines[2]
+
+
+def test_failures_are_counted():
+    assert findings(exact(failed=1))[-1].startswith("1 of 4 estimations failed and are left out")
+
+
+def test_a_method_that_always_fails_is_named_and_does_not_stop_the_report():
+    lost = exact(estimates=np.empty((0, 7)), failed=4)
+    lines = findings(lost)
+    assert "1e-6: no run gave an estimate" in lines[0]
+    assert lines[-1] == (
+        "4 of 4 estimations failed and are left out of means and variances: 4 of smoothing splines at 1e-6."
+    )
+    assert "sample mean of 4 estimates" in study_page(lost)
+
+
+def test_tables_are_numbered_and_laid_out_as_in_the_article(reproduction):
+    tables = study_tables(reproduction)
+    captions = [table.caption for table in tables]
+    assert [caption[:8] for caption in captions] == [f"Table {k}:" for k in range(2, 8)]
+    assert captions[1] == "Table 3: sample variance of 12 estimates, sigma_q^2 = 1e-8 rad^2"
+    assert [len(table.columns) for table in tables] == [8, 7] * 3
+    assert all(len(table.rows) == 7 for table in tables)
+
+
+def test_published_values_stand_beside_the_own_ones(reproduction):
+    shown = text_of(*map(terminal_table, study_tables(reproduction)[:2]))
+    first = next(line for line in shown.splitlines() if line.startswith("theta1"))
+    assert first.split()[:2] == ["theta1", "0.03400"]
+    assert "0.0367" in shown
+    assert "1.23e-7" in shown
+    last = next(line for line in shown.splitlines() if line.strip().startswith("theta7"))
+    assert last.split()[3] == "-"
+
+
+def test_methods_and_levels_beyond_the_article_have_no_published_column():
+    table, _ = study_tables(Reproduction((Case(1e-5, "kalman", np.tile(TRUE, (4, 1))),)))
+    assert table.caption.startswith("Sample mean of")
+    assert [(column.group, column.title) for column in table.columns] == [("", "par."), ("", "true"), ("kalman", "own")]
+
+
+def test_terminal_text_fits_eighty_columns_and_keeps_every_name(reproduction):
+    shown = text_of(study_text(reproduction))
+    assert max(map(len, shown.splitlines())) <= 80
+    assert shown.count("\ntheta5 ") == 6
+    assert "All 108 estimations succeeded." in shown
+
+
+def test_page_holds_tables_figures_and_settings(reproduction):
+    page = study_page(reproduction)
+    for k in range(2, 8):
+        assert f"<caption>Table {k}: sample" in page
+    assert "σq² = 1\u00a0×\u00a010⁻⁶ rad²</caption>" in page
+    assert page.count("<figure>") == 5
+    for text in ("figure 2)", "figure 3)", "Angular velocity of joint2", "1.13, 0.78 N m", "m2 lc2^2 + I2", "seed 1"):
+        assert text in page
+
+
+def with_bound(reproduction):
+    """Least variances of one percent of each value."""
+    return replace(reproduction, bounds=dict.fromkeys((1e-8, 1e-6, 1e-4), (0.01 * TRUE) ** 2))
+
+
+def test_the_bound_stands_beside_the_variances(reproduction):
+    bounded = with_bound(reproduction)
+    tables = study_tables(bounded)
+    assert [len(table.columns) for table in tables] == [8, 8] * 3 + [12]
+    assert len(tables[-1].rows) == 9
+    near = next(line for line in findings(bounded) if "over the Cramér-Rao bound" in line)
+    assert near.count("(at most ") == 3
+    page = study_page(bounded)
+    assert page.count("<figure>") == 6
+    assert "Ratios scatter by 20\u00a0%" in page
+
+
+def test_a_method_exactly_at_the_bound_has_ratio_one():
+    estimates = np.concatenate([TRUE * np.ones((2, 7)) * 1.01, TRUE * np.ones((2, 7)) * 0.99])
+    table = study_tables(with_bound(exact(estimates=estimates)))[-1]
+    assert set(table.rows[0][2:9]) == {"1.0"}
+
+
+@pytest.mark.parametrize("runs", [1000])
+def test_page_stays_small(reproduction, runs):
+    from plotly.offline import get_plotlyjs
+
+    assert len(study_page(replace(reproduction, cases=tuple(cases(runs))))) - len(get_plotlyjs()) < 1_000_000
+
+
+def test_texts_are_escaped(reproduction):
+    page = study_page(replace(reproduction, scenario="<script>x", description="<b>y", settings={"<i>": "<u>z"}))
+    for text in ("<script>x", "<b>y", "<i>", "<u>z"):
+        assert text not in page.split("</head>")[1]

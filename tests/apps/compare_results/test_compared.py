@@ -1,0 +1,105 @@
+"""Results are read for a comparison without the robot's files, and say which recordings they are of."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.apps.compare_results import compare_results
+from dynident.apps.compare_results.config import compared_names, read_compared
+from dynident.project.saved import load
+from dynident.runtime import InputError, Use
+from tests.cli.commands import configure, run, write_log
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A slider that was identified into the folder "out"."""
+    place = tmp_path_factory.mktemp("compared")
+    write_log(place)
+    done = run("identify", configure(place), "--out", place / "out")
+    assert done.exit_code == 0, done.output
+    return place
+
+
+def test_a_result_is_read_as_it_was_saved(folder: Path) -> None:
+    path = folder / "out" / "result.json"
+    found, whole = read_compared(path, "slider"), load(path)
+    assert found.names == whole.estimate.names
+    np.testing.assert_array_equal(found.value, whole.estimate.value)
+    np.testing.assert_array_equal(found.covariance, whole.errors.base_covariance)
+    assert found.together
+    assert (found.joints, found.use is None or found.use in list(Use)) == (("slider",), True)
+    assert {one.file for one in found.exports} == {"parameters.yaml", "model.py"}
+    assert all(one.proven and one.there for one in found.exports)
+    assert [(one.name, one.role) for one in found.logs] == [("log 0-3 s", "train"), ("log 3-4 s", "validation")]
+    recordings = [one.recording for one in found.logs]
+    assert all(recordings)
+    assert recordings[0] != recordings[1]  # windows of one file
+    same = compare_results(found, found)
+    assert same.shared_training == ("log 0-3 s",)
+    assert (same.differs, same.worse, same.p_value) == (False, False, 1.0)
+
+
+def test_files_that_are_gone_are_said_and_not_needed(folder: Path, tmp_path: Path) -> None:
+    moved = tmp_path / "moved"
+    shutil.copytree(folder / "out", moved)
+    (moved / "model.py").write_text("changed")
+    (moved / "parameters.yaml").unlink()
+    data = json.loads((moved / "result.json").read_text())
+    data["provenance"]["configuration"]["path"] = str(tmp_path / "nowhere" / "identify.yaml")
+    (moved / "result.json").write_text(json.dumps(data))
+    found = read_compared(moved / "result.json", "moved")
+    assert [one.there for one in found.exports] == [False, False]
+    assert [one.recording for one in found.logs] == ["", ""]  # its recordings are called otherwise there
+    known = read_compared(folder / "out" / "result.json", "known")
+    assert [one.is_same_recording for one in compare_results(known, found).logs] == [None, None]
+
+
+def _wrong(data: dict[str, Any], part: str) -> dict[str, Any]:
+    base = data["base_parameters"]
+    changes: dict[str, Any] = {
+        "version": data | {"version": 7},
+        "format": data | {"format": "another"},
+        "matrix": data | {"base_parameters": base | {"covariance": [[1.0]]}},
+        "kind": data | {"parameters": 3},
+    }
+    return dict(changes[part])
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ("version", "identify again"),
+        ("format", "is no result"),
+        ("matrix", "covariance is not"),
+        ("kind", "parameters"),
+    ],
+)
+def test_what_is_no_result_is_refused(folder: Path, tmp_path: Path, part: str, words: str) -> None:
+    data = json.loads((folder / "out" / "result.json").read_text())
+    wrong = tmp_path / "result.json"
+    wrong.write_text(json.dumps(_wrong(data, part)))
+    with pytest.raises(InputError, match=words):
+        read_compared(wrong, "wrong")
+
+
+def test_a_number_that_nothing_differs_from_is_refused(folder: Path, tmp_path: Path) -> None:
+    data = json.loads((folder / "out" / "result.json").read_text())
+    data["parameters"][0]["value"] = 1e308
+    wrong = tmp_path / "result.json"
+    wrong.write_text(json.dumps(data))
+    with pytest.raises(InputError, match="a parameter of 1e"):
+        read_compared(wrong, "wrong")
+
+
+def test_names_are_as_short_as_they_can_be() -> None:
+    assert compared_names((Path("/a/monday/result.json"), Path("/a/tuesday/result.json"))) == ("monday", "tuesday")
+    assert compared_names((Path("/a/x/result.json"), Path("/b/x/result.json"))) == ("a/x", "b/x")
+    assert compared_names((Path("/a/one.json"), Path("/a/two.json"))) == ("one", "two")
+    assert compared_names((Path("/a/one.json"), Path("/a/one.json"))) == ("/a/one.json", "/a/one.json")

@@ -1,0 +1,132 @@
+"""Whole designs of a small arm: within the limits, the same again, better than chance."""
+
+import importlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.apps.excitation import Interrupted, LeftOut, Program, Purpose, design, verify
+from dynident.apps.excitation.criterion import base_information
+from dynident.apps.excitation.limits import Feasibility
+from dynident.apps.excitation.search import Plan, Stage
+from dynident.models.friction import Dahl
+from dynident.regression import UnexcitedParameters
+from dynident.runtime import InputError, progress_to
+from tests.apps.excitation.arms import LIMITS, MODEL, THETA
+from tests.apps.excitation.requests import BASIS, OPEN, REQUEST, SPACE
+
+module = importlib.import_module("dynident.apps.excitation.design")  # the package has the function by this name
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    stages = (Stage(1.0, 6), Stage(0.1, 6))
+    monkeypatch.setattr(module, "Plan", lambda starts: Plan(starts, stages))
+    monkeypatch.setattr(module, "QUICK", Plan(1, (Stage(1.0, 4),)))
+
+
+def designed(seed=0, model=MODEL, theta=THETA, space=OPEN, executor=None, **changes):
+    return design(
+        model,
+        theta,
+        LIMITS,
+        space,
+        replace(REQUEST, **changes),
+        np.random.default_rng(seed),
+        executor=executor,
+    )
+
+
+def positions(one):
+    return [each.states(each.times(50.0))[0] for each in (one.trajectory, one.validation)]
+
+
+def test_both_motions_keep_to_the_limits_and_go_around_the_post():
+    seen = []
+    with progress_to(seen.append):
+        one = designed(space=SPACE, start=np.array([1.2, 0.5]), duration=13.0)
+    for each, checked in zip((one.trajectory, one.validation), one.checks, strict=True):
+        again = verify(each, Feasibility(MODEL, THETA, LIMITS, SPACE, REQUEST.clearance))
+        np.testing.assert_array_equal(again.reached, checked.reached)
+        np.testing.assert_allclose(each.states(np.zeros(1))[0, 0], [1.2, 0.5])
+    assert one.trajectory.duration <= 13.0
+    assert np.isfinite(one.expected.std).all()
+    assert one.notes == ()
+    assert [step for step in seen if not step.startswith("searching")] == [
+        "finding base parameters",
+        "finding the ways to it and back",
+        "a second motion, for validation",
+        "checking both",
+    ]
+
+
+def test_the_generator_alone_decides_also_over_an_executor():
+    one = positions(designed(3))
+    with ThreadPoolExecutor(2) as two:
+        for again in (designed(3), designed(3, executor=two)):
+            for before, after in zip(one, positions(again), strict=True):
+                np.testing.assert_array_equal(before, after)
+    assert np.abs(positions(designed(4))[0][0] - one[0][0]).max() > 1e-3
+
+
+def test_the_validation_motion_is_another_one_at_other_speeds():
+    one = designed(space=OPEN)
+    (fitted, *_), (held,) = (
+        [piece.course for piece in each.pieces if piece.purpose is Purpose.MOTION]
+        for each in (one.trajectory, one.validation)
+    )
+    assert held.duration == pytest.approx(module.VALIDATION_PERIOD_FACTOR * fitted.duration)
+    share = np.linspace(0.0, 1.0, 100)
+    ways = [course.states(share * course.duration)[0] for course in (held, fitted)]
+    assert np.abs(ways[0] - ways[1]).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("program", "duration"), [(Program.FRICTION, 40.0), (Program.GRAVITY, 20.0), (Program.ALL, 60.0)]
+)
+def test_programs(program, duration):
+    one = designed(program=program, duration=duration)
+    assert one.trajectory.duration <= duration * (1 + 1e-9)
+    purposes = {piece.purpose for piece in one.trajectory.pieces} - {Purpose.WAY}
+    wanted = {Program.FRICTION: {Purpose.FRICTION}, Program.GRAVITY: {Purpose.POSE}}
+    assert purposes == wanted.get(program, {Purpose.FRICTION, Purpose.POSE, Purpose.MOTION})
+    open_ = [note for note in one.notes if isinstance(note, UnexcitedParameters)]
+    assert bool(open_) == (not np.isfinite(one.expected.std).all())
+
+
+def test_what_is_known_before_lowers_the_errors():
+    prior = np.diag(np.linspace(1e5, 1e6, len(THETA)))
+    least = np.sqrt(np.diag(np.linalg.inv(base_information(BASIS, prior))))
+    assert (designed(prior=prior, starts=1).expected.std < least).all()
+    assert (designed(starts=1).expected.std > least).any()
+
+
+def test_stopped_it_says_so_and_keeps_to_the_limits():
+    def stop(step):
+        if step.startswith("searching"):
+            raise KeyboardInterrupt
+
+    with progress_to(stop):
+        one = designed()
+    assert one.notes == (Interrupted(),)
+    verify(one.trajectory, Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance))
+
+
+def test_terms_that_remember_are_left_out():
+    model = MODEL.with_terms(Dahl(MODEL.joints))
+    theta = np.concatenate([THETA, np.ones(len(model.parameters) - len(THETA))])
+    one = designed(model=model, theta=theta)
+    assert one.notes == (LeftOut(("Dahl",)),)
+    assert one.model.names == MODEL.names
+    np.testing.assert_array_equal(one.theta, THETA)
+
+
+def test_a_motion_that_fails_the_last_check_is_refused(monkeypatch):
+    def fails(*args, **kwargs):
+        raise InputError("the trajectory is refused.")
+
+    monkeypatch.setattr(module, "verify", fails)
+    with pytest.raises(InputError, match="refused"):
+        designed()

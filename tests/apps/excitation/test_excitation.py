@@ -1,0 +1,166 @@
+"""From a robot file, a configuration or a result to what is designed for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import dynident as dy
+from dynident.apps.excitation import Criterion, Program
+from dynident.apps.excitation.config import NoiseOrigin
+from dynident.apps.excitation.expected_report import body_words, shape_words
+from dynident.apps.excitation.files import recording_config
+from dynident.apps.excitation.robot import read_excitation
+from dynident.models import Box, Cylinder, EmptySpace, Floor
+from dynident.runtime import ConfigError, InputError
+from tests.apps.excitation.arms import TWO
+from tests.cli.commands import settings, write_log
+
+CHANNELS = {
+    "time": {"column": "t", "unit": "s"},
+    "position": {name: {"column": f"q{k}", "unit": "deg"} for k, name in enumerate(("lift", "bend"))},
+    "torque": {name: {"column": f"i{k}", "gain": 2.0, "unit": "N m"} for k, name in enumerate(("lift", "bend"))},
+    "train": [{"file": "monday.csv"}],
+}
+SLIDER = {"limits": {"slider": {"lower": -0.3, "upper": 0.3, "velocity": 1.0}}}
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    path = tmp_path / "two.urdf"
+    path.write_text(TWO)
+    return path
+
+
+def written(path: Path, data: object) -> Path:
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+def test_a_robot_file_alone(robot: Path) -> None:
+    found = read_excitation(robot)
+    assert found.prior.model.names[-1] == "offset_bend"  # with the plain set of terms
+    assert found.origin is NoiseOrigin.RULE
+    np.testing.assert_allclose(found.request.sigma, [0.4, 0.15])  # 1 % of the torque limits
+    assert found.request.prior is None
+    assert found.geometry is not None
+    assert found.space.pairs == ()  # a body and the next one
+
+
+def test_settings_of_a_file_and_changes_of_them(robot: Path, tmp_path: Path) -> None:
+    given = {
+        "duration": 12,
+        "criterion": "condition",
+        "program": "friction",
+        "noise": {"lift": 0.2},
+        "start": {"bend": 0.5},
+        "limits": {"lift": {"velocity": 1.0}},
+        "margin": 0.2,
+        "floor": -1,
+        "boxes": [{"name": "table", "centre": [1, 0, 0], "size": [0.2, 0.2, 0.2]}],
+        "cylinders": [{"name": "post", "centre": [0, 1], "radius": 0.1, "top": 2}],
+    }
+    found = read_excitation(robot, written(tmp_path / "cell.yaml", given), {"duration": 20.0})
+    assert found.request.duration == 20.0
+    assert found.request.criterion is Criterion.CONDITION
+    assert found.request.program is Program.FRICTION
+    assert found.origin is NoiseOrigin.GIVEN
+    np.testing.assert_allclose(found.request.sigma, [0.2, 0.15])
+    np.testing.assert_array_equal(found.request.start, [0.0, 0.5])
+    np.testing.assert_allclose(found.limits.velocity, [0.8, 2.4])
+    floor, box, post = found.obstacles
+    assert floor == Floor(-1.0)
+    assert box == Box("table", (1, 0, 0), (0.2, 0.2, 0.2))
+    assert post == Cylinder("post", (0, 1), 0.1, -np.inf, 2.0)
+    assert {"floor", "table", "post"} <= {name for pair in found.space.pairs for name in pair}
+
+
+def test_a_configuration_without_recordings_yet(robot: Path, tmp_path: Path) -> None:
+    config = {"model": {"file": robot.name, "joints": ["bend", "lift"], "terms": ["viscous"]}}
+    found = read_excitation(written(tmp_path / "arm.yaml", {**config, "excitation": {"duration": 7}}))
+    assert [joint.name for joint in found.prior.model.joints] == ["bend", "lift"]
+    assert found.prior.model.names[-1] == "Fv_lift"
+    assert found.request.duration == 7
+    assert found.file == robot
+    with pytest.raises(ConfigError, match=r"model: terms\[0\]: 'glue'"):
+        read_excitation(written(tmp_path / "wrong.yaml", {"model": {"file": robot.name, "terms": ["glue"]}}))
+
+
+def test_a_configuration_whose_logs_are_not_there(robot: Path, tmp_path: Path) -> None:
+    found = read_excitation(written(tmp_path / "arm.yaml", {"model": {"file": robot.name}, **CHANNELS}))
+    assert found.origin is NoiseOrigin.RULE
+    assert found.prior.loss_reason == "the configuration names monday.csv, which is not there"
+
+
+def test_logs_of_a_configuration_give_parameters_and_noise_and_a_result_its_information(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    config = written(tmp_path / "arm.yaml", settings(excitation=SLIDER))
+    found = read_excitation(config)
+    assert found.origin is NoiseOrigin.LOGS
+    assert found.request.prior is None
+    assert found.prior.theta[0] == pytest.approx(5.0, rel=0.01)
+    assert 0.005 < found.request.sigma[0] < 0.2  # N; white noise of 0.01 N, and friction that is not quite Coulomb's
+    assert isinstance(found.space, EmptySpace)
+    result = dy.run(config)
+    result.save(tmp_path / "result.json")
+    again = read_excitation(tmp_path / "result.json")
+    assert again.origin is NoiseOrigin.RESULT
+    assert again.limits.velocity[0] == pytest.approx(0.9)  # the settings are those of its configuration
+    assert again.request.prior is not None
+    covariance = np.linalg.inv(again.request.prior)
+    np.testing.assert_allclose(covariance, result.errors.base_covariance, rtol=1e-6)
+
+
+def test_what_cannot_be_read_is_said(robot: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"log.csv: give a robot file \(.urdf"):
+        read_excitation(tmp_path / "log.csv")
+    for given, words in (
+        ({"start": {"bent": 1}}, "excitation.start: there is no joint 'bent'; did you mean 'bend'"),
+        ({"noise": {"bent": 1}}, "excitation.noise: there is no joint 'bent'; did you mean 'bend'"),
+        ({"limits": {"bent": {}}}, "no joint 'bent' moves"),
+    ):
+        with pytest.raises(ConfigError) as caught:
+            read_excitation(robot, None, given)
+        assert words in str(caught.value)
+    with pytest.raises(ConfigError, match="nothing can keep it clear of obstacles"):
+        _ = read_excitation(
+            written(tmp_path / "slider.yaml", {"model": "gallery:slider"}), None, {**SLIDER, "floor": 0}
+        ).space
+
+
+def test_a_period_that_nobody_gives_fits_the_duration(robot: Path) -> None:
+    assert read_excitation(robot, None, {"duration": 3.0}).request.period == pytest.approx(1.8)
+    assert read_excitation(robot).request.period == 5.0
+    assert read_excitation(robot, None, {"duration": 3.0, "period": 2.5}).request.period == 2.5
+
+
+def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_path: Path) -> None:
+    (tmp_path / "far" / "arm").mkdir(parents=True)
+    (tmp_path / "far" / "arm" / "part.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\n")
+    shape = '<collision><geometry><mesh filename="package://arm/part.obj"/></geometry></collision></link>'
+    robot.write_text(robot.read_text().replace("</link>", shape))
+    lost = read_excitation(robot)
+    assert lost.geometry is not None
+    assert set(lost.geometry.missing) == {"package://arm/part.obj"}
+    assert any("name the folder of their package (`packages`" in line for line in shape_words(lost))
+    (tmp_path / "cell").mkdir()
+    found = read_excitation(robot, written(tmp_path / "cell" / "cell.yaml", {"packages": ["../far"]}))
+    assert found.geometry is not None
+    assert not found.geometry.missing
+    draft = yaml.safe_load(recording_config(found, tmp_path / "out"))
+    assert draft["excitation"]["packages"] == ["../far"]
+    with pytest.raises(ConfigError, match=r"packages: there is no folder '.*nowhere'"):
+        read_excitation(robot, None, {"packages": ["nowhere"]})
+    with pytest.raises(ConfigError, match=r"packages\[0\]: the name of a folder"):
+        read_excitation(robot, None, {"packages": [3]})
+
+
+def test_masses_and_inertias_that_cannot_be_are_said(robot: Path) -> None:
+    assert list(body_words(read_excitation(robot))) == []
+
+    robot.write_text(robot.read_text().replace('ixx="', 'ixx="9'))
+    (said,) = body_words(read_excitation(robot))
+    assert "where mass or inertia of upper, lower cannot be right: see `dynident check`" in said

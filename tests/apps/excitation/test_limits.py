@@ -1,0 +1,117 @@
+"""Limits of a motion: from the file, as given, by rule; what is missing or contradicts is said."""
+
+import numpy as np
+import pytest
+
+from dynident.apps.excitation import JointLimits, motion_limits
+from dynident.apps.excitation.limits import ACCELERATION_TIME, JERK_TIME
+from dynident.models import Model, RigidBodies
+from dynident.runtime import ConfigError, ModelError
+from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
+
+
+def arm(inside='<limit effort="10" velocity="2" lower="-1" upper="3"/>', kind="revolute"):
+    text = urdf(link("base"), link("tip", 1.0), joint("hinge", kind, "base", "tip", inside=inside))
+    return Model((RigidBodies(text, source="tip.urdf"),), name="tip")
+
+
+def test_the_margin_is_a_share_of_each_range_half_of_it_at_either_end_of_the_positions():
+    found = motion_limits(arm(), margin=0.2)
+    assert (found.lower[0], found.upper[0]) == pytest.approx((-0.6, 2.6))
+    assert (found.velocity[0], found.torque[0]) == pytest.approx((1.6, 8.0))
+    assert found.acceleration[0] == pytest.approx(1.6 / ACCELERATION_TIME)
+    assert found.jerk[0] == pytest.approx(1.6 / ACCELERATION_TIME / JERK_TIME)
+    assert found.by_rule == {"hinge": ("acceleration", "jerk")}
+    assert (found.middle[0], found.half[0]) == pytest.approx((1.0, 1.6))
+    np.testing.assert_allclose(found.sizes[:, 0], [1.6, 1.6, 6.4, 128.0])
+
+
+def test_given_limits_come_before_those_of_the_file_and_what_exceeds_these_is_named():
+    given = JointLimits(lower=-0.5, upper=3.5, velocity=1.0, acceleration=7.0, jerk=90.0, torque=12.0)
+    found = motion_limits(arm(), {"hinge": given}, margin=0.0)
+    row = [found.lower, found.upper, found.velocity, found.acceleration, found.jerk, found.torque]
+    assert [float(one[0]) for one in row] == [-0.5, 3.5, 1.0, 7.0, 90.0, 12.0]
+    assert found.by_rule == {}
+    assert found.beyond == {"hinge": ("upper", "torque")}
+
+
+def test_a_joint_that_turns_without_end_has_half_a_turn_to_either_side():
+    found = motion_limits(arm('<limit effort="10" velocity="2"/>', "continuous"), margin=0.0)
+    assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
+    assert found.by_rule["hinge"][0] == "position"
+    one_end = {"hinge": JointLimits(upper=1.0)}
+    found = motion_limits(arm('<limit effort="10" velocity="2"/>', "continuous"), one_end, margin=0.0)
+    assert (found.lower[0], found.upper[0]) == (1.0 - 2 * np.pi, 1.0)
+
+
+def test_a_range_of_more_than_two_turns_is_none_unless_the_user_gives_it():
+    wide = arm('<limit effort="10" velocity="2" lower="-1e6" upper="1e6"/>')
+    found = motion_limits(wide, margin=0.0)
+    assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
+    assert "position" in found.by_rule["hinge"]
+    assert motion_limits(wide, {"hinge": JointLimits(lower=-50.0, upper=50.0)}, 0.0).half[0] == 50.0
+    two_turns = arm('<limit effort="10" velocity="2" lower="-6.2832" upper="6.2832"/>')
+    assert motion_limits(two_turns, margin=0.0).upper[0] == 6.2832
+
+
+def test_without_a_torque_limit_no_torque_is_too_large():
+    found = motion_limits(arm('<limit velocity="2" lower="-1" upper="1"/>'))
+    assert found.torque[0] == np.inf
+    assert found.by_rule["hinge"] == ("acceleration", "jerk", "torque")
+
+
+@pytest.mark.parametrize(
+    ("kind", "inside", "named"),
+    [
+        ("continuous", "<limit/>", r"tip does not say.*velocity \(in rad/s\) of hinge"),
+        ("revolute", '<limit effort="1" lower="-1" upper="1"/>', "velocity"),
+        ("prismatic", '<limit effort="1" velocity="1"/>', r"lower \(in m\) of hinge; upper \(in m\) of hinge"),
+        (
+            "revolute",
+            '<limit effort="1" velocity="1" lower="1" upper="-1"/>',
+            r"lower 1 \(file\) and upper -1 \(file\)",
+        ),
+        ("revolute", '<limit effort="1" velocity="0" lower="-1" upper="1"/>', "velocity is 0 in tip"),
+        ("revolute", '<limit effort="0" velocity="1" lower="-1" upper="1"/>', "torque is 0 in tip"),
+    ],
+)
+def test_a_file_without_limits_or_with_limits_that_contradict(kind, inside, named):
+    with pytest.raises(ModelError, match=named):
+        motion_limits(arm(inside, kind))
+
+
+@pytest.mark.parametrize(
+    ("given", "margin", "named"),
+    [
+        ({"henge": JointLimits()}, 0.1, "did you mean 'hinge'"),
+        ({"hinge": JointLimits(lower=4.0)}, 0.1, r"lower 4 \(given\) and upper 3 \(file\)"),
+        ({"hinge": JointLimits(velocity=-1.0)}, 0.1, "velocity is -1"),
+        ({"hinge": JointLimits(jerk=np.nan)}, 0.1, "jerk is nan"),
+        ({}, 1.0, "margin is 1"),
+        ({}, -0.1, "margin is -0.1"),
+    ],
+)
+def test_what_a_user_gives_wrong_is_named(given, margin, named):
+    with pytest.raises(ConfigError, match=named):
+        motion_limits(arm(), given, margin)
+
+
+def test_a_format_without_velocity_limits_asks_for_them():
+    bodies = RigidBodies(ARM_MJCF, source="arm.xml")
+    with pytest.raises(ModelError, match=r"velocity \(in rad/s\) of shoulder, twist; velocity \(in m/s\) of rail\."):
+        motion_limits(Model((bodies,), name="arm.xml"))
+    speeds = {joint.name: JointLimits(velocity=1.0) for joint in bodies.joints}
+    assert motion_limits(Model((bodies,)), speeds).upper.tolist() == pytest.approx([0.9, 0.9, 0.9 * np.pi])
+
+
+def test_the_joints_that_mimic_another_keep_their_limits_too():
+    bodies = RigidBodies(GRIPPER, source="gripper.urdf")  # the follower is at 2 q + 0.01, within -1 and 1, below 2 m/s
+    found = motion_limits(Model((bodies,)), margin=0.0)
+    assert (found.lower[1], found.upper[1]) == pytest.approx((-0.505, 0.495))
+    assert found.velocity.tolist() == [2.0, 1.0]
+
+
+def test_units_and_order_are_those_of_the_joints():
+    bodies = RigidBodies(ARM, source="arm.urdf", joints_used=("rail", "shoulder", "twist"))
+    speeds = {"twist": JointLimits(velocity=3.0)}
+    assert motion_limits(Model((bodies,)), speeds, 0.0).velocity.tolist() == [2.0, 2.0, 3.0]

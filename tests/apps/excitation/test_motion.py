@@ -1,0 +1,135 @@
+"""From a request to the best motion, from rest to rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.apps.excitation import Criterion, Purpose, Trajectory, expected_accuracy, verify
+from dynident.apps.excitation.criterion import InformationCriterion
+from dynident.apps.excitation.design import torque_information
+from dynident.apps.excitation.family import ClampedSpline, Fourier
+from dynident.apps.excitation.interior import GridReserve, Interior
+from dynident.apps.excitation.limits import Feasibility
+from dynident.apps.excitation.motion import find_best_motion, motion_pieces, reachable_motion
+from dynident.apps.excitation.search import Plan, Stage, random_motion
+from dynident.apps.excitation.way import from_rest
+from dynident.runtime import InputError, progress_to
+from tests.apps.excitation.arms import LIMITS, MODEL, THETA
+from tests.apps.excitation.requests import BASIS, OPEN, REQUEST, SPACE, interior
+
+FREE = Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
+SHORT = Plan(1, (Stage(1.0, 8), Stage(0.1, 8)))
+
+
+def test_the_criterion_of_the_search_is_that_of_the_recording():
+    one = interior(space=OPEN, duration=13.0)  # two periods of 4 s beside the ways
+    x = random_motion(one, np.random.default_rng(0))
+    request = replace(REQUEST, duration=13.0, max_periods=2)
+    pieces = motion_pieces(FREE, one.family, x, request, np.random.default_rng(0))
+    motion = Trajectory(LIMITS.joints, tuple(piece for piece in pieces if piece.purpose is Purpose.MOTION))
+    assert len(motion.pieces) == 2
+    states = motion.states(np.arange(0.0, motion.duration, 1 / REQUEST.rate))
+    recorded = expected_accuracy(MODEL, THETA, torque_information(MODEL, states, 1 / REQUEST.sigma**2), BASIS)
+    criterion = one.information
+    sought = 2 * np.log(criterion.scale).sum() - criterion.value(*one.states(x)[:3])
+    assert sought == pytest.approx(recorded.log_det, abs=1.0)  # of about 150: the sign of friction is smooth in one
+
+
+def test_what_is_known_before_counts():
+    prior = np.diag(np.full(len(THETA), 4.0))
+    known = interior(space=OPEN, prior=prior).information.prior
+    assert known.shape == (BASIS.rank, BASIS.rank)
+    assert interior(space=OPEN).information.prior is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "log det"),
+        ({"criterion": Criterion.CONDITION}, "condition number"),
+        ({"criterion": Criterion.A_OPTIMAL, "named": ("Fv_lift",)}, "variances"),
+    ],
+)
+def test_progress_says_what_is_sought(changes, words):
+    seen = []
+    one = interior(space=OPEN, **changes)
+    with progress_to(seen.append):
+        found = find_best_motion(one, FREE, SHORT, np.random.default_rng(0))
+    assert all(words in step for step in seen)
+    assert isinstance(one.information, InformationCriterion)
+    if not changes:
+        value = 2 * np.log(one.information.scale).sum() - found.criterion
+        assert f"log det {value:.1f}" in seen[-1]
+
+
+@pytest.mark.parametrize("rounds", [2, 0])  # of the search; then the motion is made smaller
+def test_a_torque_beyond_the_limit_between_the_points_is_mended(monkeypatch, rounds):
+    tau = 0.0
+    one = interior(space=OPEN)
+    found = find_best_motion(one, FREE, SHORT, np.random.default_rng(1))
+    tau = np.abs(MODEL.torque(*one.states(found.x)[:3], THETA)).max(axis=0)
+    tight = replace(LIMITS, torque=0.97 * tau)
+    narrow = interior(space=OPEN, limits=tight)
+    monkeypatch.setattr("dynident.apps.excitation.motion.MAX_RESTARTS", rounds)
+    again = find_best_motion(narrow, replace(FREE, limits=tight), SHORT, np.random.default_rng(1))
+    assert narrow.between(again.x, MODEL) is None
+    t = np.linspace(0.0, narrow.family.duration, 4001)
+    fine = np.asarray(narrow.family.values(t) @ again.x.T)
+    assert (np.abs(MODEL.torque(*fine[:3], THETA)) <= tight.torque).all()
+
+
+@pytest.mark.parametrize("start", [None, np.array([0.4, -0.3])])
+@pytest.mark.parametrize("family", ["fourier", "bspline"])
+def test_motions_go_from_rest_to_rest_within_the_time(family, start):
+    request = replace(REQUEST, duration=15.0, family=family, start=start)
+    one = interior(space=OPEN, duration=15.0, family=family, start=start)
+    assert isinstance(one.family, Fourier if family == "fourier" else ClampedSpline)
+    x = random_motion(one, np.random.default_rng(1))
+    pieces = motion_pieces(FREE, one.family, x, request, np.random.default_rng(0))
+    trajectory = Trajectory(LIMITS.joints, pieces)
+    assert trajectory.duration <= 15.0
+    periods = sum(piece.purpose is Purpose.MOTION for piece in pieces)
+    ways = sum(piece.course.duration for piece in pieces if piece.purpose is Purpose.WAY)
+    assert periods == (int((15.0 - ways) / 4.0) if family == "fourier" else 1)
+    verify(trajectory, Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance))
+    ends = trajectory.states(np.array([0.0, trajectory.duration]))[0]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+    if start is not None:
+        np.testing.assert_allclose(ends[0], start)
+
+
+def test_without_the_time_for_the_ways_it_is_said():
+    one = interior(space=OPEN)
+    x = random_motion(one, np.random.default_rng(1))
+    with pytest.raises(InputError, match=r"takes .* s with the ways to it and back, more than the 4 s"):
+        motion_pieces(FREE, one.family, x, replace(REQUEST, duration=4.0), np.random.default_rng(0))
+
+
+def test_what_cannot_be_kept_between_the_points_is_named(monkeypatch):
+    one = interior()
+    far = GridReserve(np.zeros(2), np.linspace(0.0, 1.0, len(SPACE.pairs)))
+    monkeypatch.setattr(Interior, "between", lambda *_: far)
+    monkeypatch.setattr("dynident.apps.excitation.motion.MAX_RESTARTS", 0)
+    pair = " and ".join(map(repr, SPACE.pairs[-1]))
+    with pytest.raises(InputError, match=f"{pair} come too close"):
+        find_best_motion(one, FREE, SHORT, np.random.default_rng(1))
+
+
+def test_where_no_way_leads_into_a_motion_a_smaller_one_is_driven(monkeypatch):
+    one = interior(space=OPEN, duration=13.0)
+    x = random_motion(one, np.random.default_rng(1))
+    size = np.abs(x[:, 1:]).max()
+
+    def small(feasible, course, *rest):
+        return from_rest(feasible, course, *rest) if np.abs(course.x[:, 1:]).max() < 0.6 * size else None
+
+    monkeypatch.setattr("dynident.apps.excitation.motion.from_rest", small)
+    request = replace(REQUEST, duration=13.0)
+    pieces = reachable_motion(one, FREE, x, request, np.random.default_rng(0))
+    verify(Trajectory(LIMITS.joints, pieces), Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance))
+    monkeypatch.setattr("dynident.apps.excitation.motion.from_rest", lambda *_: None)
+    with pytest.raises(InputError, match="torque limits hold the arm"):
+        reachable_motion(one, FREE, x, request, np.random.default_rng(0))
+    with pytest.raises(InputError, match="another start pose, or none"):
+        reachable_motion(one, FREE, x, replace(request, start=np.zeros(2)), np.random.default_rng(0))

@@ -1,0 +1,313 @@
+"""Channels guessed from names and values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dynident.apps.init.column_mapping import map_columns, widths
+from dynident.apps.init.match import MovableJoint
+from dynident.files.tables import DataTable
+from dynident.models.robot_files import RobotJointLimits
+
+N = 400
+T = np.arange(N) * 0.01
+LIMITS = RobotJointLimits(effort=50.0, velocity=2.0, lower=-2.0, upper=2.0)
+ARM = tuple(MovableJoint(name, "revolute", LIMITS) for name in ("shoulder", "elbow"))
+NUMBERED = tuple(MovableJoint(f"arm_joint{k}", "revolute", LIMITS) for k in (1, 2))
+
+
+def wave(size: float, phase: float = 0.0) -> np.ndarray:
+    return size * np.sin(2 * T + phase)
+
+
+def table(**columns) -> DataTable:
+    named = {"time": T} | columns
+    return DataTable(
+        {name: np.array(values, float) for name, values in named.items() if values is not None}, {}, "a.csv"
+    )
+
+
+def signals(position=("q1", "q2"), torque=("tau1", "tau2"), size=1.0, peak=20.0):
+    return {
+        **{name: wave(size, k) for k, name in enumerate(position)},
+        **{name: wave(peak, k) for k, name in enumerate(torque)},
+    }
+
+
+def chosen(found):
+    return [one.column for one in (*found.position.values(), *found.torque.values())]
+
+
+@pytest.mark.parametrize(
+    ("position", "torque"),
+    [
+        (("shoulder.position", "elbow.position"), ("shoulder.effort", "elbow.effort")),
+        (("pos_elbow", "pos_shoulder"), ("elbow_tau", "shoulder_tau")),
+    ],
+)
+def test_joints_are_matched_by_name(position, torque):
+    found = map_columns(table(**signals(position, torque)), ARM)
+    assert [("shoulder" in str(name), "elbow" in str(name)) for name in chosen(found)] == [(1, 0), (0, 1)] * 2
+    assert not any(one.question for one in (*found.position.values(), *found.torque.values()))
+
+
+def test_joints_are_matched_by_number():
+    found = map_columns(table(**signals(("q2", "q1"))), NUMBERED)
+    assert chosen(found) == ["q1", "q2", "tau1", "tau2"]
+    assert found.position["arm_joint1"].question == ""
+
+
+def test_joints_matched_by_order_are_asked_about():
+    for joints, names in ((ARM, ("q1", "q2")), (NUMBERED, ("q[0]", "q[1]"))):
+        found = map_columns(table(**signals(names)), joints)
+        assert chosen(found)[:2] == list(names)
+        assert "is this order right?" in found.position[joints[0].name].question
+
+
+def test_columns_without_names_are_matched_by_shape():
+    columns = {str(k): wave(1.0 + 4 * (k > 4), k) for k in range(1, 7)}
+    found = map_columns(DataTable({"0": T.copy(), **columns}, {}, "a.csv"), ARM)
+    assert (found.time.column, chosen(found)) == ("0", ["1", "2", "5", "6"])
+    assert "is this order right?" in found.torque["elbow"].question
+
+
+def test_measured_columns_are_preferred():
+    names = ["pos_des", "pos_filt", "pos_meas", "pos_err"]
+    columns = {f"{name}{k}": wave(1.0, k) for name in names for k in (1, 2)}
+    torques = {f"{name}{k}": wave(9.0, k) for name in ("tau_cmd", "current", "tau", "tau_fric") for k in (1, 2)}
+    found = map_columns(table(**columns, **torques), NUMBERED)
+    assert chosen(found) == ["pos_meas1", "pos_meas2", "tau1", "tau2"]
+    assert "pos_des1" in found.unused
+
+
+def test_commanded_columns_alone_are_not_mapped():
+    found = map_columns(table(**signals(("q_d1", "q_d2"))), NUMBERED)
+    assert chosen(found) == [None, None, "tau1", "tau2"]
+
+
+def test_each_joint_has_the_unit_of_its_own_column():
+    scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(effort=200.0, lower=0.0, upper=0.2)))
+    names = ("shoulder pos [deg]", "elbow pos [deg]", "quill pos [mm]")
+    torques = ("shoulder torque [Nm]", "elbow torque [Nm]", "quill force [kN]")
+    found = map_columns(table(**signals(names, torques)), scara)
+    assert {name: one.unit for name, one in found.position.items()} == {
+        "shoulder": "deg",
+        "elbow": "deg",
+        "quill": "mm",
+    }
+    assert {name: one.unit for name, one in found.torque.items()} == {"shoulder": "N m", "elbow": "N m", "quill": "kN"}
+    assert found.lock == {}
+
+
+def test_units_follow_from_names():
+    columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
+    found = map_columns(table(time=None, t_us=T * 1e6, **columns), NUMBERED)
+    assert (found.time.column, found.time.unit) == ("t_us", "us")
+    assert {(one.unit, one.question) for one in found.position.values()} == {("deg", "")}
+    assert {(one.unit, one.question) for one in found.torque.values()} == {("mN m", "")}
+
+
+def test_positions_beyond_two_pi_are_asked_about():
+    found = map_columns(table(**signals(size=90.0)), NUMBERED)
+    assert {one.unit for one in found.position.values()} == {"deg"}
+    assert all("is it in degrees" in one.question for one in found.position.values())
+    turning = map_columns(table(**signals(size=90.0)), NUMBERED, ros=True)
+    assert {one.unit for one in turning.position.values()} == {"rad"}
+    assert all("exceeds the range of the joint" in one.question for one in turning.position.values())
+    endless = map_columns(
+        table(q=wave(9.0), tau=wave(1.0)), [MovableJoint("wheel", "revolute", RobotJointLimits(effort=2.0))]
+    )
+    assert "multi_turn" in endless.position["wheel"].question or endless.position["wheel"].unit == "deg"
+
+
+@pytest.mark.parametrize(("peak", "asked"), [(20.0, ""), (400.0, "exceeds the limit 50"), (0.1, "before the gear")])
+def test_torques_are_compared_with_the_limits(peak, asked):
+    found = map_columns(table(**signals(peak=peak)), NUMBERED)
+    questions = {one.question for one in found.torque.values()}
+    assert all(asked in question for question in questions) if asked else questions == {""}
+
+
+def test_without_limits_the_unit_of_torque_is_asked_about():
+    joints = [MovableJoint(joint.name, "revolute") for joint in NUMBERED]
+    assert "N m?" in map_columns(table(**signals()), joints).torque["arm_joint1"].question
+
+
+def test_currents_want_a_gain():
+    found = map_columns(table(**signals(torque=("i_mA_1", "i_mA_2"))), NUMBERED)
+    assert {one.gain for one in found.torque.values()} == {"torque constant times gear ratio, N m per mA"}
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit", "asked"),
+    [(1.0, "s", False), (1e3, "ms", True), (1e6, "us", True), (1e9, "ns", True), (100.0, "ms", True)],
+)
+def test_the_unit_of_time_follows_from_the_step(factor, unit, asked):
+    found = map_columns(table(time=np.round(T * factor, 6), **signals()), NUMBERED)
+    assert (found.time.unit, bool(found.time.question)) == (unit, asked)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+@pytest.mark.parametrize("step", [1 / 8000, 0.01])
+def test_stamps_since_1970_tell_their_unit(factor, unit, step):
+    stamps = (1.731e9 + step * np.arange(N)) * factor
+    found = map_columns(table(time=None, stamp=stamps, **signals()), NUMBERED).time
+    assert (found.column, found.unit, found.question) == ("stamp", unit, "")
+    assert found.step == pytest.approx(step, rel=0.01)
+
+
+def test_positions_of_motors_are_asked_about():
+    geared = map_columns(table(**signals(("pos_rev_1", "pos_rev_2"), size=16.0)), NUMBERED)
+    assert "transmission" in geared.position["arm_joint1"].question
+    other_zero = {f"pos_rad_{k}": 5.0 + wave(1.0) for k in (1, 2)}
+    found = map_columns(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
+    assert found.position["arm_joint1"].question == ""
+
+
+def test_stamps_that_increase_are_preferred():
+    found = map_columns(table(**{"header.stamp.sec": np.floor(T), "clock": T + 5}, time=None, **signals()), NUMBERED)
+    assert found.time.column == "clock"
+    assert map_columns(table(time=None, **signals()), NUMBERED).time.column is None
+    for times in (np.floor(T), np.full(len(T), np.inf), np.where(T > 1, np.nan, T)):
+        assert "do not increase" in map_columns(table(time=times, **signals()), NUMBERED).time.question
+
+
+def test_joints_that_are_not_identified_are_locked():
+    finger = MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.01, upper=0.04))
+    tied = MovableJoint("finger_2", "prismatic", RobotJointLimits(), "finger")
+    coupler = MovableJoint("coupler", "revolute", LIMITS, "elbow")
+    columns = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau"))
+    found = map_columns(table(**columns), (*ARM, finger, tied, coupler))
+    assert list(found.position) == ["shoulder", "elbow"]
+    assert {name: value for name, (value, _) in found.lock.items()} == {"finger": 0.01, "coupler": 0.0}
+    assert "not in the log" in found.lock["finger"][1]
+    assert "follows 'elbow'" in found.lock["coupler"][1]
+    recorded = map_columns(table(**columns, finger_q=np.full(N, 0.02)), (*ARM, finger, tied))
+    assert recorded.lock == {"finger": (0.02, "")}
+    moving = map_columns(table(**columns, finger_q=0.02 + wave(0.01)), (*ARM, finger, tied))
+    assert "it moves by 0.02 m" in moving.lock["finger"][1]
+
+
+def test_recorded_joints_that_do_not_move_in_any_log_are_locked():
+    finger = MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.01, upper=0.04))
+    columns = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau"))
+    first, later = ({**columns, "finger_q": np.full(N, x), "finger_tau": wave(1.0)} for x in (0.02, 0.035))
+    found = map_columns(table(**first), (*ARM, finger))
+    assert list(found.position) == list(found.torque) == ["shoulder", "elbow"]
+    assert (found.lock, found.still_joints) == ({"finger": (0.02, "")}, ("finger",))
+    assert map_columns(table(**first), (*ARM, finger), other_tables=[table(**first)]).still_joints == ("finger",)
+    opened = map_columns(table(**first), (*ARM, finger), other_tables=[table(**later)])  # at rest, but elsewhere
+    assert (opened.lock, opened.still_joints) == ({}, ())
+    assert list(opened.position) == ["shoulder", "elbow", "finger"]
+    assert map_columns(table(**first), (*ARM, finger), lockable=False).still_joints == ()
+    rest = map_columns(table(**{name: np.full(N, 0.1) for name in first}), (*ARM, finger))
+    assert rest.still_joints == ()  # a log at rest has no joint to identify at all
+    assert len(rest.position) == 3
+
+
+def test_a_joint_that_its_controller_holds_is_locked():
+    wrist = MovableJoint("wrist", "revolute", RobotJointLimits(lower=-2, upper=2))
+    columns = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau")) | {"wrist_tau": wave(1.0)}
+    held = map_columns(table(**columns, wrist_q=0.7 + wave(2e-3)), (*ARM, wrist))
+    assert (held.still_joints, list(held.position)) == (("wrist",), ["shoulder", "elbow"])
+    assert map_columns(table(**columns, wrist_q=0.7 + wave(0.05)), (*ARM, wrist)).still_joints == ()
+
+
+def test_joints_that_columns_of_text_name_are_not_matched_by_order():
+    columns = signals(("field.position0", "field.position1"), ("field.effort0", "field.effort1"))
+    named = replace(table(**columns), texts={"field.name0": "elbow", "field.name1": "shoulder", "field.frame": "base"})
+    found = map_columns(named, ARM)
+    assert {joint: one.column for joint, one in found.position.items()} == {
+        "shoulder": "field.position1",
+        "elbow": "field.position0",
+    }
+    assert found.torque["elbow"].column == "field.effort0"
+    assert not any(one.question for one in found.position.values())
+    twice = replace(named, texts={"field.name0": "elbow", "field.name1": "elbow"})
+    assert "is this order right" in map_columns(twice, ARM).position["elbow"].question
+
+
+def test_stamps_of_rows_written_twice_are_not_asked_about():
+    twice = np.sort(np.append(T, T[50:200:50]))
+    columns = {name: np.resize(values, len(twice)) for name, values in signals().items()}
+    assert map_columns(table(time=twice, **columns), NUMBERED).time.question == ""
+    swapped = np.append(twice[:-2], twice[:-3:-1])
+    assert "do not increase" in map_columns(table(time=swapped, **columns), NUMBERED).time.question
+
+
+@pytest.mark.parametrize(("name", "size", "turn"), [("{}_q", 2 * np.pi, 2 * np.pi), ("{}_q [deg]", 360.0, 360.0)])
+def test_an_angle_that_starts_anew_is_seen(name, size, turn):
+    names = tuple(name.format(joint) for joint in ("shoulder", "elbow"))
+    columns = signals(names, ("shoulder_tau", "elbow_tau"))
+    columns[names[0]] = np.mod(wave(0.2 * size), size)
+    found = map_columns(table(**columns), ARM).position
+    assert found["shoulder"].wraps == pytest.approx(turn)
+    assert (found["shoulder"].question, found["elbow"].wraps) == ("", None)
+    columns[names[0]] = np.mod(wave(0.2 * size), 0.7 * size)  # a jump that is no turn
+    assert map_columns(table(**columns), ARM).position["shoulder"].wraps is None
+
+
+def test_dates_are_the_time_whatever_their_column_is_called():
+    columns = {"Datum": T + 43200, **signals()}
+    found = map_columns(DataTable(columns, {}, "a.csv", units={"Datum": "s"}), NUMBERED).time
+    assert (found.column, found.unit, found.question) == ("Datum", "s", "")
+
+
+def test_states_of_robot_learning_are_positions():
+    state = {f"observation.state[{k}]": wave(1.0, k) for k in range(2)}
+    state |= {f"observation.effort[{k}]": wave(9.0, k) for k in range(2)} | {
+        f"action[{k}]": wave(1.1, k) for k in (0, 1)
+    }
+    found = map_columns(DataTable({"timestamp": T.copy(), **state}, {}, "a.parquet"), NUMBERED)
+    assert [one.column for one in found.position.values()] == ["observation.state[0]", "observation.state[1]"]
+    assert [one.column for one in found.torque.values()] == ["observation.effort[0]", "observation.effort[1]"]
+
+
+def test_channels_of_one_mapping_are_equally_long():
+    short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)} | {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
+    found = map_columns(table(**short, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
+    assert chosen(found) == ["q_meas1", "q_meas2", "tau1", "tau2"]
+
+
+def test_gaps_are_seen():
+    assert not map_columns(table(**signals()), NUMBERED).gaps
+    assert map_columns(table(time=T + (T > 1), **signals()), NUMBERED).gaps
+
+
+def test_widths_of_files_with_one_number_a_line():
+    tables = {key: DataTable({"0": np.zeros(n)}, {}, key) for key, n in {"t": 10, "q": 70, "odd": 15}.items()}
+    assert widths(tables) == {"q": 7}
+    assert widths({}) == {}
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    names=st.lists(
+        st.sampled_from(
+            ["t", "q1", "q2", "tau1", "tau2", "q_d1", "i1", "elbow.position", "0", "1", "2", "3", "4", "x"]
+        ),
+        max_size=8,
+        unique=True,
+    ),
+    rows=st.integers(0, 4),
+    value=st.floats(allow_nan=True, allow_infinity=True),
+    joints=st.sampled_from([ARM, NUMBERED, (*ARM, *NUMBERED), ARM[:1]]),
+)
+def test_anything_gives_a_mapping(names, rows, value, joints):
+    columns = {name: np.full(rows + (name == "x"), value) for name in names}
+    found = map_columns(DataTable(columns, {}, "a.csv"), joints)
+    assert set(found.position) == set(found.torque) <= {joint.name for joint in joints}
+    assert math.isfinite(sum(position for position, _ in found.lock.values()))
+    assert set(chosen(found)) <= {None, *names}
+
+
+def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
+    found = map_columns(table(time=None, **{"Uhr [ms]": 1000 * T}, **signals()), NUMBERED).time
+    assert (found.column, found.unit) == ("Uhr [ms]", "ms")
+    assert "is it the time?" in found.question
+    assert map_columns(table(time=None, Uhr=T, ticks=T + 1, **signals()), NUMBERED).time.column is None

@@ -1,0 +1,346 @@
+"""Drafted configurations: they say what they guess, can be read, and where all was certain, be used."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynident.apps.init.column_mapping import map_columns
+from dynident.apps.init.config_draft import LogSource, draft_config, read_source
+from dynident.apps.init.match import MovableJoint, read_joints
+from dynident.cli import main
+from dynident.files.tables import DataTable
+from dynident.models.robot_files import RobotJointLimits
+from dynident.project.config import parse_config
+from tests.robots import joint, link, urdf
+
+LIMIT = '<limit effort="30" velocity="5" lower="-2" upper="2"/>'
+TENSOR = np.diag([0.02, 0.02, 0.01])
+ARM = urdf(
+    link("base", 1.0),
+    link("upper", 2.0, (0.1, 0.0, 0.2), tensor=TENSOR),
+    link("fore", 1.0, (0.1, 0.0, 0.1), tensor=TENSOR),
+    link("left", 0.1, tensor=TENSOR / 100),
+    link("right", 0.1, tensor=TENSOR / 100),
+    joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0), inside=LIMIT),
+    joint("elbow", "revolute", "upper", "fore", (0, 0, 0.4), axis=(0, 1, 0), inside=LIMIT),
+    joint("finger", "prismatic", "fore", "left", inside='<limit effort="9" velocity="1" lower="0.01" upper="0.04"/>'),
+    joint("other_finger", "prismatic", "fore", "right", inside='<mimic joint="finger"/>'),
+)
+N = 800
+T = np.arange(N) * 0.005
+SOUND = {
+    "time": T,
+    "elbow.position": np.sin(3 * T),
+    "shoulder.position": np.cos(2 * T),
+    "finger.position": np.full(N, 0.02),
+    "elbow.effort": 10 * np.sin(3 * T + 1),
+    "shoulder.effort": 15 * np.cos(2 * T + 1),
+    "shoulder.command": np.cos(2 * T),
+}
+
+
+def write(path: Path, **changes) -> Path:
+    columns = {name: values for name, values in (SOUND | changes).items() if values is not None}
+    header = ",".join(f'"{name}"' for name in columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header, comments="")
+    return path
+
+
+def run(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+@pytest.fixture
+def arm(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(ARM)
+    return tmp_path / "arm.urdf"
+
+
+def test_what_is_certain_runs_without_an_edit(arm, tmp_path):
+    write(tmp_path / "a.csv")
+    write(tmp_path / "b.csv", **{"elbow.position": np.sin(2.5 * T)})
+    done = run("init", "arm.urdf", "a.csv", "b.csv")
+    assert done.exit_code == 0, done.output
+    assert "Confirm" not in done.output
+    assert "Fill in" not in done.output
+    text = (tmp_path / "identify.yaml").read_text()
+    assert "# ?" not in text.partition("\n")[2]
+    data = yaml.safe_load(text)
+    model = {"file": "arm.urdf", "joints": ["shoulder", "elbow"], "lock": {"finger": 0.02}, "terms": "auto"}
+    assert data["model"] == model
+    assert data["position"] == {
+        "shoulder": {"column": "shoulder.position", "unit": "rad"},
+        "elbow": {"column": "elbow.position", "unit": "rad"},
+    }
+    assert (data["train"], data["validation"]) == ([{"file": "a.csv"}], [{"file": "b.csv"}])
+    done = run("identify", "identify.yaml")
+    assert done.exit_code == 0, done.output
+
+
+def test_a_single_log_is_cut_in_two(arm, tmp_path):
+    write(tmp_path / "a.csv", time=T + 100)
+    assert run("init", arm, "a.csv", "-o", "sub/two.yaml").exit_code == 0
+    config = parse_config((tmp_path / "sub" / "two.yaml").read_text(), tmp_path / "sub")
+    assert config.train[0].file[""].resolve() == tmp_path / "a.csv"
+    assert (config.train[0].window, config.validation[0].window) == (((None, 102.8),), ((102.8, None),))
+
+
+@pytest.mark.parametrize("logs", [1, 2])
+def test_rests_at_the_ends_are_left_out(arm, tmp_path, logs):
+    t = np.arange(3 * N) * 0.005
+    run_in, run_out = np.clip((t - 2.5) / 0.5, 0, 1), np.clip((9.0 - t) / 0.5, 0, 1)
+    noise = 1e-5 * np.random.default_rng(1).standard_normal((2, 3 * N))
+    q = run_in * run_out * np.array([np.sin(3 * t), np.cos(2 * t)]) + noise
+    moved = {"elbow.position": q[0], "shoulder.position": q[1], "elbow.effort": q[0], "shoulder.effort": q[1]}
+    still = {"finger.position": np.full(3 * N, 0.02), "shoulder.command": q[1]}
+    files = [write(tmp_path / f"{k}.csv", **{"time": t} | moved | still) for k in range(logs)]
+    result = run("init", arm, *files, "-o", tmp_path / "c.yaml")
+    assert result.exit_code == 0, result.output
+    config = parse_config((tmp_path / "c.yaml").read_text(), tmp_path)
+    start, stop = config.train[0].window[0][0], config.validation[-1].window[0][1]
+    assert start == pytest.approx(2.5, abs=0.15)
+    assert stop == pytest.approx(9.0, abs=0.15)
+
+
+def test_what_is_asked_is_in_the_file_and_on_the_screen(arm, tmp_path):
+    doubts = {"finger.position": None, "elbow.effort": 900 * np.sin(3 * T)}
+    write(tmp_path / "a.csv", **doubts)
+    done = run("init", arm, "a.csv")
+    text = (tmp_path / "identify.yaml").read_text()
+    for words in ("where does it stand (m)?", "the peak 900 exceeds the limit 30 N m"):
+        assert words in done.output
+        assert words in text
+    assert parse_config(text).model.lock == {"finger": 0.01}
+
+
+def test_what_cannot_be_guessed_is_to_be_filled_in(arm, tmp_path):
+    currents = {
+        "elbow.effort": None,
+        "shoulder.effort": None,
+        "elbow_i_mA": T - 1,
+        "shoulder_i_mA": T - 2,
+        "time": None,
+    }
+    write(tmp_path / "a.csv", **currents)
+    done = run("init", arm, "a.csv")
+    assert done.exit_code == 0
+    assert "Fill in:\n  time: the sampling rate in Hz" in done.output
+    assert "torque constant times gear ratio, N m per mA" in done.output
+    done = run("identify", "identify.yaml")
+    assert done.exit_code == 1
+    assert "time: is missing" in done.output
+    assert "torque: a mapping (`key: value` lines) is expected; got None; if all lines are" in done.output
+    text = (tmp_path / "identify.yaml").read_text()
+    filled = text.replace("# time: { rate: }", "time: { rate: 200 }").replace("gain: ,", "gain: 0.01,")
+    filled = filled.replace("    # window: [ , ]", "    window: [0, 2]", 1).replace(
+        "# window: [ , ]", "window: [2, null]"
+    )
+    filled = filled.replace("  # shoulder", "  shoulder").replace("  # elbow", "  elbow")
+    (tmp_path / "identify.yaml").write_text(filled)
+    done = run("identify", "identify.yaml")
+    assert done.exit_code == 0, done.output
+
+
+def test_what_cannot_be_read_is_reported_where_something_is_missing(arm, tmp_path):
+    np.savez(tmp_path / "a.npz", time=T, q=np.ones((2, N + 1)), tau=np.ones((N, 2)))
+    result = run("init", arm, tmp_path / "a.npz", "-o", tmp_path / "c.yaml")
+    assert "Note: 'q' has the shape (2, 801)" in result.output
+    assert "the columns of" in result.output
+
+
+def test_an_array_whose_time_runs_along_its_rows_is_a_question(arm, tmp_path):
+    q = np.stack([SOUND["elbow.position"], SOUND["shoulder.position"]])
+    tau = np.stack([SOUND["elbow.effort"], SOUND["shoulder.effort"]])
+    np.savez(tmp_path / "a.npz", time=T, q=q, tau=tau)
+    result = run("init", arm, tmp_path / "a.npz", "-o", tmp_path / "c.yaml")
+    assert "  file: 'tau' has the shape (2, 800): it is read as 800 rows" in result.output
+    assert "  # ? 'q' has the shape (2, 800): it is read as 800 rows" in (tmp_path / "c.yaml").read_text()
+
+
+def test_files_that_make_one_log_are_joined(arm, tmp_path):
+    for name in ("position", "effort"):
+        np.savetxt(
+            f"run_{name}_log.csv",
+            np.column_stack([SOUND[f"elbow.{name}"], SOUND[f"shoulder.{name}"]]),
+            delimiter=",",
+            header="elbow,shoulder",
+            comments="",
+        )
+    np.savetxt("run_time_log.csv", T, header="clock", comments="")
+    done = run("init", arm, "run_position_log.csv+run_effort_log.csv+run_time_log.csv")
+    assert done.exit_code == 0, done.output
+    config = parse_config((tmp_path / "identify.yaml").read_text())
+    assert list(config.train[0].file) == ["position", "effort", "time"]
+    assert (config.torque["elbow"].column, config.time.column) == ("effort.elbow", "time.clock")
+
+
+def test_one_number_a_line_gets_its_width(arm, tmp_path):
+    for name in ("position", "effort"):
+        np.savetxt(f"{name}.txt", np.column_stack([SOUND[f"elbow.{name}"], SOUND[f"shoulder.{name}"]]).ravel())
+    np.savetxt("time.txt", T)
+    source = read_source("time.txt+position.txt+effort.txt")
+    assert source.widths == {"position": 2, "effort": 2}
+    np.testing.assert_allclose(source.table.column("effort.0"), SOUND["elbow.effort"])
+
+
+def test_an_existing_file_is_kept(arm, tmp_path):
+    write(tmp_path / "a.csv")
+    (tmp_path / "identify.yaml").write_text("mine")
+    done = run("init", arm, "a.csv")
+    assert done.exit_code == 1
+    assert "--force" in done.output
+    assert (tmp_path / "identify.yaml").read_text() == "mine"
+    assert run("init", arm, "a.csv", "--force").exit_code == 0
+
+
+def test_logs_of_other_columns_are_refused(arm, tmp_path):
+    write(tmp_path / "a.csv")
+    write(tmp_path / "b.csv", **{"elbow.effort": None})
+    done = run("init", arm, "a.csv", "b.csv")
+    assert done.exit_code == 1
+    assert "b.csv: has no column 'elbow.effort', unlike a.csv" in done.output
+    assert not (tmp_path / "identify.yaml").exists()
+
+
+def test_what_identify_would_warn_of_is_shown(arm, tmp_path):
+    write(tmp_path / "a.csv", **{"elbow.effort": np.zeros(N)})
+    assert "the torque is 0 throughout" in run("init", arm, "a.csv").output
+    write(tmp_path / "a.csv", **{"elbow.effort": np.where(T == 1, np.nan, 1.0)})
+    assert "the configuration cannot be used yet" in run("init", arm, "a.csv", "--force").output
+
+
+@pytest.mark.parametrize(
+    ("robot", "words"), [("arm.urdf", "no revolute or prismatic joint"), ("no.urdf", "cannot be read")]
+)
+def test_a_robot_that_cannot_move_is_refused(tmp_path, monkeypatch, robot, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(urdf(link("base", 1.0)))
+    write(tmp_path / "a.csv")
+    done = run("init", robot, "a.csv")
+    assert done.exit_code == 1
+    assert words in done.output
+
+
+def test_joints_that_the_robot_does_not_have_are_reported(arm, tmp_path):
+    write(tmp_path / "a.csv", **{"rail.position": 0.1 * T, "rail.effort": T})
+    done = run("init", arm, "a.csv")
+    assert "Note: recorded, but not in the robot file, so left out: 'rail.position'." in done.output
+    assert "the robot file does not have: 'rail.position'" in (tmp_path / "identify.yaml").read_text()
+
+
+def test_joints_of_other_models_are_known(tmp_path):
+    assert [(one.name, one.kind) for one in read_joints("gallery:slider")] == [("slider", "prismatic")]
+
+
+def test_a_bag_is_drafted_with_the_units_of_ros(arm, tmp_path):
+    from tests.project.bags import State, write_bag
+
+    states = [
+        State(
+            ("elbow", "shoulder"),
+            (SOUND["elbow.position"][k], SOUND["shoulder.position"][k]),
+            (),
+            (SOUND["elbow.effort"][k], SOUND["shoulder.effort"][k]),
+            5_000_000 * k,
+        )
+        for k in range(N)
+    ] + [State(("finger",), (0.03,), (), (), 5_000_000 * k, topic="/gripper") for k in range(10)]
+    write_bag(tmp_path, "db3", sorted(states, key=lambda one: one.stamp), "monday")
+    done = run("init", arm, "monday/")
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "identify.yaml").read_text()
+    assert "the unit is that of ROS" in text
+    assert "file: monday" in text
+    done = run("identify", "identify.yaml")
+    assert done.exit_code == 0, done.output
+
+
+@given(
+    names=st.lists(st.text(min_size=1, max_size=12), min_size=5, max_size=5, unique=True),
+    joints=st.lists(st.text(min_size=1, max_size=8), min_size=2, max_size=2, unique=True),
+    file=st.text(alphabet=st.characters(exclude_characters="/\0\\", exclude_categories=["Cs"]), min_size=1, max_size=9),
+)
+def test_any_names_make_valid_yaml(names, joints, file):
+    """Names come from files of others: whatever they are, they stay names."""
+    facts = [MovableJoint(name, "revolute", RobotJointLimits(9.0, 2.0, -2.0, 2.0)) for name in joints]
+    parts = (joints[0], joints[1])
+    columns = {"t": T} | {name: np.sin(T) for name in names}
+    columns |= {f"{part}_pos": np.sin(T) for part in parts} | {f"{part}_tau": np.sin(T) for part in parts}
+    table = DataTable({name: values.copy() for name, values in columns.items()}, {}, "a.csv")
+    source = LogSource({"": Path("logs") / f"x{file}"}, {}, table)
+    found = map_columns(table, facts)
+    text = draft_config("arm.urdf", facts, found, [source], Path()).text
+    data = yaml.safe_load(text)
+    assert data["model"]["joints"] == list(found.position)
+    assert data["train"][0]["file"] == f"logs/x{file}"
+    given = {name: one.column for name, one in found.position.items() if one.column}
+    assert {name: one["column"] for name, one in (data["position"] or {}).items()} == given
+
+
+def test_the_page_is_as_it_should_be(arm, tmp_path):
+    write(tmp_path / "a.csv")
+    run("init", arm, "a.csv")
+    assert (tmp_path / "identify.yaml").read_text() == textwrap.dedent("""\
+        # For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`.
+        model:
+          file: arm.urdf
+          joints: [shoulder, elbow]
+          lock:  # joints that are not identified, and their positions
+            finger: 0.02
+          terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs
+          # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG --write-config FILE` writes
+
+        time: { column: time, unit: s }  # about 200 Hz
+
+        position:  # the columns have the names of the joints; the unit is judged by the values and the limits in the robot file
+          shoulder: { column: shoulder.position, unit: rad }
+          elbow: { column: elbow.position, unit: rad }
+
+        torque:  # the columns have the names of the joints; the unit is judged by the values and the limits in the robot file
+          shoulder: { column: shoulder.effort, unit: N m }
+          elbow: { column: elbow.effort, unit: N m }
+        # not used: 'shoulder.command'
+        # reference positions, with the gains of the drives, let more estimators apply: see `simulation` in
+        # docs/configuration.md, and `dynident compare`
+
+        train:  # the first 70 % of the only log
+          - file: a.csv
+            window: [null, 2.80]  # s
+        validation:  # its rest; another motion is a better test
+          - file: a.csv
+            window: [2.80, null]  # s
+
+        estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares
+        """)  # noqa: E501
+
+
+def test_a_finger_that_does_not_move_is_locked_where_it_stands(tmp_path):
+    """Its column of efforts is no reason to identify it; the model that is fitted has the arm's joints only."""
+    (tmp_path / "arm.urdf").write_text(ARM)
+    columns = {"finger.effort": np.full(N, 0.4), "finger.position": 0.02 + 1e-7 * np.sin(9 * T)}
+    logs = [write(tmp_path / f"{name}.csv", **columns) for name in "ab"]
+    done = run("init", tmp_path / "arm.urdf", *logs, "-o", tmp_path / "drafted.yaml")
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "drafted.yaml").read_text()
+    assert "    finger: 0.02  # does not move in the logs" in text
+    assert "`model.lock`): 'finger'" in done.output
+    assert f"dynident check {tmp_path / 'drafted.yaml'}" in done.output.replace("\n", "")
+    settings = yaml.safe_load(text)
+    assert settings["model"]["lock"] == {"finger": pytest.approx(0.02)}
+    assert list(settings["torque"]) == ["shoulder", "elbow"]
+    done = run("identify", tmp_path / "drafted.yaml", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert [joint["name"] for joint in result["model"]["joints"]] == ["shoulder", "elbow"]
+    notes = [note for one in result["report"]["exports"] for note in one["notes"]]
+    assert any("'finger'" in note and "were fixed" in note for note in notes)

@@ -1,0 +1,158 @@
+"""Columns without names are matched by their values, in whatever order their blocks are."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.apps.init.column_mapping import map_columns
+from dynident.apps.init.match import MovableJoint
+from dynident.apps.init.shape_match import match_by_shape
+from dynident.files.tables import DataTable
+from dynident.models.robot_files import RobotJointLimits
+
+JOINTS = tuple(
+    MovableJoint(f"j{k}", "revolute", RobotJointLimits(lower=-3.0, upper=3.0, effort=60.0)) for k in range(1, 7)
+)
+T = np.arange(4000) * 0.005
+RNG = np.random.default_rng(0)
+
+
+def _motion() -> tuple[NDArray, NDArray, NDArray]:
+    q, dq, ddq = (np.zeros((len(T), 6)) for _ in range(3))
+    for j in range(6):
+        for k in range(4):
+            w, a, phase = 0.6 + 0.5 * k + 0.13 * j, 0.9 / (1 + k), j + 2.0 * k
+            q[:, j] += a * np.sin(w * T + phase)
+            dq[:, j] += a * w * np.cos(w * T + phase)
+            ddq[:, j] -= a * w**2 * np.sin(w * T + phase)
+    return q, dq, ddq
+
+
+def _noise(size: float) -> NDArray:
+    return size * RNG.standard_normal((len(T), 6))
+
+
+Q, DQ, DDQ = _motion()
+LOAD = 2.0 * DDQ + 0.5 * np.roll(DDQ, 1, axis=1) + 3.0 * np.tanh(DQ / 0.02) + DQ + 10 * np.sin(np.cumsum(Q, axis=1)) / 2
+BLOCKS = {
+    "q": Q + _noise(1e-4),
+    "dq": DQ + _noise(1e-3),
+    "ddq": DDQ + _noise(1e-2),
+    "tau": LOAD + _noise(0.3),
+    "current": LOAD / np.array([12.0, 11.0, 10.0, 5.0, 4.0, 4.0]) + _noise(0.1),
+}
+
+
+def table(*parts: NDArray, clock: NDArray | None = T) -> DataTable:
+    rows = np.column_stack([*(() if clock is None else (clock,)), *parts])
+    return DataTable({str(k): rows[:, k].copy() for k in range(rows.shape[1])}, {}, "a.txt")
+
+
+def places(kinds: tuple[str, ...], wanted: str) -> list[str]:
+    return [str(1 + 6 * kinds.index(wanted) + j) for j in range(6)]
+
+
+ORDERS = [
+    *permutations(("q", "dq", "tau")),
+    *permutations(("q", "tau")),
+    ("q", "dq", "ddq", "tau", "current"),
+    ("current", "tau", "ddq", "dq", "q"),
+    ("tau", "ddq", "q", "current", "dq"),
+    ("q", "ddq", "tau"),
+]
+
+
+@pytest.mark.parametrize("kinds", ORDERS, ids="-".join)
+def test_blocks_are_found_in_any_order(kinds: tuple[str, ...]) -> None:
+    found = map_columns(table(*(BLOCKS[kind] for kind in kinds)), JOINTS)
+    assert (found.time.column, found.time.unit) == ("0", "s")
+    assert [one.column for one in found.position.values()] == places(kinds, "q")
+    assert [one.column for one in found.torque.values()] == places(kinds, "tau")
+    assert all("is this order right?" in one.question for one in (*found.position.values(), *found.torque.values()))
+    if "ddq" not in kinds or "dq" in kinds:  # accelerations without velocities are asked about, too
+        assert all(("Why not" in one.question) == ("current" in kinds) for one in found.torque.values())
+
+
+@pytest.mark.parametrize("names", [lambda k: f"c{k + 1}", lambda k: f"Spalte {k}"], ids=["c1", "Spalte"])
+def test_headers_that_say_nothing(names) -> None:
+    whole = table(BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"])
+    named = DataTable({names(int(key)): x.copy() for key, x in whole.columns.items()}, {}, "a.csv")
+    found = map_columns(named, JOINTS)
+    assert found.time.column == names(0)
+    assert [one.column for one in found.position.values()] == [names(k) for k in range(1, 7)]
+    assert [one.column for one in found.torque.values()] == [names(k) for k in range(13, 19)]
+
+
+@pytest.mark.parametrize("at", [0, 6, 12, 18], ids="a column more at {}".format)
+@pytest.mark.parametrize("more", [np.ones(len(T)), np.sin(T)], ids=["constant", "something else"])
+def test_a_column_more_shifts_nothing(at: int, more: NDArray) -> None:
+    columns = np.insert(np.column_stack([BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"]]), at, more, axis=1)
+    expected = [str(1 + k + (k >= at)) for k in range(18)]
+    found = map_columns(table(columns), JOINTS)
+    assert [one.column for one in found.position.values()] == expected[:6]
+    assert [one.column for one in found.torque.values()] == expected[12:]
+
+
+def test_of_two_clocks_the_one_of_seconds_is_taken_and_asked() -> None:
+    found = map_columns(table(T, BLOCKS["q"], BLOCKS["tau"], clock=np.arange(len(T))), JOINTS)
+    assert (found.time.column, found.time.unit) == ("1", "s")
+    assert "'0'" in found.time.question
+    assert [one.column for one in found.position.values()] == [str(k) for k in range(2, 8)]
+
+
+def test_commanded_positions_are_a_rival() -> None:
+    late = np.roll(BLOCKS["q"], 2, axis=0)
+    late[:2] = BLOCKS["q"][0]
+    position, torque = match_by_shape(table(late, BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"]), JOINTS)
+    assert position is not None
+    assert torque is not None
+    assert "nearly the same" in position.question
+    assert list(torque.columns.values()) == [str(k) for k in range(19, 25)]
+
+
+def test_fingers_may_be_missing() -> None:
+    hand = (*JOINTS, MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.0, upper=0.04, effort=20.0)))
+    found = map_columns(table(BLOCKS["tau"], BLOCKS["q"], BLOCKS["dq"]), hand)
+    assert [one.column for one in found.position.values()] == [str(k) for k in range(7, 13)]
+    assert [one.column for one in found.torque.values()] == [str(k) for k in range(1, 7)]
+    assert set(found.lock) == {"finger"}
+
+
+def test_missing_values_are_left_out() -> None:
+    parts = [BLOCKS[kind].copy() for kind in ("tau", "q")]
+    parts[0][[7, 900, 901], 2] = np.nan
+    parts[1][40, 5] = np.inf
+    found = map_columns(table(*parts, np.full(len(T), np.nan)), JOINTS)
+    assert [one.column for one in found.position.values()] == [str(k) for k in range(7, 13)]
+    assert [one.column for one in found.torque.values()] == [str(k) for k in range(1, 7)]
+
+
+def test_degrees_are_found_and_asked() -> None:
+    found = map_columns(table(np.degrees(Q), np.degrees(DQ), BLOCKS["tau"]), JOINTS)
+    assert [one.column for one in found.position.values()] == places(("q", "dq", "tau"), "q")
+    assert {one.unit for one in found.position.values()} == {"deg"}
+
+
+def test_a_joint_at_rest_says_nothing() -> None:
+    parts = [BLOCKS[kind].copy() for kind in ("tau", "dq", "q")]
+    for part, value in zip(parts, (2.0, 0.0, 0.7), strict=True):
+        part[:, 3] = value
+    found = map_columns(table(*parts), JOINTS)
+    assert [one.column for one in found.position.values()] == ["13", "14", "15", "17", "18"]
+    assert found.still_joints == ("j4",)
+
+
+@pytest.mark.parametrize("columns", [np.zeros((50, 18)), np.ones((4000, 18)), np.full((4000, 18), np.nan)], ids=str)
+def test_columns_that_show_nothing_are_not_matched(columns: NDArray) -> None:
+    assert match_by_shape(table(columns, clock=T[: len(columns)]), JOINTS) == (None, None)
+
+
+def test_noise_has_no_torque() -> None:
+    position, torque = match_by_shape(table(BLOCKS["q"], _noise(5.0)), JOINTS)
+    assert position is not None
+    assert list(position.columns.values()) == [str(k) for k in range(1, 7)]
+    assert torque is None

@@ -1,0 +1,166 @@
+"""Changes are found in their group, with their size, and at most as often by chance as is stated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.apps.online import (
+    Alarm,
+    BaselineKnown,
+    Changed,
+    Detector,
+    Event,
+    NewMotion,
+    Passed,
+    Phase,
+    Scores,
+    Unsteady,
+    threshold,
+)
+from dynident.regression import GroupKind
+from tests.apps.online.blocks import INFORMATION, SPREAD, block, candidates
+
+BASELINE, SETTLE = 60, 6
+
+
+@cache
+def detector(rate: float = 0.03, tolerance: float = 0.0) -> Detector:
+    of = candidates(tolerance)
+    limit = threshold(rate, 5.0, of.ranks, BASELINE / 2, np.random.default_rng(0), BASELINE)
+    return Detector(of, BASELINE, SETTLE, limit.evidence, np.ones(2))
+
+
+def watched(
+    blocks: int, make: Callable[[np.random.Generator, int], Scores], of: Detector | None = None, seed: int = 1
+) -> list[Event]:
+    """Return what is said of blocks, the baseline first."""
+    of, rng, events = of or detector(), np.random.default_rng(seed), list[Event]()
+    known = of.start()
+    for k in range(blocks):
+        known, said = of.step(known, make(rng, k))
+        events += said
+    return events
+
+
+def changed(events: list[Event]) -> list[tuple[GroupKind, str]]:
+    return [(one.kind, one.joint) for one in events if isinstance(one, Changed)]
+
+
+def test_nothing_is_said_where_nothing_changes_but_that_the_baseline_is_known() -> None:
+    (only,) = watched(400, block)
+    assert isinstance(only, BaselineKnown)
+    assert only.time == 5.0 * BASELINE
+    assert only.since == 0.0
+    np.testing.assert_allclose(only.residual, 1.0, atol=0.1)
+
+
+def test_alarms_by_chance_are_not_more_than_stated() -> None:
+    """At 1440 a day, or one in 12 blocks: the stated rate is an upper bound, and not far from what is."""
+    events = watched(800 + BASELINE, block, detector(rate=1440.0))
+    alarms, stated = sum(isinstance(one, Alarm | Unsteady) for one in events), 1440.0 * 800 * 5.0 / 86_400
+    assert 0.1 * stated < alarms < 1.2 * stated
+
+
+@pytest.mark.parametrize(
+    ("kind", "joint", "at"), [("friction", "one", 0), ("friction", "two", 3), ("payload", "two", 6)]
+)
+def test_a_change_is_found_in_its_group_with_its_size(kind: str, joint: str, at: int) -> None:
+    change = np.zeros(8)
+    change[at] = 8.0 * np.sqrt(SPREAD / INFORMATION)
+    events = watched(200, lambda rng, k: block(rng, k, change if k >= 100 else None))
+    assert changed(events) == [(kind, joint)]
+    alarm, found = (next(one for one in events if isinstance(one, noun)) for noun in (Alarm, Changed))
+    assert 500.0 < alarm.time <= 520.0
+    assert alarm.since == 500.0
+    (part,) = [
+        part
+        for group, part in zip(candidates().groups, candidates().group_slices, strict=True)
+        if group.kind == kind and group.joint == joint
+    ]
+    own = at - part.start
+    assert abs(found.size[own] - change[at]) < 4 * found.std[own]
+    assert found.total == found.size
+
+
+def test_a_change_back_is_a_change_to_zero_in_all() -> None:
+    change = np.append(8.0 * np.sqrt(SPREAD / INFORMATION), np.zeros(7))
+    events = watched(300, lambda rng, k: block(rng, k, change if 100 <= k < 200 else None))
+    assert changed(events) == [("friction", "one")] * 2
+    back = [one for one in events if isinstance(one, Changed)][1]
+    assert abs(back.total[0]) < 4 * back.std[0]
+
+
+def test_one_wild_block_is_no_change() -> None:
+    wild = np.full(8, 100.0)
+    assert len(watched(300, lambda rng, k: block(rng, k, wild if k == 150 else None, 50.0 * (k == 150)))) == 1
+
+
+def test_what_lasts_for_a_few_blocks_has_passed() -> None:
+    change = np.append(10.0 * np.sqrt(SPREAD / INFORMATION), np.zeros(7))
+    events = watched(200, lambda rng, k: block(rng, k, change if 100 <= k < 103 else None))
+    assert [type(one) for one in events[1:]] == [Alarm, Passed]
+
+
+def test_what_no_parameter_explains_is_found_at_its_joint() -> None:
+    events = watched(200, lambda rng, k: block(rng, k, louder=np.log(4.0) if k >= 100 else 0.0))
+    assert changed(events) == [("residual", "two")]
+    (found,) = [one for one in events if isinstance(one, Changed)]
+    assert np.exp(found.size[0]) == pytest.approx(2.0, rel=0.1)  # of the root mean square
+
+
+def test_a_change_within_the_baseline_is_said_and_the_baseline_goes_on() -> None:
+    change = np.append(8.0 * np.sqrt(SPREAD / INFORMATION), np.zeros(7))
+    events = watched(200, lambda rng, k: block(rng, k, change if k >= BASELINE // 2 else None))
+    assert [type(one) for one in events] == [Unsteady, BaselineKnown]
+    assert events[1].time == 5.0 * (BASELINE + BASELINE // 2)
+
+
+def test_what_is_within_the_tolerance_is_no_change() -> None:
+    change = np.append(0.3, np.zeros(7))
+    samples = 1000
+    size = 0.3 * np.sqrt(INFORMATION / samples)  # torque in units of the noise
+    many = lambda rng, k: block(rng, k, change if k >= 100 else None)  # noqa: E731
+    assert changed(watched(200, many))
+    assert not changed(watched(200, many, detector(tolerance=2 * size)))
+
+
+def test_motion_that_the_baseline_did_not_show_is_learned() -> None:
+    def make(rng: np.random.Generator, k: int) -> Scores:
+        one = block(rng, k, mixed=0.0)
+        shown = np.ones(8) if k >= 100 else np.append(np.ones(4), np.full(4, 1e-4))
+        far = np.where(np.arange(8) == 5, 1.0, 0.0)  # the result was wrong there, which nothing has shown
+        information = one.information * np.outer(shown, shown)
+        return Scores(
+            one.start, one.stop, 1000, information, shown * one.score + information @ far, one.left, one.residual
+        )
+
+    events = watched(400, make)
+    assert not changed(events)
+    assert not [one for one in events if isinstance(one, Alarm)]
+
+
+def test_new_motion_that_lasts_is_said() -> None:
+    def make(rng: np.random.Generator, k: int) -> Scores:
+        one = block(rng, k, mixed=0.0)
+        shown = np.where(np.arange(8) == k % 8, 1.0, 1e-3) if k >= 100 else np.append(np.ones(4), np.full(4, 1e-6))
+        return Scores(
+            one.start,
+            one.stop,
+            1000,
+            one.information * np.outer(shown, shown),
+            shown * one.score,
+            one.left,
+            one.residual,
+        )
+
+    found = [type(one) for one in watched(140, make)]
+    assert found.count(NewMotion) <= 1
+    assert Changed not in found
+
+
+def test_a_detector_starts_with_its_baseline() -> None:
+    assert detector().start().phase is Phase.BASELINE

@@ -1,0 +1,177 @@
+"""The motion of a stream is that of the spline through the whole recording, but for what the lag leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.apps.online import FinalMotion, FixedLag, StreamSmoothing
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Spline
+from dynident.motion.splines import Fixed, smooth
+from dynident.runtime import ConfigError, InputError
+
+Array = NDArray[np.float64]
+STEP, WIDTH, NAMES = 0.004, (0.01, 0.016), ("one", "two")
+
+
+def recording(samples: int = 1500, jitter: float = 0.0, start: float = 0.0) -> Log:
+    rng = np.random.default_rng(0)
+    t = start + np.arange(samples) * STEP + jitter * STEP * rng.uniform(-0.5, 0.5, samples)
+    q = np.stack([np.sin(3 * t) + 0.2 * np.sin(17 * t), np.cos(5 * t)], axis=1)
+    return Log(t, q + 1e-4 * rng.standard_normal(q.shape), np.cos(q), NAMES)
+
+
+def streamed(stream: FixedLag, log: Log, size: int = 100) -> list[FinalMotion]:
+    found: list[FinalMotion] = []
+    for start in range(0, len(log), size):
+        part = slice(start, start + size)
+        found += stream.push(log.t[part], log.q[part], log.tau[part])
+    return [*found, *stream.finish()]
+
+
+def signal(found: list[FinalMotion], name: str) -> Array:
+    return np.concatenate([getattr(one.motion, name) for one in found])
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.8])
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_with_the_whole_lag_it_is_the_spline_of_a_recording(jitter: float, start: float) -> None:
+    log = recording(jitter=jitter, start=start)
+    sigma = dict(zip(NAMES, (1.0, 1.0), strict=True))
+    whole = Spline(Fixed(lam=[width**4 / STEP for width in WIDTH]), sigma)(log)
+    found = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), log)
+    for name in ("t", "tau"):
+        np.testing.assert_array_equal(signal(found, name), getattr(whole, name))
+    for name in ("q", "dq", "ddq"):
+        expected = getattr(whole, name)
+        np.testing.assert_allclose(signal(found, name), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    if not jitter:
+        np.testing.assert_array_equal(signal(found, "mask"), whole.mask)
+    assert [one.ends for one in found] == [False] * (len(found) - 1) + [True]
+
+
+@pytest.mark.parametrize("size", [1, 7, 64, 1500])
+def test_it_does_not_matter_how_many_samples_are_given_at_a_time(size: int) -> None:
+    log = recording()
+    one, other = (streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.1), log, k) for k in (100, size))
+    assert [len(each.motion) for each in one] == [len(each.motion) for each in other]
+    for name in ("t", "q", "dq", "ddq", "tau", "mask"):
+        np.testing.assert_array_equal(signal(one, name), signal(other, name))
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.8])
+def test_the_lag_leaves_no_more_than_it_says(jitter: float) -> None:
+    log = recording(900, jitter)
+    rule = Fixed(lam=[width**4 / STEP for width in WIDTH])
+    whole = smooth(log.t, log.q, rule, sigma=1.0)
+    errors = []
+    for lag in (0.0, 0.06, 0.12):
+        stream = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag, window=2)
+        found = streamed(stream, log)[:-1]
+        off = signal(found, "ddq") - whole.derivative(2)[: len(signal(found, "t"))]
+        errors.append((stream.remaining_error, np.sqrt((off[200:] ** 2).mean(axis=0))))
+    left, rms = map(np.stack, zip(*errors, strict=True))
+    ratio = (rms / rms[0]) / (left / left[0])
+    assert (ratio < 3.0).all()
+    assert (ratio > 0.05).all()
+
+
+def test_memory_does_not_grow() -> None:
+    stream = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH))
+    sizes = []
+    for k in range(6):
+        log = recording(2000, start=8.0 * k)
+        stream.push(log.t, log.q, log.tau)
+        sizes.append(sum(x.size for x in stream.state.values()))
+    assert max(sizes[1:]) < 2 * min(sizes[1:])
+
+
+def test_a_gap_ends_a_spline_and_begins_another() -> None:
+    first, then = recording(500), recording(500, start=500 * STEP + 13 * STEP)
+    stream, whole = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), []
+    log = Log(*(np.concatenate([getattr(one, name) for one in (first, then)]) for name in ("t", "q", "tau")), NAMES)
+    found = streamed(stream, log)
+    for one in (first, then):
+        whole += streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), one)
+    for name in ("t", "ddq", "mask"):
+        np.testing.assert_array_equal(signal(found, name), signal(whole, name))
+    assert sum(one.ends for one in found) == 2
+    lost = np.delete(np.arange(len(log)), slice(500, 502))  # a few lost samples are no gap
+    short = Log(first.t[lost[:490]], first.q[lost[:490]], first.tau[lost[:490]], NAMES)
+    assert sum(one.ends for one in streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), short)) == 1
+
+
+def test_a_stretch_that_is_too_short_is_left_out() -> None:
+    stream = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH))
+    log = recording(500, start=10.0)
+    assert stream.push(np.array([0.0, STEP]), np.zeros((2, 2)), np.zeros((2, 2))) == ()
+    found = streamed(stream, log)
+    assert signal(found, "t")[0] == 10.0
+    short = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), recording(20))
+    assert len(short) == 1
+    assert not short[0].motion.mask.any()
+    assert FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)).finish() == ()
+
+
+def test_a_saved_state_goes_on() -> None:
+    log = recording()
+    stream = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.2)
+    first = stream.push(log.t[:777], log.q[:777], log.tau[:777])
+    other = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.2)
+    other.restore({name: x.copy() for name, x in stream.state.items()})
+    rest = [*other.push(log.t[777:], log.q[777:], log.tau[777:]), *other.finish()]
+    whole = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.2), log)
+    for name in ("t", "ddq", "mask"):
+        np.testing.assert_array_equal(signal([*first, *rest], name), signal(whole, name))
+    for other in (
+        FixedLag(("one",), StreamSmoothing(STEP, [0.01])),
+        FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.1),
+    ):
+        with pytest.raises(InputError, match="is of another step, bandwidth or lag, or of other joints"):
+            other.restore(stream.state)
+
+
+def test_bad_samples_are_refused_whole() -> None:
+    log, stream = recording(300), FixedLag(NAMES, StreamSmoothing(STEP, WIDTH))
+    stream.push(log.t[:100], log.q[:100], log.tau[:100])
+    before = stream.state
+    t, q, tau = log.t[100:110].copy(), log.q[100:110].copy(), log.tau[100:110].copy()
+    with pytest.raises(InputError, match=r"the stamp 0.4 s does not follow that before it"):
+        stream.push(t[[0, 2, 0]], q[:3], tau[:3])
+    with pytest.raises(InputError, match=r"does not follow that before it"):  # no spline goes through such a step
+        stream.push(t[0] + np.array([0.0, 1e-12]), q[:2], tau[:2])
+    with pytest.raises(InputError, match=r"q and tau have shapes \(9, 2\) and \(10, 2\); they must be \(10, 2\)"):
+        stream.push(t, q[1:], tau)
+    with pytest.raises(InputError, match=r"they must be \(10, 2\)"):
+        stream.push(t, q.T, tau.T)
+    tau[3, 1] = np.nan
+    with pytest.raises(InputError, match=r"tau of sample 3 is \[.*nan\]; leave out what is not finite"):
+        stream.push(t, q, tau)
+    for name, x in stream.state.items():
+        np.testing.assert_array_equal(x, before[name])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"step": 0.0}, "step = 0.0 s; give the time between samples"),
+        ({"bandwidth": [0.01]}, "give a number from 0 for each of one, two"),
+        ({"bandwidth": [0.01, np.inf]}, "give a number from 0 for each of one, two"),
+        ({"lag": -1.0}, "a lag of -1.0 s"),
+        ({"lag": 1e6}, "one of at most 50000 samples"),
+        ({"window": 1}, "window = 1"),
+        ({"bandwidth": [0.01, 1e9]}, "one of at most 50000 samples"),
+    ],
+)
+def test_bad_settings_are_named(settings: dict, words: str) -> None:
+    smoothing = StreamSmoothing(settings.get("step", STEP), settings.get("bandwidth", WIDTH))
+    with pytest.raises(ConfigError, match=words):
+        FixedLag(NAMES, smoothing, settings.get("lag"), settings.get("window"))
+
+
+def test_motion_is_one_that_a_fit_takes() -> None:
+    (one, *_) = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), recording())
+    assert isinstance(one.motion, Motion)
+    assert one.motion.smoothing["bandwidth"] == WIDTH

@@ -1,0 +1,181 @@
+"""Sensors that fail are seen at once, and those that do not are left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.apps.online import Back, Fault, FaultKind, Sensors, Signal
+
+Array = NDArray[np.float64]
+RATE, START, STOP = 125.0, 14.0, 24.0
+T = np.arange(0, 28, 1 / RATE)
+BEGIN, END = round(START * RATE), round(STOP * RATE)
+COUNT = 2 * np.pi / 2**19
+
+
+def recorded(count: float = COUNT, rests: bool = False) -> tuple[Array, Array]:
+    """Return two joints in motion, by encoders; one may rest now and then, for longer than a second."""
+    s = T if not rests else np.cumsum(np.clip(2 * np.sin(2 * np.pi * T / 8) + 1, 0, 1)) / RATE
+    q = np.stack([np.sin(1.3 * T), 0.8 * np.cos(2.1 * s)], axis=1)
+    rng = np.random.default_rng(0)
+    return count * np.round(q / count), 0.01 * np.round((3 * q + 0.2 * rng.standard_normal(q.shape)) / 0.01)
+
+
+def seen(q: Array, tau: Array, velocity: float | None = 3.0) -> tuple[list[Fault | Back], NDArray[np.bool_]]:
+    sensors, events, rows = Sensors(("one", "two"), (velocity, velocity)), list[Fault | Back](), np.zeros(0, dtype=bool)
+    while len(rows) < len(T):
+        some = slice(len(rows), None)
+        found = sensors.check(T[some], q[some], tau[some])
+        events += [one for one in found.events if isinstance(one, Fault | Back)]
+        rows = np.append(rows, found.rows)
+    return events, rows
+
+
+@pytest.mark.parametrize("count", [COUNT, 2 * np.pi / 2**12])
+@pytest.mark.parametrize("rests", [False, True])
+@pytest.mark.parametrize("velocity", [3.0, None])
+def test_sound_sensors_are_left_alone(count: float, rests: bool, velocity: float | None) -> None:
+    events, rows = seen(*recorded(count, rests), velocity)
+    assert events == []
+    assert rows.all()
+
+
+def test_samples_that_are_logged_several_times_are_no_fault() -> None:
+    q, tau = (np.repeat(x[::4], 4, axis=0) for x in recorded())
+    assert seen(q, tau)[0] == []
+
+
+def test_an_encoder_that_freezes_is_seen_within_a_tenth_of_a_second() -> None:
+    q, tau = recorded()
+    q[BEGIN:END, 1] = q[BEGIN, 1]
+    (fault, back), rows = seen(q, tau)
+    assert isinstance(fault, Fault)
+    assert isinstance(back, Back)
+    assert (fault.kind, fault.signal, fault.joint, fault.since) == (FaultKind.FROZEN, Signal.POSITION, "two", START)
+    assert START < fault.time < START + 0.1
+    assert STOP < back.time < STOP + 0.1
+    assert not rows[BEGIN + 25 : END].any()
+    assert rows[END + 10 :].all()
+
+
+def test_a_position_that_does_not_change_while_another_does_is_said() -> None:
+    """A coarse encoder at a slow joint stops as one that comes to rest."""
+    q, tau = recorded(2 * np.pi / 2**10)
+    q[BEGIN:END, 1] = q[BEGIN, 1]
+    (fault, back), rows = seen(q, tau)
+    assert isinstance(fault, Fault)
+    assert fault.kind is FaultKind.STILL
+    assert isinstance(back, Back)
+    assert START + 5 <= fault.time < START + 9
+    assert not rows[round(fault.time * RATE) + 1 : END].any()
+    assert rows[:BEGIN].all()
+
+
+@pytest.mark.parametrize("signal", list(Signal))
+def test_no_numbers_are_seen_after_three_samples(signal: Signal) -> None:
+    q, tau = recorded()
+    (q if signal is Signal.POSITION else tau)[BEGIN:END, 0] = np.nan
+    (fault, back), rows = seen(q, tau)
+    assert isinstance(fault, Fault)
+    assert isinstance(back, Back)
+    assert (fault.kind, fault.signal, fault.joint) == (FaultKind.MISSING, signal, "one")
+    assert fault.time == T[BEGIN + 2]
+    assert not rows[BEGIN : BEGIN + 2].any()
+    assert rows[BEGIN + 2 : END].any() == (signal is Signal.TORQUE)  # of the other joint
+    assert rows[:BEGIN].all()
+
+
+def test_a_joint_that_is_known_to_rest_is_not_still_until_it_moved_again() -> None:
+    q, tau = recorded(2 * np.pi / 2**10)
+    q[BEGIN:END, 1] = q[BEGIN, 1]
+    sensors = Sensors(("one", "two"), (3.0, 3.0))
+    end = len(sensors.check(T, q, tau).rows)
+    sensors.excuse("two")
+    found = sensors.check(T[end:], q[end:], tau[end:])
+    (jump,) = found.events  # this one was dead: where it moves again is said
+    assert isinstance(jump, Fault)
+    assert (jump.kind, jump.since) == (FaultKind.JUMP, STOP)
+    assert found.rows.all()
+    assert len(found.rows) == len(T) - end
+    assert not sensors.excused.any()
+
+
+def test_of_a_torque_without_a_number_the_other_joints_are_heard() -> None:
+    q, tau = recorded()
+    tau[BEGIN:END, 0] = np.nan
+    found = Sensors(("one", "two"), (3.0, 3.0)).check(T, q, tau)
+    assert found.torque_usable[:, 1].all()
+    assert not found.torque_usable[BEGIN + 2 : END, 0].any()
+    assert found.torque_usable[: BEGIN + 2, 0].all()
+    assert found.cuts == ()
+
+
+def test_a_single_missing_number_is_only_left_out() -> None:
+    q, tau = recorded()
+    tau[[0, BEGIN], 0] = np.nan
+    events, rows = seen(q, tau)
+    assert events == []
+    assert np.flatnonzero(~rows).tolist() == [0, BEGIN]
+
+
+@pytest.mark.parametrize("fine", [0.0, 1e-6])
+def test_a_torque_that_freezes_while_the_robot_moves_is_seen_in_about_a_second(fine: float) -> None:
+    q, tau = recorded()
+    tau += fine * np.random.default_rng(1).standard_normal(tau.shape)  # no two values are equal
+    tau[BEGIN:END, 1] = 0.0
+    (fault, back), _ = seen(q, tau)
+    assert isinstance(fault, Fault)
+    assert isinstance(back, Back)
+    assert (fault.kind, fault.signal, fault.joint) == (FaultKind.FROZEN, Signal.TORQUE, "two")
+    assert START + 0.9 < fault.time < START + 2.5
+
+
+def test_a_torque_that_was_never_recorded_does_not_die() -> None:
+    q, tau = recorded()
+    tau[:, 1] = 0.0
+    assert seen(q, tau)[0] == []
+
+
+def test_torques_that_are_zero_while_the_robot_stands_are_no_fault() -> None:
+    q, tau = recorded()
+    q[BEGIN:END], tau[BEGIN:END] = q[BEGIN], 0.0
+    q = np.cumsum(np.vstack([q[:1], np.diff(q, axis=0)]), axis=0)
+    s = np.cumsum(np.clip(np.minimum(np.abs(T - (START + STOP) / 2) - 5.0, 1.0), 0, 1)) / RATE  # slows down and rests
+    q = COUNT * np.round(np.stack([np.sin(1.3 * s), np.cos(2.1 * s)], axis=1) / COUNT)
+    assert seen(q, tau)[0] == []
+
+
+@pytest.mark.parametrize("velocity", [3.0, None])
+def test_a_jump_is_seen_and_a_spike_is_not(velocity: float | None) -> None:
+    q, tau = recorded()
+    spike = q.copy()
+    spike[BEGIN, 0] += 0.5
+    assert seen(spike, tau, velocity)[0] == []
+    q[BEGIN:, 0] += 0.5
+    (fault,), rows = seen(q, tau, velocity)
+    assert isinstance(fault, Fault)
+    assert (fault.kind, fault.joint, fault.since) == (FaultKind.JUMP, "one", START)
+    assert fault.size == pytest.approx(0.5, abs=0.02)
+    assert fault.time < START + 4 / RATE
+    assert rows.all()
+
+
+def test_samples_may_come_one_by_one_and_the_sensors_be_saved() -> None:
+    q, tau = recorded()
+    q[BEGIN:END, 1] = q[BEGIN, 1]
+    tau[500:520, 0] = np.nan
+    whole = Sensors(("one", "two"), (3.0, None)).check(T, q, tau)
+    one, events, rows = Sensors(("one", "two"), (3.0, None)), list[object](), list[bool]()
+    for k in range(0, len(T), 7):
+        part = slice(k, k + 7)
+        found = one.check(T[part], q[part], tau[part])
+        events += found.events
+        rows += found.rows.tolist()
+        if k % 70 == 0:
+            other = Sensors(("one", "two"), (3.0, None))
+            other.restore(one.state)
+            one = other
+    assert tuple(events) == whole.events
+    assert rows == whole.rows.tolist()

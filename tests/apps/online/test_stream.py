@@ -1,0 +1,150 @@
+"""Samples from lines as they come."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.apps.online.stream import LineReader, SampleReader
+from dynident.models import Joint
+from dynident.project.config import parse_config
+from dynident.runtime import ConfigError
+
+CONFIG = """\
+model: gallery:two_link_arm
+time: {{ column: t, unit: ms }}
+position: {{ one: {{ column: a, unit: deg }}, two: {{ column: b, unit: rad }} }}
+torque: {{ one: {{ column: m.0, unit: N m, gain: 2.0 }}, two: {{ sum: {{ m.1: 1.0, m.0: -1.0 }}, unit: N m }} }}
+train: [ {{ file: {file} }} ]
+"""
+JOINTS = (Joint("one"), Joint("two"))
+
+
+def reader(tmp_path: Path, file: str = "log.csv", **changes: str) -> SampleReader:
+    text = CONFIG.format(file=file)
+    for old, new in changes.items():
+        text = text.replace(f"{old}:", new)
+    return SampleReader(parse_config(text, tmp_path, "arm.yaml"), JOINTS, "arm.csv")
+
+
+HEAD = "t,a,b,m.0,m.1,more"
+ROWS = ["0,180,1.0,1.5,2.0,x", "10,90,1.5,1.0,2.5,"]
+
+
+def check(one: SampleReader, lines: list[str]) -> None:
+    found = one.push(lines)
+    np.testing.assert_allclose(found.t, [0.0, 0.01])
+    np.testing.assert_allclose(found.q, [[np.pi, 1.0], [np.pi / 2, 1.5]])
+    np.testing.assert_allclose(found.tau, [[3.0, 0.5], [2.0, 1.5]])
+    assert found.bad is None
+
+
+def test_rows_become_samples_in_si(tmp_path: Path) -> None:
+    check(reader(tmp_path), [HEAD, *ROWS])
+
+
+def test_names_that_come_alone_or_again_are_no_samples(tmp_path: Path) -> None:
+    one = reader(tmp_path)
+    assert len(one.push([HEAD]).t) == 0
+    check(one, [ROWS[0], HEAD, ROWS[1]])
+
+
+def test_other_separators_and_decimal_commas(tmp_path: Path) -> None:
+    check(
+        reader(tmp_path),
+        ["# a comment", HEAD.replace(",", ";"), *(row.replace(",", ";").replace(".", ",") for row in ROWS)],
+    )
+
+
+def test_units_below_the_names_are_no_sample(tmp_path: Path) -> None:
+    one = reader(tmp_path, **{"column: t, unit": 'column: "t [ms]", unit:', "column: b, unit": "column: b, unit:"})
+    check(one, [HEAD, "[ms],-,-,[A],A,", *ROWS])
+
+
+def test_a_position_goes_on_where_its_column_starts_anew(tmp_path: Path) -> None:
+    one = reader(tmp_path, **{"column: a, unit": "column: a, wraps: 360, unit:"})
+    found = [one.push([HEAD, "0,350,1,1,1,"]), one.push(["1,5,1,1,1,", "2,nan,1,1,1,"])]
+    other = reader(tmp_path, **{"column: a, unit": "column: a, wraps: 360, unit:"})
+    other.restore(json.loads(json.dumps(one.state)))
+    found.append(other.push(["3,20,1,1,1,", "4,10,1,1,1,"]))
+    degrees = np.rad2deg(np.concatenate([part.q[:, 0] for part in found]))
+    np.testing.assert_allclose(degrees, [350, 365, np.nan, 380, 370])
+
+
+def test_objects_may_be_nested(tmp_path: Path) -> None:
+    rows = [{"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]}, {"t": 10, "a": 90, "b": 1.5, "m": [1.0, 2.5], "note": None}]
+    check(reader(tmp_path), [json.dumps(row) for row in rows])
+
+
+def test_lines_count_once_their_end_is_there() -> None:
+    one, text = LineReader(), "".join(f"{row}\r\n" for row in ("\ufeffhead", "grün,1", "last")).encode()
+    found = [line for k in range(len(text)) for line in one.push(text[k : k + 1])]
+    assert found == ["head", "grün,1", "last"]
+    assert one.tail == b""
+    assert one.push(b"half") == []
+    assert one.tail == b"half"
+
+
+def test_a_line_without_an_end_does_not_fill_the_memory() -> None:
+    one = LineReader()
+    found = [line for _ in range(300) for line in one.push(b"x" * 10_000)]
+    assert found
+    assert len(one.tail) < 2_000_000
+
+
+def test_what_is_no_number_is_a_sensor_that_says_nothing(tmp_path: Path) -> None:
+    one = reader(tmp_path)
+    found = one.push([HEAD, "0,oops,1.0,nan,2.0,x", "10,,1e999,1,1,"])
+    assert np.isnan(found.q).tolist() == [[True, False], [True, True]]
+    assert np.isnan(found.tau).tolist() == [[True, True], [False, False]]
+
+
+def test_lines_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
+    one = reader(tmp_path)
+    found = one.push([HEAD, "0,1", ROWS[0], '{"t": 0', "[1]", "x,1,1,1,1,1", ROWS[1], ""])
+    assert len(found.t) == 2
+    assert found.bad is not None
+    assert (found.bad.count, found.bad.line, found.bad.text) == (4, 2, "0,1")
+
+
+def test_a_missing_column_is_said_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"arm.csv: no column 'm.1'"):
+        reader(tmp_path).push(["t,a,b,m.0,m1", "0,1,1,1,1"])
+    with pytest.raises(ConfigError, match=r"no column 'm.1'"):
+        reader(tmp_path).push(['{"t": 0, "a": 1, "b": 1, "m": [1]}'])
+
+
+def test_the_next_file_may_have_its_names_or_not(tmp_path: Path) -> None:
+    for head in ([], [HEAD], ["t,b,a,m.0,m.1"]):
+        one = reader(tmp_path)
+        check(one, [HEAD, *ROWS])
+        one.new_file()
+        row = "20,1.0,180,1,1" if head == ["t,b,a,m.0,m.1"] else "20,180,1.0,1,1,"
+        found = one.push([*head, row])
+        np.testing.assert_allclose(found.q, [[np.pi, 1.0]])
+
+
+def test_dates_count_from_the_first_midnight(tmp_path: Path) -> None:
+    one = reader(tmp_path)
+    found = one.push(
+        [HEAD, *(f"2026-11-22T23:59:{s}+00:00,1,1,1,1," for s in ("59.5", "59.75")), "2026-11-23T00:00:00Z,1,1,1,1,"]
+    )
+    np.testing.assert_allclose(found.t, [86_399.5, 86_399.75, 86_400.0])
+
+
+def test_a_saved_reader_goes_on(tmp_path: Path) -> None:
+    one, other = reader(tmp_path), reader(tmp_path)
+    one.push([HEAD, ROWS[0]])
+    state: dict[str, Any] = json.loads(json.dumps(one.state))
+    other.restore(state)
+    assert other.push([ROWS[1].replace("1.5,1.0", "1.5,oops")]).t.tolist() == [0.01]
+    assert other.line == 3
+
+
+def test_several_files_for_a_recording_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="watched by one stream"):
+        reader(tmp_path, "{ x: a.csv, y: b.csv }")

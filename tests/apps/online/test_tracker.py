@@ -1,0 +1,137 @@
+"""A tracker: blocks in order, gaps, saved states, what it refuses. That its end is the offline fit: tests/laws."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.apps.online import MotionBlock, StreamSmoothing, Tracker, estimate_smoothing
+from dynident.identification import Identification
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Butterworth
+from dynident.project.saved import load
+from dynident.regression import GroupKind, ParallelFilter
+from dynident.runtime import ConfigError, InputError
+from tests.laws.test_online import identified, recorded
+
+Array = NDArray[np.float64]
+
+
+@cache
+def plain() -> Identification:
+    return identified({}, recorded())
+
+
+@cache
+def filtered() -> Identification:
+    return identified({"filter": ParallelFilter(decimate=4), "time_offset": 0.004}, recorded())
+
+
+@cache
+def remembering() -> Identification:
+    return identified({"memory": True, "time_offset": -0.002}, recorded())
+
+
+def pushed(tracker: Tracker, log: Log, size: int) -> list[MotionBlock]:
+    found: list[MotionBlock] = []
+    for start in range(0, len(log), size):
+        part = slice(start, start + size)
+        found += tracker.push(log.t[part], log.q[part], log.tau[part])
+    return [*found, *tracker.finish()]
+
+
+@pytest.mark.parametrize("make", [plain, filtered, remembering])
+@pytest.mark.parametrize("size", [1, 100])
+def test_blocks_and_estimate_do_not_depend_on_how_samples_come(make, size: int) -> None:
+    log, result = recorded(), make()
+    known = estimate_smoothing(result, log)
+    trackers = [Tracker(result, known, memory={GroupKind.FRICTION: 3.0}) for _ in range(2)]
+    one, other = (pushed(tracker, log, k) for tracker, k in zip(trackers, (len(log), size), strict=True))
+    assert [len(each.motion) for each in one] == [len(each.motion) for each in other]
+    t = np.concatenate([each.motion.t for each in one])
+    assert (np.diff(t) > 0).all()
+    assert len(t) >= len(log) - 1
+    np.testing.assert_array_equal(*(each.estimate().value for each in trackers))
+
+
+@pytest.mark.parametrize("make", [plain, filtered, remembering])
+def test_a_saved_state_goes_on(make) -> None:
+    log, result = recorded(), make()
+    known = estimate_smoothing(result, log)
+    whole, first, second = (Tracker(result, known, lag=0.2, memory=5.0) for _ in range(3))
+    pushed(whole, log, 100)
+    first.push(log.t[:731], log.q[:731], log.tau[:731])
+    second.restore({name: np.array(x.tolist()) for name, x in first.state.items()})
+    second.push(log.t[731:], log.q[731:], log.tau[731:])
+    second.finish()
+    np.testing.assert_allclose(second.estimate().value, whole.estimate().value, rtol=0, atol=1e-9)
+    assert second.fit.rows == pytest.approx(whole.fit.rows, rel=1e-12)
+
+
+def test_a_gap_lets_go_of_what_was_before() -> None:
+    log, result = recorded(), filtered()
+    known = estimate_smoothing(result, log)
+    late = Log(log.t + 60.0, log.q, log.tau, log.joints)
+    one, other = Tracker(result, known), Tracker(result, known)
+    before = pushed(one, log, 100)
+    found = [*before, *pushed(one, late, 100)]
+    for each in (log, late):
+        other.push(each.t, each.q, each.tau)
+    other.finish()
+    assert one.fit.rows == other.fit.rows == 2 * sum(e.tau.size for block in before for e in block.entries)
+    np.testing.assert_allclose(one.estimate().value, other.estimate().value, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found[len(before)].motion.ddq, before[0].motion.ddq, rtol=0, atol=1e-6)
+
+
+def test_a_block_is_late_by_what_the_tracker_says() -> None:
+    log, result = recorded(), filtered()
+    tracker = Tracker(result, estimate_smoothing(result, log), lag=0.1, window=20)
+    last = 0.0
+    for k in range(len(log)):
+        for block in tracker.push(log.t[k], log.q[k], log.tau[k]):
+            last = float(block.motion.t[-1])
+        assert log.t[k] - last <= tracker.latest + 1e-9
+    assert log.t[-1] - last > 0.3 * tracker.latest
+    assert "0.1 s" in repr(tracker)
+
+
+def test_rests_have_the_smoothing_of_what_moves() -> None:
+    log, result = recorded(), plain()
+    smoothing = estimate_smoothing(result, log)
+    step, width = smoothing.step, smoothing.bandwidth
+    q = log.q.copy()
+    q[:, 1] = 0.3
+    other = estimate_smoothing(result, Log(log.t, q, log.tau, log.joints))
+    assert other.step == step == pytest.approx(0.005)
+    np.testing.assert_allclose(other.bandwidth, [width[0], np.median(width[[0, 2]]), width[2]])
+    with pytest.raises(ConfigError, match="no joint moves, so that the smoothing cannot be found"):
+        estimate_smoothing(result, Log(log.t, np.full_like(q, 0.3), log.tau, log.joints))
+
+
+def test_what_is_not_shown_keeps_the_value_of_the_result() -> None:
+    log, result = recorded(), plain()
+    tracker = Tracker(result, estimate_smoothing(result, log))
+    np.testing.assert_array_equal(tracker.estimate().value, result.estimate.value)
+
+
+def test_a_result_read_from_a_file_does(tmp_path) -> None:
+    log = recorded()
+    known = estimate_smoothing(plain(), log)
+    read = load(plain().save(tmp_path / "result.json"), plain().model)
+    one, other = (Tracker(result, known) for result in (plain(), read))
+    for tracker in (one, other):
+        pushed(tracker, log, 100)
+    np.testing.assert_allclose(one.estimate().value, other.estimate().value, rtol=0, atol=1e-12)
+
+
+def test_other_smoothers_and_samples_are_refused() -> None:
+    log = recorded()
+    butter = identified({"smoother": Butterworth()}, log)
+    with pytest.raises(ConfigError, match=r"smoothed by a cubic spline, and the result by Butterworth; identify again"):
+        Tracker(butter, StreamSmoothing(0.005, [0.01] * 3))
+    tracker = Tracker(plain(), estimate_smoothing(plain(), log))
+    with pytest.raises(InputError, match="does not follow that before it"):
+        tracker.push(log.t[[1, 0]], log.q[:2], log.tau[:2])

@@ -1,0 +1,223 @@
+"""A watcher: samples in, what there is to say out."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import dynident as dy
+from dynident.apps.online import (
+    Alarm,
+    Back,
+    BaselineKnown,
+    Changed,
+    ClockReset,
+    Event,
+    Fault,
+    FaultKind,
+    Gap,
+    Resting,
+    Signal,
+    Unreadable,
+    Watcher,
+    WatchSettings,
+)
+from dynident.identification import Identification
+from dynident.models.lagrangian import MODELS
+from dynident.runtime import ConfigError, InputError
+
+Array = NDArray[np.float64]
+HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
+RATE = 100.0
+COUNT = 2 * np.pi / 2**17  # rad, of an encoder
+
+
+def samples(start: float, stop: float, rub: float = 1.0, seed: int = 0) -> tuple[Array, Array, Array]:
+    """A slider of 5 kg with friction, to and fro without a period."""
+    t = np.arange(round(start * RATE), round(stop * RATE)) / RATE
+    x = 0.3 * np.sin(3 * t) + 0.1 * np.sin(1.7 * t)
+    dx, ddx = 0.9 * np.cos(3 * t) + 0.17 * np.cos(1.7 * t), -2.7 * np.sin(3 * t) - 0.289 * np.sin(1.7 * t)
+    rng = np.random.default_rng(seed)
+    force = 5.0 * ddx + rub * (8.0 * dx + 3.0 * np.sign(dx)) + 0.5 + 0.3 * rng.standard_normal(len(t))
+    return t, (x + 1e-5 * rng.standard_normal(len(t)))[:, None], force[:, None]
+
+
+@cache
+def found() -> Identification:
+    t, q, tau = samples(0.0, 10.0, seed=3)
+    model = MODELS["slider"]()
+    return dy.identify(model, dy.Log(t, q, tau, tuple(joint.name for joint in model.joints)))
+
+
+def watcher() -> Watcher:
+    return Watcher(found(), np.random.default_rng(0), HOW)
+
+
+def types(events: tuple[Event, ...]) -> list[type]:
+    return [type(one) for one in events]
+
+
+def test_a_change_is_found() -> None:
+    one = watcher()
+    assert types(one.push(*samples(0, 40))) == [BaselineKnown]
+    alarm, changed = one.push(*samples(40, 55, rub=1.5))
+    assert isinstance(alarm, Alarm)
+    assert isinstance(changed, Changed)
+    assert alarm.time <= 44.0
+    assert abs(changed.since - 40.0) <= 1.0
+    assert changed.kind == "friction"
+    size = dict(zip(changed.names, zip(changed.size, changed.std, strict=True), strict=True))
+    for (value, std), true in zip(size.values(), (4.0, 1.5), strict=True):
+        assert abs(value - true) < 4 * std < 2.0
+
+
+def test_it_does_not_matter_how_samples_come_or_whether_the_state_was_saved() -> None:
+    parts = samples(0, 40), samples(40, 55, rub=1.5)
+    t, q, tau = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    whole, one, events = watcher(), watcher(), tuple[Event, ...]()
+    expected = whole.push(t, q, tau)
+    for k in range(0, len(t), 1111):
+        some = slice(k, k + 1111)
+        events += one.push(t[some], q[some], tau[some])
+        state = one.state
+        one = watcher()
+        one.restore(state)
+    assert [repr(event) for event in events] == [repr(event) for event in expected]
+    assert len(expected) == 3
+
+
+def test_gaps_and_clocks_that_are_set_back_end_a_motion_and_no_more() -> None:
+    one = watcher()
+    one.push(*samples(0, 30.3))
+    assert one.push(*samples(34, 40.2)) == (Gap(34.0, pytest.approx(3.71)),)  # type: ignore[arg-type]
+    again = one.push(*samples(0, 20.0))
+    assert again == (ClockReset(pytest.approx(0.09), pytest.approx(40.19)),)  # type: ignore[arg-type]
+
+
+def test_samples_that_come_again_are_left_out() -> None:
+    one, other = watcher(), watcher()
+    for t, q, tau in (samples(0, 30), samples(30, 40)):
+        one.push(t, q, tau)
+    other.push(*samples(0, 30))
+    other.push(*samples(29.97, 30))
+    other.resume_by_replay()
+    t, q, tau = (np.concatenate([a, b]) for a, b in zip(samples(0, 30), samples(30, 40), strict=True))
+    other.push(t, q, tau)
+    assert repr(one.state["clock"]) == repr(other.state["clock"])
+    assert len(one.knowledge.windows) == len(other.knowledge.windows) > 0
+    for a, b in zip(one.knowledge.windows, other.knowledge.windows, strict=True):
+        np.testing.assert_array_equal(a.score, b.score)
+
+
+def test_a_dead_encoder_is_said_at_once_and_the_watch_goes_on() -> None:
+    one = watcher()
+    one.push(*samples(0, 30))
+    t, q, tau = samples(30, 40)
+    q[500:700] = q[500]
+    fault, back = one.push(t, q, tau)
+    assert isinstance(fault, Fault)
+    assert fault.kind is FaultKind.FROZEN
+    assert fault.since == 35.0
+    assert fault.time < 35.15
+    assert isinstance(back, Back)
+    assert one.push(*samples(40, 60)) == ()
+    assert Changed in types(one.push(*samples(60, 75, rub=1.5)))
+
+
+def test_an_arm_at_rest_says_nothing() -> None:
+    one = watcher()
+    one.push(*samples(0, 30))
+    t, q, tau = samples(30, 90)
+    slow = np.clip((t - 30.0) / 1.0, 0, 1)
+    q = q[:1] + (q - q[:1]) * (1 - slow[:, None]) + 1e-5 * np.random.default_rng(1).standard_normal(q.shape)
+    rest = 2.0 + 0.3 * np.random.default_rng(2).standard_normal(tau.shape)  # what static friction carries
+    events = one.push(t[200:], q[200:], rest[200:])
+    assert not [event for event in events if isinstance(event, Changed | Alarm)]
+
+
+def test_a_robot_that_does_not_move_at_first_is_waited_for() -> None:
+    one = watcher()
+    t, q, tau = samples(0, 12)
+    events = one.push(t, np.zeros_like(q), tau)
+    assert types(events) == [Unreadable]
+    t, q, tau = samples(12, 50)
+    assert types(one.push(t, q, tau)) == [BaselineKnown]
+
+
+def test_shapes_and_settings_are_checked() -> None:
+    with pytest.raises(InputError, match="do not match"):
+        watcher().push([0.0], [[0.0, 1.0]], [[0.0, 1.0]])
+    with pytest.raises(ConfigError, match=r"watch: block is 0\.1"):
+        WatchSettings(block=0.1)
+
+
+def arm_samples(
+    stop: float, seed: int = 0, parked: tuple[float, float] = (0.0, 0.0), change: float = 1e9
+) -> list[Array]:
+    """Two links to and fro, by encoders; the second is slowed to a rest and started again, the first rubs more from
+    ``change`` (s) on."""
+    t = np.arange(round(stop * RATE)) / RATE
+    pace = 1.0 - np.clip(np.minimum(t - parked[0], parked[1] - t) / 0.5, 0.0, 1.0)
+    s = np.cumsum(pace) / RATE
+    q = np.stack([0.8 * np.sin(2.1 * t) + 0.4 * np.sin(1.3 * t), np.sin(1.7 * s) + 0.5 * np.sin(2.9 * s)], axis=1)
+    dq, ddq = np.gradient(q, 1 / RATE, axis=0), np.gradient(np.gradient(q, 1 / RATE, axis=0), 1 / RATE, axis=0)
+    model = MODELS["two_link_arm"]()
+    tau = model.torque(q, dq, ddq, model.values)
+    tau[:, 0] += np.where(t > change, 0.3, 0.0) * dq[:, 0]
+    return [t, COUNT * np.round(q / COUNT), tau + 0.02 * np.random.default_rng(seed).standard_normal(q.shape)]
+
+
+@cache
+def arm() -> Identification:
+    t, q, tau = arm_samples(10.0, seed=3)
+    return dy.identify(MODELS["two_link_arm"](), dy.Log(t, q, tau, ("joint1", "joint2")))
+
+
+def arm_said(t: Array, q: Array, tau: Array) -> list[Event]:
+    one, events = Watcher(arm(), np.random.default_rng(0), HOW), list[Event]()
+    for k in range(0, len(t), 1777):
+        some = slice(k, k + 1777)
+        events += one.push(t[some], q[some], tau[some])
+    return events
+
+
+def test_an_encoder_that_dies_at_a_turn_spoils_nothing() -> None:
+    t, q, tau = arm_samples(55.0)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(q[:, 1]))))
+    k = int(turns[turns > 32 * RATE][0])
+    q[k : k + 1500, 1] = q[k, 1]
+    baseline, fault, *rest = arm_said(t, q, tau)
+    assert isinstance(baseline, BaselineKnown)
+    assert isinstance(fault, Fault)
+    assert (fault.kind, fault.joint) == (FaultKind.STILL, "joint2")
+    assert 5.0 <= fault.time - fault.since < 6.0
+    assert {type(one) for one in rest} <= {Fault, Back}
+
+
+def test_a_joint_that_rests_for_longer_than_usual_is_no_fault_and_changes_are_still_found() -> None:
+    events = arm_said(*arm_samples(65.0, parked=(30.0, 64.0), change=50.0))
+    assert not [one for one in events if isinstance(one, Fault)]
+    (changed,) = [one for one in events if isinstance(one, Changed)]
+    assert changed.joint == "joint1"
+    assert abs(changed.since - 50.0) <= 2.0
+
+
+def test_without_the_torque_of_one_joint_the_others_are_watched() -> None:
+    t, q, tau = arm_samples(65.0, change=50.0)
+    tau[3500:, 1] = np.nan
+    _, fault, *events = arm_said(t, q, tau)
+    assert isinstance(fault, Fault)
+    assert (fault.kind, fault.signal, fault.joint) == (FaultKind.MISSING, Signal.TORQUE, "joint2")
+    (changed,) = [one for one in events if isinstance(one, Changed)]
+    assert changed.joint == "joint1"
+    assert abs(changed.since - 50.0) <= 2.0
+
+
+def test_of_a_robot_that_does_not_move_this_is_said_once() -> None:
+    t = np.arange(7000) / 10.0
+    q = np.zeros((len(t), 2))
+    events = [one for one in arm_said(t, q, q) if isinstance(one, Resting)]
+    assert events == [Resting(300.0, 0.0)]

@@ -1,0 +1,241 @@
+"""What an arm carries is found within its errors: with right and wrong gains, drift, and a tool that was removed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.apps.payload import (
+    DriveGains,
+    ErrorSource,
+    GainsUnknown,
+    NoPayload,
+    NotShown,
+    OtherArm,
+    Payload,
+    PayloadOrDrift,
+    PayloadRequest,
+    find_payload,
+)
+from dynident.apps.payload.body import physical_components
+from dynident.identification import identify
+from dynident.models import smallest_eigenvalue
+from dynident.models.friction import LoadCoulomb
+from dynident.runtime import InputError, ModelError
+from tests.apps.payload.arms import CARRIED, RECIPE, arm, damaged, recorded, result
+
+TRUTH = physical_components(CARRIED)
+KNOWN = PayloadRequest(gain_error=0.0)
+GAIN = 1.05
+
+
+@cache
+def found() -> Payload:
+    return find_payload(result(), {"loaded": recorded("loaded", CARRIED)}, request=KNOWN)
+
+
+@cache
+def weighed() -> Payload:
+    return find_payload(
+        result(GAIN), {"weighed": recorded("weighed", CARRIED, GAIN)}, request=PayloadRequest(known_mass=3.0)
+    )
+
+
+def distance(one: Payload) -> float:
+    """The largest error over its standard error."""
+    return float(np.max(np.abs(one.body.values - TRUTH) / one.body.std))
+
+
+def test_a_payload_is_found_within_its_errors() -> None:
+    one = found()
+    assert distance(one) < 4
+    assert one.body.mass == pytest.approx(3.0, rel=0.01)
+    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
+    assert one.body.std[0] < 0.02
+    assert one.mount.frame == "arm_tool0"
+    assert smallest_eigenvalue(one.value) > 0
+    assert one.factor < 1.5
+    assert one.notes == ()
+    (log,) = one.logs
+    assert log.without > 10 * log.with_payload
+    assert log.with_payload == pytest.approx(log.free, rel=0.2)
+
+
+def test_the_shares_of_the_sources_make_the_whole_variance() -> None:
+    total = np.sum(list(found().shares.values()), axis=0)
+    assert total == pytest.approx(np.ones(10), abs=1e-6)
+
+
+def test_two_results_are_compared_as_recordings_are() -> None:
+    loaded = identify(arm()[0], {"loaded": recorded("loaded", CARRIED)}, recipe=RECIPE)
+    one = find_payload(result(), loaded, request=KNOWN)
+    assert one.body.values == pytest.approx(found().body.values, rel=1e-9)
+    assert one.body.std == pytest.approx(found().body.std, rel=1e-9)
+
+
+def test_a_tool_that_was_removed_is_found_the_other_way_round() -> None:
+    with_it = identify(arm()[0], {"loaded": recorded("loaded", CARRIED)}, recipe=RECIPE)
+    one = find_payload(with_it, result(), request=replace(KNOWN, removed=True))
+    assert distance(one) < 4
+    with pytest.raises(InputError, match=r"less than when it was identified.*--removed"):
+        find_payload(with_it, result(), request=KNOWN)
+    with pytest.raises(InputError, match=r"more than when it was identified.*drop --removed"):
+        find_payload(result(), with_it, request=replace(KNOWN, removed=True))
+
+
+def test_a_common_gain_error_scales_the_payload_and_is_counted() -> None:
+    one = find_payload(result(GAIN), {"loaded": recorded("loaded", CARRIED, GAIN)})
+    assert one.body.mass == pytest.approx(GAIN * 3.0, rel=0.02)  # nothing tells it
+    assert distance(one) < 3
+    assert one.body.std[0] == pytest.approx(0.03 * 3.0, rel=0.5)
+    assert one.shares[ErrorSource.GAINS][0] > 0.9
+    (note,) = (note for note in one.notes if isinstance(note, GainsUnknown))
+    assert note.data < 0.3 * note.std
+
+
+def test_a_known_mass_tells_the_gains_and_these_the_next_payload() -> None:
+    gains = weighed().gains
+    assert gains.known_mass == 3.0
+    assert gains.factor == pytest.approx(np.full(6, GAIN), abs=0.03)
+    assert (np.abs(gains.factor - GAIN) < 4 * gains.std).all()
+    assert gains.correction == pytest.approx(1 / gains.factor)
+    assert weighed().body.mass == pytest.approx(3.0, abs=1e-3)
+    lighter = 0.5 * CARRIED
+    one = find_payload(result(GAIN), {"next": recorded("next", lighter, GAIN)}, request=PayloadRequest(gains=gains))
+    assert one.body.mass == pytest.approx(1.5, rel=0.01)
+    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.006)
+    assert not any(isinstance(note, GainsUnknown) for note in one.notes)
+
+
+def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
+    gains = weighed().gains
+    turned = DriveGains(gains.joints[::-1], gains.factor[::-1], gains.covariance[::-1, ::-1], 3.0)
+    loaded = identify(arm()[0], {"loaded": recorded("loaded", CARRIED, GAIN)}, recipe=RECIPE)
+    one, other = (find_payload(result(GAIN), loaded, request=PayloadRequest(gains=each)) for each in (gains, turned))
+    assert one.body.values == pytest.approx(other.body.values, rel=1e-9)
+    strange = replace(gains, joints=("a", *gains.joints[1:]))
+    with pytest.raises(InputError, match="'j1'"):
+        find_payload(result(GAIN), loaded, request=PayloadRequest(gains=strange))
+
+
+def test_a_known_centre_tells_the_gains_of_the_wrist() -> None:
+    placed = PayloadRequest(known_mass=3.0, known_centre=tuple(TRUTH[1:4].tolist()))
+    one = find_payload(result(GAIN), {"weighed": recorded("weighed", CARRIED, GAIN)}, request=placed)
+    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=1e-3)
+    assert one.gains.std[4] < 0.8 * weighed().gains.std[4]
+    assert abs(one.gains.factor[4] - GAIN) < 4 * one.gains.std[4]
+
+
+def drifted(scale: float = 0.2) -> np.ndarray:
+    """Changes of friction and offsets in % of the friction."""
+    _, theta = arm()
+    changed = np.zeros(len(theta))
+    signs = np.array([1, -1, 1, 1, -1, 1.0])
+    for start in range(len(theta) - 18, len(theta), 6):
+        changed[start : start + 6] = scale * signs * np.abs(theta[-12:-6])
+    return changed
+
+
+def test_drift_is_told_from_the_payload_and_recordings_without_it_help() -> None:
+    loaded = {"loaded": recorded("loaded", CARRIED, more=drifted())}
+    alone = find_payload(result(), loaded, request=KNOWN)
+    both = find_payload(result(), loaded, {"unloaded": recorded("unloaded", more=drifted())}, KNOWN)
+    assert distance(alone) < 4
+    assert distance(both) < 4
+    assert (both.body.std[:4] < alone.body.std[:4]).all()
+    assert alone.drift + alone.friction == pytest.approx(drifted(), abs=0.2)
+    fixed = find_payload(result(), loaded, request=replace(KNOWN, friction_change=0.0))
+    assert fixed.factor > 5
+    assert any(isinstance(note, OtherArm) for note in fixed.notes)
+
+
+def test_what_one_joint_does_not_show_is_said_with_the_motion_that_would_show_it() -> None:
+    one = find_payload(result(), {"still": recorded("still", CARRIED, still=(0, 2, 3, 4, 5))}, request=KNOWN)
+    notes = [note for note in one.notes if isinstance(note, NotShown)]
+    assert notes
+    joints = [note.joint for note in notes]
+    assert set(joints) <= {"", "j1", "j2", "j3", "j4", "j5", "j6"}
+    assert len(set(joints)) == len(joints)  # one line for each
+    helped = [note for note in notes if note.joint]
+    assert helped
+    assert all(then < std for note in helped for then, std in zip(note.then, note.std, strict=True))
+    assert distance(one) < 4
+
+
+def test_what_a_turning_wrist_does_not_tell_from_drift_is_said() -> None:
+    wrist, request = (0, 1, 2, 3), replace(KNOWN, friction_change=100.0)
+    loaded = {"loaded": recorded("loaded", CARRIED, more=drifted(), still=wrist)}
+    alone = find_payload(result(), loaded, request=request)
+    notes = [note for note in alone.notes if isinstance(note, PayloadOrDrift)]
+    assert {note.component for note in notes} >= {"mass", "z"}
+    assert all(note.share > 0.9 and not note.unloaded for note in notes)
+    unloaded = {"unloaded": recorded("unloaded", more=drifted(), still=wrist)}
+    both = find_payload(result(), loaded, unloaded, request)
+    assert both.body.std[0] < 0.2 * alone.body.std[0]
+    assert not any(isinstance(note, PayloadOrDrift) for note in both.notes)
+    assert both.body.mass == pytest.approx(3.0, abs=4 * float(both.body.std[0]))
+
+
+def test_the_base_is_tilted_once() -> None:
+    tilt = (0.3, -0.2)
+    recipe = replace(RECIPE, base_tilt=tilt)
+    tilted = identify(arm()[0], {"arm": recorded("arm", tilt=tilt)}, recipe=recipe)
+    one = find_payload(tilted, {"loaded": recorded("loaded", CARRIED, tilt=tilt)}, request=KNOWN)
+    assert distance(one) < 4
+    assert one.factor < 1.5
+
+
+def test_friction_by_the_load_sees_that_of_the_payload() -> None:
+    model, _ = arm()
+    model = model.with_terms(LoadCoulomb(model.joints))
+    by_load = identify(model, {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
+    loaded = {"loaded": recorded("loaded", CARRIED, by_load=0.1)}
+    one = find_payload(by_load, loaded, request=KNOWN)
+    assert one.body.mass == pytest.approx(3.0, rel=0.01)
+    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
+    blind = identify(arm()[0], {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
+    other = find_payload(blind, loaded, request=KNOWN)
+    assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) > np.linalg.norm(one.body.values[:4] - TRUTH[:4])
+    assert other.shares[ErrorSource.FRICTION].max() > 0.3  # it is an unknown there
+    without = find_payload(blind, loaded, request=replace(KNOWN, load_friction=0.0))
+    assert distance(other) < 2 < distance(without)
+    assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) < np.linalg.norm(without.body.values[:4] - TRUTH[:4])
+
+
+def test_no_payload_is_said() -> None:
+    one = find_payload(result(), {"empty": recorded("empty")}, request=KNOWN)
+    assert [type(note) for note in one.notes] == [NoPayload]
+    assert not one.is_significant
+    assert one.body.mass < 0.05
+    assert smallest_eigenvalue(one.value) > 0
+
+
+def test_recordings_of_another_arm_and_old_results_are_refused() -> None:
+    log = recorded("other")
+    other = replace(log, tau=log.tau[:, ::-1] * [1, -1, 1, -1, 1, -1])
+    with pytest.raises(InputError, match=r"other: the arm of the result with any payload leaves .* of another arm"):
+        find_payload(result(), {"other": other})
+    with pytest.raises(InputError, match=r"does not hold the covariance .* identify again"):
+        find_payload(damaged(result()), {"loaded": recorded("loaded", CARRIED)})
+    renamed = replace(log, joints=("a", "b", "c", "d", "e", "f"))
+    with pytest.raises(InputError, match="no joint 'j1'"):
+        find_payload(result(), {"renamed": renamed})
+
+
+def test_results_of_other_terms_are_refused() -> None:
+    model, _ = arm()
+    fewer = identify(replace(model, terms=model.terms[:-1]), {"loaded": recorded("loaded", CARRIED)}, recipe=RECIPE)
+    with pytest.raises(InputError, match=r"different parameters .*offset"):
+        find_payload(result(), fewer)
+    with pytest.raises(ModelError, match="'hand' is no link"):
+        find_payload(result(), {"loaded": recorded("loaded")}, request=PayloadRequest(frame="hand"))
+
+
+def test_a_known_mass_far_beyond_the_arm_is_refused() -> None:
+    loaded = identify(arm()[0], {"weighed": recorded("weighed", CARRIED, GAIN)}, recipe=RECIPE)
+    for mass in (30.0, 1e5, 1e9):
+        with pytest.raises(InputError, match="known mass is"):
+            find_payload(result(GAIN), loaded, request=PayloadRequest(known_mass=mass))

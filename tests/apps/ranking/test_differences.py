@@ -1,0 +1,110 @@
+"""Differences and chance: how often equals are told apart, and whether true differences are found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.apps.ranking import differences as module
+from dynident.apps.ranking.differences import _block_length as block_length
+from dynident.apps.ranking.differences import differences, joint_errors, mean_error
+
+BLOCKS, JOINTS = 200, 2
+
+
+def drawn(rng: np.random.Generator, sizes: list[float], memory: float = 0.0) -> np.ndarray:
+    """Return sums of squares (R, K, n) of combinations that share most of their error, correlated in time."""
+
+    def noise(shape: tuple[int, ...]) -> np.ndarray:
+        white = rng.standard_normal(shape)
+        for k in range(1, BLOCKS):
+            white[k] = memory * white[k - 1] + np.sqrt(1 - memory**2) * white[k]
+        return white
+
+    common = noise((BLOCKS, JOINTS))
+    return np.array([size * np.exp(0.5 * common + 0.1 * noise((BLOCKS, JOINTS))) for size in sizes])
+
+
+def test_errors_are_geometric_means_over_joints_that_have_a_torque() -> None:
+    squares, torque = np.array([1.0, 4.0, 9.0]), np.array([100.0, 100.0, 0.0])
+    assert joint_errors(squares, torque)[:2] == pytest.approx([10.0, 20.0])
+    assert np.isnan(joint_errors(squares, torque)[2])
+    assert mean_error(squares, torque) == pytest.approx(200**0.5)
+
+
+def test_neither_units_nor_a_joint_without_load_change_the_order() -> None:
+    """The second joint is all noise (80 %) and tells nothing; the first one is 3 % worse in two of four."""
+    rng, torque = np.random.default_rng(5), np.ones((BLOCKS, JOINTS))
+    squares = drawn(rng, [1.0] * 4) * [4e-4, 0.64]
+    squares[2:, :, 0] *= 1.06
+    found = differences(squares, torque, [0] * BLOCKS, np.random.default_rng(0))
+    assert (found.p_value[2:] < 0.05).all()
+    gain = np.array([1.0, 1e6])
+    other = differences(squares * gain, torque * [1.0, 7.0], [0] * BLOCKS, np.random.default_rng(0))
+    assert other.p_value == pytest.approx(found.p_value, abs=1e-12)
+
+
+def test_of_exact_data_rounding_does_not_decide() -> None:
+    torque = np.ones(2)
+    assert mean_error(np.array([[1e-4, 1e-30], [1e-4, 1e-20]]), torque).tolist() == pytest.approx([1e-2, 1e-2])
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.7])
+def test_the_truly_best_are_seldom_called_worse(monkeypatch: pytest.MonkeyPatch, memory: float) -> None:
+    """All are equally good, and each may be called worse in 5 % of cases: of 40 x 4 that is 8, and at most 17 with
+    99.9 % where they are independent."""
+    monkeypatch.setattr(module, "DRAWS", 400)
+    rng, torque = np.random.default_rng(1), np.ones((BLOCKS, JOINTS))
+    wrong = told = 0
+    for _ in range(40):
+        found = differences(drawn(rng, [1.0] * 4, memory), torque, [0] * BLOCKS, rng)
+        wrong, told = wrong + int((found.p_value < 0.05).sum()), told + found.has_enough_blocks
+    assert told >= 30
+    assert wrong <= 17
+
+
+def test_a_true_difference_is_found_however_many_there_are() -> None:
+    rng = np.random.default_rng(2)
+    squares = drawn(rng, [1.0, 1.0, *np.linspace(1.3, 3.0, 40)], memory=0.5)
+    found = differences(squares, np.ones((BLOCKS, JOINTS)), [0] * 120 + [1] * 80, rng)
+    assert (found.p_value[2:] < 0.05).all()
+    assert (found.p_value[:2] > 0.05).all()
+    assert (found.interval[2:, 0] > 0).all()
+    assert found.interval[int(np.argmin(found.error))].tolist() == [0.0, 0.0]
+
+
+def test_blocks_are_as_long_as_the_correlation() -> None:
+    rng = np.random.default_rng(3)
+    white = rng.standard_normal(400)
+    slow = np.convolve(white, np.ones(12) / 12, mode="same")
+    assert block_length(white) <= 4
+    assert block_length(slow) >= 10
+    assert block_length(np.ones(50)) == 1
+
+
+def test_too_few_blocks_tell_nothing() -> None:
+    rng = np.random.default_rng(4)
+    found = differences(drawn(rng, [1.0, 2.0])[:, :8], np.ones((8, JOINTS)), [0] * 8, rng)
+    assert not found.has_enough_blocks
+    assert np.isnan(found.p_value).all()
+    alone = differences(drawn(rng, [1.0]), np.ones((BLOCKS, JOINTS)), [0] * BLOCKS, rng)
+    assert alone.p_value.tolist() == [1.0]
+    same = drawn(rng, [1.0])
+    twins = differences(np.concatenate([same, same]), np.ones((BLOCKS, JOINTS)), [0] * BLOCKS, rng)
+    assert twins.p_value.tolist() == [1.0, 1.0]
+
+
+def test_intervals_of_a_difference_hold_also_of_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In 95 % of the cases at least: few blocks scatter too little, and as if there were many it would be 92 %."""
+    monkeypatch.setattr(module, "DRAWS", 400)
+    rng, few, inside = np.random.default_rng(6), 14, []
+    true = 100.0 * (np.sqrt(1.2) - 1.0) * np.exp((0.5**2 + 0.1**2) / 4)
+    for _ in range(60):
+        whole = drawn(rng, [1.0, 1.2])
+        for part in np.split(whole[:, : BLOCKS // few * few], BLOCKS // few, axis=1):
+            found = differences(part, np.ones((few, JOINTS)), [0] * few, rng)
+            if found.has_enough_blocks:
+                low, high = found.interval[1]
+                inside.append(low < true < high)
+    assert len(inside) > 250
+    assert 0.94 < np.mean(inside) < 0.99  # twice as wide, it would be all

@@ -1,0 +1,218 @@
+"""A comparison from a configuration to its ranking: what fails, what is kept, what is the same whoever computes it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.apps.ranking import CombinationOutcome, Ranking, compare
+from dynident.apps.ranking.report import ranking_findings
+from dynident.checks import Topic
+from dynident.runtime import ConfigError, InputError, Step, progress_to
+from tests.apps.ranking.made import Greedy, Halved, Lacking, OnMonday, Raising, Stuck, Whole, make_project
+
+TIMES = ("seconds",)
+FEW: dict[str, Any] = {"smoothers": [dy.Difference("central")], "estimators": ["least_squares", Halved()], "folds": 2}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The configuration of a slider."""
+    return make_project(tmp_path_factory.mktemp("slider"))
+
+
+@pytest.fixture(scope="module")
+def found(project: Path) -> Ranking:
+    """A small comparison."""
+    return compare(project, **FEW)
+
+
+def numbers(found: Ranking) -> list[tuple[Any, ...]]:
+    return found.frame().drop(TIMES).rows()
+
+
+def test_the_combination_of_the_configuration_has_the_errors_of_identify(project: Path) -> None:
+    own = compare(project, smoothers=[], estimators=[], folds=0).configured_entry
+    assert own is not None
+    errors = {one.role: one.errors for one in dy.run(project).validations}
+    assert own.held_out == pytest.approx(errors["validation"].per_joint, rel=1e-12)
+    assert own.same_motion == pytest.approx(errors["validation"].per_joint, rel=1e-12)
+    assert own.training == pytest.approx(errors["train"].per_joint, rel=1e-12)
+    assert own.overall == pytest.approx(errors["validation"].relative_error, rel=1e-12)
+    assert own.cross_validated == {}
+
+
+def test_each_smoother_has_its_own_time_offset(tmp_path: Path) -> None:
+    """Torques are logged one sample late, and forward differences are half a sample early."""
+    path = make_project(tmp_path)
+    for day in ("monday", "tuesday"):
+        table = np.loadtxt(tmp_path / f"{day}.csv", delimiter=",", skiprows=1)
+        table[1:, 2] = table[:-1, 2]
+        np.savetxt(tmp_path / f"{day}.csv", table, delimiter=",", header="t,x,f", comments="")
+    path.write_text(path.read_text().replace("delay: 0", "delay: estimate").replace("kind: spline", "kind: difference"))
+    first, second = compare(path, smoothers=[dy.Spline()], estimators=[], folds=0).offsets.values()
+    path.write_text(path.read_text().replace("kind: difference", "kind: spline"))
+    (own,) = compare(path, smoothers=[], estimators=[], folds=0).offsets.values()
+    assert second == own
+    assert own == pytest.approx(-0.01, abs=3e-3)
+    assert abs(first - own) > 1e-3
+
+
+def test_a_controller_that_did_not_run_is_said(tmp_path: Path) -> None:
+    loop = "simulation: { kind: pd, joints: { slider: { reference: { column: x, unit: m }, kp: 10, kd: 1 } } }\n"
+    found = compare(make_project(tmp_path, more=loop), smoothers=[], estimators=[], folds=0)
+    assert [(one.source, one.joint, one.topic) for one in found.findings] == [("monday", "slider", Topic.LOOP)]
+    assert found.forbidding_findings == ()
+
+
+def test_combinations_are_ranked_and_worse_ones_told(found: Ranking) -> None:
+    assert found.basis == "validation"
+    assert found.has_enough_blocks
+    assert [one.combination.estimator for one in found.standings] == ["least_squares"] * 2 + ["Halved"] * 2
+    assert found.best is found.standings[0]
+    assert [one.is_worse for one in found.standings[2:]] == [True, True]
+    assert all(40.0 < one.error < 60.0 for one in found.standings[2:])
+    assert found.choice in found.within_chance
+    for one in found.standings:
+        assert one.cross_validated["slider"] == pytest.approx(one.training["slider"], rel=0.1)
+        assert 1.0 <= one.condition < 10.0
+    difference = found.standings[-1].error - found.standings[0].error
+    low, high = found.standings[-1].interval
+    assert low < difference < high
+
+
+def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, found: Ranking) -> None:
+    more = {**FEW, "estimators": [*FEW["estimators"], Raising(), Lacking(), Whole(700)]}
+    more["smoothers"] = [*FEW["smoothers"], Stuck()]
+    all_of_them = compare(project, **more)
+    assert [one.error for one in all_of_them.standings if one.combination.estimator in ("least_squares", "Halved")] == [
+        one.error for one in found.standings
+    ]
+    raising = next(one for one in all_of_them.failures if one.combination.estimator == "Raising")
+    assert raising.reason.endswith("ZeroDivisionError: no estimate of slider")
+    stuck = [one for one in all_of_them.failures if one.combination.smoother == "Stuck"]
+    assert {one.reason for one in stuck} == {"monday: nothing is smooth enough"}
+    assert [(one.smoother, one.estimator, one.reason) for one in all_of_them.absent] == [
+        ("", "Lacking", "monday: has no controller; give its gains.")
+    ]
+    whole = next(one for one in all_of_them.standings if one.combination.estimator == "Whole (samples 700)")
+    assert whole.reason == "cross-validation: too few samples"
+
+
+def test_a_smoother_that_leaves_out_nearly_all_takes_nothing_from_the_others(project: Path, found: Ranking) -> None:
+    more = compare(project, **{**FEW, "smoothers": [*FEW["smoothers"], Greedy()]})
+    assert more.shares == found.shares
+    assert [one.error for one in more.standings] == [one.error for one in found.standings]
+    left = [one for one in more.failures if one.combination.smoother == "Greedy"]
+    assert {one.outcome for one in left} == {CombinationOutcome.TOO_FEW}
+    assert left[0].reason.startswith("monday: keeps 20 samples, where most smoothers keep 7")
+
+
+def test_a_substitute_of_a_smoother_is_told_and_has_the_same_parameters(project: Path, found: Ranking) -> None:
+    more = compare(project, smoothers=[OnMonday()], estimators=["least_squares"], folds=0)
+    assert found.substituted_smoothers == ()
+    assert more.substituted_smoothers == ("OnMonday",)
+    assert any(one.startswith("OnMonday does not apply to all motion") for one in ranking_findings(more))
+    one = next(one for one in more.standings if one.combination.smoother == "OnMonday")
+    central = found.standings[0]
+    assert one.same_motion["slider"] == pytest.approx(central.same_motion["slider"], rel=1e-2)
+    assert one.error > 1.1 * central.error
+
+
+def test_where_nothing_works_there_is_no_best(project: Path) -> None:
+    config = project.with_name("raising.yaml")
+    made = Path(__file__).with_name("made.py")
+    config.write_text(project.read_text() + f"estimator: {{ kind: '{made}:Raising' }}\n")
+    none = compare(config, smoothers=[], estimators=[], folds=0)
+    assert none.best is none.choice is None
+    assert none.within_chance == ()
+    assert "ZeroDivisionError" in none.failures[0].reason
+    config.write_text(project.read_text().replace("{ kind: spline }", f"{{ kind: '{made}:Stuck' }}"))
+    with pytest.raises(InputError, match="monday: nothing is smooth enough"):
+        compare(config, smoothers=[], estimators=[], folds=0)
+
+
+def test_without_a_held_out_log_the_training_ranks(tmp_path: Path) -> None:
+    config = make_project(tmp_path, held_out=False)
+    found = compare(config, **FEW)
+    assert found.basis == "train"
+    assert [one.combination.estimator for one in found.standings] == ["least_squares"] * 2 + ["Halved"] * 2
+    assert found.standings[0].held_out == found.standings[0].same_motion == {}
+    assert found.standings[0].error == pytest.approx(found.standings[0].cross_validated["slider"], rel=1e-12)
+    with pytest.raises(InputError, match="no log is held out, and without cross-validation there is nothing to rank"):
+        compare(config, **{**FEW, "folds": 0})
+    with pytest.raises(InputError, match="folds = 1"):
+        compare(config, **{**FEW, "folds": 1})
+
+
+def test_short_logs_do_not_tell_differences_from_chance(tmp_path: Path) -> None:
+    found = compare(make_project(tmp_path, seconds=0.3), **{**FEW, "smoothers": [], "folds": 0})
+    assert not found.has_enough_blocks
+    assert found.within_chance == found.standings[:1]
+    assert np.isnan(found.standings[1].p_value)
+
+
+def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def stop(step: str) -> None:
+        one = Step.of(step)
+        if one.words == "estimating" and one.completed == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped, progress_to(stop):
+        compare(project, out, **FEW)
+    assert "Finished rows are kept in" in stopped.value.__notes__[0]
+    again = compare(project, out, **FEW)
+    assert again.computed == 1
+    assert numbers(again) == numbers(found)
+    assert compare(project, out, **FEW).computed == 0
+    assert compare(project, out, **FEW, rerun=True).computed == 4
+    other = compare(project, out, **{**FEW, "estimators": ["least_squares", Halved(), Raising()]})
+    assert other.computed == 2
+    assert compare(project, out, **{**FEW, "estimators": ["least_squares", Raising()]}).computed == 2
+
+
+def test_any_executor_gives_the_same_rows(project: Path, found: Ranking) -> None:
+    with ThreadPoolExecutor(2) as executor:
+        spread = compare(project, **FEW, executor=executor)
+    assert numbers(spread) == numbers(found)
+
+
+def test_a_folder_with_inputs_or_another_report_is_left_alone(project: Path, tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("mine")
+    with pytest.raises(ConfigError, match="is the report of another command"):
+        compare(project, tmp_path, **FEW)
+    truth = tmp_path / "compare.json"
+    truth.write_text('{"M": 5}')
+    with pytest.raises((ConfigError, InputError)):
+        compare(project, tmp_path, **FEW, truth=truth)
+    assert truth.read_text() == '{"M": 5}'
+
+
+def test_known_truth_gives_errors_and_coverage(project: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.yaml"
+    names = dy.run(project).estimate.names
+    truth.write_text(f"{names[0]}: 5.0\n{names[1]}: 8.0\n")
+    found = compare(project, **FEW, truth=truth)
+    assert found.parameters[:2] == names[:2]
+    good, bad = found.standings[0].truth, found.standings[-1].truth
+    assert good is not None
+    assert bad is not None
+    assert good.over_bound < 5.0 < 50.0 < bad.over_bound
+    assert bad.relative == pytest.approx(50.0, abs=2.0)
+    assert good.covered == good.count == 2
+    assert bad.covered < 2
+    with pytest.raises(ConfigError, match="none of its values is of a parameter of the model"):
+        compare(project, **FEW, truth={"nothing": 1.0})
+
+
+def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
+    path = make_project(tmp_path, held_out=False, more="validation: [{ file: monday.csv, name: again }]\n")
+    found = compare(path, **{**FEW, "smoothers": [], "folds": 0})
+    assert found.repeats == (("again", "monday"),)

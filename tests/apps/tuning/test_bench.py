@@ -1,0 +1,271 @@
+"""Any tuning of logs and a model: what is quick agrees with what is whole, and odd logs do no harm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from dynident.apps.tuning import Bench, QuickFit, Tuning
+from dynident.estimators import LeastSquares, PhysicallyConsistent
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.estimators.notes import MotionCorrected
+from dynident.identification import Identification, Recipe, identify
+from dynident.models.lagrangian import slider
+from dynident.motion.smoothers import Butterworth, Spline
+from dynident.motion.splines import GCV
+from dynident.regression import ParallelFilter, UnexcitedParameters
+from dynident.runtime import ConfigError, InputError
+from tests.apps.tuning.arms import JOINTS, MODEL, THETA, bench, logs, recording
+
+Change = Callable[[Tuning], Tuning]
+
+
+CHANGES: dict[str, Change] = {
+    "nothing": lambda one: one,
+    "one joint": lambda one: one.with_degree(1.0, 1),
+    "all joints": lambda one: one.with_degree(0.1),
+    "a window": lambda one: one.exclude("log 1", 2.0, 3.5).exclude("log 2", 1.0, 1.2),
+    "minimum speed": lambda one: replace(one, min_speed=(0.1, 0.0, 0.3)),
+    "a filter": lambda one: replace(one, filter=ParallelFilter(decimate=4)),
+    "without a joint": lambda one: replace(one, unfitted=(JOINTS[1],)),
+    "fewer terms": lambda one: one.with_terms(0, ("viscous",)),
+    "more terms": lambda one: one.with_terms(2, (*one.terms[2], "rotor", "stribeck")),
+    "terms that remember": lambda one: one.with_terms(0, ("viscous", "dahl")),
+    "terms that see the load": lambda one: one.with_terms(0, ("viscous", "load_coulomb")),
+    "estimator": lambda one: replace(one, estimator="consistent"),
+    "time offset": lambda one: replace(one, time_offset=0.002),
+}
+
+
+def differing(quick: QuickFit, value: np.ndarray) -> float:
+    """By how many standard errors a base parameter differs at most."""
+    return float((np.abs(quick.base.to_base(quick.value - value)) / quick.base_std).max())
+
+
+def identified(on: Bench, tuning: Tuning) -> Identification:
+    """The whole fit, without the findings of the checks."""
+    logs = on._role_logs(tuning).recorded
+    return identify(on.model(tuning), logs["train"], logs["validation"], on.recipe(tuning))
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_the_quick_fit_is_the_whole_one_but_for_the_bias_by_the_motion(
+    arm: Bench, change: Change, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(import_module("dynident.identification.identify"), "motion_errors", lambda *_: None)
+    tuning = change(arm.start)
+    quick, whole = arm.fit(tuning), identified(arm, tuning)
+    assert quick.names == whole.estimate.names
+    exact = 1e-5 if tuning.estimator == "consistent" else 1e-8  # the conic solver has its own precision
+    assert differing(quick, whole.estimate.value) < exact
+    assert quick.condition == pytest.approx(_condition(whole), rel=1e-6)
+    for one in whole.validations:
+        other = quick.logs[one.name]
+        assert other.error == pytest.approx(one.errors.relative_error, rel=exact)
+        assert other.by_joint == pytest.approx(dict(one.errors.per_joint), rel=exact)
+        assert other.motion.mask.tolist() == one.motion.mask.tolist()
+
+
+def _condition(found: Identification) -> float:
+    directions = found.estimate.determined.directions
+    assert directions is not None
+    return float(directions.values[0] / directions.values[directions.rank - 1])
+
+
+def test_the_bias_by_the_motion_is_in_the_whole_fit_alone(arm: Bench) -> None:
+    tuning = arm.start.with_degree(1.0, 1)
+    whole = arm.identify(tuning)
+    assert any(isinstance(note, MotionCorrected) for note in whole.notes)
+    assert differing(arm.fit(tuning), whole.estimate.value) > 3.0
+    assert arm.identify(tuning) is whole
+
+
+def test_the_start_is_what_was_found(arm: Bench) -> None:
+    assert arm.identify(arm.start) is arm.identification
+    assert arm.start.degree == pytest.approx((2 * np.log10(1.5),) * 3)
+    assert arm.start.terms == (("viscous", "coulomb", "offset"),) * 3
+    assert (arm.joints, arm.estimators) == (JOINTS, ("least_squares", "consistent"))
+    quick = arm.fit(arm.start)
+    assert quick.exact
+    assert quick.rank == len(quick.base.groupings) == arm.identification.estimate.determined.rank
+    assert 1.0 < quick.condition < 1e5
+    assert list(quick.held_out()) == ["log 2"]
+    assert 0.0 < quick.cross_validated < 10.0
+
+
+def test_what_was_asked_before_is_known(arm: Bench) -> None:
+    tuning = arm.start.with_degree(0.7)
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(arm.fit, [tuning] * 4))
+    assert all(one is found[0] for one in found)
+
+
+def test_excluded_samples_are_smoothed_through_but_count_nowhere(arm: Bench) -> None:
+    tuning = arm.start.exclude("log 1", 2.0, 4.0).exclude("log 2", 0.0, 4.0)
+    before, after = (arm.smooth(one, "log 1", JOINTS[0]) for one in (arm.start, tuning))
+    np.testing.assert_array_equal(before.q, after.q)
+    gone = (after.t >= 2.0) & (after.t <= 4.0)
+    assert before.mask[gone].all()
+    assert not after.mask[gone].any()
+    quick = arm.fit(tuning)
+    assert not quick.logs["log 1"].fitted_mask[gone].any()
+    spoiled = {role: dict(some) for role, some in arm.logs.items()}
+    tau = spoiled["train"]["log 1"].tau.copy()
+    tau[gone] += 50.0
+    spoiled["train"]["log 1"] = replace(spoiled["train"]["log 1"], tau=tau)
+    again = replace(arm, logs=spoiled)
+    assert differing(again.fit(tuning), quick.value) < 1e-9
+    assert again.fit(tuning).logs["log 1"].error == pytest.approx(quick.logs["log 1"].error)
+    assert again.fit(again.start).logs["log 1"].error > 2 * quick.logs["log 1"].error
+
+
+def test_a_window_of_the_configuration_is_part_of_the_start() -> None:
+    given = logs(recording(1).exclude([(1.0, 2.0), (3.0, 3.0)]))
+    on = bench(given)
+    (first, second) = on.start.windows("log 1")
+    assert first == (1.0, 2.0)
+    assert second[0] == 3.0
+    assert on.logs["train"]["log 1"].excluded is None
+    assert differing(on.fit(on.start), on.identification.estimate.value) < 0.5
+
+
+def test_a_joint_that_is_not_fitted_is_judged(arm: Bench) -> None:
+    tuning = replace(arm.start, unfitted=(JOINTS[2],))
+    quick = arm.fit(tuning)
+    assert quick.factors.rows[2] == 0
+    assert np.isnan(quick.cross_validated_by_joint[JOINTS[2]])
+    assert np.isfinite(quick.logs["log 2"].by_joint[JOINTS[2]])
+    assert not quick.logs["log 1"].fitted_mask[:, 2].any()
+    notes = identified(arm, tuning).notes
+    assert not any(
+        isinstance(note, UnexcitedParameters) for note in notes
+    )  # no motion shows its friction to the others
+
+
+def test_what_does_not_fit_is_said(arm: Bench) -> None:
+    start = arm.start
+    wrong = {
+        "there is no estimator 'magic'": replace(start, estimator="magic"),
+        "there is no log 'friday'": start.exclude("friday", 0.0, 1.0),
+        "there is no joint 'knee'": replace(start, unfitted=("knee",)),
+        "names every joint": replace(start, unfitted=JOINTS),
+        "there is no kind of terms 'rust'": start.with_terms(0, ("rust",)),
+        "min_speed has 1 entries": replace(start, min_speed=(0.1,)),
+    }
+    for words, tuning in wrong.items():
+        for ask in (arm.fit, arm.curve, arm.identify):
+            with pytest.raises(ConfigError, match=words):
+                ask(tuning)
+    with pytest.raises(ConfigError, match="there is no log 'friday'"):
+        arm.smooth(start, "friday", JOINTS[0])
+
+
+@pytest.mark.parametrize("smoother", [Butterworth(), Spline(GCV())], ids=["butterworth", "gcv"])
+def test_another_smoother_is_used_until_the_degree_changes(smoother: Butterworth | Spline) -> None:
+    on = bench(recipe=Recipe(smoother))
+    assert not on.has_degree
+    assert on.smoother is smoother
+    q = on.smooth(on.start, "log 1", JOINTS[0])
+    np.testing.assert_array_equal(q.q, smoother(on.logs["train"]["log 1"]).q[:, 0])
+    assert q.degree == pytest.approx(on.start.degree[0], abs=0.01)
+    assert differing(on.fit(on.start), on.identification.estimate.value) < 3.0
+    tuned = on.recipe(on.start.with_degree(0.5, 1)).smoother
+    assert isinstance(tuned, Spline)
+    assert isinstance(tuned.factor, dict)
+    assert tuned.factor[JOINTS[1]] == pytest.approx(10**0.25)
+
+
+def test_the_noise_that_is_given_stays(arm: Bench) -> None:
+    given = Spline(sigma=dict.fromkeys(JOINTS, 0.0002), ends=9.0, factor=2.0)
+    on = bench(recipe=Recipe(given))
+    assert on.recipe(on.start.with_degree(1.0)).smoother == replace(given, factor=10**0.5)
+    assert on.smooth(on.start, "log 1", JOINTS[0]).noise == 2e-4
+    assert on.has_degree
+
+
+def test_a_model_of_the_gallery_has_no_terms_to_switch() -> None:
+    model = slider()
+    theta = np.array([5.0, 8.0, 3.0, 0.5])
+    given = logs(recording(3, 5.0, model=model, theta=theta))
+    found = bench(given, model=model).identification
+    on = Bench.of(model, given, found, switchable=False)
+    assert on.kinds == ()
+    assert on.start.terms == ((),)
+    assert on.fit(on.start.with_degree(0.3)).names == model.names
+    assert on.fit(on.start).held_out() == {}
+    with pytest.raises(ConfigError, match="no kind of terms"):
+        on.fit(on.start.with_terms(0, ("coulomb",)))
+
+
+def test_a_joint_that_was_never_recorded_and_wrong_samples() -> None:
+    given = []
+    for seed in (1, 2):
+        log = recording(seed)
+        tau, q = log.tau.copy(), log.q.copy()
+        tau[:, 1] = 0.0
+        tau[500, 0] += 80.0
+        q[900, 2] += 0.4
+        given.append(replace(log, tau=tau, q=q))
+    on = bench(logs(given[0], held=(given[1],)))
+    quick = on.fit(on.start)
+    assert differing(quick, on.identification.estimate.value) < 3.0
+    assert quick.factors.rows[1] == 0
+    assert not quick.logs["log 1"].fitted_mask[500, 0]
+    assert np.isnan(quick.logs["log 2"].by_joint[JOINTS[1]])
+    seen = on.smooth(on.start, "log 1", JOINTS[2])
+    assert np.flatnonzero(seen.outlier).tolist() == [900]
+    assert np.abs(seen.residual).max() < 0.01
+    for change in (CHANGES["fewer terms"], CHANGES["more terms"]):
+        tuning = change(on.start)
+        assert differing(on.fit(tuning), identified(on, tuning).estimate.value) < 3.0
+
+
+def test_rests_and_several_logs() -> None:
+    log = recording(1)
+    still = np.repeat(log.q[:1], 600, axis=0) + 2e-4 * np.random.default_rng(0).standard_normal((600, 3))
+    held = np.repeat(log.tau[:1], 600, axis=0) + 0.05 * np.random.default_rng(1).standard_normal((600, 3))
+    t = np.arange(600 + len(log)) / 200.0
+    rested = replace(log, t=t, q=np.concatenate([still, log.q]), tau=np.concatenate([held, log.tau]))
+    on = bench(logs(rested, recording(2), recording(3, 2.0)))
+    assert on.smooth(on.start, "log 1", JOINTS[0]).t[0] > 1.0
+    tuning = on.start.with_degree(0.2)
+    assert differing(on.fit(tuning), identified(on, tuning).estimate.value) < 3.0
+
+
+def test_the_consistent_fit_keeps_what_was_chosen_of_it() -> None:
+    on = bench(recipe=Recipe(Spline(), PhysicallyConsistent(bounds={"Fv_shoulder": (0.1, 2.0)})))
+    assert on.estimators == ("consistent", "least_squares")
+    estimator = on.recipe(on.start.with_degree(0.4)).estimator
+    assert isinstance(estimator, PhysicallyConsistent)
+    assert estimator.strength != "auto"
+    assert isinstance(on.recipe(replace(on.start, estimator="least_squares")).estimator, LeastSquares)
+    with pytest.raises(ConfigError, match="no parameter 'Fv_shoulder'"):
+        on.fit(on.start.with_terms(0, ("coulomb",)))
+    assert MODEL.names == on.fit(on.start).names
+    assert THETA.shape == on.fit(on.start).value.shape
+
+
+def test_an_estimator_that_takes_long_has_a_substitute() -> None:
+    given = logs(recording(1, 2.0))
+    on = bench(given)
+    slow = replace(on, estimators_by_kind={"MaximumLikelihood": MaximumLikelihood(), **on.estimators_by_kind})
+    quick = slow.fit(replace(slow.start, estimator="MaximumLikelihood"))
+    assert not quick.exact
+    assert quick.cross_validated == pytest.approx(on.fit(on.start).cross_validated)
+
+
+def test_what_cannot_be_smoothed_so_is_said_and_does_no_harm(arm: Bench) -> None:
+    on = bench(logs(recording(1), recording(2, 1.0)))
+    with pytest.raises(InputError, match=r"log 2: .* too short"):
+        on.fit(on.start.with_degree(5.0))
+    assert on.fit(on.start).logs.keys() == {"log 1", "log 2"}
+    with pytest.raises(InputError, match=r"log 2: no usable sample is left; exclude less"):
+        arm.fit(arm.start.exclude("log 2", 0.0, 9.0))
+    for stop in (7.75, 9.0):
+        with pytest.raises(InputError, match=r"too few for 39 parameters; exclude less"):
+            arm.fit(arm.start.exclude("log 1", 0.0, stop))

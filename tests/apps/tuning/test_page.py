@@ -1,0 +1,123 @@
+"""Answers follow from the address alone; what is wrong is said in words."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("dash")
+
+from dynident.apps.tuning import Bench, readout
+from dynident.apps.tuning import answers as module
+from dynident.apps.tuning.answers import Page
+from dynident.apps.tuning.app import make_app
+from dynident.apps.tuning.session import Session, WholeRuns
+
+
+@pytest.fixture
+def session(validated_arm: Bench) -> Session:
+    """A session whose logs were read."""
+    faults: list[str] = []
+    one = Session(Path("arm.yaml"), faults.append)
+    one.bench, one.runs = validated_arm, WholeRuns(validated_arm.identify)
+    one.files = [(SimpleNamespace(), validated_arm.start)]  # type: ignore[list-item]  # no file is written here
+    return one
+
+
+def words(component: Any) -> str:
+    """Return a component as the page gets it."""
+    return json.dumps(component, default=lambda one: one.to_plotly_json(), ensure_ascii=False)
+
+
+def test_curves_follow_the_degree_and_not_the_setting(session: Session) -> None:
+    page = Page(session)
+    start = page.curves({"search": "", "fine": True})
+    moved = page.curves({"search": "", "degree": 2.0})
+    assert start["degree"] == "S/n = 2.25"
+    assert moved["degree"] == "S/n = 100"
+    assert "S/n = 2.2" in start["words"]
+    assert "residual" in start
+    assert "residual" not in moved
+    assert len(moved["motion"]["data"]) == len(start["motion"]["data"]) == 5
+    wrong = page.curves({"search": "?degree=x"})
+    assert wrong == {"words": "address: degree is 'x'; give a number.", "wrong": True}
+
+
+def test_acts_are_of_the_setting_that_they_are_sent_with(session: Session) -> None:
+    page = Page(session)
+    first = page.act({"search": "", "control": "reach:one"})
+    assert first == {"search": "?only_this_joint=yes", "words": ""}
+    second = page.act({"search": first["search"], "control": "degree", "value": 1.0})
+    assert second["search"].startswith("?degree.")
+    assert page.act({"search": "", "control": "min_speed", "value": 0.0}) == {"search": "", "words": ""}
+    wrong = page.act({"search": "?degree=1", "control": "degree", "value": 99})
+    assert wrong["search"] == "?degree=1"
+    assert "from -6 to 6" in wrong["words"]
+    assert page.act({"search": "?degree=x", "control": "reset"}) == {"search": "", "words": ""}
+
+
+def test_the_fit_is_shown_beside_that_of_the_last_setting(session: Session) -> None:
+    page = Page(session)
+    numbers, errors, changed, parameters, last, wrong, state = page.fit("", None, "tab")
+    assert (last, wrong) == ({"now": "", "before": None}, "")
+    assert "quick fit in" in state
+    assert "Nothing was set yet" in words(changed)
+    assert "held out" in words(errors)
+    *_, last, _, _ = page.fit("?degree=2.0", last, "tab")
+    assert last == {"now": "?degree=2.0", "before": ""}
+    shown = page.fit("?degree=2.0", last, "tab")  # after a reload
+    assert shown[4] == last
+    assert "S/n = 2.25" in words(shown[2])
+    assert any(sign in words(shown[0]) for sign in "▼▲")
+    assert words(parameters) != words(shown[3])
+    assert page.fit("?degree=x", last, "tab")[5] == "address: degree is 'x'; give a number."
+    assert "make it one of training, too" in words(numbers)  # a held-out error by which settings are chosen
+    assert "faster estimator" not in words(numbers)
+    fast = replace(page.bench.fit(page.bench.start), exact=False)
+    assert "a faster estimator, in place of the one that is chosen" in words(readout.numbers(fast, None))
+
+
+def test_a_whole_identification_begins_when_a_person_pauses(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = Page(session)
+    monkeypatch.setattr(module, "ctx", SimpleNamespace(triggered_id="rested"))
+    assert session.runs is not None
+    shown, _, disabled = page.verdict({}, None, "?degree=0.5", "tab", None)
+    assert not disabled
+    assert "whole identification runs" in words(shown)
+    monkeypatch.setattr(module, "ctx", SimpleNamespace(triggered_id="tick"))
+    with session.runs._changed:
+        assert session.runs._changed.wait_for(lambda: session.runs._ended, 20)
+    shown, parameters, disabled = page.verdict({}, 1, "?degree=0.5", "tab", None)
+    assert disabled
+    assert "Verdict" in words(shown)
+    assert "value ± 95 %" in words(parameters)
+
+
+def test_the_application_answers_and_escapes(session: Session) -> None:
+    app = make_app(session, "secret")
+    client = app.server.test_client()
+    index = client.get("/secret/").get_data(as_text=True)
+    assert '<html lang="en">' in index
+    assert "http://" not in index.replace("http://www.w3.org", "")
+    assert "https://" not in index
+    assert "--ink" in client.get("/secret/page.css").get_data(as_text=True)
+    assert client.get("/secret/alive").status_code == 204
+    layout = client.get("/secret/_dash-layout").get_json()
+    assert "Degree of smoothing, S/n" in json.dumps(layout)
+    found = client.post("/secret/act", json={"search": "", "control": "degree", "value": 1.0}).get_json()
+    assert found == {"search": "?degree=1.0", "words": ""}
+    assert client.post("/secret/act", data="no").status_code == 415
+    for nonsense in ("[" * 100_000, "{no"):
+        answer = client.post("/secret/act", data=nonsense, content_type="application/json")
+        assert answer.status_code in (400, 500)
+        assert answer.get_data(as_text=True).endswith(".")
+    assert client.post("/secret/_dash-update-component", json={}).status_code == 500
+    assert client.get("/secret/_dash-component-suites/dash/../../etc/passwd").status_code != 200
+    assert "there is no control 'None'" in client.post("/secret/act", json=[]).get_json()["words"]
+    session.bench = None
+    assert client.post("/secret/act", json={}).get_json()["words"] == "The logs are still being read."

@@ -1,0 +1,54 @@
+"""Terms switched on and off, joint by joint."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.apps.tuning.switches import Switches
+from dynident.models import CoupledMotor, Model, RigidBodies, Term
+from dynident.models.friction import Coulomb, Offset, Stribeck, Viscous
+from dynident.runtime import ModelError
+from tests.apps.tuning.arms import BODIES, JOINTS
+
+MOTOR = CoupledMotor(BODIES.joints, {"shoulder": 1.0, "twist": -1.0}, name="m")
+GIVEN = Model((BODIES, Viscous(BODIES.joints, names=("a", "b", "c")), Coulomb(BODIES.joints, width=0.02), MOTOR))
+OFFERED: tuple[dict[str, tuple[Term, ...]], ...] = (
+    {},
+    {"stribeck": (Stribeck(BODIES.joints, on=("rail",), velocity=0.1),)},
+    {"offset": (Offset(BODIES.joints, on=("twist",)),)},
+)
+
+
+def switches() -> Switches:
+    viscous, coulomb = Viscous(BODIES.joints), Coulomb(BODIES.joints, width=0.02)
+    own = ({"viscous": (viscous.for_joint(name),), "coulomb": (coulomb.for_joint(name),)} for name in JOINTS)
+    return Switches(GIVEN, tuple(own), OFFERED)
+
+
+def test_what_is_not_changed_stays_as_it_was_written() -> None:
+    made = switches()
+    assert made.terms(made.start) == (GIVEN.terms[1], GIVEN.terms[2])
+    backwards = tuple(tuple(reversed(one)) for one in made.start)
+    assert made.with_terms(backwards).terms == GIVEN.terms
+
+
+def test_kinds_are_switched_joint_by_joint() -> None:
+    made = switches()
+    bodies, *terms, motor = made.with_terms((("viscous",), ("stribeck", "viscous"), ("coulomb", "offset"))).terms
+    assert isinstance(bodies, RigidBodies)
+    assert motor == MOTOR
+    on = {type(one).__name__: one.acts_on for one in terms if isinstance(one, Viscous | Coulomb | Stribeck | Offset)}
+    assert on == {"Viscous": ("shoulder", "rail"), "Stribeck": ("rail",), "Coulomb": ("twist",), "Offset": ("twist",)}
+    (coulomb,) = (one for one in terms if isinstance(one, Coulomb))
+    assert coulomb.constant("width", "twist") == 0.02
+    assert made.kinds == ("viscous", "coulomb", "stribeck", "offset")
+    assert len(made.superset.names) == len(BODIES.parameters) + len(MOTOR.parameters) + 8
+    with pytest.raises(ModelError, match="shoulder: there is no term of kind 'stribeck'"):
+        made.with_terms((("stribeck",), (), ()))
+
+
+def test_without_offers_nothing_can_be_switched() -> None:
+    made = Switches.of(GIVEN, None)
+    assert made.kinds == ()
+    assert made.with_terms(made.start) is GIVEN
+    assert made.superset is GIVEN

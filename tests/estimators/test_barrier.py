@@ -1,0 +1,95 @@
+"""The barrier: its derivatives, Newton's method inside of it, and matrices along some directions only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.estimators import Barrier, PenalisedQuadratic, PsdConstraint
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def test_derivatives(rng: np.random.Generator) -> None:
+    half = rng.standard_normal((3, 2, 2, 4))
+    slopes = half + half.swapaxes(1, 2)
+    slopes[..., 0] = np.eye(2)
+    barrier = Barrier((PsdConstraint(slopes, slopes @ np.array([9.0, 0, 0, 0])),), 0.5)
+    theta = np.array([9.0, 0.3, -0.2, 0.1])
+    assert barrier.is_inside(theta)
+    assert not barrier.is_inside(-theta)
+    gradient, hessian = barrier.derivatives(theta)
+    for k, e in enumerate(1e-5 * np.eye(4)):
+        change = barrier.value(theta + e) - barrier.value(theta - e)
+        assert change / 2e-5 == pytest.approx(gradient[k], rel=1e-5, abs=1e-8)
+        up, down = barrier.derivatives(theta + e)[0], barrier.derivatives(theta - e)[0]
+        np.testing.assert_allclose((up - down) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
+
+
+def test_steps_end_at_the_minimum_inside(rng: np.random.Generator) -> None:
+    """From near the boundary, pulled far beyond it: the gradient along the directions vanishes."""
+    rows = np.eye(4)[:, None, None, :]
+    barrier = Barrier(tuple(PsdConstraint(row[None]) for row in rows), 1e-3)
+    half, theta = rng.standard_normal((6, 4)), np.array([1e-7, 1.0, 1e-3, 2.0])
+    H, g = half.T @ half, 100 * rng.standard_normal(4)
+    ways = np.eye(4)[:, :3]
+    step = ways @ barrier.restrict(theta, ways).minimum(ways.T @ H @ ways, ways.T @ g, 1e-12)
+    assert barrier.is_inside(theta + step)
+    left = (g - H @ step - barrier.derivatives(theta + step)[0])[:3] * (theta + step)[:3]
+    np.testing.assert_allclose(left, 0.0, atol=1e-5)
+
+
+def random_demand(rng: np.random.Generator) -> PsdConstraint:
+    """Return a demand on three matrices (2, 2) of four numbers, met at (9, 0, 0, 0)."""
+    half = rng.standard_normal((3, 2, 2, 4))
+    slopes = half + half.swapaxes(1, 2)
+    slopes[..., 0] = np.eye(2)
+    return PsdConstraint(slopes, offset=0.5 * np.eye(2) + np.zeros((3, 2, 2)))
+
+
+def test_along_directions_it_is_the_same_barrier(rng: np.random.Generator) -> None:
+    one, number = random_demand(rng), PsdConstraint(np.eye(4)[:1].reshape(1, 1, 1, 4))
+    origin, directions = np.array([9.0, 0.1, 0.2, 0.3]), rng.standard_normal((4, 2))
+    whole = Barrier((one, number), 0.3)
+    along = whole.restrict(origin, directions)
+    y = np.array([0.1, -0.2])
+    assert along.value(y) == pytest.approx(whole.value(origin + directions @ y), rel=1e-12)
+    gradient, hessian = whole.derivatives(origin + directions @ y)
+    np.testing.assert_allclose(along.derivatives(y)[0], gradient @ directions, rtol=1e-10)
+    np.testing.assert_allclose(along.derivatives(y)[1], directions.T @ hessian @ directions, rtol=1e-10)
+    assert along.degree == 7
+    assert along.value(y, 0.6) == pytest.approx(2 * along.value(y))
+
+
+def test_outside_it_is_infinite_and_has_no_slopes(rng: np.random.Generator) -> None:
+    barrier = Barrier((random_demand(rng),))
+    outside = np.array([-9.0, 0, 0, 0])
+    assert barrier.value(outside) == np.inf
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        barrier.derivatives(outside)
+
+
+def test_several_barriers_are_settled_together(rng: np.random.Generator) -> None:
+    """One is part of the objective, the other keeps inside: where the method ends, all slopes cancel."""
+    kept, edge = Barrier((random_demand(rng),), 1.0), Barrier((PsdConstraint(np.eye(4)[3].reshape(1, 1, 1, 4)),))
+    origin, g = np.array([9.0, 0.1, 0.1, 1.0]), np.array([0.0, 1.0, -1.0, -30.0])
+    near = [one.restrict(origin, np.eye(4)) for one in (kept, edge)]
+    task = PenalisedQuadratic(np.eye(4), g, ((near[0], 1.0), (near[1], 1e-2)))
+    d, fall = task.minimise(np.zeros(4), 1e-12)
+    assert fall < 1e-12
+    slope = d - g + kept.derivatives(origin + d)[0] + edge.derivatives(origin + d, 1e-2)[0]
+    np.testing.assert_allclose(slope, 0.0, atol=1e-6)
+    assert 0 < (origin + d)[3] < 1e-2
+
+
+def test_what_acts_on_a_matrix_with_a_centre_is_bound_and_all_else_is_not() -> None:
+    matrix = np.zeros((2, 2, 2, 4))
+    matrix[0, 0, 0, 0] = matrix[1, 0, 1, 2] = matrix[1, 1, 0, 2] = 1.0
+    number = np.zeros((1, 1, 1, 4))
+    number[..., 1] = 1.0
+    drawn = PsdConstraint(matrix, centre=np.eye(2) + np.zeros((2, 2, 2)))
+    assert Barrier((drawn, PsdConstraint(number))).centred_components.tolist() == [True, False, True, False]
+    assert Barrier((PsdConstraint(matrix), PsdConstraint(number))).centred_components.tolist() == [False]

@@ -1,0 +1,122 @@
+"""Conic programs against optima known by hand, and what is said of those that have none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators import (
+    BodyConstraint,
+    Constraints,
+    PsdConstraint,
+    centre_of_mass_limit,
+    interval_limit,
+    total_mass_limit,
+)
+from dynident.estimators.cone import minimise, nearest_feasible
+from dynident.models import Parameter
+from dynident.runtime import ConfigError, ModelError
+
+XYZ = tuple(Parameter(name, "") for name in "xyz")
+HESSIAN = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 4.0]])
+COST = np.array([-1.0, -2.0, 8.0])
+ZERO, WHOLE = np.zeros(3), np.eye(3)
+
+
+def test_without_constraints_the_gradient_is_zero() -> None:
+    found = minimise(HESSIAN, COST, Constraints(), ZERO, WHOLE)
+    np.testing.assert_allclose(found.point, np.linalg.solve(HESSIAN, -COST), atol=1e-7)
+    assert found.is_optimal
+    assert max(found.stationarity, found.gap) < 1e-7
+
+
+def test_limits_hold_where_they_act_and_only_there() -> None:
+    """x >= 1, y = 0.5, z <= 5: the first two act, and z is free at -2."""
+    limit = interval_limit("bounds", XYZ, {0: (1.0, None), 1: (0.5, 0.5), 2: (None, 5.0)})
+    found = minimise(HESSIAN, COST, Constraints((limit,)), ZERO, WHOLE)
+    np.testing.assert_allclose(found.point, [1.0, 0.5, -2.0], atol=1e-6)
+    assert found.is_optimal
+    assert found.stationarity < 1e-7
+    assert found.gap < 1e-7
+    shifted = minimise(HESSIAN, COST, Constraints((limit,)), np.array([-2.0, 0.5, 1.0]), np.diag([2.0, 1.0, 1.0]))
+    np.testing.assert_allclose(shifted.point[:2], [1.5, 0.0], atol=1e-6)
+
+
+def test_the_optimality_conditions_are_relative_and_both_count() -> None:
+    found = minimise(HESSIAN, COST, Constraints(), ZERO, WHOLE)
+    assert replace(found, stationarity=0.9e-5, gap=0.9e-5).is_optimal
+    assert not replace(found, stationarity=1.1e-5).is_optimal
+    assert not replace(found, gap=1.1e-5).is_optimal
+
+
+def test_constraints_that_contradict_each_other_are_named_and_no_others() -> None:
+    limits = (
+        interval_limit("bounds", XYZ, {0: (3.0, None), 2: (0.0, None)}),
+        interval_limit("others", XYZ, {0: (None, 1.0), 1: (0.0, None)}),
+    )
+    with pytest.raises(ConfigError, match=r"contradict each other: x >= 3; x <= 1\. Relax or drop"):
+        minimise(HESSIAN, COST, Constraints(limits), ZERO, WHOLE)
+
+
+def test_a_matrix_must_stay_positive() -> None:
+    """[[x, 1], [1, y]] with the least x + y is [[1, 1], [1, 1]]."""
+    slopes = np.zeros((1, 2, 2, 3))
+    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = 1.0
+    held = PsdConstraint(slopes, offset=np.array([[[0.0, 1.0], [1.0, 0.0]]]))
+    found = minimise(np.diag([0.0, 0.0, 1.0]), np.array([1.0, 1.0, 0.0]), Constraints(matrices=(held,)), ZERO, WHOLE)
+    np.testing.assert_allclose(found.point, [1.0, 1.0, 0.0], atol=1e-4)
+
+
+def test_the_nearest_feasible_point_keeps_the_slack() -> None:
+    """The eigenvalue that is negative is lifted to the slack, the others stay."""
+    slopes = np.zeros((1, 2, 2, 3))
+    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = 1.0
+    found = nearest_feasible(np.array([2.0, -1.0, 7.0]), HESSIAN * np.eye(3), [slopes], [0.25])
+    np.testing.assert_allclose(found, [2.0, 0.25, 7.0], atol=1e-5)
+    never = np.zeros((1, 1, 1, 3))
+    with pytest.raises(ModelError, match="no parameters are physical"):
+        nearest_feasible(np.ones(3), np.eye(3), [slopes, never], [0.0, 0.5])
+
+
+def body(name: str, first: int) -> BodyConstraint:
+    return BodyConstraint(name, np.arange(first, first + 10), np.ones(4))
+
+
+def test_the_total_mass_is_that_of_all_bodies() -> None:
+    limit = total_mass_limit("total mass", (body("a", 0), body("b", 11)), 21, (2.0, 5.0))
+    masses = np.zeros(21)
+    masses[[0, 11]] = 1.5, 2.0
+    assert limit.rows.shape == (1, 21)
+    assert (limit.rows @ masses).tolist() == [3.5]
+    assert np.count_nonzero(limit.rows) == 2
+    assert (limit.lower.tolist(), limit.upper.tolist()) == ([2.0], [5.0])
+    assert limit.labels == ("the total mass >= 2 and the total mass <= 5",)
+
+
+def test_a_centre_of_mass_lies_in_its_box() -> None:
+    limit = centre_of_mass_limit(
+        "centre", (body("a", 0), body("b", 10)), 20, {"b": ((-0.1, -0.2, 0.3), (0.4, 0.5, 0.6))}
+    )
+    theta = np.zeros(20)
+    theta[10:14] = 2.0, *(2.0 * np.array([0.1, 0.2, 0.5]))
+    np.testing.assert_allclose(limit.rows @ theta / 2.0, [0.2, 0.4, 0.2, 0.3, 0.3, 0.1])
+    assert limit.violation(theta) <= 0
+    theta[13] = 2.0 * 0.61
+    assert limit.violation(theta) == pytest.approx(2.0 * 0.01)
+    assert limit.labels[0] == "centre of mass of b from -0.1 m along x"
+    assert limit.labels[-1] == "centre of mass of b to 0.6 m along z"
+    with pytest.raises(ConfigError, match="no body 'c' with ten inertial parameters"):
+        centre_of_mass_limit("centre", (body("a", 0),), 10, {"c": ((0, 0, 0), (1, 1, 1))})
+
+
+def test_the_nearest_feasible_point_is_the_same_in_any_units() -> None:
+    """[[x, z], [z, y]] must be positive; y is counted in units of 1e-5."""
+    slopes = np.zeros((1, 2, 2, 3))
+    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = slopes[0, 0, 1, 2] = slopes[0, 1, 0, 2] = 1.0
+    theta, unit = np.array([2.0, 1.0, 3.0]), np.array([1.0, 1e-5, 1.0])
+    plain = nearest_feasible(theta, HESSIAN, [slopes], [0.1])
+    found = nearest_feasible(theta / unit, HESSIAN * np.outer(unit, unit), [slopes * unit], [0.1])
+    np.testing.assert_allclose(found * unit, plain, rtol=1e-5)
+    assert np.linalg.eigvalsh(slopes @ plain)[0, 0] == pytest.approx(0.1, rel=1e-4)

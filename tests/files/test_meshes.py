@@ -1,0 +1,184 @@
+"""Meshes: where they are found, and how they are read."""
+
+import importlib.util
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.files import meshes as module
+from dynident.files.meshes import read_geometry, read_mesh, result_geometry
+from dynident.files.opener import refuse_inputs, watch_inputs
+from dynident.identification import SourceFile
+from dynident.models import Mesh, ShapeSource
+from dynident.models import lagrangian as gallery
+from dynident.runtime import ConfigError, InputError, ModelError
+from tests.apps.excitation.meshes import BENT, volume
+from tests.report.robots import identified
+from tests.robots import joint, link, urdf
+
+
+def stl(mesh, head=b"solid by a program that calls itself so"):
+    data = np.zeros(len(mesh.triangles), dtype=module.FACET)
+    data["corners"] = mesh.vertices[mesh.triangles]
+    return head.ljust(80) + len(data).to_bytes(4, "little") + data.tobytes()
+
+
+def text_stl(mesh):
+    corners = mesh.vertices[mesh.triangles]
+    facets = (
+        "facet normal 0 0 0\n outer loop\n"
+        + "".join(f"  vertex {x:g} {y:g} {z:g}\n" for x, y, z in triangle)
+        + " endloop\nendfacet\n"
+        for triangle in corners
+    )
+    return f"solid bent\n{''.join(facets)}endsolid bent\n".encode()
+
+
+def obj(mesh):
+    lines = ["# bent", "mtllib none.mtl", *(f"v {x:g} {y:g} {z:g}" for x, y, z in mesh.vertices), "vn 0 0 1"]
+    faces = [f"f {a + 1}/1/1 {b + 1}//1 {c - len(mesh.vertices)}" for a, b, c in mesh.triangles.tolist()]
+    return "\n".join([*lines, *faces]).encode()
+
+
+@pytest.mark.parametrize(("name", "make"), [("a.stl", stl), ("b.STL", text_stl), ("c.obj", obj)])
+def test_a_mesh_is_read_in_each_format(name, make, tmp_path) -> None:
+    path = tmp_path / name
+    path.write_bytes(make(BENT))
+    found = read_mesh(path)
+    assert found.triangles.shape == BENT.triangles.shape
+    assert found.vertices[found.triangles] == pytest.approx(BENT.vertices[BENT.triangles], abs=1e-6)
+    assert len(found.vertices) == len(np.unique(BENT.vertices, axis=0)) or name == "c.obj"
+
+
+def test_a_polygon_is_a_fan_of_triangles(tmp_path) -> None:
+    path = tmp_path / "square.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    assert read_mesh(path).triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "what"),
+    [
+        ("a.stl", b"solid nothing\nendsolid\n", "has no triangles"),
+        ("a.stl", b"", "has no triangles"),
+        ("a.stl", stl(BENT)[:-60], "has no triangles|cut off"),
+        ("a.stl", text_stl(BENT).replace(b"vertex", b"vortex", 1), "cut off, or no STL"),
+        ("a.stl", b"solid x\nfacet\nvertex 0 zero 0\n", "does not have three numbers"),
+        ("a.stl", text_stl(BENT).replace(b"vertex 0 0 0", b"vertex 0 0 inf", 1), "finite"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "a corner that the file does not have"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "'x' is no number of a corner"),
+        ("a.obj", b"v 0 0\n", "does not have three numbers"),
+    ],
+)
+def test_a_file_that_is_no_mesh_is_refused(name, data, what, tmp_path) -> None:
+    path = tmp_path / name
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=what):
+        read_mesh(path)
+
+
+def test_formats_of_others_need_coal(tmp_path, monkeypatch) -> None:
+    path = tmp_path / "a.dae"
+    path.write_text("<COLLADA/>")
+    monkeypatch.setattr(module.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"\.dae needs Coal; .*install.* pin"):
+        read_mesh(path)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("coal") is None, reason="Coal is not installed: nothing reads Collada")
+def test_coal_reads_other_formats(tmp_path) -> None:
+    path = tmp_path / "a.ply"
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(BENT.vertices)}\nproperty float x\nproperty float y\n"
+    head += (
+        f"property float z\nelement face {len(BENT.triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = [" ".join(map(str, row)) for row in BENT.vertices] + [
+        "3 " + " ".join(map(str, row)) for row in BENT.triangles
+    ]
+    path.write_text(head + "\n".join(rows) + "\n")
+    found = read_mesh(path)
+    assert abs(volume(found)) == pytest.approx(volume(BENT), rel=1e-6)
+    path.write_text("no mesh")
+    with pytest.raises(InputError, match="cannot be read as a mesh"):
+        read_mesh(path)
+
+
+def robot(name):
+    part = f'<collision><geometry><mesh filename="{name}"/></geometry></collision></link>'
+    return urdf(link("base"), link("arm", 1.0).replace("</link>", part), joint("one", "revolute", "base", "arm"))
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("meshes/arm.stl", "robots/urdf/meshes/arm.stl"),
+        ("../meshes/arm.stl", "robots/meshes/arm.stl"),
+        ("package://robots/meshes/arm.stl", "robots/meshes/arm.stl"),
+        ("package://other/meshes/arm.stl", "other/meshes/arm.stl"),
+        ("model://other/meshes/arm%20one.stl", "other/meshes/arm one.stl"),
+        ("package://copied/meshes/arm.stl", "robots/urdf/meshes/arm.stl"),
+        ("package://given/meshes/arm.stl", "elsewhere/given/meshes/arm.stl"),
+        ("package://elsewhere/meshes/arm.stl", "elsewhere/meshes/arm.stl"),
+        ("package://ros/meshes/arm.stl", "environment/ros/meshes/arm.stl"),
+        ("package://ament/meshes/arm.stl", "environment/share/ament/meshes/arm.stl"),
+        ("file://{here}/arm.stl", "arm.stl"),
+    ],
+)
+def test_a_mesh_is_found_where_robots_keep_it(name, place, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "environment"))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "environment"))
+    name, path, mesh = (
+        name.replace("{here}", str(tmp_path)),
+        tmp_path / "robots" / "urdf" / "arm.urdf",
+        tmp_path / place,
+    )
+    for one in (path, mesh):
+        one.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(robot(name))
+    mesh.write_bytes(stl(BENT))
+    with watch_inputs():
+        found = read_geometry(dy.RigidBodies(path.read_text()), path, [tmp_path / "elsewhere"])
+        with pytest.raises(ConfigError, match="this run reads it"):
+            refuse_inputs(mesh)
+    assert found.missing == {}
+    assert found.sources == {0: ShapeSource.COLLISION}
+
+
+@pytest.mark.parametrize("name", ["package://nowhere/arm.stl", "lost.stl", "https://example.org/arm.stl"])
+def test_a_mesh_that_is_not_there_is_said(name, tmp_path) -> None:
+    path = tmp_path / "arm.urdf"
+    found = read_geometry(dy.RigidBodies(robot(name)), path)
+    assert found.missing == {name: "there is no such file."}
+    assert found.sources == {0: ShapeSource.JOINTS}
+
+
+def test_a_mesh_in_millimetres_is_refused(tmp_path) -> None:
+    (tmp_path / "arm.stl").write_bytes(stl(Mesh(1e3 * BENT.vertices, BENT.triangles)))
+    with pytest.raises(ModelError, match=r"link 'arm': its mesh is 1000 m large; give it a scale, such as '0.001 "):
+        read_geometry(dy.RigidBodies(robot("arm.stl")), tmp_path / "arm.urdf")
+    scaled = robot("arm.stl").replace('filename="', 'scale="0.001 0.001 0.001" filename="')
+    assert read_geometry(dy.RigidBodies(scaled), tmp_path / "arm.urdf").sources == {0: ShapeSource.COLLISION}
+
+
+def test_a_mesh_that_is_broken_is_said(tmp_path) -> None:
+    (tmp_path / "arm.stl").write_bytes(b"solid")
+    found = read_geometry(dy.RigidBodies(robot("arm.stl")), tmp_path / "arm.urdf")
+    assert "has no triangles" in found.missing["arm.stl"]
+
+
+def test_the_shapes_of_a_result_are_sought_beside_its_robot_file(tmp_path) -> None:
+    found = identified()
+    assert list(result_geometry(found).missing) == ["missing.stl"]
+    (tmp_path / "missing.stl").write_bytes(stl(BENT))
+    beside = SourceFile(str(tmp_path / "tree.urdf"))
+    moved = replace(found, provenance=replace(found.provenance, model=beside))
+    geometry = result_geometry(moved)
+    assert geometry.missing == {}
+    assert geometry.sources[1] is ShapeSource.COLLISION
+    (tmp_path / "missing.stl").write_bytes(stl(Mesh(1000 * BENT.vertices, BENT.triangles)))
+    large = result_geometry(moved)  # in mm: a report does without
+    assert "give it a scale" in large.missing["tree.urdf"]
+    assert set(large.sources.values()) == {ShapeSource.JOINTS}
+    assert result_geometry(replace(found, model=gallery.slider())) is None

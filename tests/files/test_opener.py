@@ -1,0 +1,174 @@
+"""Only regular files are read, within a budget of memory; nothing else takes time or ends in a traceback."""
+
+from __future__ import annotations
+
+import ast
+import os
+import socket
+import time
+from pathlib import Path
+
+import pytest
+
+import dynident as dy
+from dynident.files.opener import content, open_input, real_path, refuse_inputs, set_memory, watch_inputs
+from dynident.files.results import read_table, write_text
+from dynident.files.tables import read_columns
+from dynident.project.config import read_config, robot_text
+from dynident.project.saved import load
+from dynident.runtime import MEMORY_VARIABLE, ConfigError, DynidentError, InputError, ModelError, memory_budget
+from tests.cli.commands import configure, run, write_log
+
+READERS = {
+    "yaml": read_config,
+    "urdf": lambda path: robot_text(Path(path)),
+    "json": load,
+    **dict.fromkeys(("csv", "parquet", "npz", "mat", "h5", "bag", "db3", "mcap"), read_columns),
+    "py": lambda path: dy.identify(f"{path}:arm", ()),
+}
+
+
+def odd(folder: Path, kind: str) -> dict[str, str]:
+    """Return paths by what is wrong with them."""
+    os.mkfifo(folder / f"pipe.{kind}")
+    (folder / f"loop.{kind}").symlink_to(f"loop.{kind}")
+    (folder / f"zero.{kind}").symlink_to("/dev/zero")
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind(str(folder / "s"))
+    (folder / f"socket.{kind}").symlink_to("s")
+    names = {name: str(folder / f"{name}.{kind}") for name in ("pipe", "loop", "zero", "socket", "missing")}
+    (folder / "file").write_text("")
+    return names | {
+        "long": str(folder / ("y" * 5000 + f".{kind}")),
+        "deep": str(folder / ("y/" * 2500 + f"x.{kind}")),
+        "nul": str(folder / f"a\0b.{kind}"),
+        "below a file": str(folder / "file" / f"a.{kind}"),
+    }
+
+
+OPENING = {"open", "read_bytes", "read_text", "fdopen", "loadmat", "genfromtxt", "fromfile"}
+ALLOWED = {
+    ("files/opener.py", "fdopen"),
+    ("files/opener.py", "open"),
+    ("files/folder.py", "open"),  # to write
+    ("files/folder.py", "fdopen"),
+    ("files/folder.py", "read_bytes"),  # the note of who holds a folder
+    ("runtime/jobs/cluster.py", "read_bytes"),  # the sources of the package itself
+    ("files/arrays.py", "open"),  # members of an archive that is open
+    ("files/text.py", "open"),  # the null device
+    ("cli/failures.py", "open"),  # the same
+    ("cli/options.py", "open"),  # a method, of the log that is written
+    ("files/results.py", "open"),  # to add to a log
+    ("cli/options.py", "read_text"),  # files of the package itself
+    ("apps/demo/files.py", "read_bytes"),
+    ("runtime/kernel/__init__.py", "read_bytes"),
+    ("runtime/kernel/__init__.py", "read_text"),
+    ("runtime/kernel/build.py", "read_bytes"),
+    ("runtime/kernel/build.py", "open"),  # to write
+    ("files/ros.py", "open"),  # a compressed stream of a file that is open
+}
+
+
+def test_files_are_opened_in_one_place() -> None:
+    root = Path(dy.__file__).parent
+    found = set()
+    for path in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") != "read_text":  # that of the opener
+                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                found |= {(path.relative_to(root).as_posix(), name)} if name in OPENING else set()
+    assert found <= ALLOWED, found - ALLOWED
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # the name of a socket must be short
+    for what, path in odd(Path(), kind).items():
+        start = time.process_time()
+        with pytest.raises(DynidentError) as raised:
+            READERS[kind](path)
+        assert time.process_time() - start < 5, what
+        assert len(str(raised.value)) < 1000, what
+        assert "\0" not in str(raised.value)
+        assert Path(path).stem[:50].replace("\0", "\\x00") in str(raised.value), what
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may search any folder")
+def test_a_folder_that_cannot_be_searched_is_named(tmp_path: Path) -> None:
+    (tmp_path / "closed").mkdir(0o600)
+    with pytest.raises(InputError, match="Permission denied"):
+        read_columns(tmp_path / "closed" / "a.csv")
+
+
+def test_a_link_to_a_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t\n1\n2\n")
+    (tmp_path / "b.csv").symlink_to("a.csv")
+    assert list(read_columns(tmp_path / "b.csv").column("t")) == [1, 2]
+
+
+def test_a_name_that_no_file_can_have_is_the_error_of_its_kind() -> None:
+    for error in (InputError, ConfigError, ModelError):
+        with pytest.raises(error, match="is no name of a file"):
+            real_path("a\0b", error)
+
+
+def test_the_budget_is_that_of_the_run_else_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(MEMORY_VARIABLE, raising=False)
+    assert memory_budget() == 4 * 10**9
+    monkeypatch.setenv(MEMORY_VARIABLE, "0.5")
+    assert memory_budget() == 5 * 10**8
+    with watch_inputs():
+        set_memory(2)
+        assert memory_budget() == 2 * 10**9
+        with watch_inputs():
+            assert memory_budget() == 2 * 10**9
+    assert memory_budget() == 5 * 10**8
+    for wrong in ("plenty", "0", "-1", "nan", "inf"):
+        monkeypatch.setenv(MEMORY_VARIABLE, wrong)
+        with pytest.raises(ConfigError, match=f"{MEMORY_VARIABLE} is '{wrong}'; give a positive number of GB"):
+            memory_budget()
+
+
+def test_a_file_beyond_the_budget_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with path.open("wb") as file:
+        file.truncate(10**12)  # takes no room on the disk
+    start = time.process_time()
+    for read in (read_columns, content):
+        with pytest.raises(InputError, match=r"more than the 4 GB that a file may take; raise this by --memory or DYN"):
+            read(path)
+    assert time.process_time() - start < 2
+    with pytest.raises(InputError, match="--memory"), open_input(path):
+        pass
+
+
+@pytest.mark.parametrize("words", [["--memory", "1e-4"], ["--memory", "0.2"]])
+def test_the_option_sets_the_budget_of_a_command(tmp_path: Path, words: list[str]) -> None:
+    write_log(tmp_path)
+    done = run("check", configure(tmp_path), *words)
+    assert ("raise this by --memory" in done.output.replace("\n", " ")) == (words[1] == "1e-4")
+
+
+def test_a_compressed_table_is_none(tmp_path: Path) -> None:
+    import gzip
+
+    (tmp_path / "t.csv").write_bytes(gzip.compress(b"1,2\n" * 1000))
+    with pytest.raises(InputError, match="is not a readable table"):
+        read_table(tmp_path / "t.csv")
+    with pytest.raises(InputError, match="is not a text but a binary file"):
+        read_columns(tmp_path / "t.csv")
+
+
+def test_a_device_is_not_written_over(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/null")):
+        with pytest.raises(InputError, match=r"is a (named pipe|device), and no file that can be replaced"):
+            write_text(path, "x")
+        with pytest.raises(InputError):
+            refuse_inputs(path)
+    assert Path("/dev/null").is_char_device()
+
+
+def test_a_folder_on_the_way_that_is_not_there_is_left_out(tmp_path: Path) -> None:
+    write_text(tmp_path / "x" / ".." / "y", "text")
+    assert [one.name for one in tmp_path.iterdir()] == ["y"]

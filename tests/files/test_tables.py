@@ -1,0 +1,279 @@
+"""Tables from files of all kinds: sound, damaged, and random."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dynident.files import tables
+from dynident.files.tables import DataTable, read_columns
+from dynident.runtime import DynidentError, InputError
+from tests.project.files import mat, npz, parquet, written
+
+TEXTS = {
+    "comma": ("t,q\n0,1.5\n1,-2e-3\n", {"t": [0, 1], "q": [1.5, -2e-3]}),
+    "semicolon": ("t;q\n0;1.5\n1;2\n", {"t": [0, 1], "q": [1.5, 2]}),
+    "tab": ("t\tq\n0\t1.5\n1\t2\n", {"t": [0, 1], "q": [1.5, 2]}),
+    "blanks": ("  t    q\n 0   1.5\n 1   2\n", {"t": [0, 1], "q": [1.5, 2]}),
+    "no header": ("0,1.5\n1,2\n", {"0": [0, 1], "1": [1.5, 2]}),
+    "one column": ("1.5\n2\n", {"0": [1.5, 2]}),
+    "decimal comma": ("t;q\n0,5;1,5\n1;-,25e1\n", {"t": [0.5, 1], "q": [1.5, -2.5]}),
+    "decimal comma with tabs": ("0,5\t1,5\n1\t2\n", {"0": [0.5, 1], "1": [1.5, 2]}),
+    "quotes": ('"t [s]","a, b"\n"0","1.5"\n', {"t [s]": [0], "a, b": [1.5]}),
+    "comments": ("# recorded\n# t q\n0 1\n% pause\n1 2\n", {"t": [0, 1], "q": [1, 2]}),
+    "blank lines, CRLF, byte order mark": ("\ufefft,q\r\n\r\n0,1\r\n", {"t": [0], "q": [1]}),
+    "a separator at the end": ("t,q,\n0,1,\n1,2,\n", {"t": [0, 1], "q": [1, 2]}),
+    "an unnamed first column": (",q\n0,1\n", {"0": [0], "q": [1]}),
+    "missing cells": ("t,q\n0,\n1,NaN\n2,NA\n3,inf\n", {"t": [0, 1, 2, 3], "q": [np.nan, np.nan, np.nan, np.inf]}),
+    "units below the names": (
+        "t;q;n\n[s];deg;-\n0;1.5;2\n1;2;3\n",
+        {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
+    ),
+    "an empty column": ("t,q\n0,\n1,\n", {"t": [0, 1], "q": [np.nan, np.nan]}),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), TEXTS.values(), ids=TEXTS)
+def test_texts_are_read(tmp_path, text, expected):
+    table = read_columns(written(tmp_path, "a.csv", text))
+    assert list(table.columns) == list(expected)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(table.column(name), values)
+        assert not table.column(name).flags.writeable
+
+
+def test_a_commented_header_holds_where_rows_have_texts(tmp_path):
+    table = read_columns(written(tmp_path, "a.csv", "%time,name0,q0,q1\n0,elbow,0.0,0.0\n1,elbow,0.5,0.1\n"))
+    assert list(table.columns) == ["time", "q0", "q1"]
+    assert "elbow" in table.faults["name0"]
+    assert dict(table.texts) == {"name0": "elbow"}
+    assert list(read_columns(written(tmp_path, "b.csv", "# a,b\nt,state\n0,up\n")).columns) == ["t"]
+
+
+def test_other_encodings_of_the_header_are_read(tmp_path):
+    assert "α" in read_columns(written(tmp_path, "a.txt", "t\tα\n0\t1\n".encode("utf-16"))).columns
+    assert "q [°]" in read_columns(written(tmp_path, "b.txt", "t;q [°]\n0;1\n".encode("latin-1"))).columns
+
+
+def test_one_number_a_line_is_reshaped(tmp_path):
+    table = read_columns(written(tmp_path, "a.txt", "1\n2\n3\n4\n5\n6\n"), width=3)
+    assert {name: list(column) for name, column in table.columns.items()} == {"0": [1, 4], "1": [2, 5], "2": [3, 6]}
+    assert table.place(1) == "line 4"
+
+
+BINARIES = {
+    ".npz": npz(t=np.arange(3), q=np.arange(6.0).reshape(3, 2), gain=2.5, odd=np.array(["a"]), deep=np.ones((2, 2, 2))),
+    ".mat": mat(t=np.arange(3), q=np.arange(6.0).reshape(3, 2), gain=2.5, odd="text", deep=np.ones((2, 2, 2))),
+    ".parquet": parquet(
+        t=[0, 1, 2], odd=["a", "b", "c"], deep=[[1], [2, 3], [3]], **{"q[0]": [0, 2, 4], "q[1]": [1, 3, 5]}
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BINARIES)
+def test_binary_files_are_read(tmp_path, kind):
+    table = read_columns(written(tmp_path, f"a{kind}", BINARIES[kind]))
+    assert {name: list(column) for name, column in table.columns.items()} == {
+        "t": [0, 1, 2],
+        "q[0]": [0, 2, 4],
+        "q[1]": [1, 3, 5],
+    }
+    assert dict(table.constants) == ({} if kind == ".parquet" else {"gain": 2.5})
+    for name in ("odd", "deep"):
+        with pytest.raises(InputError, match=f"column {name!r} (holds|has the shape)"):
+            table.column(name)
+
+
+@pytest.mark.parametrize("shape", [(1, 4), (4, 1)])
+def test_rows_and_columns_of_matlab_are_columns(tmp_path, shape):
+    path = written(tmp_path, "a.mat", mat(t=np.arange(4).reshape(shape)))
+    assert list(read_columns(path).column("t")) == [0, 1, 2, 3]
+
+
+def test_pickled_objects_are_not_loaded(tmp_path):
+    path = written(tmp_path, "a.npz", npz(t=np.arange(3), x=np.array([{}], dtype=object)))
+    with pytest.raises(InputError, match="column 'x' holds Python objects, which are not read"):
+        read_columns(path).column("x")
+
+
+DAMAGED = {
+    "empty": ("a.csv", b" \n", ("the file is empty",)),
+    "only comments": ("a.csv", b"# t\n", ("no numbers",)),
+    "only a header": ("a.csv", b"t,q\n", ("a header, but no row",)),
+    "cut off": ("a.csv", b"t,q,tau\n0,1,2\n1,2", ("line 3 has 2 fields where 3 are expected", "cut off: delete")),
+    "short row": ("a.csv", b"t,q\n0,1\n1\n2,3\n", ("line 3 has 1 field where 2", "Complete or delete")),
+    "decimal comma": ("a.csv", b"t,q\n0,5,1,5\n", ("line 2 has 4 fields where 2", "separate the columns with ';'")),
+    "both decimal marks": ("a.csv", b"t;q\n1,234;1.5\n", ("decimal comma and others a decimal point",)),
+    "binary": ("a.csv", b"t,q\n\0\1", ("not a text but a binary file",)),
+    "one name twice": ("a.csv", b"t,q,t\n0,1,2\n", ("columns 1 and 3 are both named 't'",)),
+    "extension": ("a.xlsx", b"PK", ("'.xlsx' cannot be read", "'.csv'", "'.mat'")),
+    "parquet": ("a.parquet", b"PAR1 nothing PAR1", ("not a readable .parquet file",)),
+    "npz": ("a.npz", b"PK nothing", ("not a readable .npz file",)),
+    "npz cut off": ("a.npz", npz(t=np.arange(100))[:300], ("not a readable .npz file",)),
+    "mat": ("a.mat", b"nothing of MATLAB" * 20, ("not a readable .mat file",)),
+    "mat 7.3": ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM", ("of version 7.3", "-v7")),
+}
+
+
+@pytest.mark.parametrize(("name", "data", "fragments"), DAMAGED.values(), ids=DAMAGED)
+def test_damaged_files_are_worded(tmp_path, name, data, fragments):
+    with pytest.raises(InputError) as caught:
+        read_columns(written(tmp_path, name, data))
+    assert all(fragment in str(caught.value) for fragment in (name, *fragments)), caught.value
+
+
+def test_a_missing_file_lists_its_neighbours(tmp_path):
+    written(tmp_path, "swing_1.csv", "1")
+    with pytest.raises(InputError, match=r"did you mean 'swing_1\.csv'"):
+        read_columns(tmp_path / "swing1.csv")
+    with pytest.raises(InputError, match="does not exist"):
+        read_columns(tmp_path / "lost" / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("data", "width", "fragment"),
+    [("1\n2\n3\n", 2, "3 numbers do not fill rows of 2"), ("1,2\n", 2, "has 2 columns; `width` is for files")],
+)
+def test_a_width_that_does_not_fit_is_worded(tmp_path, data, width, fragment):
+    with pytest.raises(InputError, match=fragment):
+        read_columns(written(tmp_path, "a.txt", data), width)
+
+
+def test_columns_and_scalars_are_matched_by_name():
+    table = DataTable({"q_meas": np.ones(2)}, {"gtau": 3.0, "bad": np.nan}, "a.mat", {"x": "is odd."})
+    assert table.constant("gtau") == 3
+    for read, fragment in (
+        (
+            lambda: table.column("q_mes", "position.a"),
+            r"a.mat: position.a: no column 'q_mes'; did you mean 'q_meas'\? Known: 'q_meas'",
+        ),
+        (lambda: table.column("gtau"), "'gtau' is a single number"),
+        (lambda: table.column("x"), "column 'x' is odd"),
+        (lambda: table.constant("gtua"), "no scalar 'gtua'; did you mean 'gtau'"),
+        (lambda: table.constant("bad"), "the scalar 'bad' is nan"),
+    ):
+        with pytest.raises(InputError, match=fragment):
+            read()
+
+
+FUZZ = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def reads_or_explains(path, width=None):
+    """Read a file; the only exceptions allowed are those meant for the user."""
+    with contextlib.suppress(DynidentError):
+        table = read_columns(path, width)
+        assert all(column.dtype == np.float64 and column.ndim == 1 for column in table.columns.values())
+
+
+@FUZZ
+@given(data=st.binary(max_size=300), kind=st.sampled_from([".csv", ".npz", ".mat", ".parquet", ".dat"]))
+def test_any_bytes_give_a_table_or_an_explanation(tmp_path, data, kind):
+    reads_or_explains(written(tmp_path, f"fuzz{kind}", data))
+
+
+@FUZZ
+@given(
+    text=st.text(max_size=200) | st.text(alphabet="0123456789.,;\t \n\r\"'eE+-#%nai_\ufeff", max_size=200),
+    width=st.none() | st.integers(1, 3),
+)
+def test_any_text_gives_a_table_or_an_explanation(tmp_path, text, width):
+    reads_or_explains(written(tmp_path, "fuzz.csv", text.encode("utf-8", "surrogatepass")), width)
+
+
+@FUZZ
+@given(
+    kind=st.sampled_from(list(BINARIES)),
+    place=st.floats(0, 1, exclude_max=True),
+    junk=st.binary(min_size=1, max_size=8),
+    cut=st.booleans(),
+)
+def test_damage_to_a_sound_file_is_explained(tmp_path, kind, place, junk, cut):
+    data = BINARIES[kind]
+    at = int(place * len(data))
+    reads_or_explains(written(tmp_path, f"fuzz{kind}", data[:at] + junk + (b"" if cut else data[at + len(junk) :])))
+
+
+def test_where_nothing_is_to_choose_from_none_is_offered(tmp_path):
+    with pytest.raises(InputError, match=r"there is no such file\.$"):
+        read_columns(tmp_path / "arm.csv")
+    with pytest.raises(InputError, match=r"not a ROS 2 bag; nor does it hold a file that can be read\.$"):
+        read_columns(tmp_path)
+    with pytest.raises(InputError, match=r"no scalar 'K'; there is none to choose from\.$"):
+        DataTable({"t": np.zeros(2)}, {}, "log.csv").constant("K")
+
+
+def test_too_little_memory_is_not_taken_for_damage(tmp_path, monkeypatch):
+    def read(*_):
+        raise MemoryError
+
+    (tmp_path / "log.csv").write_text("t\n1\n")
+    monkeypatch.setattr(tables, "parse_text", read)
+    with pytest.raises(MemoryError):
+        read_columns(tmp_path / "log.csv")
+
+
+def test_time_along_the_rows_is_seen_by_the_length_of_other_columns(tmp_path):
+    q = np.arange(12.0).reshape(2, 6)
+    np.savez(tmp_path / "a.npz", t=np.arange(6.0), q=q, square=np.eye(6), other=np.ones((2, 5)))
+    table = read_columns(tmp_path / "a.npz")
+    np.testing.assert_array_equal([table.columns["q[0]"], table.columns["q[1]"]], q)
+    assert "transpose" in table.faults["other"]
+    assert table.notes == table.guesses
+    assert table.guesses == (
+        "'q' has the shape (2, 6): it is read as 6 rows of 2 columns, as other columns have 6 values.",
+    )
+
+
+@pytest.mark.parametrize("shape", [(6, 300), (300, 6), (6, 1, 300), (1, 300, 6)])
+def test_without_a_column_of_time_the_far_longer_side_is_the_time(shape, tmp_path):
+    rows = np.arange(1800.0).reshape(300, 6)
+    whole = (rows if shape.index(300) < shape.index(6) else rows.T).reshape(shape)
+    np.savez(tmp_path / "a.npz", q=whole, mass=3.0)
+    table = read_columns(tmp_path / "a.npz")
+    np.testing.assert_array_equal(np.stack([table.columns[f"q[{k}]"] for k in range(6)], axis=1), rows)
+    assert bool(table.guesses) == (shape.index(6) < shape.index(300))
+
+
+def test_sides_of_about_one_length_are_not_guessed(tmp_path):
+    np.savez(tmp_path / "a.npz", q=np.ones((6, 40)))
+    assert "transpose" in read_columns(tmp_path / "a.npz").faults["q"]
+
+
+def test_a_vector_of_one_number_per_joint_says_nothing_of_the_time(tmp_path):
+    np.savez(tmp_path / "a.npz", t=np.arange(300.0), q=np.ones((6, 300)), gains=np.ones(6))
+    table = read_columns(tmp_path / "a.npz")
+    assert len(table.columns["q[5]"]) == 300
+    assert len(table.guesses) == 1
+
+
+def test_a_damaged_parquet_leaves_no_trace(tmp_path, capfd):
+    """Polars panics at some of these: the trace that Rust writes to file descriptor 2 by itself must not be seen."""
+    columns = {"a": np.arange(50.0), "b": np.arange(50), "c": [str(k % 3) for k in range(50)]}
+    sound, rng = parquet(**columns), np.random.default_rng(1)
+    for _ in range(600):
+        data = np.frombuffer(sound, np.uint8).copy()
+        data[rng.integers(4, len(data) - 8, 3)] = rng.integers(0, 256, 3)
+        with contextlib.suppress(InputError):
+            read_columns(written(tmp_path, "a.parquet", data.tobytes()))
+    os.write(2, b"end\n")
+    assert capfd.readouterr().err == "end\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.parquet", parquet(t=np.zeros(0), q=np.zeros(0)), "a.parquet: holds columns without rows"),
+        ("a.parquet", parquet(), "a.parquet: holds no columns"),
+        ("a.parquet", b"PAR1PAR1", r"a.parquet: is not a readable .parquet file \(ComputeError: "),
+        ("a.npz", npz(), "a.npz: holds no columns"),
+    ],
+)
+def test_tables_without_content_are_refused(tmp_path, name, data, words):
+    with pytest.raises(InputError, match=words):
+        read_columns(written(tmp_path, name, data))

@@ -1,0 +1,148 @@
+"""What could be reached: against least squares, with better sensors and longer records, for bodies, and its noise."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.estimators import LeastSquares
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.identification import CHANGES, AccuracyBound, Measure, Origin, Recipe, accuracy_bound, noise_of
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Viscous
+from dynident.models.lagrangian import pendulum
+from dynident.models.simulation import record, simulate
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline
+from dynident.runtime import ConfigError
+from tests.robots import ARM
+
+
+def swing(seed: int = 0, sigma_q: float = 1e-4, sigma_tau: float = 0.05) -> tuple[Model, Log]:
+    model, t = pendulum(), np.arange(1001) * 0.005
+    motion = simulate(model, model.values, lambda s: [np.sin(5 * s) + np.cos(2 * s)], t)
+    return model, record(motion, sigma_q, sigma_tau, np.random.default_rng(seed), f"swing {seed}").log
+
+
+@cache
+def arm() -> AccuracyBound:
+    bodies = RigidBodies(ARM)
+    model = Model((bodies, Viscous(bodies.joints)))
+    theta, t = np.array([1.0 if x.value is None else x.value for x in model.parameters]), np.arange(801) * 0.005
+    motion = simulate(
+        model, theta, lambda s: [8 * np.sin(3 * s), 12 * np.cos(5 * s), 0.6 * np.sin(4 * s)], t, tolerance=1e-8
+    )
+    log = record(motion, 1e-7, 0.02, np.random.default_rng(0), "arm").log
+    recipe = Recipe(Spline(sigma=1e-7), LeastSquares(weights="per_joint"))
+    sigma = accuracy_bound(model, [log], recipe).identification.estimate.residual.sigma  # that of its standard errors
+    return accuracy_bound(model, [log], recipe, sigma_tau=dict(zip(log.joints, sigma.tolist(), strict=True)))
+
+
+def test_a_record_of_known_motion_reaches_what_least_squares_says() -> None:
+    model, log = swing(sigma_q=1e-7)
+    found = accuracy_bound(model, [log])
+    np.testing.assert_allclose(found.std["now"], found.identification.estimate.std, rtol=0.02)
+    assert (found.position_share < 0.01).all()
+    assert found.alone.all()
+    assert found.names == model.names
+
+
+def test_what_is_bought() -> None:
+    model, log = swing(sigma_q=1e-3)
+    found = accuracy_bound(model, [log])
+    np.testing.assert_allclose(found.std["longer"], found.std["now"] / 2, rtol=1e-9)
+    np.testing.assert_allclose(found.std["twice"], found.std["now"] / np.sqrt(2), rtol=1e-9)
+    for change in CHANGES:
+        assert (found.std[change] <= found.std["now"] * (1 + 1e-9)).all()
+    assert (found.std["bit"] >= found.std["now"] / 2 * (1 - 1e-9)).all()  # half the noise cannot do more
+    assert (found.std["torque"] >= found.std["now"] / 10 * (1 - 1e-9)).all()
+    assert ((found.position_share > 0) & (found.position_share < 1)).all()
+    assert (found.inflation >= 1 - 1e-9).all()
+
+
+def test_two_logs_tell_as_much_as_one_twice_as_long() -> None:
+    model, log = swing()
+    one = accuracy_bound(model, [log], sigma_q=1e-4, sigma_tau=0.05)
+    two = accuracy_bound(model, {"a": log, "b": log}, sigma_q=1e-4, sigma_tau=0.05)
+    np.testing.assert_allclose(two.std["now"], one.std["twice"], rtol=1e-9)
+    assert two.samples == 2 * one.samples
+
+
+def test_a_robot_of_bodies_has_bounds_of_its_base_parameters() -> None:
+    found = arm()
+    basis = found.identification.base.on_data
+    assert basis is not None
+    assert found.names == basis.groupings
+    assert len(found.names) < len(found.identification.model.parameters)
+    assert not found.alone.all()
+    assert np.isfinite(found.std["now"]).all()
+    assert found.identification.errors.base_std is not None
+    # the motion is known but for the accelerations at both ends, which tell much of a few parameters here
+    ratio = found.identification.errors.base_std / found.std["now"]
+    assert (ratio < 1.01).all()
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_noise_of_the_sensors_is_found() -> None:
+    model, log = swing(sigma_q=1e-4, sigma_tau=0.05)
+    found = accuracy_bound(model, [log])
+    noise = noise_of(found.identification, [log], "sensor")
+    np.testing.assert_allclose(noise.q, 1e-4, rtol=0.15)
+    np.testing.assert_allclose(noise.tau, 0.05, rtol=0.15)
+    np.testing.assert_allclose(found.noise.tau, 0.05, rtol=0.15)
+    assert (noise.positions, noise.torques) == (Origin(Measure.SCATTER), Origin(Measure.SCATTER))
+    assert found.noise.torques == Origin(Measure.RESIDUAL)
+
+
+def test_an_encoder_is_no_better_than_its_step() -> None:
+    model, log = swing(sigma_q=1e-9)
+    step = 1e-3
+    coarse = Log(log.t, step * np.round(log.q / step), log.tau, log.joints)
+    assert accuracy_bound(model, [coarse], Recipe(Spline(sigma=None))).noise.q >= step / np.sqrt(12)
+
+
+def test_what_is_given_is_taken() -> None:
+    model, log = swing()
+    given = accuracy_bound(model, [log], Recipe(Spline(sigma=3e-4)), sigma_tau={model.joints[0].name: 0.2})
+    assert given.noise.q.tolist() == [3e-4]
+    assert given.noise.tau.tolist() == [0.2]
+    name = model.joints[0].name
+    assert {given.noise.positions, given.noise.torques} == {Origin(None, (name,))}
+    assert accuracy_bound(model, [log], Recipe(Spline(sigma=3e-4)), sigma_q=1e-4).noise.q.tolist() == [1e-4]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"sigma_q": {"elbw": 1.0}}, "sigma_q: there is no joint 'elbw'"),
+        ({"sigma_tau": 0.0}, "sigma_tau of .* is 0.0; give a positive number"),
+        ({"sigma_q": float("nan")}, "sigma_q of .* is nan"),
+    ],
+)
+def test_what_cannot_be_noise(options: dict, words: str) -> None:
+    model, log = swing()
+    with pytest.raises(ConfigError, match=words):
+        accuracy_bound(model, [log], **options)
+
+
+def test_maximum_likelihood_is_not_run_for_its_bound() -> None:
+    """The point about which the bound is taken is that of least squares."""
+    model, log = swing()
+    ours, plain = (accuracy_bound(model, [log], recipe) for recipe in (Recipe(estimator=MaximumLikelihood()), Recipe()))
+    np.testing.assert_array_equal(ours.value, plain.value)
+
+
+def test_what_the_record_does_not_show_is_infinite() -> None:
+    """A motion so small that the position noise hides its acceleration tells no inertia."""
+    model, t = pendulum(), np.arange(400) * 0.005
+    still = Log(t, 1e-12 * np.sin(t)[:, None], 1e-9 * np.cos(3 * t)[:, None], tuple(x.name for x in model.joints))
+    found = accuracy_bound(model, [still], sigma_q=1e-3, sigma_tau=0.1)
+    assert (found.relative > 1e3).all()
+
+
+def test_a_large_bound_is_shown_without_an_exponent() -> None:
+    """Two digits: 1042 % is about 1000 %."""
+    found = arm()
+    shown = repr(replace(found, value=found.std["now"] / 10.42))
+    assert shown.count(" 1000 %") == 3

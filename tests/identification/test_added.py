@@ -1,0 +1,64 @@
+"""What identification makes of a model whose terms are left to the data."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.checks import with_findings
+from dynident.estimators import PhysicallyConsistent
+from dynident.identification import Recipe, identify
+from dynident.identification.calibration import with_plain_terms
+from dynident.identification.terms import NotChosen
+from dynident.models import Model
+from dynident.models.friction import Dahl, Viscous
+from dynident.motion.log import Log
+from dynident.runtime import ConfigError
+from tests.identification.terms import simulated
+from tests.identification.terms.simulated import bodies, recorded
+
+
+def log(seed: int, source: str) -> Log:
+    motion = recorded(simulated.dahl, seed)
+    return Log(motion.t, motion.q, motion.tau, motion.joints, source)
+
+
+def test_the_plain_set_is_added_where_it_lacks() -> None:
+    names = with_plain_terms(Model((bodies(), Viscous(bodies().joints, on=("j2",))))).names
+    assert [name for name in names if name.startswith(("Ia", "Fv", "Fc", "off"))] == [
+        "Fv_j2", "Ia_j1", "Ia_j2", "Ia_j3", "Fv_j1", "Fv_j3", "Fc_j1", "Fc_j2", "Fc_j3",
+        "offset_j1", "offset_j2", "offset_j3",
+    ]  # fmt: skip
+
+
+def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
+    found = identify(Model((bodies(),)), [log(1, "train")], [log(5, "other")], Recipe(terms="auto"))
+    choice = found.calibration.terms
+    assert choice is not None
+    assert found.recipe.terms is None
+    assert "Dahl" in {type(one).__name__ for one in found.model.terms}
+    assert found.model.terms[1:] == choice.terms
+    before = identify(Model((bodies(),)).with_terms(Viscous(bodies().joints)), [log(1, "train")], [log(5, "other")])
+    error = [one.validations[1].errors.relative_error for one in (found, before)]
+    assert error[0] < 0.5 * error[1]
+
+
+def test_the_checks_take_terms_that_remember_and_were_named() -> None:
+    model = Model((bodies(), Dahl(bodies().joints, length=0.01)))
+    logs, recipe = {"train": {"train": log(1, "train")}, "validation": {}}, Recipe(terms="auto")
+    found = with_findings(identify(model, logs["train"], recipe=recipe), model, logs, recipe)
+    assert not [one for one in found.findings if isinstance(one.message, str)]  # what a stage failed with
+
+
+def test_bounds_of_parameters_that_are_not_chosen_are_ignored_and_said() -> None:
+    bounds = {"Fv_j1": (0.5, None), "Fc_j1": (None, 2.0), "fore.mass": (0.1, 5.0)}
+    recipe = Recipe(estimator=PhysicallyConsistent(bounds=bounds), terms="auto")
+    found = identify(Model((bodies(),)), [log(1, "train")], recipe=recipe)
+    assert "Fc_j1" not in found.model.names
+    assert [one for one in found.warnings if isinstance(one, NotChosen)] == [NotChosen(("Fc_j1",))]
+    assert found.recipe.estimator.named == ("Fv_j1", "fore.mass")  # type: ignore[attr-defined]
+    assert found.estimate.value[found.model.names.index("Fv_j1")] >= 0.5 - 1e-9
+
+
+def test_other_words_are_refused() -> None:
+    with pytest.raises(ConfigError, match="terms is 'all'; it must be 'auto' or None"):
+        Recipe(terms="all")  # type: ignore[arg-type]

@@ -1,0 +1,217 @@
+"""What to do next and what it gains, against what it does gain where the truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from dynident.estimators import LeastSquares
+from dynident.identification import Identification, NextStep, Recipe, identify, judge
+from dynident.identification import verdict as why
+from dynident.identification.verdict_rules import next_steps
+from dynident.identification.verdict_steps import (
+    Cover,
+    ExcitingMotion,
+    HoldOutFaster,
+    LeaveOut,
+    SetRight,
+    Sharpen,
+    SlowReversals,
+    TrainingParts,
+    _odd_parts,
+    gain_points,
+    judged_log,
+    parts_of,
+)
+from dynident.models.lagrangian import slider
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Difference
+from dynident.runtime import Finding, Note, Severity
+
+RECIPE = Recipe(Difference("central"), LeastSquares())
+NOISE = 0.3
+
+
+def moved(source: str, rates: Iterable[float] = (3.0, 4.1), *, seed: int = 0, late: float = 0.0, **more: Any) -> Log:
+    """A slider of 5 kg, 8 N s/m, 3 N, 0.5 N for 20 s; ``late`` delays its Coulomb friction behind reversals (s)."""
+    t = np.arange(10_000) * 0.002
+    x, v, a = (sum(0.2 * r**k * np.sin(r * t + k * np.pi / 2 + r) for r in rates) for k in range(3))
+    earlier = sum(0.2 * r * np.cos(r * (t - late) + r) for r in rates)
+    force = (
+        5.0 * a + 8.0 * v + 3.0 * np.sign(earlier) + 0.5 + NOISE * np.random.default_rng(seed).standard_normal(10_000)
+    )
+    for (start, stop), size in more.get("pushed", {}).items():
+        force = force + size * ((t >= start) & (t < stop))
+    return Log(t, x[:, None], force[:, None], ("slider",), source)
+
+
+def fitted(train: Log, held: Log, recipe: Recipe = RECIPE) -> Identification:
+    return identify(slider(), [train], [held], recipe)
+
+
+def of_kind(found: Identification, kind: type[NextStep]) -> list[Any]:
+    return [step for step in next_steps(found) if isinstance(step, kind)]
+
+
+def error(found: Identification) -> float:
+    return judged_log(found).errors.relative_error
+
+
+@pytest.fixture(scope="module")
+def pushed() -> Identification:
+    """Somebody leans against the slider from 8.2 to 9.1 s."""
+    return fitted(moved("train", pushed={(8.2, 9.1): 15.0}), moved("held", (2.4, 4.3), seed=1))
+
+
+def test_seconds_that_the_rest_contradicts_are_to_be_left_out(pushed: Identification) -> None:
+    (step,) = of_kind(pushed, LeaveOut)
+    assert step.log == "train"
+    assert step.start <= 8.25
+    assert step.stop >= 9.05
+    assert step.stop - step.start < 2.2  # parts are 1 s long
+    assert step.ratio > 4
+    assert next_steps(pushed)[0] == step
+
+
+def test_leaving_them_out_gains_what_is_said(pushed: Identification) -> None:
+    (step,) = of_kind(pushed, LeaveOut)
+    whole = moved("train", pushed={(8.2, 9.1): 15.0})
+    parts = [whole.window(stop=step.start - 0.01), whole.window(start=step.stop + 0.01)]
+    parts = [replace(one, source=f"part {k}") for k, one in enumerate(parts)]
+    better = identify(slider(), parts, [moved("held", (2.4, 4.3), seed=1)], RECIPE)
+    assert step.gain == pytest.approx(error(pushed) - error(better), rel=0.5)
+
+
+def test_nothing_is_left_out_of_a_sound_training() -> None:
+    found = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
+    assert next_steps(found) == ()
+    left = parts_of(found).residual  # each part as well predicted from the others as noise allows
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(1.0, rel=0.03)
+
+
+def test_what_is_left_at_reversals_is_an_upper_limit_of_the_gain() -> None:
+    """The sign of friction is late: with the right model of it, the noise alone would be left."""
+    found = fitted(moved("train", late=0.008), moved("held", (2.4, 4.3), seed=1, late=0.008))
+    (step,) = of_kind(found, SlowReversals)
+    right = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
+    assert step.gain is not None
+    assert 0.5 * (error(found) - error(right)) < step.gain < 1.1 * (error(found) - error(right))
+    dq = judged_log(found).motion.dq
+    assert step.speeds == pytest.approx((0.05 * np.sqrt(np.mean(dq**2)),), rel=0.01)
+
+
+def test_motion_beyond_the_training_is_to_be_trained() -> None:
+    """A model that lacks what only fast motion shows, here friction that grows with the square of the speed."""
+
+    def dragged(log: Log, part: slice) -> Log:
+        v = np.gradient(log.q, log.t, axis=0)
+        return replace(log, tau=log.tau + 2.0 * v * np.abs(v)).rows(part, log.source)
+
+    slow, fast = (
+        dragged(moved("train", (2.0, 1.5)), slice(None)),
+        dragged(moved("held", (2.1, 1.6), seed=1), slice(None)),
+    )
+    quick = dragged(moved("held", (4.0, 5.0), seed=2), slice(0, 1500))
+    both = Log(
+        np.concatenate([fast.t, fast.t[-1] + 0.002 + quick.t - quick.t[0]]),
+        np.concatenate([fast.q, quick.q + (fast.q[-1] - quick.q[0])]),
+        np.concatenate([fast.tau, quick.tau]),
+        ("slider",),
+        "held",
+    )
+    found = fitted(slow, both)
+    (step,) = of_kind(found, Cover)
+    assert (step.log, step.joint) == ("held", "slider")
+    assert 19.9 < step.start < step.stop <= 23.0
+    motion, train = judged_log(found).motion, found.validations[0].motion
+    assert step.faster > np.abs(motion.dq[motion.mask]).max() / np.abs(train.dq).max() - 1e-9
+    assert step.speed == pytest.approx(step.faster * np.abs(train.dq[train.mask]).max())
+    inside = fitted(slow, fast)
+    assert step.gain == pytest.approx(error(found) - error(inside), rel=0.2)
+    assert of_kind(inside, Cover) == []
+
+
+@dataclass(frozen=True)
+class Removing(Note):
+    """A note that says what it removes."""
+
+    size: float = 0.0
+
+    @property
+    def removed(self) -> tuple[tuple[str, float], ...]:
+        return (("slider", self.size),) if self.size else ()
+
+
+@dataclass(frozen=True)
+class Advice(Note):
+    """A note that says what to do."""
+
+    advises = True
+
+
+def test_what_the_checks_find_gains_what_it_removes() -> None:
+    sound = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
+    log = judged_log(sound)
+    worse = replace(log, errors=replace(log.errors, rmse={"slider": 2 * NOISE}, relative_error=8.0))
+    found = replace(sound, validations=(sound.validations[0], worse))
+    notes = [Removing(0.5 * NOISE**2), Removing(1e-4 * NOISE**2), Removing(2 * NOISE**2), Advice(), Removing()]
+    findings = [Finding(Severity.INFO, "slider", note) for note in notes]
+    steps = of_kind(replace(found, warnings=tuple(findings)), SetRight)
+    assert [step.finding for step in steps] == [findings[2], findings[0], findings[3]]
+    assert steps[0].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 2 / 4)))
+    assert steps[1].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 0.5 / 4)))
+    assert steps[2].gain is None
+    assert next_steps(replace(found, warnings=tuple(findings[::-1])))[:2] == tuple(steps[:2])
+
+
+def test_no_step_gains_what_is_the_sensors_noise() -> None:
+    log = judged_log(fitted(moved("train"), moved("held", (2.4, 4.3), seed=1)))
+    errors = replace(log.errors, rmse={"slider": 2.0}, relative_error=10.0, sensor_noise={"slider": 1.0})
+    told = replace(log, errors=errors)
+    assert gain_points(told, {"slider": 9.0}) == pytest.approx(5.0)
+    assert gain_points(replace(log, errors=replace(errors, sensor_noise={})), {"slider": 9.0}) == pytest.approx(10.0)
+    assert (
+        gain_points(told, {"slider": 0.0})
+        is gain_points(told, {"other": 1.0})
+        is gain_points(told, {"slider": -1.0})
+        is None
+    )
+    assert gain_points(replace(log, errors=replace(errors, relative_error=np.nan)), {"slider": 1.0}) is None
+
+
+def test_a_parameter_gains_what_its_error_costs_the_held_out_motion() -> None:
+    """With the friction of the fit off by its standard error, which the mass takes up as well as it can."""
+    train, held = moved("train"), moved("held", (2.4, 4.3), seed=1)
+    found = fitted(train, held)
+    log = judged_log(found)
+    log = replace(log, errors=replace(log.errors, rmse={"slider": 6.0}, relative_error=40.0))  # above the noise
+    found = replace(found, validations=(found.validations[0], log))
+    wide = replace(found, errors=replace(found.errors, std_hac=np.array([0.0, 6.0, 0.0, 0.0])))
+    (step,) = of_kind(wide, Sharpen)
+    assert (step.excitation, step.faster) == (ExcitingMotion.CONSTANT_SPEEDS, None)
+    Y, moving = (found.model.regressor(m.q, m.dq, m.ddq)[:, 0] for m in (one.motion for one in found.validations))
+    others = np.linalg.lstsq(Y[:, [0, 2, 3]], -6.0 * Y[:, 1], rcond=None)[0]
+    off = 6.0 * moving[:, 1] + moving[:, [0, 2, 3]] @ others
+    assert step.gain == pytest.approx(gain_points(log, {"slider": float(np.mean(off**2))}), rel=0.05)
+    heavy = replace(found, errors=replace(found.errors, std_hac=np.array([6.0, 0.0, 0.0, 0.0])))
+    (step,) = of_kind(heavy, Sharpen)
+    assert step.excitation is ExcitingMotion.ACCELERATE
+    assert step.faster == pytest.approx(np.sqrt(6.0 / (0.3 * found.estimate.value[0])))
+
+
+def test_a_held_out_motion_that_is_slow_is_to_be_faster() -> None:
+    found = fitted(moved("train"), moved("held", (1.0, 0.8), seed=1))
+    (reason,) = (one for one in judge(found).reasons if isinstance(one, why.SlowHoldOut))
+    assert reason.remedy == HoldOutFaster(1.0 / reason.share)
+    assert reason.remedy in judge(found).next
+
+
+def test_a_training_so_short_that_a_part_of_it_is_empty_has_no_odd_part() -> None:
+    some = np.ones((6, 1))
+    motion, block = np.zeros(6, dtype=np.intp), np.array([0, 0, 2, 2, 3, 3])
+    parts = TrainingParts(("a",), motion, block, np.arange(6.0), some[..., None], some, np.ones(1))
+    assert list(_odd_parts(parts, cast("Any", None), ["slider"])) == []

@@ -1,0 +1,261 @@
+"""The limits of the rules, on an arm of a robot file that is good for simulation until something is taken from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.estimators import Ridge
+from dynident.identification import Identification, Verdict, judge
+from dynident.identification import verdict as why
+from dynident.identification import verdict_rules as rules
+from dynident.identification.verdict_rules import ConstraintEffect
+from dynident.identification.verdict_steps import ExcitingMotion, Sharpen
+from dynident.models import Joint, Model, Parameter, Term
+from dynident.runtime import Use
+from dynident.validation import Driver, LogValidation
+
+Array = NDArray[np.float64]
+
+
+def with_held(found: Identification, **changes: Any) -> Verdict:
+    return judge(replace(found, validations=(found.validations[0], replace(found.validations[1], **changes))))
+
+
+def with_errors(found: Identification, trained: dict[str, Any], **held: Any) -> Verdict:
+    def changed(log: LogValidation, changes: dict[str, Any]) -> LogValidation:
+        return replace(log, errors=replace(log.errors, **changes))
+
+    return judge(
+        replace(found, validations=(changed(found.validations[0], trained), changed(found.validations[1], held)))
+    )
+
+
+def test_a_robot_file_reaches_good_for_simulation(arm: Identification) -> None:
+    verdict = judge(arm)
+    assert verdict.use is Use.SIMULATION
+    assert verdict.reasons == ()
+    assert arm.estimate.consistency is not None
+    assert min(arm.estimate.consistency.eigenvalues.values()) > 0
+
+
+def test_bodies_must_have_been_held_to_physics(arm: Identification) -> None:
+    consistency = arm.estimate.consistency
+    assert consistency is not None
+
+    def reasons(**changes: Any) -> tuple[why.Reason, ...]:
+        return judge(replace(arm, estimate=replace(arm.estimate, **changes))).reasons
+
+    assert reasons(consistency=None) == (why.InertiasFree(),)
+    assert reasons(consistency=replace(consistency, eigenvalues={})) == (why.InertiasFree(),)
+    assert reasons(consistency=replace(consistency, eigenvalues={"upper": 1.0, "fore": -1e-8})) == (why.InertiasFree(),)
+    assert reasons(consistency=replace(consistency, eigenvalues={"upper": 1.0, "fore": -1e-10})) == ()
+
+
+@pytest.mark.parametrize(
+    ("trained", "held"),
+    [
+        ({"relative_error": 10.0}, {"relative_error": 10.0}),
+        ({"relative_error": 4.0}, {"relative_error": 8.0}),
+        ({"relative_error": 1.0}, {"relative_error": 5.0}),
+        ({}, {"per_joint": {"shoulder": 25.0, "elbow": 1.0}, "effort_share": {}}),
+        ({"relative_error_filtered": 3.0}, {"relative_error": 25.0, "relative_error_filtered": 3.0}),
+    ],
+)
+def test_a_limit_itself_is_allowed_and_no_more(
+    arm: Identification, trained: dict[str, Any], held: dict[str, Any]
+) -> None:
+    def beyond(value: Any) -> Any:
+        return {name: beyond(one) for name, one in value.items()} if isinstance(value, dict) else value * (1 + 1e-6)
+
+    assert with_errors(arm, trained, **held).use is Use.SIMULATION
+    worse = {name: value if name == "relative_error_filtered" else beyond(value) for name, value in held.items()}
+    assert with_errors(arm, trained, **worse).use is Use.DO_NOT_USE
+
+
+def test_an_error_is_harmless_below_one_percent_of_the_effort_limit(arm: Identification) -> None:
+    high = {"per_joint": {"shoulder": 40.0, "elbow": 1.0}}
+    assert with_errors(arm, {}, **high, effort_share={"shoulder": 0.99}).use is Use.SIMULATION
+    verdict = with_errors(arm, {}, **high, effort_share={"shoulder": 1.0})
+    assert verdict.reasons == (why.JointErrorsTooLarge("two", (("shoulder", 40.0),), 25.0),)
+
+
+def test_the_worst_training_log_is_what_must_carry_over(arm: Identification) -> None:
+    train, held = arm.validations
+    easy = replace(train, errors=replace(train.errors, relative_error=0.1))
+    hard = replace(train, errors=replace(train.errors, relative_error=4.5))
+    tested = replace(held, errors=replace(held.errors, relative_error=8.5))
+    assert judge(replace(arm, validations=(easy, hard, tested))).use is Use.SIMULATION
+
+
+@pytest.mark.parametrize(("driver", "limit"), [(Driver.TORQUE, 25.0), (Driver.CONTROLLER, 1.0)])
+def test_limits_of_the_free_simulation(arm: Identification, driver: Driver, limit: float) -> None:
+    run = arm.validations[1].free_run
+    assert run is not None
+
+    def simulated(error: float) -> Verdict:
+        errors = {"shoulder": np.nan, "elbow": error}
+        first = replace(run, name="one", motion_error={"shoulder": 0.5, "elbow": 0.1})
+        logs = (first, replace(run, driver=driver, motion_error=errors))
+        return judge(
+            replace(arm, validations=tuple(replace(a, free_run=b) for a, b in zip(arm.validations, logs, strict=True)))
+        )
+
+    good, bad = simulated(limit), simulated(limit * (1 + 1e-6))
+    assert (good.use, bad.use) == (Use.SIMULATION, Use.CONTROL)
+    assert good.run is not None
+    assert (good.run.log, good.run.joint, good.run.error) == ("two", "elbow", limit)
+    (reason,) = bad.reasons
+    assert isinstance(reason, why.FreeRunAstray)
+    assert (reason.log, reason.joint) == ("two", "elbow")
+
+
+def test_a_quarter_of_the_base_parameters_may_be_missing_for_control(arm: Identification) -> None:
+    on_data, structural = arm.base.on_data, arm.base.structural
+    assert on_data is not None
+    assert structural is not None
+
+    def reasons(seen: int, whole: int) -> tuple[why.Reason, ...]:
+        base = replace(arm.base, on_data=replace(on_data, rank=seen), structural=replace(structural, rank=whole))
+        return judge(replace(arm, base=base)).reasons
+
+    assert reasons(8, 8) == reasons(9, 8) == ()
+    assert reasons(7, 8) == (why.PartlyUnexcited(1, 8),)
+    assert reasons(6, 8) == (why.PartlyUnexcited(2, 8),)
+    assert reasons(5, 8) == (why.MostlyUnexcited(3, 8),)
+
+
+@pytest.mark.parametrize(
+    ("growth", "apart", "use"),
+    [
+        (4.99, 50.0, Use.SIMULATION),
+        (50.0, 0.99, Use.SIMULATION),
+        (5.0, 1.0, Use.CONTROL),
+        (50.0, 7.0, Use.CONTROL),
+        (5.0, 7.01, Use.DO_NOT_USE),
+    ],
+)
+def test_limits_of_what_physics_may_hold_back(
+    arm: Identification, growth: float, apart: float, use: Use, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rules, "constraint_effect", lambda found: ConstraintEffect(growth, apart))
+    arm = replace(arm)  # a verdict is found once
+    assert judge(arm).use is use
+    assert judge(arm).reasons == (() if use is Use.SIMULATION else (why.HeldBack(growth, apart),))
+    free = judge(replace(arm, estimate=replace(arm.estimate, consistency=None)))
+    assert free.reasons == (why.InertiasFree(),)
+    drawn = judge(replace(arm, recipe=replace(arm.recipe, estimator=Ridge())))
+    assert [type(one) for one in drawn.reasons] == ([] if use is Use.SIMULATION else [why.DrawnBack])
+
+
+def test_a_friction_of_zero_is_physical(arm: Identification) -> None:
+    for value, reasons in ((0.0, ()), (-1e-9, (why.NegativeValues(("Fv_elbow",)),))):
+        values = arm.estimate.value.copy()
+        values[arm.model.names.index("Fv_elbow")] = value
+        free = replace(arm, estimate=replace(arm.estimate, value=values))
+        found = tuple(one for one in judge(free).reasons if isinstance(one, why.NegativeValues))
+        assert found == reasons
+
+
+@pytest.mark.parametrize(("share", "use"), [(0.501, Use.SIMULATION), (0.499, Use.CONTROL)])
+def test_held_out_motion_must_have_half_the_speed_of_the_training(arm: Identification, share: float, use: Use) -> None:
+    """Joints count alike, and at rest not at all: a share of both is their root mean square."""
+    train, held = arm.validations
+    usual = np.sqrt(np.mean(train.motion.dq[train.motion.mask] ** 2, axis=0))
+    own = np.sqrt(np.mean(held.motion.dq[held.motion.mask] ** 2, axis=0))
+    dq = held.motion.dq * (share * usual / own) * (np.sqrt(1.5), np.sqrt(0.5))
+    signals = replace(held.signals, motion=replace(held.motion, dq=dq))
+    verdict = judge(replace(arm, validations=(train, replace(held, signals=signals))))
+    assert verdict.use is use
+    slow = [one.share for one in verdict.reasons if isinstance(one, why.SlowHoldOut)]
+    assert slow == ([] if use is Use.SIMULATION else [pytest.approx(share)])
+
+
+def test_the_residual_shown_is_where_most_torque_is_left(arm: Identification) -> None:
+    """rms times relative error: a large share of a tiny torque is not it, nor what could not be tested."""
+    test = arm.validations[1].residuals["elbow"]
+    errors = replace(
+        arm.validations[1].errors, rmse={"shoulder": 0.2, "elbow": 1.0}, per_joint={"shoulder": 9.0, "elbow": 2.0}
+    )
+    both = {"shoulder": test, "elbow": test}
+    found = with_held(arm, errors=errors, residuals=both).residual
+    assert found is not None
+    assert found.joint == "elbow"
+    for name, wrong in (("lag1", np.nan), ("per_joint", {"shoulder": 9.0, "elbow": np.inf})):
+        told = both | {"elbow": replace(test, lag1=np.nan)} if name == "lag1" else both
+        other = replace(errors, per_joint=wrong) if name == "per_joint" else errors
+        verdict = with_held(arm, errors=other, residuals=told)
+        assert verdict.residual is not None
+        assert verdict.residual.joint == "shoulder"
+    neither = {name: replace(test, lag1=np.nan) for name in both}
+    assert with_held(arm, errors=errors, residuals=neither).residual is None
+
+
+def sharpened(found: Identification, worst: dict[str, float]) -> list[Sharpen]:
+    """The steps where the parameters named have these standard errors over their values, the others none."""
+    value = found.estimate.value
+    std = np.array([worst.get(name, 0.0) for name in found.model.names]) * np.abs(value)
+    alone = replace(found, base=replace(found.base, on_data=None), errors=replace(found.errors, std_hac=std))
+    return [step for step in judge(alone).next if isinstance(step, Sharpen)]
+
+
+def test_the_motion_asked_for_is_one_that_shows_the_parameter(arm: Identification) -> None:
+    steps = sharpened(arm, {"fore.mx": 0.5, "fore.Iyy": 5.0, "Fv_shoulder": 0.5, "Fc_elbow": 0.5, "upper.Iyy": 3.0})
+    told = {step.parameter: (step.excitation, step.joint) for step in steps}
+    assert told == {
+        "fore.mx": (ExcitingMotion.MANY_POSES, "elbow"),
+        "fore.Iyy": (ExcitingMotion.ACCELERATE, "elbow"),
+        "upper.Iyy": (ExcitingMotion.ACCELERATE, "shoulder"),
+        "Fv_shoulder": (ExcitingMotion.CONSTANT_SPEEDS, "shoulder"),
+        "Fc_elbow": (ExcitingMotion.CONSTANT_SPEEDS, "elbow"),
+    }
+    assert [step.share for step in steps] == sorted((step.share for step in steps), reverse=True)
+    (motion,) = (log.motion for log in arm.validations if log.role == "train")
+    k = arm.model.names.index("Fv_shoulder")
+    (one,) = (step for step in steps if step.parameter == "Fv_shoulder")
+    torque = one.std * np.linalg.norm(arm.model.regressor(motion.q, motion.dq, motion.ddq)[:, :, k])
+    assert one.share == pytest.approx(100 * torque / np.linalg.norm(motion.tau), rel=0.02)
+
+
+@dataclass(frozen=True)
+class InUnits(Term):
+    """A model whose parameters are counted in other units: of a millionth, their columns are a millionth as large."""
+
+    model: Model
+    unit: float
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        return self.model.joints
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.model.parameters
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        return self.unit * self.model.regressor(q, dq, ddq)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-6, 1e6])
+def test_the_motion_asked_for_is_the_same_in_any_unit(arm: Identification, unit: float) -> None:
+    badly = dict.fromkeys(("fore.mx", "fore.Iyy", "upper.Iyy", "Fv_shoulder"), 10.0)
+    free = replace(arm.estimate, consistency=None, value=arm.estimate.value / unit)
+    other = replace(arm, model=Model((InUnits(arm.model, unit),)), estimate=free)
+    steps, same = sharpened(arm, badly), sharpened(other, badly)
+    assert len(steps) == len(badly)
+    for one, again in zip(steps, same, strict=True):
+        assert (again.parameter, again.excitation, again.joint) == (one.parameter, one.excitation, one.joint)
+        assert again.share == pytest.approx(one.share)
+
+
+def test_only_what_is_unsure_and_matters_is_sharpened_five_at_most(arm: Identification) -> None:
+    assert [step.parameter for step in sharpened(arm, {"fore.mx": 0.31, "Fv_elbow": 0.29})] == ["fore.mx"]
+    assert sharpened(arm, {"fore.mx": np.inf}) == []
+    assert (
+        sharpened(replace(arm, estimate=replace(arm.estimate, value=1e-4 * arm.estimate.value)), {"fore.mx": 0.5}) == []
+    )
+    assert len(sharpened(arm, dict.fromkeys(arm.model.names, 50.0))) == 5

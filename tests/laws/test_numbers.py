@@ -1,0 +1,114 @@
+"""The numbers stay: article, demo arm and measured robots, held to 12 digits while the code around them is moved.
+
+``python -m tests.laws.test_numbers`` writes the numbers anew, where a change of the method is meant to change them.
+Another processor or another version of NumPy rounds otherwise: there 4 digits are asked for, as the search for
+physical parameters ends where it may.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+import yaml
+from click.testing import CliRunner
+from threadpoolctl import threadpool_info
+
+import dynident as dy
+from dynident.apps.article import reproduce
+from dynident.cli import main
+from dynident.project.project import read_project
+from dynident.runtime.kernel import kernel
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared" / "data"
+NUMBERS = ROOT / "tests" / "data" / "numbers.json"
+ROBOTS = ("lwr4", "panda", "tx40", "emps", "double_pendulum")
+
+
+def machine() -> dict[str, str]:
+    """What decides how sums are rounded."""
+    blas = sorted({str(library.get("architecture")) for library in threadpool_info() if library["user_api"] == "blas"})
+    return {
+        "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
+        "blas": " ".join(blas), "kernel": str(kernel()),
+    }  # fmt: skip
+
+
+def article() -> dict[str, list[float]]:
+    study = reproduce("tabulated", runs=3, seed=7)
+    return {f"{case.method} {case.sigma_q2:g}": [*case.mean, *case.variance] for case in study.cases}
+
+
+def demo(folder: Path) -> dict[str, list[float]]:
+    logs = [str(folder / "arm" / name) for name in ("monday.parquet", "tuesday.parquet")]
+    typed = (
+        ["demo", "--files", "--out", str(folder / "arm")],
+        ["init", str(folder / "arm" / "arm.urdf"), *logs, "-o", str(folder / "robot.yaml")],
+    )
+    for words in typed:
+        done = CliRunner().invoke(main, words)
+        assert done.exit_code == 0, done.output
+    return numbers(folder / "robot.yaml")
+
+
+def robot(folder: Path, name: str) -> dict[str, list[float]]:
+    settings = yaml.safe_load((ROOT / "examples" / f"{name}.yaml").read_text())
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(settings).replace(": data/", f": {DATA}/"))
+    return numbers(path)
+
+
+def numbers(config: Path) -> dict[str, list[float]]:
+    """What a configuration gives: parameters with their standard errors, and the errors on all logs."""
+    identified = read_project(config).identify()
+    estimate = identified.estimate
+    return {
+        "value": estimate.value.tolist(),
+        "std": np.sqrt(np.diag(estimate.covariance)).tolist(),
+        "errors": [validation.errors.relative_error for validation in identified.validations],
+    }
+
+
+def cases() -> Mapping[str, Callable[[Path], dict[str, list[float]]]]:
+    robots = {name: (lambda folder, name=name: robot(folder, name)) for name in ROBOTS}
+    return {"article": lambda _: article(), "demo": demo, **robots}
+
+
+def digits(numbers: list[float], before: list[float]) -> float:
+    """Return to how many digits numbers agree, those near zero as parts of the largest."""
+    now, then = np.asarray(numbers), np.asarray(before)
+    assert np.array_equal(np.isfinite(now), np.isfinite(then))
+    now, then = now[np.isfinite(now)], then[np.isfinite(then)]
+    scale = np.maximum(np.abs(then), 1e-3 * np.abs(then).max())
+    worst = float(np.max(np.abs(now - then) / np.where(scale == 0, 1.0, scale)))
+    return 16.0 if worst == 0 else -np.log10(worst)
+
+
+@pytest.mark.parametrize("name", cases())
+def test_the_numbers_stay(tmp_path: Path, name: str) -> None:
+    if name in ROBOTS and not DATA.exists():
+        pytest.skip("the recordings are not beside the checkout")
+    written = json.loads(NUMBERS.read_text())
+    least = 12 if written["machine"] == machine() else 4
+    found = cases()[name](tmp_path)
+    assert found.keys() == written[name].keys()
+    for part, before in written[name].items():
+        assert digits(found[part], before) >= least, f"{part} of {name}"
+
+
+def write() -> None:
+    """Write the numbers of this machine."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = {name: run(Path(folder)) for name, run in cases().items()}
+    NUMBERS.write_text(json.dumps({"machine": machine(), "version": dy.__version__, **made}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    write()

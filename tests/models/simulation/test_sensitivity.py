@@ -1,0 +1,131 @@
+"""Derivatives of a simulation: against its own differences, with all that switches on the way, and against LSODA."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.models import Model
+from dynident.models.friction import Coulomb, Dahl
+from dynident.models.lagrangian import pendulum, slider, two_link_arm
+from dynident.models.simulation import SimulatedRecording, sensitivities, simulate, simulate_recording
+from dynident.motion.log import Controller, Motion
+from dynident.runtime import InputError, ModelError
+from tests.models.simulation.loops import ARM, HINGE, LINKED, RUST, RUSTY, driven, loop
+
+FINE, COARSE = np.arange(701) * 1e-3, np.arange(300) * 0.0037
+
+
+def check(
+    model: Model, theta: np.ndarray, motion: Motion, controller: Controller | None, **how: float
+) -> SimulatedRecording:
+    """Compare derivatives by random directions of parameters and start with central differences."""
+    run = simulate_recording(model, theta, motion, controller, **how)
+    assert run.failure is None
+    n, rng = len(motion.joints), np.random.default_rng(3)
+    directions = rng.uniform(-1, 1, (len(theta), 2)) * np.abs(theta)[:, None]
+    start = rng.uniform(-1, 1, 2 * n)
+    found = sensitivities(model, theta, run, controller, directions)
+    ways = [(by, 0 * start, lambda which, k=k: getattr(found, which)[..., k]) for k, by in enumerate(directions.T)]
+    ways.append((0 * theta, start, lambda which: getattr(found.start, which) @ start))
+    h = 1e-6
+    for by, moved, exact in ways:
+        ends = []
+        for sign in (h, -h):
+            other = replace(motion, q=motion.q + sign * moved[:n], dq=motion.dq + sign * moved[n:])
+            ends.append(simulate_recording(model, theta + sign * by, other, controller, **how))
+        for which in ("q", "dq", "tau"):
+            about = (getattr(ends[0], which) - getattr(ends[1], which)) / (2 * h)
+            np.testing.assert_allclose(exact(which), about, rtol=0, atol=1e-5 * max(np.abs(about).max(), 1e-6))
+    return run
+
+
+@pytest.mark.parametrize("how", [{}, {"restart": 0.2}])
+@pytest.mark.parametrize(("model", "theta"), [(RUSTY, RUST), (ARM, LINKED)])
+def test_from_the_torque_with_joints_that_stick(model: Model, theta: np.ndarray, how: dict[str, float]) -> None:
+    run = check(model, theta, driven(model, FINE), None, **how)
+    assert 0.01 < (np.abs(run.dq) < 1e-12).mean() < 0.6
+
+
+@pytest.mark.parametrize("kind", ["pd", "tracking", "pid", "cascade", "function"])
+@pytest.mark.parametrize(("model", "theta", "limit"), [(RUSTY, RUST, 0.6), (ARM, LINKED, 1.0)])
+def test_in_a_loop_that_is_limited(kind: str, model: Model, theta: np.ndarray, limit: float) -> None:
+    """Coarse samples have several steps each; the integral stands while the input is limited."""
+    motion = driven(model, COARSE if model is RUSTY else COARSE[:130])
+    run = check(model, theta, motion, loop(kind, motion, limit))
+    assert 0.01 < (np.abs(run.tau) == 2 * limit).mean() < 0.9
+
+
+def test_in_a_loop_of_the_rate_of_the_steps() -> None:
+    motion = driven(ARM, FINE[:200])
+    check(ARM, LINKED, motion, loop("pid", motion))
+
+
+def test_two_frictions_of_one_joint_hold_it_together() -> None:
+    model = RUSTY.with_terms(Coulomb(HINGE, names=("more",)))
+    check(model, np.append(RUST, 0.2), driven(model, FINE), None)
+
+
+def test_frictions_that_are_no_constants_of_a_sign_are_in_the_model() -> None:
+    """Negative ones, too."""
+    theta = RUST * [1, 1, -1, -0.1, 1]
+    motion = driven(RUSTY, FINE[:400], speed=1.0)
+    check(RUSTY, theta, motion, None)
+
+
+def test_against_an_accurate_integrator() -> None:
+    """The derivative of the arm's motion, as LSODA has it at other parameters; the steps differ."""
+    arm, t = two_link_arm(), np.arange(301) * 0.001
+    theta = np.array(arm.values)
+    exact = simulate(arm, theta, torque, t)
+    by = np.random.default_rng(0).uniform(-1, 1, len(theta)) * theta
+    found = sensitivities(arm, theta, simulate_recording(arm, theta, exact), None, by[:, None]).q[..., 0]
+    ends = [simulate(arm, theta + sign * by, torque, t, tolerance=1e-11).q for sign in (1e-5, -1e-5)]
+    about = (ends[0] - ends[1]) / 2e-5
+    assert np.abs(found - about).max() < 5e-3 * np.abs(about).max()
+
+
+def torque(t: float) -> tuple[float, float]:
+    return 1.13 * np.sin(t), 0.78 * np.cos(t)
+
+
+def test_directions_are_products_of_all_columns() -> None:
+    motion = driven(RUSTY, FINE[:100])
+    run = simulate_recording(RUSTY, RUST, motion)
+    all_of, some = sensitivities(RUSTY, RUST, run), np.arange(10.0).reshape(5, 2)
+    alone = sensitivities(RUSTY, RUST, run, only="dq")
+    np.testing.assert_array_equal(alone.dq, all_of.dq)
+    assert (alone.q.size, alone.tau.size) == (0, 0)
+    np.testing.assert_allclose(sensitivities(RUSTY, RUST, run, None, some).q, all_of.q @ some, atol=1e-12)
+    none = sensitivities(RUSTY, RUST, run, None, np.zeros((5, 0)))
+    assert none.q.shape == (100, 1, 0)
+    np.testing.assert_allclose(none.start.q, all_of.start.q)
+
+
+def test_many_steps_are_made_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dynident.models.simulation import sensitivity
+
+    motion = driven(ARM, COARSE[:60])
+    controller = loop("pid", motion, 1.0)
+    run = simulate_recording(ARM, LINKED, motion, controller)
+    whole = sensitivities(ARM, LINKED, run, controller)
+    monkeypatch.setattr(sensitivity, "AT_ONCE", 7 * 12 * 40)
+    parts = sensitivities(ARM, LINKED, run, controller)
+    for which in ("q", "dq", "tau"):
+        np.testing.assert_allclose(getattr(parts, which), getattr(whole, which), rtol=1e-12, atol=1e-12)
+
+
+def test_what_has_no_derivatives_says_so() -> None:
+    model = pendulum().with_terms(Dahl(HINGE))
+    motion = driven(model, FINE[:50])
+    run = simulate_recording(model, (0.0825, 0.25, 0.1), motion)
+    assert run.failure is None
+    with pytest.raises(ModelError, match=r"terms that remember \(Dahl\); leave them out"):
+        sensitivities(model, (0.0825, 0.25, 0.1), run)
+    away = simulate_recording(slider(), (0.0, 0.0, 0.0, 0.0), driven(slider(), FINE))
+    with pytest.raises(InputError, match="failed has no derivatives"):
+        sensitivities(slider(), (0.0, 0.0, 0.0, 0.0), away)
+    with pytest.raises(InputError, match=r"directions has shape \(3, 1\), expected \(5, k\)"):
+        sensitivities(RUSTY, RUST, simulate_recording(RUSTY, RUST, driven(RUSTY, FINE[:9])), None, np.ones((3, 1)))

@@ -1,0 +1,59 @@
+"""The smallest capsule around balls."""
+
+import numpy as np
+import pytest
+
+from dynident.models.geometry import Balls, fit_capsule, fit_capsule_quickly
+
+
+def beyond(capsule, balls):
+    """By how much each ball reaches out of a capsule (m)."""
+    along = capsule.end - capsule.start
+    part = np.clip((balls.centres - capsule.start) @ along / max(along @ along, 1e-300), 0, 1)
+    nearest = capsule.start + part[:, None] * along
+    return np.linalg.norm(balls.centres - nearest, axis=1) + balls.radii - capsule.radius
+
+
+def points(centres):
+    return Balls(np.asarray(centres, dtype=float), np.zeros(len(centres)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("count", [1, 2, 4, 700])
+def test_all_balls_are_inside(seed, count) -> None:
+    rng = np.random.default_rng(seed)
+    shape = rng.normal(size=(3, 3)) * [0.3, 0.1, 0.02]
+    balls = Balls(rng.normal(size=(count, 3)) @ shape, rng.uniform(0, 0.05, count))
+    for capsule in (fit_capsule(balls), fit_capsule_quickly(balls)):
+        assert beyond(capsule, balls).max() < 2e-3 * capsule.radius + 1e-12
+
+
+def test_a_capsule_is_found_again() -> None:
+    rng = np.random.default_rng(1)
+    start, end, radius = np.array([0.1, -0.2, 0.3]), np.array([0.4, 0.1, 0.1]), 0.07
+    away = rng.normal(size=(3000, 3))
+    away *= radius / np.linalg.norm(away, axis=1, keepdims=True)
+    surface = start + rng.uniform(size=(3000, 1)).round() * (end - start) + away
+    found = fit_capsule(points(surface))
+    assert found.radius == pytest.approx(radius, rel=0.02)
+    ends = sorted(np.array([found.start, found.end]).tolist())
+    assert np.array(ends) == pytest.approx(np.array([start, end]), abs=0.01)
+
+
+def test_the_search_beats_the_principal_axes() -> None:
+    rng = np.random.default_rng(2)
+    bent = np.concatenate((rng.uniform(0, [1.0, 0.1, 0.1], (200, 3)), rng.uniform(0, [0.1, 0.4, 0.1], (200, 3))))
+    assert fit_capsule(points(bent)).volume < 0.95 * fit_capsule_quickly(points(bent)).volume
+
+
+def test_a_cube_has_the_ball_around_it() -> None:
+    corners = 2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1
+    assert fit_capsule(points(corners)).volume <= 4 / 3 * np.pi * 3**1.5 * 1.01
+
+
+def test_points_in_a_place_and_in_a_line() -> None:
+    one = fit_capsule(points([[1.0, 2.0, 3.0]] * 3))
+    assert (one.start.tolist(), one.end.tolist(), one.radius) == ([1, 2, 3], [1, 2, 3], 0)
+    line = fit_capsule(points([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]]))
+    assert line.radius < 1e-3
+    assert np.linalg.norm(line.end - line.start) == pytest.approx(1, abs=1e-3)

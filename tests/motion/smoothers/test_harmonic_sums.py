@@ -1,0 +1,62 @@
+"""Sums of harmonics by FFT and by powers against plain sums, and how often their equations are factorised."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.motion.smoothers import FourierSeries
+from dynident.motion.smoothers.harmonics import cached_factor, factor_of, fit_series, sample_products, series_values
+from tests.motion.smoothers.test_fourier import T, arm, log
+from tests.motion.smoothers.test_harmonics import design
+
+EVEN = 3.0 + 0.01 * np.arange(5000)  # more than are summed at once
+
+
+def times(kind: str) -> np.ndarray:
+    uneven = EVEN + 0.004 * np.random.default_rng(0).uniform(size=5000)
+    return {"even": EVEN, "uneven": uneven, "gap": np.where(EVEN > 20.0, EVEN + 3.3, EVEN), "late": EVEN + 1e9}[kind]
+
+
+@pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
+def test_sums_are_plain_sums(kind: str) -> None:
+    t, rng = times(kind), np.random.default_rng(1)
+    turn = np.exp(2j * np.pi / 7.3 * np.outer(t - 20.0, np.arange(60)))
+    c, x = rng.normal(size=(60, 2)) + 1j * rng.normal(size=(60, 2)), rng.normal(size=(5000, 3))
+    np.testing.assert_allclose(series_values(t, c, 7.3, 20.0), (turn @ c).real, atol=1e-9)
+    np.testing.assert_allclose(sample_products(t, x, 7.3, 20.0, 60), turn.conj().T @ x, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
+def test_each_column_has_its_own_number_of_harmonics(kind: str) -> None:
+    """By one factor, each as by the dense design of its own number."""
+    t, each = times(kind)[:900], np.array([0, 3, 40, 17])
+    q = np.random.default_rng(2).normal(size=(900, 4))
+    found = fit_series(t, q, 4.1, each)(t, 0)[0]
+    for j, count in enumerate(each):
+        X = design(t, 4.1, count)
+        np.testing.assert_allclose(found[:, j], X @ np.linalg.lstsq(X, q[:, j])[0], atol=1e-9)
+
+
+def test_times_from_anywhere_are_even() -> None:
+    """Seconds since 1970 are rounded to 1e-7 s, which is no unevenness."""
+    late = times("late")
+    assert factor_of(late, 7.3, 30).sines is not None
+    c = np.ones((31, 1), dtype=complex)
+    np.testing.assert_allclose(series_values(late, c, 7.3, 1e9), series_values(EVEN, c, 7.3, 0.0), atol=1e-4)
+
+
+def test_samples_that_do_not_determine_it_are_refused() -> None:
+    for t in (EVEN[:30], times("uneven")[:30]):
+        with pytest.raises(np.linalg.LinAlgError):
+            factor_of(t, 7.3, 20)
+
+
+def test_smoothing_as_used_factorises_once() -> None:
+    """However many joints, each with its own number of harmonics, and however often."""
+    data = log(arm(T))
+    used = FourierSeries().as_used(FourierSeries()(data))
+    cached_factor.cache_clear()
+    for seed in range(5):
+        used(log(arm(T), seed=seed))
+    assert cached_factor.cache_info().misses == 1

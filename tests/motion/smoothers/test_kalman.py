@@ -1,0 +1,168 @@
+"""The Kalman smoother of a log: what it says of itself, joints at rest, encoders, and data without noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.motion.log import Log
+from dynident.motion.smoothers import KalmanSmoother, Order, Spline, TimeShifted
+from dynident.motion.splines import GCV, REML
+from dynident.runtime import ConfigError, InputError
+
+ORDERS: tuple[Order, ...] = (2, 3)
+
+
+def log(q: np.ndarray, h: float = 0.0025, jitter: float = 0.0) -> Log:
+    rng, q = np.random.default_rng(9), q.reshape(len(q), -1)
+    t = np.arange(len(q)) * h
+    t += jitter * h * rng.uniform(-0.5, 0.5, len(q))
+    return Log(t, q, np.zeros(q.shape), tuple("abc"[: q.shape[1]]), "made")
+
+
+def moving(noise: float = 1e-3, n: int = 4001, h: float = 0.0025) -> np.ndarray:
+    t = np.arange(n) * h
+    return np.column_stack((np.sin(t), np.cos(2 * t))) + noise * np.random.default_rng(0).standard_normal((n, 2))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"order": 4}, "order is 4: give 2"),
+        ({"ends": -1.0}, "ends is -1"),
+        ({"sigma": 0.0}, "sigma is 0.0: give a number positive"),
+        ({"sigma": {"a": np.nan}}, "sigma is nan"),
+        ({"sigma": 1e-3, "intensity": -1.0}, "intensity is -1.0: give a number >= 0"),
+        ({"intensity": 1.0}, "intensity is given without sigma"),
+    ],
+)
+def test_wrong_settings(settings: dict[str, object], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        KalmanSmoother(**settings)  # type: ignore[arg-type]
+
+
+def test_settings_of_joints_that_are_not_there() -> None:
+    with pytest.raises(ConfigError, match=r"sigma names the joint 'x'.*'a', 'b'"):
+        KalmanSmoother(sigma={"x": 1.0})(log(moving()))
+    with pytest.raises(ConfigError, match="intensity of joint 'b' is given without its sigma"):
+        KalmanSmoother(sigma={"a": 1e-3}, intensity={"b": 1.0})(log(moving()))
+
+
+def test_the_noise_is_found_or_given_by_joint() -> None:
+    made = KalmanSmoother(sigma={"b": 2e-3})(log(moving()))
+    assert made.smoothing["sigma"][1] == 2e-3
+    assert made.smoothing["sigma"][0] == pytest.approx(1e-3, rel=0.05)
+    assert made.smoothing["noise"] == pytest.approx((1e-3, 1e-3), rel=0.05)  # too large a noise is seen in what is left
+    alone = KalmanSmoother()(log(moving()))
+    np.testing.assert_array_equal(made.q[:, 0], alone.q[:, 0])
+    assert made.smoothing["cutoff"][1] < alone.smoothing["cutoff"][1]
+
+
+def test_order_two_is_the_spline_of_restricted_maximum_likelihood() -> None:
+    one = log(moving(), jitter=0.8)
+    made, spline = KalmanSmoother(2)(one), Spline(REML())(one)
+    for name in ("q", "dq", "ddq"):
+        found, other = getattr(made, name), getattr(spline, name)
+        np.testing.assert_allclose(found, other, atol=1e-9 * np.abs(other).max())
+    assert made.smoothing["bandwidth"] == pytest.approx(spline.smoothing["bandwidth"])
+    assert made.smoothing["cutoff"] == pytest.approx(spline.smoothing["cutoff"])
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.9])
+def test_of_an_unknown_noise_order_three_knows_the_acceleration_of_a_smooth_motion_best(jitter: float) -> None:
+    one = log(moving(noise=0.0), jitter=jitter)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(one.q.shape)
+    one = replace(one, q=np.column_stack((np.sin(one.t), np.cos(2 * one.t))) + noise)
+    true = np.column_stack((-np.sin(one.t), -4 * np.cos(2 * one.t)))
+    error = []
+    for smoother in (KalmanSmoother(), KalmanSmoother(2), Spline(GCV())):
+        made = smoother(one)
+        error.append(np.sqrt(np.mean((made.ddq - true)[500:-500] ** 2)))
+    assert error[0] < 0.06
+    assert error[0] < 0.5 * min(error[1:])
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_as_used_it_smooths_as_much_and_is_linear(order: Order) -> None:
+    one, plain = log(moving(n=1500)), KalmanSmoother(order)
+    for smoother in (plain, TimeShifted(plain, 1e-3), KalmanSmoother(order, sigma={"a": 1e-3})):
+        made = smoother(one)
+        again = smoother.as_used(made)
+        np.testing.assert_allclose(again(one).ddq, made.ddq, rtol=1e-9, atol=1e-8)
+        np.testing.assert_array_equal(again(one).mask, made.mask)
+        double = again(replace(one, q=2 * one.q))
+        np.testing.assert_allclose(double.ddq, 2 * made.ddq, rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("kind", ["noise", "flicker", "constant"])
+def test_a_joint_at_rest_has_no_velocity_and_costs_no_samples(order: Order, kind: str) -> None:
+    rng, q = np.random.default_rng(5), moving()
+    rest = {"noise": 1e-5 * rng.standard_normal(4001), "flicker": 1e-4 * (rng.uniform(size=4001) > 0.7)}
+    both = KalmanSmoother(order)(log(np.column_stack([0.4 + rest.get(kind, np.zeros(4001)), q[:, 1]])))
+    assert np.ptp(both.q[:, 0]) == 0
+    assert not both.dq[:, 0].any()
+    assert not both.ddq[:, 0].any()
+    np.testing.assert_array_equal(both.mask, KalmanSmoother(order)(log(q[:, 1])).mask)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_without_noise_nothing_is_smoothed_away(order: Order) -> None:
+    """The likelihood has no bound then: the noise becomes that of rounding, or of what the process cannot follow."""
+    made = KalmanSmoother(order)(log(moving(noise=0.0)))
+    t = made.t
+    assert max(made.smoothing["sigma"]) < 2e-6
+    assert np.abs(made.ddq[:, 0] + np.sin(t))[made.mask].max() < 5e-3
+    assert made.mask.mean() > 0.98
+
+
+@pytest.mark.parametrize("count", [1e-5, 1e-3])
+def test_a_quantised_encoder_is_smoothed(count: float) -> None:
+    """Its error is uniform over a count: of standard deviation count / sqrt(12)."""
+    made = KalmanSmoother()(log(np.round(moving(noise=0.0) / count) * count))
+    assert made.smoothing["sigma"] == pytest.approx((count / 12**0.5,) * 2, rel=0.35)
+    assert np.abs(made.ddq[:, 0] + np.sin(made.t))[made.mask].max() < 40 * count**0.5
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_stuck_encoder_has_no_noise_at_all(order: Order) -> None:
+    """Long times at exactly one value, and steps between."""
+    made = KalmanSmoother(order)(log(np.round(moving(noise=0.0)[:, 0] / 0.7) * 0.7))
+    assert np.isfinite(made.ddq).all()
+    assert made.smoothing["sigma"][0] > 0
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_joint_of_constant_velocity_leaves_half_of_the_samples(order: Order) -> None:
+    """It is smoothed over all of the log, as what it is: a line."""
+    t, rng = np.arange(1000) * 0.01, np.random.default_rng(0)
+    made = KalmanSmoother(order)(log((0.3 * t + 1e-4 * rng.standard_normal(1000))[:, None], h=0.01))
+    assert made.mask.mean() > 0.49
+    assert np.abs(made.dq - 0.3)[made.mask].max() < 1e-3
+
+
+def test_standard_errors_cover() -> None:
+    """Of a joint whose jerk is white: 95 % intervals of q, dq, ddq hold the truth at 90 to 99 % of the samples."""
+    rng, n, h = np.random.default_rng(2), 3000, 0.01
+    jerk = np.cumsum(np.concatenate((np.zeros((20, 1)), rng.standard_normal((20 * (n - 1), 1)))), axis=0)
+    fine = h / 20
+    ddq = jerk * fine**0.5
+    dq = np.cumsum(ddq, axis=0) * fine
+    q = np.cumsum(dq, axis=0) * fine
+    true = [x[::20] for x in (q, dq, ddq)]
+    smoother = KalmanSmoother()
+    made = smoother(log(true[0] + 0.01 * rng.standard_normal((n, 1)), h=h))
+    errors = smoother.standard_errors(made)
+    assert errors.shape == (3, n, 1)
+    for found, truth, error in zip((made.q, made.dq, made.ddq), true, errors, strict=True):
+        inside = np.mean(np.abs(found - truth) < 1.96 * error)
+        assert 0.9 < inside < 0.99
+    assert KalmanSmoother(2).standard_errors(KalmanSmoother(2)(log(moving(n=300)))).shape == (2, 300, 2)
+
+
+def test_too_few_samples_are_said() -> None:
+    with pytest.raises(InputError, match="made: an integrated Wiener process of order 3 needs 4 samples, got 3"):
+        KalmanSmoother()(log(moving(n=3)))
+    assert np.isfinite(KalmanSmoother()(log(moving(n=4))).ddq).all()

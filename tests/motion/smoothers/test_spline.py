@@ -1,0 +1,100 @@
+"""The spline smoother: what it says of itself, and what it cannot smooth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Difference, Spline, TimeShifted
+from dynident.motion.splines import Fixed
+from dynident.runtime import ConfigError, InputError
+
+
+def log(n: int = 4001, h: float = 0.0025, noise: float = 1e-3) -> Log:
+    t = np.arange(n) * h
+    q = np.column_stack((np.sin(t), np.cos(2 * t))) + noise * np.random.default_rng(0).standard_normal((n, 2))
+    return Log(t, q, np.zeros((n, 2)), ("a", "b"), "made")
+
+
+def test_a_spline_of_wrong_settings() -> None:
+    with pytest.raises(ConfigError, match="ends is -1"):
+        Spline(ends=-1)
+    with pytest.raises(ConfigError, match=r"sigma names the joint 'c'.*'a', 'b'"):
+        Spline(sigma={"c": 1.0})(log())
+
+
+def test_spline_tells_how_it_smoothed() -> None:
+    made = Spline(sigma={"b": 2e-3})(log())
+    assert made.smoothing["sigma"][1] == 2e-3
+    assert made.smoothing["sigma"][0] == pytest.approx(1e-3, rel=0.1)
+    assert made.smoothing["S"] == pytest.approx((4001, 4001))
+    assert all(0.01 < width < 1.0 for width in made.smoothing["bandwidth"])
+
+
+def test_spline_beats_raw_differences_by_far() -> None:
+    true = -np.sin(log().t)
+    spline, raw = Spline(sigma=1e-3)(log()), Difference()(log())
+    error = [np.sqrt(np.mean((made.ddq[:, 0] - true)[made.mask] ** 2)) for made in (spline, raw)]
+    assert error[0] < 0.05
+    assert error[1] > 100
+
+
+def test_a_spline_too_wide_for_the_log_is_said() -> None:
+    with pytest.raises(InputError, match="too short"):
+        Spline(Fixed(lam=0.64))(log(n=200))  # a bandwidth of 0.2 s
+
+
+def test_a_joint_that_double_precision_cannot_smooth_is_named() -> None:
+    t = np.arange(60_000) * 1e-6
+    made = Log(t, np.sin(40 * t)[:, None] * [1.0, 2.0], np.zeros((len(t), 2)), ("wrist", "hand"), "run")
+    with pytest.raises(InputError, match="run: joint 'wrist' cannot be smoothed with these settings"):
+        Spline(Fixed(lam=20000.0**4 * 1e-18))(made)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-4])
+@pytest.mark.parametrize("kind", ["noise", "flicker"])
+def test_a_joint_that_stands_still_has_no_velocity(kind: str, size: float) -> None:
+    rng, n = np.random.default_rng(5), 3000
+    rest = 1e-5 * rng.standard_normal(n) if kind == "noise" else 1e-4 * (rng.uniform(size=n) > 0.7)
+    t = np.arange(n) * 0.002
+    moving = size * np.sin(3 * t) + 1e-5 * size * rng.standard_normal(n)
+    made = Spline()(Log(t, np.column_stack([0.4 + rest, moving]), np.zeros((n, 2)), ("still", "moving")))
+    assert np.ptp(made.q[:, 0]) == 0
+    assert not made.dq[:, 0].any()
+    assert not made.ddq[:, 0].any()
+    assert np.abs(made.dq[made.mask, 1] - 3 * size * np.cos(3 * t[made.mask])).max() < 0.01 * size
+
+
+def test_a_spline_as_used_smooths_as_much_and_is_linear() -> None:
+    one, late = log(), TimeShifted(Spline(factor=1.4), 1e-3)
+    for smoother in (Spline(), late):
+        made, again = smoother(one), smoother.as_used(smoother(one))
+        np.testing.assert_allclose(again(one).ddq, made.ddq, rtol=1e-9, atol=1e-9)
+        double = replace(one, q=2 * one.q)
+        np.testing.assert_allclose(again(double).ddq, 2 * made.ddq, rtol=1e-9, atol=1e-9)
+    assert Difference().as_used(Difference()(one)) == Difference()
+
+
+def test_the_factor_of_each_joint() -> None:
+    plain, made = Spline(sigma=1e-3)(log()), Spline(sigma=1e-3, factor={"b": 2.0})(log())
+    np.testing.assert_array_equal(made.q[:, 0], plain.q[:, 0])
+    np.testing.assert_array_equal(made.q[:, 1], Spline(sigma=1e-3, factor=2.0)(log()).q[:, 1])
+    assert made.smoothing["sigma"] == (1e-3, 2e-3)
+    estimated = Spline(factor={"a": 3.0, "b": 1.0})(log()).smoothing["sigma"]
+    assert estimated == pytest.approx((3e-3, 1e-3), rel=0.1)
+    mixed = Spline(sigma={"a": 2e-3}, factor={"a": 3.0})(log()).smoothing["sigma"]
+    assert mixed == pytest.approx((6e-3, 1e-3), rel=0.1)
+    with pytest.raises(ConfigError, match=r"factor names the joint 'c'.*'a', 'b'"):
+        Spline(factor={"c": 2.0})(log())
+    with pytest.raises(ConfigError, match="factor is 0"):
+        Spline(factor={"a": 0.0})
+
+
+def test_the_factor_of_each_joint_as_settings() -> None:
+    given = Spline.Settings(rule="torque", factor={"a": 2.0, "b": 1.0}).build()
+    assert isinstance(given, tuple)
+    assert [one.factor for one in given[:2]] == [{"a": 2.0, "b": 1.0}, {"a": 2.8, "b": 1.4}]
+    assert Spline.Settings.of(Spline(factor={"a": 2.0})).build() == Spline(factor={"a": 2.0})

@@ -1,0 +1,264 @@
+"""What the kernel does against NumPy and LAPACK: every function, all levels of this CPU, over the range of p."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.motion.splines import (
+    GCV,
+    REML,
+    Constraint,
+    Fixed,
+    Interpolation,
+    SmoothingSpline,
+    compiled,
+    noise_sigma,
+    smooth,
+)
+from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System, second_difference
+from dynident.motion.splines.compiled import (
+    BareProblem,
+    Solver,
+    SplineTrial,
+    column_ranges,
+    scale_columns,
+    slopes,
+    spline_values,
+)
+from dynident.runtime.kernel import kernel
+from dynident.runtime.kernel.build import LEVELS, architecture
+
+compiled_only = pytest.mark.skipif(kernel().level is None, reason=f"there is no compiled kernel: {kernel().about}")
+
+
+@contextmanager
+def without_kernel() -> Iterator[None]:
+    """NumPy and LAPACK for a while."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled, "function", lambda *_, **__: None)
+        patch.setattr(Solver, "_local", threading.local())
+        yield
+
+
+def steps(n: int, spread: float, rng: np.random.Generator) -> np.ndarray:
+    step = np.exp(spread * rng.standard_normal(n - 1))
+    return step / step.mean()
+
+
+def trials(n: int, count: int, spread: float, weighted: bool, p: np.ndarray, seed: int) -> list[SplineTrial]:
+    rng = np.random.default_rng(seed)
+    grid = Grid(steps(n, spread, rng))
+    out = []
+    for k in range(count):
+        variance = np.exp(rng.uniform(-2, 2, n)) if weighted else None
+        y = np.sin(np.arange(n) * (k + 1) / 7) + 0.1 * rng.standard_normal(n)
+        out.append(SplineTrial(BareProblem(System(grid, variance), second_difference(y, grid.step)), float(p[k])))
+    return out
+
+
+def changed(asked: list[SplineTrial], **what: bool) -> list[SplineTrial]:
+    return [SplineTrial(one.series, one.p, **what) for one in asked]
+
+
+@compiled_only
+@settings(max_examples=150, deadline=None)
+@given(
+    n=st.integers(3, 60),
+    count=st.integers(1, 20),
+    spread=st.sampled_from([0.0, 0.2, 1.0]),
+    weighted=st.booleans(),
+    p=st.lists(st.floats(-25.0, 6.0), min_size=20, max_size=20),
+    seed=st.integers(0, 2**20),
+)
+def test_solutions_are_those_of_lapack(
+    n: int, count: int, spread: float, weighted: bool, p: list[float], seed: int
+) -> None:
+    asked = trials(n, count, spread, weighted, np.exp(p), seed)
+    solver = Solver()
+    for one, (found, expected) in zip(asked, pairs(solver, changed(asked, refine=True)), strict=True):
+        if isinstance(expected, IllConditionedError) or isinstance(found, IllConditionedError):
+            continue  # at the limit of double precision either may fail, but says so
+        np.testing.assert_allclose(found.u, expected.u, atol=1e-11 * np.linalg.norm(expected.u))
+        np.testing.assert_allclose(found.rss, expected.rss, rtol=1e-10)
+        assert found.residual < max(1e-9, 10 * expected.residual)
+        assert found.p == one.p
+    condition = 1e-15 * np.minimum(n, np.exp(-np.array(p) / 4)) ** 4 * np.exp(8 * spread) * (50 if weighted else 1)
+    for k, (found, expected) in enumerate(pairs(solver, changed(asked, trace=True, determinant=True))):
+        if isinstance(expected, Solution) and isinstance(found, Solution) and condition[k] < 1e-6:
+            rtol = 1e-11 + 100 * condition[k]
+            whole = expected.rss + expected.p * expected.energy
+            np.testing.assert_allclose(found.rss, expected.rss, atol=rtol * whole)
+            np.testing.assert_allclose(found.slope * found.rss, expected.slope * expected.rss, atol=2 * rtol * whole)
+            np.testing.assert_allclose(found.energy, expected.energy, rtol=rtol, atol=rtol * whole / found.p)
+            np.testing.assert_allclose(found.log_det, expected.log_det, atol=rtol * n * 10)
+            np.testing.assert_allclose([found.rise, found.bend], [expected.rise, expected.bend], atol=rtol * n)
+
+
+def pairs(solver: Solver, asked: list[SplineTrial]) -> list[tuple[compiled.Answer, compiled.Answer]]:
+    """Answers of the kernel and of LAPACK."""
+    with without_kernel():
+        expected = Solver()(asked)
+    return list(zip(solver(asked), expected, strict=True))
+
+
+@compiled_only
+@pytest.mark.parametrize("n", [4, 5, 12, 13, 200])
+def test_a_series_has_the_same_bits_alone_and_beside_others(n: int) -> None:
+    asked = trials(n, 11, 0.3, True, np.exp(np.linspace(-12, 3, 11)), 0)
+    for what in ({"refine": True}, {"trace": True, "determinant": True}):
+        together = Solver()(changed(asked, **what))
+        for one, found in zip(changed(asked, **what), together, strict=True):
+            (alone,) = Solver()([one])
+            for name in ("rss", "residual", "accuracy", "slope", "energy", "rise", "bend"):
+                np.testing.assert_array_equal(getattr(alone, name), getattr(found, name), err_msg=name)
+            np.testing.assert_array_equal(alone.u, found.u)
+
+
+@compiled_only
+def test_all_levels_give_the_same_bits() -> None:
+    code = (
+        "import hashlib, numpy as np\n"
+        "from dynident.runtime.kernel import kernel\n"
+        "from dynident.motion.splines import *\n"
+        "rng = np.random.default_rng(0)\n"
+        "t = np.cumsum(rng.uniform(0.5, 1.5, 700)) * 1e-3\n"
+        "y = np.sin(np.outer(t, np.arange(1, 12))) + 1e-2 * rng.standard_normal((700, 11))\n"
+        "w, found = rng.uniform(0.5, 2, y.shape), hashlib.sha256()\n"
+        "for rule in (Constraint(), Fixed(lam=1e-6), GCV(), REML()):\n"
+        "    for weights in (None, w):\n"
+        "        fit = smooth(t, y, rule, sigma=0.01, weights=weights)\n"
+        "        for x in (fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S):\n"
+        "            found.update(np.ascontiguousarray(x).tobytes())\n"
+        "found.update(noise_sigma(t, y).tobytes() + noise_sigma(t, y, w).tobytes())\n"
+        "print(kernel().level, found.hexdigest())\n"
+    )
+    names = [name for name, _, _ in LEVELS[architecture()]]
+    levels = names[: names.index(str(kernel().level)) + 1]
+    said = {}
+    for level in levels:
+        environment = {**os.environ, "DYNIDENT_KERNEL": level}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+        name, said[level] = done.stdout.split()
+        assert name == level
+    assert len(set(said.values())) == 1, said
+
+
+@compiled_only
+@pytest.mark.parametrize("rule", [Constraint(), Constraint(S=30.0), Fixed(lam=1e-4), GCV(), REML(), Interpolation()])
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("columns", [1, 2, 9])
+def test_splines_are_those_of_lapack(rule: Any, weighted: bool, columns: int) -> None:
+    for n, spread in product((30, 301), (0.0, 0.5)):
+        rng = np.random.default_rng(n)
+        t = np.concatenate(([0.0], np.cumsum(steps(n, spread, rng)))) * 0.01
+        y = np.sin(np.outer(3 * t, np.arange(1, columns + 1))) + 0.02 * rng.standard_normal((n, columns))
+        weights = rng.uniform(0.3, 3, y.shape) if weighted else None
+        found = smooth(t, y, rule, sigma=0.02, weights=weights)
+        with without_kernel():
+            expected = smooth(t, y, rule, sigma=0.02, weights=weights)
+            assert_same(found, expected)
+
+
+def assert_same(found: SmoothingSpline, expected: SmoothingSpline) -> None:
+    for name in ("p", "S", "edf"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-7, err_msg=name)
+    for order, rtol in ((0, 1e-9), (1, 1e-8), (2, 1e-7)):
+        one, other = found.derivative(order), expected.derivative(order)
+        np.testing.assert_allclose(one, other, atol=rtol * np.abs(other).max())
+
+
+@compiled_only
+@pytest.mark.parametrize("columns", [1, 3])
+@pytest.mark.parametrize("n", [3, 4, 255, 256, 257, 600])
+def test_what_is_done_to_the_data(n: int, columns: int) -> None:
+    rng = np.random.default_rng(n)
+    grid, t = Grid(steps(n, 0.5, rng)), np.zeros(n)
+    np.cumsum(grid.step, out=t[1:])
+    y = 5 + rng.standard_normal((n, columns))
+    unit, size, bend = ((2.0 ** rng.integers(-3, 3, columns)).tolist() for _ in range(3))
+    systems = [System(grid, rng.uniform(0.5, 2, n)) for _ in range(columns)]
+    u = list(rng.standard_normal((columns, n - 2)))
+    found: list[Any] = [*scale_columns(grid, t, y, unit)[:2], *spline_values(y, systems, u, size, bend)]
+    left, (low, high, finite) = scale_columns(grid, t, y, unit)[2], column_ranges(y)
+    with without_kernel():
+        expected: list[Any] = [*scale_columns(grid, t, y, unit)[:2], *spline_values(y, systems, u, size, bend)]
+        assert slopes(t, *expected[2:]) is None
+        for one, other in zip((low, high), column_ranges(y), strict=False):
+            np.testing.assert_array_equal(one, other)
+    assert finite
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-13 * np.abs(other).max(), rtol=1e-13)
+    for k in range(columns):
+        line = np.polyval(np.polyfit(t, y[:, k], 1), t)
+        if n > 3:
+            np.testing.assert_allclose(left[k], np.sum(((y[:, k] - line) * unit[k]) ** 2), rtol=1e-9)
+
+
+@compiled_only
+@pytest.mark.parametrize("columns", [1, 3, 9])
+@pytest.mark.parametrize("weights", [None, 1, 9])
+@pytest.mark.parametrize("n", [6, 300])
+def test_the_noise_is_that_of_numpy(n: int, weights: int | None, columns: int) -> None:
+    rng = np.random.default_rng(n)
+    t, y = np.cumsum(steps(n + 1, 0.5, rng)), rng.standard_normal((n, 9))[:, :columns]
+    weight = None if weights is None else rng.uniform(0.5, 2, (n, min(weights, columns)))
+    found = noise_sigma(t, y, weight)
+    with without_kernel():
+        np.testing.assert_allclose(found, noise_sigma(t, y, weight), rtol=1e-12)
+    np.testing.assert_array_equal(noise_sigma(t, y[:, 0], None if weight is None else weight[:, 0]), found[0])
+
+
+@compiled_only
+@pytest.mark.parametrize("n", [5, 254, 255, 256, 257, 258, 259, 600])
+@pytest.mark.parametrize("columns", [1, 3, 7, 8, 11])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_what_lies_side_by_side_is_finished_as_what_does_not(n: int, columns: int, weighted: bool) -> None:
+    rng = np.random.default_rng(n)
+    grid, y = Grid(steps(n, 0.5, rng)), rng.standard_normal((n, columns))
+    systems = [System(grid, rng.uniform(0.5, 2, n) if weighted else None) for _ in range(columns)]
+    unit = rng.uniform(0.5, 2, columns).tolist()
+    lanes = [rng.standard_normal((n, Solver().lanes)) for _ in range(0, columns, Solver().lanes)]
+    u = [part[1:-1, j] for part in lanes for j in range(Solver().lanes)][:columns]
+    for some in (u, [u[0].copy(), *u[1:]], [*u[:-1], u[-1].copy()]):
+        expected = spline_values(y, systems, [np.ascontiguousarray(one) for one in u], unit, unit)
+        for one, other in zip(spline_values(y, systems, some, unit, unit), expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+@compiled_only
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("shape", [(41, 1), (20, 3)])
+def test_a_value_that_is_not_finite_is_seen_wherever_it_is(wrong: float, shape: tuple[int, int]) -> None:
+    for k in range(shape[0] * shape[1]):
+        y = np.ones(shape)
+        y.flat[k] = wrong
+        assert not column_ranges(y)[2]
+
+
+@compiled_only
+@pytest.mark.parametrize("refine", [True, False])
+def test_a_system_that_breaks_down_says_so_beside_ones_that_do_not(refine: bool) -> None:
+    system, z = System(Grid(np.diff(1e-6 * np.arange(60_000)) * 1e6)), np.sin(40e-6 * np.arange(59_998))
+    asked = [SplineTrial(BareProblem(system, z), p, refine) for p in (0.5 / 20_000.0**4, 1e-4, 1.0, 1e-3)]
+    for solved in (Solver()(asked), [Solver()([one])[0] for one in asked]):
+        assert all(isinstance(one, Solution) and np.isfinite(one.rss) for one in solved[1:])
+        assert isinstance(solved[0], IllConditionedError)
+
+
+def test_a_straight_line_too_near_to_be_told_by_subtraction_is_left_to_the_long_way() -> None:
+    n = 300
+    t, grid = np.arange(float(n)), Grid(np.ones(n - 1))
+    y = (t + 1e-6 * np.random.default_rng(0).standard_normal(n))[:, None]
+    assert np.isnan(scale_columns(grid, t, y, [1.0])[2]).all()

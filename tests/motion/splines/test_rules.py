@@ -1,0 +1,155 @@
+"""Rules of smoothing: what they refuse, and where their criteria look."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_by_name, smooth
+from dynident.runtime import ConfigError
+from tests.motion.splines.reference import matrices, series
+
+
+def test_rules_have_names() -> None:
+    assert rule_by_name("gcv") == GCV()
+    assert rule_by_name("constraint") == Constraint()
+    with pytest.raises(ConfigError, match="no rule 'gvc'; did you mean 'gcv'"):
+        rule_by_name("gvc")
+
+
+@pytest.mark.parametrize("rule", [GCV(), REML()], ids=repr)
+def test_criteria_ignore_a_middle_that_stands_still(rule: GCV | REML) -> None:
+    n = 20_000
+    t = np.arange(n) * 1e-3
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(n)
+    moving = np.abs(t - 10.0) > 3.0
+    y = np.where(moving, np.sin(t) + noise, np.sin(7.0))
+    fit = smooth(t, y, rule)
+    assert fit.bandwidth > 5e-4  # jumps of the velocity ask for little smoothing, but not for none
+    assert fit.noise < 2e-3
+
+
+def columns(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    t, rng = np.arange(n) * 0.01, np.random.default_rng(2)
+    return t, np.column_stack([np.sin(3 * t), 2 * np.cos(2 * t)]) + 0.01 * rng.standard_normal((n, 2))
+
+
+def test_a_setting_for_each_column_is_that_columns() -> None:
+    t, y = columns()
+    apart = smooth(t, y, Constraint(S=[100.0, 900.0]), sigma=0.01)
+    np.testing.assert_allclose(apart.S, [100.0, 900.0], rtol=1e-8)
+    np.testing.assert_allclose(smooth(t, y, Constraint(S=[300.0]), sigma=0.01).S, 300.0, rtol=1e-8)
+    for k, S in enumerate((100.0, 900.0)):
+        alone = smooth(t, y[:, k], Constraint(S=S), sigma=0.01)
+        np.testing.assert_allclose(apart.values[:, k], alone.values, atol=1e-9)
+    np.testing.assert_allclose(smooth(t, y, Fixed(lam=[1e-4, 1e-2])).lam, [1e-4, 1e-2])
+    np.testing.assert_allclose(smooth(t, y, Fixed(p=[5.0, 0.0])).p, [5.0, 0.0])
+
+
+@pytest.mark.parametrize("rule", [Constraint(S=[1.0, 2.0, 3.0]), Fixed(p=[1.0, 2.0, 3.0]), Fixed(lam=[1.0, 2.0, 3.0])])
+def test_settings_for_more_columns_than_there_are(rule: Rule) -> None:
+    t, y = columns()
+    with pytest.raises(ConfigError, match="has 3 entries, but the data have 2 columns"):
+        smooth(t, y, rule, sigma=1.0)
+    with pytest.raises(ConfigError, match="S has no entries"):
+        smooth(t, y, Constraint(S=[]), sigma=1.0)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_straight_line_is_returned_just_where_it_satisfies_the_constraint(weighted: bool) -> None:
+    t, y = columns()
+    weights = np.random.default_rng(0).uniform(0.5, 2.0, len(t)) if weighted else np.ones(len(t))
+    line = np.polyval(np.polyfit(t, y[:, 0], 1, w=np.sqrt(weights)), t)
+    S = float(np.sum(weights * ((y[:, 0] - line) / 0.01) ** 2))
+    enough, less = (
+        smooth(t, y[:, 0], Constraint(S=S * share), sigma=0.01, weights=weights if weighted else None)
+        for share in (1 + 1e-9, 1 - 1e-4)
+    )
+    assert enough.p == 0
+    assert pytest.approx(S, rel=1e-9) == enough.S
+    np.testing.assert_allclose(enough.values, line, atol=1e-11)
+    assert less.p > 0
+    assert pytest.approx(S * (1 - 1e-4), rel=1e-8) == less.S
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_a_line_is_straight_to_within_rounding_and_no_more(offset: float) -> None:
+    """Noise of 1e-9 on a line is no rounding error, nor is any that is 100 times the last digit."""
+    t = np.arange(300) * 0.01
+    noise = np.random.default_rng(0).standard_normal(300)
+    for rule in (Constraint(S=100.0), GCV(), REML()):
+        straight = smooth(t, offset + 2 * t, rule, sigma=1e-13)
+        assert straight.p == 0
+        size = max(1e-9, 100 * np.spacing(offset))
+        assert smooth(t, offset + 2 * t + size * noise, rule, sigma=0.5 * size).p > 0
+
+
+def test_the_limits_of_a_given_p() -> None:
+    t, y = columns()
+    through = smooth(t, y, Interpolation())
+    for rule in (Fixed(p=np.inf), Fixed(lam=0.0)):
+        np.testing.assert_array_equal(smooth(t, y, rule).c, through.c)
+    np.testing.assert_array_equal(smooth(t, y, Fixed(lam=np.inf)).p, 0.0)
+    np.testing.assert_allclose(smooth(t, y, Fixed(p=0.5)).values, smooth(t, y, Fixed(lam=1.0)).values, rtol=1e-14)
+    with pytest.raises(ConfigError, match=r"p is nan; it must be a number >= 0"):
+        smooth(t, y, Fixed(p=np.nan))
+
+
+@pytest.mark.parametrize("S", [1e-6, 1.0, 150.0, 300.0, 900.0])
+@pytest.mark.parametrize("kind", ["uniform", "jittered", "wild"])
+def test_reaches_the_constraint(kind: str, S: float) -> None:
+    t, y = series(kind=kind)
+    fit = smooth(t, y, Constraint(S=S), sigma=1e-2)
+    assert np.sum(((fit.values - y) / 1e-2) ** 2) == pytest.approx(S, rel=1e-8)
+    assert pytest.approx(S, rel=1e-8) == fit.S
+
+
+@pytest.mark.parametrize("n", [20_000, 100_000])
+def test_reaches_the_constraint_on_long_data(n: int) -> None:
+    """Long data start from their middle; a middle that stands still must not mislead the search."""
+    t = np.arange(n) * 1e-3
+    y = np.where(np.abs(t - t[-1] / 2) < 3.0, 0.0, np.sin(t)) + 1e-3 * np.random.default_rng(0).standard_normal(n)
+    fit = smooth(t, y, sigma=1e-3)
+    assert pytest.approx(n, rel=1e-8) == fit.S
+
+
+@pytest.mark.parametrize("rule", [GCV(), REML()])
+def test_criteria_are_minimal(rule: GCV | REML) -> None:
+    """The lam chosen by GCV and REML minimises the criterion computed in dense algebra."""
+    t, y = series(n=120)
+    _, N, Q = matrices(t, np.ones(len(t)))
+
+    def criterion(lam: float) -> float:
+        A = Q.T @ Q + 0.5 / lam * N
+        u = np.linalg.solve(A, Q.T @ y)
+        if isinstance(rule, REML):
+            return len(A) * np.log(y @ Q @ u) + np.linalg.slogdet(A)[1]
+        return np.log(u @ Q.T @ Q @ u) - 2 * np.log(np.trace(Q @ np.linalg.solve(A, Q.T)))
+
+    chosen = float(smooth(t, y, rule).lam)
+    assert criterion(chosen) <= min(criterion(chosen * f) for f in (1e-3, 0.1, 0.8, 0.98, 1.02, 1.25, 10, 1e3))
+
+
+def test_small_samples_and_slow_motion_reach_the_constraint_without_warnings() -> None:
+    """Where the noise is nearly all there is, the search must not run away."""
+    one = smooth(
+        [0, 0.1, 0.2, 0.3], [-0.32605163, 1.48951205, 0.00707818, -0.86067922], Constraint(2.00146018), sigma=1
+    )
+    assert pytest.approx(2.00146018, rel=1e-8) == one.S
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        n = int(rng.integers(3, 13))
+        S = rng.uniform(0.01, 1.2) * n
+        fit = smooth(np.cumsum(rng.uniform(0.1, 1, n)), rng.standard_normal(n), Constraint(S), sigma=1.0)
+        assert pytest.approx(S, rel=1e-8) == fit.S or fit.p == 0
+    t = np.arange(4000) * 1e-3
+    for _ in range(20):
+        y = 1e-2 * np.sin(0.3 * t) + 1e-3 * rng.standard_normal(4000)
+        fit = smooth(t, y, sigma=1e-3 * rng.uniform(0.7, 0.99))
+        assert pytest.approx(4000, rel=1e-8) == fit.S or fit.p == 0
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_rounding_of_a_line_is_not_followed_however_small_sigma_is(offset: float) -> None:
+    t = np.arange(300) * 0.01
+    assert smooth(t, offset + 2 * t, Constraint(S=1.0), sigma=1e-20).p == 0

@@ -1,0 +1,85 @@
+"""Logs and motions: their tables, samples evenly spread over the usable ones, pieces whose samples stay neighbours."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from dynident.motion.log import Log, Motion, spread_pieces, subsample, thin_motions
+from dynident.runtime import InputError
+
+
+def motion(count: int, first: int = 0) -> Motion:
+    """Return a motion of so many samples, 0.01 s apart, usable from the first named on."""
+    x = np.zeros((count, 1))
+    return Motion(np.arange(count) * 0.01, x, x, x, x, ("a",), np.arange(count) >= first)
+
+
+def test_samples_are_spread_over_the_usable_ones_of_all_motions() -> None:
+    one, other = subsample([motion(1000, 500), motion(100)], 100)
+    np.testing.assert_array_equal(one, np.arange(500, 1000, 6))
+    np.testing.assert_array_equal(other, np.arange(0, 100, 6))
+    np.testing.assert_array_equal(subsample([motion(30, 10)], 100)[0], np.arange(10, 30))
+
+
+def test_samples_keep_their_distance_from_the_ends() -> None:
+    (rows,) = subsample([motion(101)], 1000, margin=0.2)
+    np.testing.assert_array_equal(rows, np.arange(20, 81))
+
+
+@pytest.mark.parametrize(("count", "share"), [(5, 0.25), (3, 1.0), (1, 0.5)])
+def test_pieces_cover_their_share_of_a_stretch(count: int, share: float) -> None:
+    found = spread_pieces(slice(100, 1000), count, share)
+    assert len(found) == count
+    assert found[0].start == 100
+    assert found[-1].stop <= 1000
+    assert sum(one.stop - one.start for one in found) == pytest.approx(900 * share, abs=count)
+    assert all(left.stop <= right.start for left, right in itertools.pairwise(found))
+
+
+def test_thinned_motions_have_the_samples_of_subsample():
+    long, other = motion(1000, 500), motion(100)
+    first, second = thin_motions([long, other], 100)
+    rows = subsample([long, other], 100)
+    np.testing.assert_array_equal(first.t, long.t[rows[0]])
+    np.testing.assert_array_equal(second.q, other.q[rows[1]])
+    assert [len(one) for one in thin_motions([motion(1000, 999), motion(100)], 100)] == [100]
+
+
+def test_frames_name_each_column_by_signal_and_joint() -> None:
+    t, q = np.arange(5) * 0.1, np.arange(10.0).reshape(5, 2)
+    log = Log(t, q, -q, ("shoulder", "elbow"), dq=2 * q)
+    table = log.frame()
+    assert table.columns == ["t", "q.shoulder", "q.elbow", "tau.shoulder", "tau.elbow", "dq.shoulder", "dq.elbow"]
+    np.testing.assert_array_equal(table["q.elbow"], q[:, 1])
+    motion = Motion(t, q, 2 * q, 3 * q, -q, log.joints, np.arange(5) > 1)
+    table = motion.frame()
+    np.testing.assert_array_equal(table["ddq.shoulder"], 3 * q[:, 0])
+    assert table["usable"].to_list() == [False, False, True, True, True]
+
+
+def test_recordings_are_displayed_in_a_line() -> None:
+    t, q = np.arange(5) * 0.1, np.zeros((5, 9))
+    log = Log(t, q, q, tuple(f"j{k}" for k in range(9)), "monday")
+    assert repr(log) == "<Log 'monday': 5 samples of j0, j1, j2, j3, j4, j5 and 3 more; 0 to 0.4 s, 10 Hz>"
+    motion = Motion(t, q, q, q, q, log.joints, np.arange(5) > 1, smoothing={"method": "exact"})
+    assert repr(motion).endswith("0 to 0.4 s, 10 Hz; 3 usable; exact>")
+
+
+def test_what_is_excluded_follows_the_samples() -> None:
+    t = np.arange(10) * 0.1
+    log = Log(t, np.zeros((10, 2)), np.zeros((10, 2)), ("a", "b"))
+    gone = log.exclude([(0.2, 0.4), (0.7, 5.0)])
+    assert gone.excluded is not None
+    assert np.flatnonzero(gone.excluded).tolist() == [2, 3, 4, 7, 8, 9]
+    assert gone.exclude([(0.3, 0.4)]) is gone
+    assert log.exclude([(2.0, 3.0)]) is log
+    cut = gone.window(0.35, 0.75).select(("b", "a"))
+    assert cut.excluded is not None
+    assert cut.excluded.tolist() == [True, False, False, True]
+    assert gone.include_all().excluded is None
+    assert log.include_all() is log
+    with pytest.raises(InputError, match=r"log: excluded has shape \(3,\), expected \(10,\)"):
+        Log(t, np.zeros((10, 2)), np.zeros((10, 2)), ("a", "b"), excluded=np.zeros(3, dtype=bool))

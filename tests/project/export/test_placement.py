@@ -1,0 +1,130 @@
+"""What a robot file cannot hold goes where it can: the same torque, and bodies that are physical."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio
+import pytest
+
+from dynident.estimators import PhysicallyConsistent
+from dynident.identification import Recipe, identify
+from dynident.models import Model, RigidBodies, RotorInertia, consistency_violations
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.simulation import record, simulate
+from dynident.motion.smoothers import Spline
+from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, export, exports, identified_urdf, random_states
+from dynident.project.export.written import place_values
+from tests.project.export.arms import arm
+from tests.robots import ARM_MJCF, joint, link, urdf
+
+ROTORS = (0.5, 0.6, 0.3, 0.1, 0.08, 0.05)
+PLACES = (
+    ((0, 0, 0.16), (0, 0, 0)), ((0, 0, 0), (np.pi / 2, 0, 0)), ((-0.425, 0, 0), (0, 0, 0)),
+    ((-0.39, 0, 0.13), (0, 0, 0)), ((0, -0.1, 0), (np.pi / 2, 0, 0)), ((0, 0.1, 0), (np.pi / 2, np.pi, np.pi)),
+)  # fmt: skip
+LINKS = (
+    (3.7, (0, -0.02, -0.03), (0.014, 0.014, 0.0104)), (8.4, (0.21, 0, 0.11), (0.13, 0.13, 0.015)),
+    (2.3, (0.12, 0, 0.03), (0.03, 0.03, 0.004)), (1.2, (0, 0, 0.01), (0.002, 0.002, 0.0012)),
+    (1.2, (0, 0, 0.01), (0.002, 0.002, 0.0012)), (0.25, (0, 0, -0.02), (1e-4, 1e-4, 1.5e-4)),
+)  # fmt: skip
+
+
+def six_axes(rotors=ROTORS, offset=0.0):
+    """An arm with the axes of a UR5, a vertical one first, and the rotor inertias given."""
+    parts, before = [link("base")], "base"
+    for k, ((mass, centre, moments), place) in enumerate(zip(LINKS, PLACES, strict=True), 1):
+        parts += [link(f"l{k}", mass, centre, (0, 0, 0), np.diag(moments))]
+        parts += [joint(f"j{k}", "revolute", before, f"l{k}", *place)]
+        before = f"l{k}"
+    bodies = RigidBodies(urdf(*parts))
+    joints = bodies.joints
+    model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)), name="arm")
+    nominal = [parameter.value for parameter in bodies.parameters]
+    return IdentifiedModel(model, np.concatenate([nominal, rotors, np.ones(12), np.full(6, offset)]))
+
+
+def mass_matrix(text, q):
+    model = pinocchio.buildModelFromXML(text)
+    upper = np.triu(pinocchio.crba(model, model.createData(), q))
+    return upper + np.triu(upper, 1).T
+
+
+def test_rotors_that_only_a_sum_shows_are_in_the_written_links():
+    one = six_axes()
+    written, rng = identified_urdf(one), np.random.default_rng(0)
+    for q in rng.uniform(-3, 3, (5, 6)):
+        error = mass_matrix(written.text, q) - one.model.mass_matrix(q[None], one.value)[0]
+        np.testing.assert_allclose(error[:2, :2], 0.0, atol=1e-9)  # the rotors of both first joints
+        np.testing.assert_allclose(np.diag(error)[2:], [-x for x in ROTORS[2:]], atol=1e-9)  # others act alone
+    assert [line.split(" = ")[0] for line in written.left_out] == ["Ia_j3", "Ia_j4", "Ia_j5", "Ia_j6"]
+    assert any("Ia_j1 (0.5 kg m^2), Ia_j2 (0.6 kg m^2): part of" in note for note in written.notes)
+    assert export(one, Urdf(), random_states(6, rng)).ready
+
+
+def test_the_torque_is_kept_and_bodies_stay_physical():
+    one = six_axes(offset=0.2)
+    best = place_values(one, armature=False)
+    states = random_states(6, np.random.default_rng(1))
+    torque = one.model.torque(*states, one.value)
+    np.testing.assert_allclose(
+        best.model.torque(*states, best.value), torque, rtol=0, atol=1e-10 * np.abs(torque).max()
+    )
+    assert all(consistency_violations(body) == () for body in best.bodies[1])
+    assert (best.value[-6:] == 0.2).all()  # a constant torque is nothing that bodies have
+
+
+def test_bodies_at_the_edge_of_what_is_physical_take_what_they_can():
+    """Only what is free without leaving consistency: a mass that is known is not made up."""
+    one = six_axes()
+    value = one.value.copy()
+    value[[4, 6, 9]] = 0.5, 0.5, 0.9932  # link 1 has no room left in its triangle, but for more of both
+    edge = place_values(replace(one, value=value), armature=False)
+    assert edge.value[60] == pytest.approx(0.0, abs=1e-9)
+    assert all(consistency_violations(body) == () for body in edge.bodies[1])
+
+
+@pytest.mark.parametrize("armature", [True, False])
+def test_nothing_moves_where_nothing_is_to_be_gained(armature):
+    one = six_axes(rotors=np.zeros(6))
+    assert place_values(one, armature=armature) is one
+    assert place_values(six_axes(), armature=True).value.tolist() == six_axes().value.tolist()
+
+
+def test_impossible_bodies_are_left_as_they_are():
+    one = six_axes()
+    value = one.value.copy()
+    value[0] = -1.0
+    assert place_values(wrong := replace(one, value=value), armature=False) is wrong
+
+
+def test_other_formats_hold_the_values_as_found():
+    one = six_axes()
+    assert "0.6" in export(one, Numpy(), random_states(6, np.random.default_rng(0))).written.text
+
+
+def test_a_coupled_motor_is_part_of_armature_where_bodies_take_the_rest():
+    made = export(arm(ARM_MJCF), Mjcf(), random_states(3, np.random.default_rng(0)))
+    assert made.proof.readers["dynident"] < 1e-12
+    assert not any("Ia_motor" in line for line in made.written.left_out)
+
+
+def test_a_file_has_its_own_error_on_the_logs():
+    """Of a pendulum about the vertical axis all inertia is one parameter: a URDF loses the constant torque alone."""
+    text = urdf(link("base"), link("arm", 2.0, (0.1, 0, 0), (0, 0, 0), np.diag([0.1, 0.1, 0.15])),
+                joint("turn", "revolute", "base", "arm"))  # fmt: skip
+    bodies = RigidBodies(text)
+    model = Model((bodies, RotorInertia(bodies.joints), Offset(bodies.joints)), name="turn")
+    theta = np.concatenate([[parameter.value for parameter in bodies.parameters], [0.4, 0.3]])
+    motion = simulate(model, theta, lambda s: [np.sin(3 * s)], np.arange(2001) * 0.005)
+    log = record(motion, 1e-6, 1e-3, np.random.default_rng(0)).log
+    recipe = Recipe(smoother=Spline(sigma=1e-6), estimator=PhysicallyConsistent())
+    urdf_file, *others = exports(identify(model, [log], [log], recipe))
+    assert [error.role for error in urdf_file.errors] == ["train", "validation"]
+    error = urdf_file.errors[1]
+    share = 100 * 0.3 * np.sqrt(len(log.t)) / np.linalg.norm(log.tau)
+    assert error.file == pytest.approx(
+        np.hypot(error.model, share), rel=0.01
+    )  # the constant torque, and nothing of the rotor
+    assert all(one.file == one.model for other in others for one in other.errors)

@@ -1,0 +1,103 @@
+"""A proof notices what is wrong with a text, and says so."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from dynident.motion.log import Motion
+from dynident.project.export import (
+    Mjcf,
+    Numpy,
+    Urdf,
+    Yaml,
+    export,
+    identified_urdf,
+    identified_yaml,
+    prove,
+    random_states,
+    spread,
+)
+from tests.project.export.arms import STATES, arm
+from tests.robots import ARM, ARM_MJCF
+
+WRONG = {
+    Urdf(): ('damping="1.0"', 'damping="1.00001"'),
+    Mjcf(): ('armature="0.5"', 'armature="0.50001"'),
+    Numpy(): ("(0.5, 1.0, 2.0, -0.3)", "(0.5, 1.0, 2.0, -0.30001)"),
+    Yaml(): ("value: 3.0", "value: 3.0001"),
+}
+
+
+def text(exporter):
+    return ARM_MJCF if exporter.format == "mjcf" else ARM
+
+
+@pytest.mark.parametrize("exporter", WRONG)
+def test_a_wrong_digit_is_noticed(exporter):
+    one = arm(text(exporter))
+    written = exporter.write(one)
+    assert prove(written, one, STATES, exporter).agreement < 1e-8
+    old, new = WRONG[exporter]
+    assert old in written.text
+    tampered = replace(written, text=written.text.replace(old, new, 1))
+    assert not prove(tampered, one, STATES, exporter).proven
+    assert exporter == Yaml() or prove(tampered, one, STATES, exporter).agreement < 1e-2
+
+
+@pytest.mark.parametrize("exporter", WRONG)
+def test_a_text_that_cannot_be_read_is_not_proven(exporter):
+    one = arm(text(exporter))
+    written = exporter.write(one)
+    proof = prove(replace(written, text=written.text[: len(written.text) // 2]), one, STATES, exporter)
+    assert not proof.proven
+    told = [words for words in proof.skipped if "installed" not in words]
+    assert told
+    assert all("cannot read it" in words or "can read neither" in words for words in told)
+
+
+def test_a_failed_proof_is_a_refusal(monkeypatch):
+    monkeypatch.setattr(Urdf, "write", lambda _, one: replace(identified_urdf(one), text=ARM))
+    made = export(arm(), Urdf(), STATES)
+    assert not made.ready
+    assert "does not reproduce the identified torque" in made.refusal
+    assert "Pinocchio" in made.refusal
+
+
+def test_a_reader_that_is_not_installed_is_named(monkeypatch):
+    """Nothing fails, and the result says who loaded the file."""
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    made = export(arm(), Urdf(), STATES)
+    assert made.ready
+    assert list(made.proof.readers) == ["dynident"]
+    assert made.proof.skipped == ("Pinocchio is not installed (the package `pin`): only dynident loaded the file",)
+
+
+def test_samples_are_spread_over_the_usable_ones():
+    t = np.arange(1000) * 0.01
+    q = np.arange(1000.0)[:, None]
+    motion = Motion(t, q, q, q, q, ("a",), t >= 5.0)
+    found, _, _ = spread((motion, motion), 100)
+    assert len(found) == 100
+    assert found.min() >= 500
+    assert len(spread((motion,), 10_000)[0]) == 500
+
+
+def test_random_states_are_those_of_their_generator():
+    one, other = (random_states(2, np.random.default_rng(3), 5) for _ in range(2))
+    assert all((a == b).all() for a, b in zip(one, other, strict=True))
+
+
+def test_yaml_lists_every_parameter():
+    one = replace(arm(), std=np.r_[np.inf, np.ones(len(arm().value) - 1)], verdict=("data",) * len(arm().value))
+    data = yaml.safe_load(identified_yaml(one).text)
+    assert [row["name"] for row in data["parameters"]] == list(one.model.names)
+    first = data["parameters"][0]
+    assert first["std"] is None
+    assert (first["unit"], first["verdict"], first["body"]) == ("kg", "data", "upper")
+    assert data["robot"]["merged"] == {"slide": ["tool"]}
+    assert [joint["unit"] for joint in data["joints"]] == ["rad", "m", "rad"]

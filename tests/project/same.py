@@ -1,0 +1,41 @@
+"""Whether two results are the same in all that a file holds, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from dynident.estimators import DataRank, Residual
+from dynident.validation import FreeRun, LogValidation
+
+__all__ = ["assert_same"]
+
+LEFT_OUT: Mapping[type, tuple[str, ...]] = {
+    LogValidation: ("signals",),
+    FreeRun: ("signals",),
+    DataRank: ("directions",),
+    Residual: ("sample_weights", "slopes"),
+}
+
+
+def assert_same(one: Any, other: Any, where: str = "result") -> None:
+    if is_dataclass(one):
+        assert type(one) is type(other), where
+        for field in fields(one):
+            if field.name not in LEFT_OUT.get(type(one), ()):
+                assert_same(getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}")
+    elif isinstance(one, Mapping):
+        assert one.keys() == other.keys(), where
+        for key, value in one.items():
+            assert_same(value, other[key], f"{where}[{key!r}]")
+    elif isinstance(one, tuple):
+        assert len(one) == len(other), where
+        for k, value in enumerate(one):
+            assert_same(value, other[k], f"{where}[{k}]")
+    elif isinstance(one, np.ndarray | float):
+        np.testing.assert_array_equal(np.asarray(other), np.asarray(one), err_msg=where)
+    else:
+        assert one == other, where

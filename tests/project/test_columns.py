@@ -1,0 +1,93 @@
+"""What names of columns say."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynident.project.columns import families, read_name, tokens
+
+JOINTS = ("joint_1", "joint_2", "joint_10", "elbow")
+NAMES = {  # role, joint, number, unit, rank
+    "q1": ("position", None, 1, None, 0),
+    "pos[0]": ("position", None, 0, None, 0),
+    "positions[3]": ("position", None, 3, None, 0),
+    "joint_2_position": ("position", "joint_2", None, None, 0),
+    "joint_10.effort": ("torque", "joint_10", None, None, 0),
+    "joint_10_eff": ("torque", "joint_10", None, None, 0),
+    "elbow.position": ("position", "elbow", None, None, 0),
+    "Elbow angle [°]": ("position", "elbow", None, "deg", 0),
+    "Achse2 Winkel [°]": ("position", None, 2, "deg", 0),
+    "Drehmoment_2_ist": ("torque", None, 2, None, 1),
+    "Achse2 Strom [mA]": ("current", None, 2, "mA", 0),
+    "Zeit [ms]": ("time", None, None, "ms", 0),
+    "A3 [°]": ("position", None, 3, "deg", 0),
+    "motor_current_3": ("current", None, 3, None, 0),
+    "cur_mA_3": ("current", None, 3, "mA", 0),
+    "tau_meas1": ("torque", None, 1, None, 1),
+    "tauMeas[1]": ("torque", None, 1, None, 1),
+    "Torque (N m) 2": ("torque", None, 2, "N m", 0),
+    "pos_filt1": ("position", None, 1, None, -1),
+    "pos_des1": ("position", None, 1, None, -2),
+    "q_d[0]": ("position", None, 0, None, -2),
+    "tau_ext[0]": ("torque", None, 0, None, -2),
+    "/command/elbow.effort": ("torque", "elbow", None, None, -2),
+    "dq_2": ("velocity", None, 2, None, 0),
+    "ddq2": ("acceleration", None, 2, None, 0),
+    "J1_deg": ("position", None, 1, "deg", 0),
+    "T2 [Nm]": ("torque", None, 2, "N m", 0),
+    "i3": ("current", None, 3, None, 0),
+    "time_ms": ("time", None, None, "ms", 0),
+    "Time [s]": ("time", None, None, "s", 0),
+    "t": ("time", None, None, None, 0),
+    "vir": ("", None, None, None, 0),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_read(name):
+    found = read_name(name, JOINTS)
+    assert (found.role, found.joint, found.number, found.unit, found.rank) == NAMES[name]
+
+
+def test_columns_of_one_quantity_are_a_family():
+    names = ["t", "q1", "q2", "q_d1", "tau_elbow", "tau_joint_1", "note"]
+    found = [(one.role, one.rank, dict(one.columns)) for one in families(names, JOINTS)]
+    assert found == [
+        ("time", 0, {None: "t"}),
+        ("position", 0, {1: "q1", 2: "q2"}),
+        ("position", -2, {1: "q_d1"}),
+        ("torque", 0, {"elbow": "tau_elbow", "joint_1": "tau_joint_1"}),
+    ]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Axis 1 Pos [deg]", "Axis 2 Pos [deg]", "Axis 3 Pos [mm]"),
+        ("joint_1 Torque [Nm]", "joint_2 Torque [Nm]", "elbow Force [N]"),
+    ],
+)
+def test_a_joint_that_slides_belongs_to_those_that_turn(names):
+    (found,) = families(names, JOINTS)
+    assert tuple(found.columns.values()) == names
+    assert found.units[names[0]] != found.units[names[2]]
+
+
+def test_two_spellings_of_one_quantity_are_two_families():
+    names = ["q1", "q2", "pos1", "pos2", "x_deg_1", "x_rad_2"]
+    assert [tuple(one.columns.values()) for one in families(names, JOINTS)] == [
+        ("q1", "q2"),
+        ("pos1", "pos2"),
+        ("x_deg_1",),
+        ("x_rad_2",),
+    ]
+
+
+@given(st.lists(st.text(max_size=20), max_size=5), st.lists(st.text(max_size=8), max_size=3))
+def test_any_names_are_read(columns, joints):
+    for column in columns:
+        tokens(column)
+    for family in families(columns, joints):
+        assert set(family.columns.values()) <= set(columns)

@@ -1,0 +1,211 @@
+"""Configurations: what they hold, the models they name, and what is warned of."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from dynident.estimators import LeastSquares
+from dynident.motion.smoothers import Spline
+from dynident.project.config import config_warnings, load_model, parse_config, read_config
+from dynident.project.settings import check_joints
+from dynident.runtime import ConfigError, ModelError
+from tests.project.configurations import FULL, SLIDER, TWO, changed, with_train
+
+
+def test_a_full_configuration(tmp_path):
+    (tmp_path / "emps.yaml").write_text(FULL)
+    config = read_config(tmp_path / "emps.yaml")
+    check_joints(config, SLIDER)
+    assert config.train[0].file == {"": tmp_path / "DATA_EMPS.mat"}
+    assert config.train[0].window == ((0, 20),)
+    assert [spec.name for spec in (*config.train, *config.validation)] == ["DATA_EMPS", "pulses"]
+    assert config.torque["slider"].gain == "gtau"
+    assert config.smoother.sigma == 1e-6
+    assert config.estimator.tolerance == 1e-10  # PyYAML reads these two as texts
+    assert config.filter.decimate == 10
+    assert pickle.loads(pickle.dumps(config)) == config
+
+
+def test_the_file_of_a_fleet_is_named_as_such():
+    with pytest.raises(ConfigError, match=r"many.yaml: is the file of a fleet, for `dynident fleet`"):
+        parse_config("recipe: robot.yaml\nlogs: logs/{robot}/{date}.csv\n", source="many.yaml")
+
+
+def test_settings_can_be_recorded_as_json():
+    record = json.loads(json.dumps(parse_config(FULL, "/data").model_dump(mode="json")))
+    assert record["train"] == [
+        {
+            "file": {"": str(Path("/data/DATA_EMPS.mat"))},
+            "width": None,
+            "window": [[0, 20]],
+            "exclude": [],
+            "name": "DATA_EMPS",
+        }
+    ]
+    assert record["torque"]["slider"]["gain"] == "gtau"
+    assert record["smoother"]["sigma"] == 1e-6
+
+
+def test_defaults():
+    config = parse_config(changed(gaps=..., smoother=..., estimator=..., filter=..., validation=...))
+    assert (config.gaps, config.filter, config.validation) == ("error", None, ())
+    assert config.smoother == Spline.Settings(rule="torque")
+    assert config.estimator == LeastSquares()
+
+
+def test_settings_are_frozen():
+    with pytest.raises(ValidationError, match="frozen"):
+        parse_config(FULL).gaps = "error"
+
+
+@pytest.mark.parametrize(
+    ("smoother", "expected"),
+    [
+        ({"kind": "difference", "scheme": "central"}, {"scheme": "central"}),
+        ({"kind": "butterworth"}, {"orders": (3, 3, 4), "cutoffs": (10, 3, 2), "settle": None}),
+        ({"kind": "butterworth", "settle": [1, "5e-1"]}, {"settle": (1, 0.5)}),
+        ({"kind": "spline", "rule": "fixed", "lam": "1e-9"}, {"lam": 1e-9, "p": None}),
+        ({"kind": "spline", "sigma": {"slider": "1e-5"}}, {"sigma": {"slider": 1e-5}}),
+    ],
+)
+def test_smoothers(smoother, expected):
+    config = parse_config(changed(smoother=smoother))
+    assert {name: getattr(config.smoother, name) for name in expected} == expected
+
+
+def test_headerless_columns_need_no_quotes():
+    config = parse_config(changed(position={"slider": {"sum": {0: 32, 1: "-4.5e0"}, "unit": "m"}}))
+    assert config.position["slider"].terms == {"0": 32, "1": -4.5}
+
+
+def test_one_file_used_twice_is_named_by_its_windows():
+    train = [{"file": "a.mat", "window": [0, 20]}, {"file": "./a.mat", "window": [20, None]}]
+    assert [spec.name for spec in parse_config(changed(train=train)).train] == ["a 0-20 s", "a 20-end"]
+
+
+def test_several_windows_and_files():
+    config = parse_config(with_train(file={"q": "q.txt", "i": "i.txt"}, width={"q": 7}, window=[[5, 6], [0, 2.5]]))
+    (spec,) = config.train
+    assert (spec.name, spec.width, spec.window) == ("q", {"q": 7}, ((5, 6), (0, 2.5)))
+
+
+def test_a_missing_configuration_lists_its_neighbours(tmp_path):
+    (tmp_path / "arm.yaml").write_text(FULL)
+    with pytest.raises(ConfigError, match=r"no such file.*did you mean 'arm\.yaml'"):
+        read_config(tmp_path / "amr.yaml")
+    with pytest.raises(ConfigError, match=r"folder .* does not exist"):
+        read_config(tmp_path / "lost" / "arm.yaml")
+
+
+def test_a_configuration_that_is_no_text(tmp_path):
+    (tmp_path / "arm.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not a UTF-8 text"):
+        read_config(tmp_path / "arm.yaml")
+
+
+ARM = """
+from __future__ import annotations
+from dataclasses import dataclass
+from dynident.models.lagrangian import pendulum
+
+@dataclass
+class Size:
+    l: float = 1.0
+
+def arm():
+    assert Size().l == 1.0
+    return pendulum()
+"""
+
+
+def test_models_are_found_in_the_gallery_and_in_files(tmp_path):
+    (tmp_path / "arm.py").write_text(ARM)
+    assert [joint.name for joint in load_model("gallery:slider").joints] == ["slider"]
+    assert load_model("arm.py:arm", tmp_path).joints == load_model("gallery:pendulum").joints
+
+
+WRONG_MODELS = {
+    "no colon": ("slider", "", ("neither a robot file (.urdf, .xml) nor `gallery:NAME` nor",)),
+    "gallery": ("gallery:slidr", "", ("did you mean 'slider'", "'two_link_arm'")),
+    "no file": ("amr.py:arm", "", ("there is no such file", "did you mean 'arm.py'")),
+    "no function": ("arm.py:amr", "def arm(): ...\n", ("no function 'amr'", "did you mean 'arm'")),
+    "raises": ("arm.py:arm", "x = 1\ndef arm():\n    return [][3]\n", ("arm.py:3: IndexError: list index",)),
+    "raises at import": ("arm.py:arm", "x = 1\n1 / 0\n", ("arm.py:2: ZeroDivisionError",)),
+    "exits": ("arm.py:arm", "raise SystemExit(3)\n", ("arm.py:1: SystemExit: 3",)),
+    "syntax": ("arm.py:arm", "x = 1\ndef arm(:\n", ("arm.py:2: SyntaxError",)),
+    "returns no model": (
+        "arm.py:arm",
+        "def arm():\n    return 3\n",
+        ("returned a int; it must return a dynident Model",),
+    ),
+    "needs arguments": ("arm.py:arm", "def arm(x):\n    return x\n", ("TypeError", "missing 1 required")),
+}
+
+
+@pytest.mark.parametrize(("spec", "code", "fragments"), WRONG_MODELS.values(), ids=WRONG_MODELS)
+def test_models_that_cannot_be_built(tmp_path, spec, code, fragments):
+    (tmp_path / "arm.py").write_text(code)
+    with pytest.raises(ModelError) as caught:
+        load_model(spec, tmp_path)
+    assert all(fragment in str(caught.value) for fragment in fragments), caught.value
+
+
+def test_a_file_that_fails_leaves_no_module_behind(tmp_path):
+    (tmp_path / "arm.py").write_text("1 / 0\n")
+    before = set(sys.modules)
+    with pytest.raises(ModelError):
+        load_model("arm.py:arm", tmp_path)
+    assert not {name for name in set(sys.modules) - before if name.startswith("_dynident")}
+
+
+def test_only_functions_of_the_file_itself_are_choices_but_imported_ones_serve(tmp_path):
+    imports = "from dynident.models.lagrangian import pendulum\nfrom pathlib import Path\n\n"
+    source = f"{imports}def arm():\n    return pendulum()\n"
+    (tmp_path / "mine.py").write_text(source)
+    with pytest.raises(ModelError, match=r"did you mean 'arm'\? Known: 'arm'\.$"):
+        load_model("mine.py:amr", tmp_path)
+    assert load_model("mine.py:pendulum", tmp_path).names
+
+
+def warned(**changes):
+    return config_warnings(parse_config(yaml.safe_dump({**TWO, **changes})))
+
+
+def test_an_ordinary_configuration_gives_no_warning():
+    apart = [{"file": "one.csv", "window": [5, 9]}, {"file": "two.csv", "window": [0, 5]}]
+    assert warned(validation=apart) == ()
+    scaled = {"a": {"column": "q1", "unit": "rad"}, "b": {"column": "q1", "gain": -1, "unit": "rad"}}
+    assert warned(position=scaled) == ()
+
+
+@pytest.mark.parametrize("section", ["position", "torque"])
+def test_two_channels_that_read_the_same_are_warned_of(section):
+    channel = {"column": "x", "unit": {"position": "rad", "torque": "N m"}[section]}
+    (words,) = warned(**{section: {"a": channel, "b": channel}})
+    assert f"{section}.a and {section}.b read the same column 'x'" in words
+
+
+def test_a_torque_that_reads_a_position_is_warned_of():
+    torque = {"a": {"sum": {"i1": 1, "q2": 2}, "unit": "N m"}, "b": {"column": "i2", "unit": "N m"}}
+    (words,) = warned(torque=torque)
+    assert words.startswith("torque.a reads the column 'q2', which is also read by position.b;")
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        {"file": "one.csv", "window": [4, 9]},
+        {"file": "./one.csv", "window": [[7, 9], [None, 1]]},
+        {"file": {"q": "zero.csv", "i": "one.csv"}},
+    ],
+)
+def test_a_validation_log_that_was_fitted_is_warned_of(spec):
+    (words,) = warned(validation=[{**spec, "name": "test"}])
+    assert words.startswith("validation 'test' overlaps in time with train 'one")

@@ -1,0 +1,224 @@
+"""The controller of a recording, as a configuration describes it."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from dynident.models import Joint
+from dynident.project.config import parse_config
+from dynident.project.logs import read_logs
+from dynident.project.project import build_recipe
+from dynident.runtime import ConfigError, InputError
+from tests.project.files import npz, written
+
+SLIDER = (Joint("slider", "prismatic"),)
+CASCADE = """{kind: cascade, joints: {slider: {reference: {column: r, unit: mm}, kp: kp, kv: 3, gain: -2,
+                                               saturation: 10, feedforward: {b: extra}}}}"""
+
+
+def config_of(folder, simulation: str, head: str = "", **how):
+    text = f"""
+    model: gallery:slider
+    time: {{column: t, unit: s}}
+    position: {{slider: {{column: x, unit: m}}}}
+    torque: {{slider: {{column: u, unit: N}}}}
+    train: [{{file: a.npz}}]
+    validation: [{{file: b.npz, window: [[0, 0.4], [0.6, 1]]}}]
+    simulation: {simulation}
+    {head}
+    """
+    return parse_config(text, folder, **how)
+
+
+def recordings(folder, **changes):
+    t = np.arange(101) * 0.01
+    columns = {"t": t, "x": np.sin(t), "u": np.cos(t), "r": 1000 * np.sin(t), "kp": 20.0, **changes}
+    written(folder, "a.npz", npz(**columns))
+    written(folder, "b.npz", npz(**columns, extra=np.arange(101.0) / 100))
+
+
+def test_a_cascade_has_its_gains_and_references_from_the_file(tmp_path):
+    recordings(tmp_path)
+    config = config_of(tmp_path, CASCADE)
+    (log,) = read_logs(config.train[0], config, SLIDER).logs
+    drive = log.controller
+    assert drive.joints == ("slider",)
+    assert drive(0.5, np.array([np.sin(0.5) - 0.01]), np.zeros(1)) == pytest.approx(-2 * 3 * 20 * 0.01)
+    assert drive(0.5, np.array([-9.0]), np.zeros(1)) == pytest.approx(-20.0)
+
+
+def test_feedforward_is_that_of_the_recording_that_has_one_in_all_its_windows(tmp_path):
+    recordings(tmp_path)
+    config = config_of(tmp_path, CASCADE)
+    early, late = read_logs(config.validation[0], config, SLIDER).logs
+    for log, t in ((early, 0.2), (late, 0.8)):
+        at_rest = log.controller(t, np.array([np.sin(t)]), np.zeros(1))
+        assert at_rest == pytest.approx(-2 * t)
+
+
+def test_a_measured_torque_needs_no_controller(tmp_path):
+    recordings(tmp_path)
+    config = config_of(tmp_path, "{kind: measured_torque, restart: 0.2}")
+    assert read_logs(config.train[0], config, SLIDER).logs[0].controller is None
+    assert build_recipe(config).restart == 0.2
+    assert build_recipe(config_of(tmp_path, CASCADE)).restart is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("slider: {reference", "sledge: {reference", "no joint 'sledge'; did you mean 'slider'"),
+        ("unit: mm", "unit: deg", "simulation.joints.slider.reference.unit"),
+        ("{b: extra}", "{c: extra}", "there is no recording 'c'"),
+        ("saturation: 10", "saturation: -1", "saturation is -1; give a positive number"),
+    ],
+)
+def test_settings_that_do_not_fit(tmp_path, old, new, words):
+    recordings(tmp_path)
+    config = config_of(tmp_path, CASCADE.replace(old, new))
+    with pytest.raises(ConfigError, match=words):
+        read_logs(config.train[0], config, SLIDER)
+
+
+def test_a_controller_behind_gears_is_refused(tmp_path):
+    recordings(tmp_path)
+    config = config_of(tmp_path, CASCADE, "transmission: {slider: {slider: 5}}")
+    with pytest.raises(ConfigError, match="use `kind: measured_torque`"):
+        read_logs(config.train[0], config, SLIDER)
+
+
+@pytest.mark.parametrize(
+    ("changes", "old", "new", "words"),
+    [
+        ({}, "kp: kp", "kp: kq", "simulation.joints.slider.kp: no scalar 'kq'"),
+        ({}, "column: r", "column: s", "no column 's'"),
+        ({}, "{b: extra}", "extra", "no column 'extra'"),
+        ({"r": np.arange(100.0)}, "", "", "the reference of the controller is not one valid number per time stamp"),
+        ({"r": np.full(101, np.nan)}, "", "", "the reference of the controller is not one valid number"),
+    ],
+)
+def test_recordings_that_lack_what_the_controller_needs(tmp_path, changes, old, new, words):
+    recordings(tmp_path, **changes)
+    config = config_of(tmp_path, CASCADE.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        read_logs(config.train[0], config, SLIDER)
+
+
+@pytest.mark.parametrize("text", ["{kind: other}", "{restart: 1}", "{kind: measured_torque, restart: 0}"])
+def test_kinds_and_values_are_checked(tmp_path, text):
+    with pytest.raises(ConfigError, match="simulation"):
+        config_of(tmp_path, text)
+
+
+PD = """{kind: pd, joints: {slider: {reference: {column: r, unit: mm}, kp: kp, kd: 3, gain: 2, saturation: 10,
+                                     velocity_reference: {column: v, unit: mm/s}}}}"""
+PID = PD.replace("kind: pd", "kind: pid").replace("kd: 3", "kd: 3, ki: 5")
+LAW = """{kind: "law.py:law", settings: {k: 7}, joints: {slider: {reference: {column: r, unit: mm}, gain: 2,
+                                                                    saturation: 10}}}"""
+
+
+def controlled(folder, simulation, **changes):
+    recordings(folder, v=1000 * np.cos(np.arange(101) * 0.01), **changes)
+    (folder / "law.py").write_text("def law(t, q, dq, reference, k=1.0):\n    return k * (reference - q) - dq\n")
+    config = config_of(folder, simulation)
+    return read_logs(config.train[0], config, SLIDER).logs[0].controller
+
+
+def test_a_pd_controller_has_its_references_and_gains(tmp_path):
+    drive = controlled(tmp_path, PD)
+    q, dq = np.array([np.sin(0.5) - 0.01]), np.array([0.2])
+    assert drive(0.5, q, dq) == pytest.approx(2 * (20 * 0.01 + 3 * (np.cos(0.5) - 0.2)))
+    assert drive(0.5, np.array([-9.0]), dq) == pytest.approx(20.0)
+    assert controlled(tmp_path, PD.replace("mm/s", "m/s"))(0.5, q, dq) == pytest.approx(20.0)
+
+
+def test_a_pid_controller_has_its_integral(tmp_path):
+    drive = controlled(tmp_path, PID)
+    q, dq = np.array([np.sin(0.5) - 0.01]), np.array([np.cos(0.5)])
+    tau, state = drive.advance(0.5, 0.01, q, dq, np.array([0.1]))
+    assert state == pytest.approx(0.1 + 0.01 * 0.01)
+    assert tau == pytest.approx(2 * (20 * 0.01 + 5 * state))
+
+
+def test_a_function_gets_time_state_reference_and_settings(tmp_path):
+    drive = controlled(tmp_path, LAW)
+    q, dq = np.array([np.sin(0.5) - 0.01]), np.array([0.2])
+    assert drive(0.5, q, dq) == pytest.approx(2 * (7 * 0.01 - 0.2))
+
+
+def test_a_function_is_found_by_another_process(tmp_path):
+    drive = controlled(tmp_path, LAW)
+    (tmp_path / "drive").write_bytes(pickle.dumps(drive))
+    code = f"import pickle, numpy as np; d = pickle.load(open({str(tmp_path / 'drive')!r}, 'rb')); "
+    code += "print(d(0.5, np.array([np.sin(0.5) - 0.01]), np.array([0.2])).item())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) == pytest.approx(2 * (7 * 0.01 - 0.2))
+
+
+@pytest.mark.parametrize(
+    ("simulation", "old", "new", "words"),
+    [
+        (PD, "kp: kp", "kp: 0", "simulation.joints.slider: with these gains, of which one is 0, the joint does not"),
+        (PID, "kp: kp", "kp: 0", None),
+        (CASCADE, "kv: 3", "kv: 0", "simulation.joints.slider: with these gains"),
+        (PD, "mm/s", "rad/s", "velocity_reference.unit: 'rad/s' is a unit of angular velocity, not of velocity"),
+        (PD, "column: v", "column: w", "simulation.joints.slider.velocity_reference|no column 'w'"),
+        (PD, "kd: 3, ", "", "simulation.joints.slider.kd: "),
+        (PD, "kd: 3", "kd: 3, ki: 1", "unknown key 'ki'"),
+        (
+            PD,
+            "saturation: 10",
+            "saturation: 0",
+            "simulation.joints.slider.saturation: saturation is 0; give a positive",
+        ),
+        (LAW, "law.py:law", "law.py:low", "has no function 'low'; did you mean 'law'"),
+        (LAW, "law.py:law", "low.py:law", "simulation"),
+        (LAW, "law.py:law", "law:law", "'law:law' is not a choice"),
+    ],
+)
+def test_what_cannot_be_a_controller_names_place_and_cure(tmp_path, simulation, old, new, words):
+    if words is None:
+        assert controlled(tmp_path, simulation.replace(old, new)) is not None
+        return
+    with pytest.raises((ConfigError, InputError), match=words):
+        controlled(tmp_path, simulation.replace(old, new))
+
+
+def test_a_result_does_not_run_the_file_of_a_function_unasked(tmp_path):
+    with pytest.raises(ConfigError, match=r"law.py:law' is of a Python file, which a result does not run"):
+        config_of(tmp_path, LAW, allow_code=False)
+
+
+@pytest.mark.parametrize("simulation", [PD, PID, LAW])
+def test_references_are_at_the_times_of_evenly_spaced_samples(tmp_path, simulation):
+    t = np.arange(101) * 0.01
+    noisy = t + np.random.default_rng(0).uniform(-1e-3, 1e-3, 101)
+    recordings(tmp_path, t=noisy, v=t)
+    (tmp_path / "law.py").write_text("def law(t, q, dq, reference, k=1.0):\n    return k * reference\n")
+    config = config_of(tmp_path, simulation)
+    config = config.model_copy(update={"time": config.time.model_copy(update={"spacing": "even"})})
+    (log,) = read_logs(config.train[0], config, SLIDER).logs
+    np.testing.assert_allclose(log.controller.t, log.t, atol=1e-12)
+    assert np.ptp(np.diff(log.t)) < 1e-9
+
+
+def test_a_drive_may_be_faster_than_its_log_and_see_another_velocity(tmp_path):
+    recordings(tmp_path)
+    config = config_of(tmp_path, CASCADE.replace("cascade,", "cascade, period: 0.0025, velocity_steps: 2,"))
+    (log,) = read_logs(config.train[0], config, SLIDER).logs
+    drive = log.controller
+    assert drive.steps == 2
+    assert len(drive.t) == 401
+    between = 0.5 * (np.sin(0.5) + np.sin(0.51))
+    assert drive(0.505, np.array([between - 0.01]), np.zeros(1)) == pytest.approx(-2 * 3 * 20 * 0.01)
+    config = config_of(tmp_path, CASCADE.replace("cascade,", "cascade, period: 0.004,"))
+    with pytest.raises(ConfigError, match=r"simulation.period: .*a.npz: period = 0.004 s does not fit the 0.01 s"):
+        read_logs(config.train[0], config, SLIDER)
+    for wrong in ("period: 0", "period: fast", "velocity_steps: 0", "velocity_steps: 1.5"):
+        with pytest.raises(ConfigError, match=wrong.partition(":")[0]):
+            config_of(tmp_path, CASCADE.replace("cascade,", f"cascade, {wrong},"))

@@ -1,0 +1,86 @@
+"""A configuration as one noun, and the run that the command line and Python share."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dynident.checks.log_notes import SameData
+from dynident.checks.notes import ReversedSign
+from dynident.identification import SourceFile, judge
+from dynident.identification.verdict import ForbiddingFindings
+from dynident.models.lagrangian import slider
+from dynident.project.project import parse_project, read_project, run, stamp
+from dynident.runtime import ConfigError, InputError, Remark, Severity, Use, progress_to
+from tests.cli.commands import configure, settings, write_log
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("project")
+    write_log(folder)
+    return configure(folder, validation=[{"file": "log.csv", "window": [2, 4]}])
+
+
+def test_a_project_reads_no_recording_before_it_is_asked(tmp_path: Path) -> None:
+    project = parse_project(yaml.safe_dump(settings()), tmp_path / "slider.yaml")
+    assert project.model.names == slider().names
+    with pytest.raises(InputError, match=r"log\.csv"):
+        project.logs()
+
+
+def test_logs_are_by_role(config: Path) -> None:
+    logs, remarks = read_project(config).logs()
+    assert {role: list(map(len, named.values())) for role, named in logs.items()} == {
+        "train": [1501], "validation": [1000],
+    }  # fmt: skip
+    assert remarks == ()
+
+
+def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> None:
+    steps: list[str] = []
+    with progress_to(steps.append):
+        found = run(str(config))
+    assert steps[0] == "building the model"
+    assert any(step.startswith("validating") for step in steps)
+    np.testing.assert_allclose(found.estimate.value, [5.0, 8.0, 3.0, 0.5], rtol=0.01)
+    assert found.provenance.configuration is not None
+    assert found.provenance.configuration.text == config.read_text()
+    digest = hashlib.sha256((config.parent / "log.csv").read_bytes()).hexdigest()
+    assert found.provenance.logs == (
+        SourceFile(str(config.parent.resolve() / "log.csv"), digest, modified=stamp(config.parent / "log.csv")),
+    )
+    assert stamp(config.parent / "gone.csv") == ""
+    assert stamp() >= found.provenance.identified > "2020"
+    assert any("overlaps in time" in note.text for note in found.warnings if isinstance(note, Remark))
+
+
+def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
+    project = read_project(config)
+    (doubt,) = project.warnings
+    assert Remark(doubt) in project.bound().identification.warnings
+    assert doubt in [finding.message for finding in project.examine().findings]
+
+
+def test_a_configuration_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"gone\.yaml: cannot be read"):
+        run(tmp_path / "gone.yaml")
+
+
+def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> None:
+    """The gain of the force is negative: least squares fits it perfectly, and the verdict says no."""
+    write_log(tmp_path)
+    project = read_project(configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
+    torque = {joint: channel | {"gain": -1.0} for joint, channel in settings()["torque"].items()}
+    turned = read_project(configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}], torque=torque))
+    for one in (project, turned):
+        found = one.identify()
+        examined = [x for x in one.examine().findings if x.severity is not Severity.INFO and x.source != one.path.name]
+        assert list(found.findings) == examined
+    assert [type(one.message) for one in found.findings] == [SameData, ReversedSign]  # the window is of the training
+    assert judge(found).reasons[:2] == (ForbiddingFindings(found.findings[:1]), ForbiddingFindings(found.findings[1:]))
+    assert judge(found).use is Use.DO_NOT_USE

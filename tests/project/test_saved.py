@@ -1,0 +1,314 @@
+"""Results that last: what is saved is read again to the last bit, and older files say what they lack."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.estimators import LeastSquares, PhysicallyConsistent
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.estimators.notes import NotIdentifiable
+from dynident.identification import Calibration, Gain, Identification, Recipe, Rests, TimeOffset, identify, judge
+from dynident.models import Model
+from dynident.models.friction import Viscous
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.models.simulation import RunsAway, record, simulate
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Spline, TimeShifted
+from dynident.project.config import read_config
+from dynident.project.logs import log_spec
+from dynident.project.project import run
+from dynident.project.result_format import result_schema
+from dynident.project.saved import load, read_log_like, save
+from dynident.regression import ParallelFilter, Whitening
+from dynident.runtime import ConfigError, InputError, ModelError
+from tests.cli.commands import configure, write_log
+from tests.identification.test_base_tilt import tilted
+from tests.project.keeps import wrong
+from tests.project.same import assert_same
+
+DATA = Path(__file__).parents[1] / "data"
+Made = tuple[Model, Identification]
+
+
+def swing(model: Model, noise: float, seed: int, rate: float = 3.0, seconds: float = 4.0) -> Log:
+    """The two-link arm, driven by sines, without base parameters that are tied."""
+    t = np.linspace(0, seconds, round(200 * seconds) + 1)
+    arm = two_link_arm()
+    moved = simulate(arm, np.asarray(arm.values), lambda s: (1.13 * np.sin(rate * s), 0.78 * np.cos(4 * s)), t)
+    return record(moved, noise, 0.01, np.random.default_rng(seed), source=f"swing {seed}").log
+
+
+@cache
+def by_least_squares() -> Made:
+    """All settings of a recipe that are numbers, two parameters that are tied, and a smoother chosen among two."""
+    arm = two_link_arm()
+    model = replace(arm, terms=(*arm.terms, Viscous(arm.joints, names=("again1", "again2"))))
+    sigma = {"joint1": 1e-3, "joint2": 1.1e-3}
+    recipe = Recipe(
+        (Spline(sigma=sigma), Spline(sigma=sigma, factor=1 / 3)),
+        LeastSquares(weights="per_joint"),
+        ParallelFilter(2, 20.0),
+        {"joint2": 0.1},
+        0.1 / 30,
+        restart=0.25,
+    )
+    return model, identify(model, [swing(model, 1e-3, 0)], [swing(model, 1e-3, 1, 2.0)], recipe)
+
+
+@cache
+def by_consistent_fit() -> Made:
+    """A robot whose base is tilted, with parameters that nothing determines and what the constraints cost."""
+    model, motion = tilted(0.02, -0.035)
+    log = Log(motion.t, motion.q, motion.tau, motion.joints, "moves")
+    return model, identify(model, [log], (), Recipe(Spline(), PhysicallyConsistent(), base_tilt="estimate"))
+
+
+@cache
+def by_maximum_likelihood() -> Made:
+    """Fisher's information, intervals that are not symmetric, and a time offset that is sought."""
+    arm = two_link_arm()
+    recipe = Recipe(Spline(), MaximumLikelihood(), time_offset="estimate")
+    return arm, identify(arm, [swing(arm, 3e-2, 2)], (), recipe)
+
+
+@pytest.fixture(scope="module", params=[by_least_squares, by_consistent_fit, by_maximum_likelihood])
+def made(request: pytest.FixtureRequest) -> Made:
+    found: Made = request.param()
+    return found
+
+
+def known(*values: object) -> bool:
+    return all(value is not None for value in values)
+
+
+def test_the_three_results_hold_every_group() -> None:
+    """So that the law below is one of all that can be saved."""
+    (_, plain), (_, consistent), (_, likely) = by_least_squares(), by_consistent_fit(), by_maximum_likelihood()
+    assert isinstance(plain.recipe.smoother, TimeShifted)
+    assert plain.recipe.time_offset == 0.1 / 30
+    errors, base, residual = plain.errors, plain.base, plain.estimate.residual
+    assert known(base.on_data, base.structural, plain.calibration.smoother, plain.recipe.filter, plain.mass)
+    assert known(errors.std_hac, errors.base_std, errors.base_std_hac, residual.weights)
+    assert len(plain.runs) == 2
+    assert np.isinf(plain.estimate.covariance).any()
+    assert isinstance(consistent.recipe.base_tilt, tuple)
+    assert known(consistent.calibration.base_tilt, consistent.estimate.consistency)
+    assert consistent.estimate.provenance
+    assert consistent.estimate.notes
+    assert known(likely.estimate.information, likely.estimate.interval, likely.calibration.time_offset)
+
+
+def test_what_is_saved_is_read_again_to_the_last_bit(made: Made, tmp_path: Path) -> None:
+    model, found = made
+    path = found.save(tmp_path / "deep" / "result.json")
+    again = load(path, model)
+    assert_same(found, again)
+    assert list(wrong(schema := result_schema(), json.loads(path.read_text()), schema)) == []
+    assert again.save(tmp_path / "again.json").read_text() == path.read_text()
+
+
+def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    noise = Whitening((np.array([0.9, -0.3]), np.zeros(0)), np.array([[2.0, 0.5], [0.5, 1.0]]))
+    estimate = replace(found.estimate, residual=replace(found.estimate.residual, whitening=noise))
+    path = replace(found, estimate=estimate).save(tmp_path / "result.json")
+    again = load(path, model).estimate
+    assert again.needs_samples
+    assert_same(again.residual.whitening, noise)
+    spoilt = path.read_text().replace("-0.3", "-1.3")
+    path.write_text(spoilt)
+    with pytest.raises(InputError, match=r"result.json: estimate.residual.whitening: .* joint 1: .* is not stable"):
+        load(path, model)
+
+
+def test_a_loaded_result_predicts_as_the_one_that_was_saved(made: Made, tmp_path: Path) -> None:
+    model, found = made
+    again = load(found.save(tmp_path / "result.json"), model)
+    log = found.validations[0].recorded_log
+    assert log is not None
+    np.testing.assert_array_equal(again.predict(log).predicted_torque, found.validations[0].predicted_torque)
+    with pytest.raises(InputError, match="not its signals"):
+        _ = again.validations[0].motion
+    assert all(np.isfinite(again.errors.best) == np.isfinite(found.errors.best))
+
+
+def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    first, *rest = found.validations
+    assert first.free_run is not None
+    errors = replace(first.errors, relative_error=np.nan, rmse={"joint1": np.inf, "joint2": -np.inf})
+    run = replace(first.free_run, failure=RunsAway(np.nextafter(0.1, 1)))
+    odd = replace(
+        found,
+        validations=(replace(first, errors=errors, free_run=run), *rest),
+        warnings=(NotIdentifiable(3), Rests("a", 1.0, 0.0, 2.0, Gain(3.0, 1.0)), *found.warnings),
+        calibration=Calibration(time_offset=TimeOffset(0.0, 2.0, 2.0, None, Gain(-1.0, 2.0))),
+        mass=None,
+    )
+    text = save(odd, tmp_path / "r.json", {"verdict": "of no use"}).read_text()
+    assert '"NaN"' in text
+    assert '"-Infinity"' in text
+    assert json.loads(text)["report"] == {"verdict": "of no use"}
+    assert_same(odd, load(tmp_path / "r.json", model))
+
+
+def test_a_configuration_builds_the_model_again(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    write_log(tmp_path, "other.csv", rate=4.0)
+    held_out = [{"file": "other.csv", "window": [0, 3]}]
+    found = run(configure(tmp_path, validation=held_out, simulation={"kind": "measured_torque"}))
+    path = found.save(tmp_path / "result.json")
+    again = load(path)
+    assert_same(found, again)
+    (log,) = read_log_like(again, str(tmp_path / "log.csv")).logs
+    assert again.predict(log).errors.relative_error < 2
+    assert judge(found).reasons == ()
+
+
+def test_a_model_from_python_must_be_given_again(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    path = found.save(tmp_path / "result.json")
+    with pytest.raises(InputError, match=r"made from Python.*load\(path, model\)"):
+        load(path)
+    with pytest.raises(ModelError, match="not those of the model"):
+        load(path, slider())
+    with pytest.raises(InputError, match="predict a Log from Python"):
+        read_log_like(load(path, model), "log.csv")
+
+
+def test_a_result_of_version_1_is_read() -> None:
+    found = load(DATA / "result-1.json")
+    assert found.warnings == ()
+    assert found.recipe.smoother == TimeShifted(Spline(factor=4.0), 0.001)
+    assert [log.role for log in found.validations] == ["train", "validation"]
+    assert found.calibration.smoother is not None
+    assert found.calibration.smoother.smoother == found.recipe.smoother
+    assert np.all(np.isfinite(found.estimate.covariance))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("version",), 2, "has version 2"),
+        (("format",), "other", "is no result"),
+        (("parameters", 0, "value"), "much", r"parameters\[0\]\.value: input should be a valid number"),
+        (("parameters", 0, "value"), "NaN", "a parameter has no value"),
+        (("parameters", 0, "provenance"), "guess", r"parameters\[0\]\.provenance"),
+        (("estimate", "covariance"), [[1.0]], r"estimate\.covariance has not the shape \(4, 4\)"),
+        (("estimate", "notes"), [{"kind": "Nonsense"}], "'Nonsense' is no kind of Note"),
+        (("estimate", "notes"), [{"kind": "RankDeficient"}], "RankDeficient: rank: field required"),
+        (("recipe", "estimator", "kind"), "least_square", "did you mean 'least_squares'"),
+        (("calibration", "smoother", "chosen"), 99, "99, but there are 11 candidates"),
+        (("validations",), None, "validations: input should be a valid list"),
+        (("recipe", "base_tilt"), [0.1, 0.0], "no term has a gravity"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(
+    tmp_path: Path, place: tuple[str | int, ...], value: object, words: str
+) -> None:
+    data: Any = json.loads((DATA / "result-1.json").read_text())
+    part = data
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    (tmp_path / "r.json").write_text(json.dumps(data))
+    with pytest.raises((InputError, ConfigError), match=words):
+        load(tmp_path / "r.json")
+
+
+def test_a_part_of_a_file_is_run_only_where_it_is_allowed(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    data = json.loads(found.save(tmp_path / "r.json").read_text())
+    (tmp_path / "mine.py").write_text("raise SystemExit('it was run')")
+    data["recipe"]["estimator"] = {"kind": f"{tmp_path / 'mine.py'}:Mine"}
+    (tmp_path / "r.json").write_text(json.dumps(data))
+    with pytest.raises(ConfigError, match="which a result does not run"):
+        load(tmp_path / "r.json", model)
+    with pytest.raises(ConfigError, match=r"mine\.py failed .* it was run"):
+        load(tmp_path / "r.json", model, allow_code=True)
+
+
+def test_a_recording_is_named_by_the_keys_of_the_configuration(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    assert log_spec("other.csv", read_config(configure(tmp_path))).label == "other"
+
+
+MARK = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\n"
+CODE = {
+    "model": ("from dynident.models.lagrangian import slider as A", {"model": "mine.py:A"}),
+    "smoother": ("from dynident.motion.smoothers import Spline as A", {"smoother": {"kind": "mine.py:A"}}),
+    "estimator": ("from dynident.estimators import LeastSquares as A", {"estimator": {"kind": "mine.py:A"}}),
+}
+
+
+PLACES = [("configuration", part) for part in CODE] + [
+    ("recipe", "smoother"),
+    ("recipe", "estimator"),
+    ("file", "model"),
+]
+
+
+@pytest.mark.parametrize(("where", "part"), PLACES)
+def test_a_result_runs_no_python_file_unless_it_is_allowed(tmp_path: Path, where: str, part: str) -> None:
+    """Whatever place in it names the file: its configuration, the recipe as used, or the file of the model."""
+    write_log(tmp_path)
+    path = run(configure(tmp_path)).save(tmp_path / "result.json")
+    source, changes = CODE[part]
+    (tmp_path / "mine.py").write_text(MARK + source)
+    data = json.loads(path.read_text())
+    origins = data["provenance"]
+    if where == "configuration":
+        origins["configuration"]["text"] = configure(tmp_path, **changes).read_text()
+    elif where == "recipe":
+        data["recipe"][part] = {"kind": str(tmp_path / "mine.py") + ":A"}
+    else:  # a text that stands for a file which is gone
+        origins |= {"configuration": None, "model": {"path": f"{tmp_path}/mine.py:A", "sha256": "", "text": "-"}}
+    path.write_text(json.dumps(data))
+    with pytest.raises((ConfigError, ModelError), match=r"mine\.py:A' is of a Python file.*allow_code=True"):
+        load(path)
+    assert not (tmp_path / "ran").exists()
+    load(path, allow_code=True)
+    assert (tmp_path / "ran").exists()
+
+
+def test_an_old_result_and_the_recordings_like_it_run_no_python_file(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    found = run(configure(tmp_path))
+    (tmp_path / "mine.py").write_text(MARK + CODE["smoother"][0])
+    given = found.provenance.configuration
+    assert given is not None
+    text = configure(tmp_path, **CODE["smoother"][1]).read_text()
+    bad = replace(found, provenance=replace(found.provenance, configuration=replace(given, text=text)))
+    with pytest.raises(ConfigError, match="is of a Python file"):
+        read_log_like(bad, str(tmp_path / "log.csv"))
+    settings = {"configuration": text, "configuration file": given.path, "smoother used": "Spline()"}
+    (tmp_path / "old.json").write_text(json.dumps({"settings": settings, "parameters": []}))
+    with pytest.raises(ConfigError, match="is of a Python file"):
+        load(tmp_path / "old.json")
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "1e999", "null"])
+def test_json_of_any_other_form_is_no_result(tmp_path: Path, text: str) -> None:
+    (tmp_path / "deep.json").write_text(text)
+    with pytest.raises(InputError, match=r"is not a result\.json"):
+        load(tmp_path / "deep.json")
+
+
+def test_arguments_of_another_type_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="path of a file or folder is expected, not None"):
+        load(None)  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="the model is a str"):
+        load(tmp_path / "r.json", "gallery:slider")  # type: ignore[arg-type]
+
+
+def test_a_result_without_logs_has_a_text(tmp_path: Path) -> None:
+    _, found = by_least_squares()
+    assert "<Identification of" in repr(replace(found, validations=()))

@@ -1,0 +1,106 @@
+"""The published schemas: what the library reads and writes keeps to them, and mistakes do not."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dynident.apps.fleets.config import fleet_schema
+from dynident.files.yaml_text import load_yaml
+from dynident.project.result_format import SCHEMAS, config_schema, result_schema
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS
+from tests.cli.commands import settings
+from tests.project.keeps import wrong
+
+ROOT = Path(__file__).parents[2]
+
+
+def as_editors_read(text: str) -> Any:
+    """Read YAML 1.2, in which 2e-5 is a number."""
+
+    def numbers(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: numbers(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return list(map(numbers, value))
+        return float(value) if isinstance(value, str) and re.fullmatch(r"-?[\d.]+e-?\d+", value) else value
+
+    return numbers(load_yaml(text, "text"))
+
+
+CONFIGURATIONS = [
+    *((path.name, path.read_text()) for path in sorted((ROOT / "examples").glob("*.yaml")) if path.stem != "fleet"),
+    *(
+        (f"{path.name} {k}", text)
+        for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+        for k, text in enumerate(re.findall(r"```yaml\n(.*?)```", path.read_text(), re.DOTALL))
+        if "\ntrain:" in text or text.startswith("recipe:")
+    ),
+]
+
+
+@pytest.mark.parametrize("text", [text for _, text in CONFIGURATIONS], ids=[name for name, _ in CONFIGURATIONS])
+def test_configurations_of_the_documentation_keep_to_the_schema(text: str) -> None:
+    given = as_editors_read(text)
+    schema = fleet_schema() if "recipe" in given else config_schema()
+    assert list(wrong(schema, given, schema)) == []
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"modle": "x"},
+        {"train": "log.csv"},
+        {"train": [{"window": [0, 1]}]},
+        {"train": [{"file": "log.csv", "window": [0]}]},
+        {"smoother": {"kind": "splin"}},
+        {"smoother": {"kind": "spline", "ends": -1}},
+        {"estimator": {"kind": "least_squares", "weight": "equal"}},
+        {"gaps": "leave"},
+        {"filter": {"decimate": 0}},
+        {"position": {"slider": {"column": "pos"}}},
+        {"model": {"file": "arm.urdf", "terms": ["stiction"]}},
+        {"model": {"file": "arm.urdf", "terms": "viscous"}},
+    ],
+    ids=str,
+)
+def test_mistakes_break_the_schema(changes: dict[str, Any]) -> None:
+    schema = config_schema()
+    assert list(wrong(schema, settings(), schema)) == []
+    assert list(wrong(schema, settings(**changes), schema)) != []
+
+
+@pytest.mark.parametrize("terms", ["auto", ["auto", {"kind": "stribeck", "velocity": {"a": 0.1}}]], ids=str)
+def test_terms_may_be_left_to_the_data(terms: Any) -> None:
+    schema = config_schema()
+    assert list(wrong(schema, settings(model={"file": "arm.urdf", "terms": terms}), schema)) == []
+
+
+def test_the_configuration_knows_all_parts_and_their_settings() -> None:
+    schema = config_schema()
+    for key, family in (("smoother", SMOOTHERS), ("estimator", ESTIMATORS)):
+        kinds = {one["properties"]["kind"].get("const"): one for one in schema["properties"][key]["oneOf"]}
+        assert set(kinds) - {None} == set(family.kinds())
+    assert "rule" in next(
+        one["properties"] for one in schema["properties"]["smoother"]["oneOf"] if "rule" in one["properties"]
+    )
+
+
+def test_results_keep_to_the_schema() -> None:
+    schema, data = result_schema(), json.loads((ROOT / "tests" / "data" / "result-1.json").read_text())
+    assert list(wrong(schema, data, schema)) == []
+    data["parameters"][0]["std"] = "Infinity"
+    assert list(wrong(schema, data, schema)) == []
+    for key, value in (("version", 2), ("parameters", {}), ("parameters", [{"name": "M"}]), ("recipe", None)):
+        assert list(wrong(schema, data | {key: value}, schema)) != [], key
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_schemas_are_plain_json_of_the_draft(kind: str) -> None:
+    schema = SCHEMAS[kind]()
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert json.loads(json.dumps(schema)) == schema

@@ -1,0 +1,115 @@
+"""Settings that do not fit the joints of the model."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.project.config import load_robot, parse_config
+from dynident.project.project import build_recipe
+from dynident.project.settings import RobotSettings, check_joints
+from dynident.runtime import ConfigError
+from tests.project.configurations import SLIDER, changed, with_channel
+from tests.robots import ARM
+
+CHANNELS = {
+    "unknown joint": (
+        changed(position={"slidr": {"column": "q", "unit": "m"}}),
+        ("position.slidr", "did you mean 'slider'"),
+    ),
+    "no torque": (changed(torque={}), ("torque: joint 'slider' of the model is missing",)),
+    "wrong dimension": (
+        with_channel(unit="rad"),
+        ("position.slider.unit: 'rad' is a unit of angle, not of length", "'mm'"),
+    ),
+    "unknown unit": (with_channel(unit="furlong"), ("'furlong' is not a unit of length", "'cm'")),
+    "torque for force": (
+        changed(torque={"slider": {"column": "i", "unit": "Nm"}}),
+        ("torque.slider.unit: 'Nm'", "'kN'"),
+    ),
+    "time unit": (changed(time={"column": "t", "unit": "sec"}), ("time.unit: 'sec'", "'ms'")),
+    "multi-turn slider": (with_channel(multi_turn=True), ("position.slider.multi_turn", "slides")),
+    "sigma": (changed(smoother={"kind": "spline", "sigma": {"x": 1}}), ("smoother.sigma.x: there is no joint",)),
+    "factor": (changed(smoother={"kind": "spline", "factor": {"x": 1}}), ("smoother.factor.x: there is no joint",)),
+    "unfitted": (changed(unfitted=["slidr"]), ("unfitted.slidr: there is no joint 'slidr'", "did you mean 'slider'")),
+    "nothing fitted": (changed(unfitted=["slider"]), ("unfitted: names every joint",)),
+}
+
+
+@pytest.mark.parametrize(("text", "fragments"), CHANNELS.values(), ids=CHANNELS)
+def test_channels_that_do_not_fit_the_joints(text, fragments):
+    with pytest.raises(ConfigError) as caught:
+        check_joints(parse_config(text), SLIDER)
+    assert all(fragment in str(caught.value) for fragment in fragments), caught.value
+
+
+@pytest.mark.parametrize(
+    ("terms", "kinds", "chosen"),
+    [
+        ("auto", [], True),
+        (["auto"], [], True),
+        (["viscous", "auto", {"kind": "dahl", "length": 0.01}], ["Viscous", "Dahl"], True),
+        (["viscous"], ["Viscous"], False),
+    ],
+    ids=str,
+)
+def test_terms_that_the_data_choose_are_not_in_the_model(terms, kinds, chosen):
+    settings = parse_config(changed(model={"file": "arm.urdf", "terms": terms})).model
+    assert isinstance(settings, RobotSettings)
+    model = load_robot(settings, ARM)
+    assert [type(term).__name__ for term in model.terms] == ["RigidBodies", *kinds]
+    assert settings.chooses_terms is chosen
+
+
+OWN = """
+from dataclasses import dataclass
+from dynident.models.friction import PerJoint
+
+@dataclass(frozen=True)
+class Cubic(PerJoint):
+    symbol, of, limit = "F3", "dq", 1.0
+
+    @classmethod
+    def proposed(cls, seen):
+        return (cls(seen.joints, on=(seen.joint.name,)),)
+
+    def meaning(self):
+        return "torque per dq^3"
+
+    def unit(self, joint):
+        return "N m s^3"
+
+    def shape(self, dq):
+        return dq**3
+
+    def slope(self, dq):
+        return 3 * dq**2
+"""
+
+
+def test_a_class_of_the_user_named_alone_takes_part_in_the_choice(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+
+    def read(*terms):
+        model = {"file": "arm.urdf", "terms": list(terms)}
+        config = parse_config(changed(model=model), tmp_path)
+        return config.model, build_recipe(config), load_robot(config.model, ARM)
+
+    settings, recipe, model = read("auto", "own.py:Cubic")
+    assert [one.__name__ for one in recipe.proposed] == ["Cubic"]
+    assert recipe.terms == "auto"
+    assert settings.chooses_terms
+    assert len(model.terms) == 1
+    for terms in (("auto", {"kind": "own.py:Cubic"}), ("own.py:Cubic",)):
+        _, recipe, model = read(*terms)
+        assert recipe.proposed == ()
+        assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Cubic"]
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [(["auto", "auto"], "`terms` lists 'auto' twice"), ("viscous", r"model.terms: a list"), ("autos", "model.terms")],
+    ids=str,
+)
+def test_terms_that_are_no_list(terms, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_config(changed(model={"file": "arm.urdf", "terms": terms}))

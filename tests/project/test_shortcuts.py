@@ -1,0 +1,224 @@
+"""Short calls from Python: files for models, one log for several, and mistakes in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+import yaml
+
+import dynident as dy
+from dynident.models.lagrangian import pendulum
+from dynident.project.shortcuts import RecipeFields, default_recipe
+from dynident.runtime import ConfigError, DynidentError, InputError, ModelError, progress_to
+from tests.robots import ARM
+
+T = np.arange(1001) * 0.01
+RAIL = {"slider": ("x", "mm")}
+FORCE = {"slider": {"column": "f", "gain": 2.0, "unit": "N"}}
+
+
+def sliding(name: str = "monday") -> dy.Log:
+    q = 0.1 * np.sin(3 * T)[:, None]
+    noise = 0.01 * np.random.default_rng(0).standard_normal((1001, 1))
+    return dy.Log(T, q, 5.0 * -9.0 * q + 8.0 * 0.3 * np.cos(3 * T)[:, None] + noise, ("slider",), name)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    log = sliding()
+    table = np.column_stack([1e3 * T, 1e3 * log.q[:, 0], log.tau[:, 0] / 2])
+    np.savetxt(tmp_path / "monday.csv", table, delimiter=",", header="ms,x,f", comments="")
+    return tmp_path / "monday.csv"
+
+
+class TestReadLog:
+    def test_columns_with_their_units_make_a_log_in_si(self, file: Path) -> None:
+        read = dy.read_log(file, time=("ms", "ms"), position=RAIL, torque=FORCE)
+        log = sliding()
+        assert (read.source, read.joints) == ("monday", ("slider",))
+        for name in ("t", "q", "tau"):
+            np.testing.assert_allclose(getattr(read, name), getattr(log, name), atol=1e-9)
+
+    def test_a_window_a_name_a_rate_and_other_settings(self, file: Path) -> None:
+        read = dy.read_log(
+            file, time={"rate": 100}, position=RAIL, torque=FORCE, window=(2, 5), name="part", zero={"slider": 1.0}
+        )
+        assert (read.source, read.t[0], read.t[-1]) == ("part", 2.0, 5.0)
+        np.testing.assert_allclose(read.q, sliding().window(2, 5).q + 1.0, atol=1e-9)
+
+    def test_a_configuration_says_how_to_read(self, file: Path) -> None:
+        settings = {
+            "model": "gallery:slider", "time": {"column": "ms", "unit": "ms"},
+            "position": {"slider": {"column": "x", "unit": "mm"}}, "torque": FORCE, "train": [{"file": "gone.csv"}],
+        }  # fmt: skip
+        config = file.parent / "robot.yaml"
+        config.write_text(yaml.safe_dump(settings))
+        declared = dy.read_log(file, time=("ms", "ms"), position=RAIL, torque=FORCE)
+        np.testing.assert_array_equal(dy.read_log(file, config=config).tau, declared.tau)
+        with pytest.raises(ConfigError, match="either `config`"):
+            dy.read_log(file, config=config, position=RAIL)
+
+    @pytest.mark.parametrize(
+        ("changes", "error", "words"),
+        [
+            ({"time": "ms"}, ConfigError, r"time is 'ms'; give a column and its unit, such as \('ms', 'ms'\)"),
+            ({"torque": None}, ConfigError, "'torque' is missing"),
+            ({"position": {"slider": ("x", "furlong")}}, ConfigError, "'furlong' is not a unit of angle"),
+            ({"position": {"slider": ("X", "mm")}}, InputError, "no column 'X'; Known: 'ms', 'x', 'f'"),
+            ({"torque": {"slidr": ("f", "N")}}, ConfigError, "no joint 'slidr'; did you mean 'slider'"),
+            ({"torque": {"slider": ("f", "N m")}}, ConfigError, "a unit of torque, not of force"),
+            ({"transmision": {}}, ConfigError, "unknown key 'transmision'; did you mean 'transmission'"),
+            ({"window": (5, 2)}, ConfigError, "must stop after it starts"),
+        ],
+    )
+    def test_mistakes_are_named(self, file: Path, changes: dict, error: type, words: str) -> None:
+        with pytest.raises(error, match=words):
+            dy.read_log(file, **{"time": ("ms", "ms"), "position": RAIL, "torque": FORCE, **changes})
+
+    def test_what_is_odd_in_the_file_is_a_warning(self, file: Path) -> None:
+        with pytest.warns(UserWarning, match="extends beyond the recording"):
+            dy.read_log(file, time=("ms", "ms"), position=RAIL, torque=FORCE, window=(2, 50))
+
+    def test_pieces_between_gaps_are_to_be_chosen_from(self, file: Path) -> None:
+        lines = file.read_text().splitlines()
+        file.write_text("\n".join(lines[:400] + lines[600:]))
+        with pytest.raises(InputError, match=r"2 pieces; choose one by `window`: 0 to 3\.98 s, 5\.99 to 10 s"):
+            dy.read_log(file, time=("ms", "ms"), position=RAIL, torque=FORCE, gaps="split")
+
+
+class TestReadRobot:
+    def test_settings_are_those_of_the_configuration(self, tmp_path: Path) -> None:
+        (tmp_path / "arm.urdf").write_text(ARM)
+        robot = dy.read_robot(tmp_path / "arm.urdf", joints=["shoulder"], terms=["viscous"], gravity=(0, 0, 0))
+        assert [joint.name for joint in robot.joints] == ["shoulder"]
+        assert len(robot.names) == 11
+        assert len(dy.read_robot(tmp_path / "arm.urdf").names) == 3 * 14
+
+    def test_mistakes_are_named(self, tmp_path: Path) -> None:
+        (tmp_path / "arm.urdf").write_text(ARM)
+        with pytest.raises(ConfigError, match="read_robot: unknown key 'gravty'; did you mean 'gravity'"):
+            dy.read_robot(tmp_path / "arm.urdf", gravty=(0, 0, 0))
+        with pytest.raises(ModelError, match="did you mean 'shoulder'"):
+            dy.read_robot(tmp_path / "arm.urdf", joints=["sholder"])
+        with pytest.raises(ConfigError, match="stiction"):
+            dy.read_robot(tmp_path / "arm.urdf", terms=["stiction"])
+        with pytest.raises(ModelError, match=r"did you mean 'arm\.urdf'"):
+            dy.read_robot(tmp_path / "amr.urdf")
+
+
+class TestIdentify:
+    def test_one_log_several_and_named_ones_are_the_same(self) -> None:
+        method, log = dy.Recipe(dy.Difference("central")), sliding()
+        values = [dy.identify("gallery:slider", logs, recipe=method) for logs in (log, [log], {"monday": log})]
+        assert [[one.name for one in found.validations] for found in values] == [["monday"]] * 3
+        assert values[0].estimate.value[0] == pytest.approx(5.0, rel=0.05)
+
+    def test_who_listens_hears_of_each_step(self) -> None:
+        log, steps = sliding(), list[str]()
+        with progress_to(steps.append):
+            found = dy.identify("gallery:slider", log, estimator=dy.LeastSquares())
+            assert found.estimate.value[0] == pytest.approx(5.0, rel=0.05)
+            assert not dy.check("gallery:slider", log).has_errors
+            assert dy.accuracy_bound("gallery:slider", log, sigma_q=1e-4, sigma_tau=0.1).names
+        assert {"estimating", "checking the motion", "computing the bound"} <= set(steps)
+
+    def test_keywords_replace_fields_of_the_recipe(self) -> None:
+        recipe = dy.Recipe(dy.Difference(), min_speed=0.1)
+        found = dy.identify("gallery:slider", sliding(), recipe=recipe, smoother=dy.Difference("central"))
+        assert (found.recipe.smoother, found.recipe.min_speed) == (dy.Difference("central"), 0.1)
+        with pytest.raises(ConfigError, match="'estimtor' is no field of a recipe; did you mean 'estimator'"):
+            dy.identify("gallery:slider", sliding(), estimtor=dy.LeastSquares())
+
+    def test_the_keywords_are_the_fields(self) -> None:
+        assert get_type_hints(RecipeFields) == get_type_hints(dy.Recipe)
+
+    @pytest.mark.parametrize(
+        ("robot", "logs", "error", "words"),
+        [
+            ("gallery:slidr", sliding(), ModelError, "did you mean 'slider'"),
+            ("robot.yaml", sliding(), ModelError, r"run it with `dynident\.run\('robot\.yaml'\)`"),
+            ("gone.urdf", sliding(), ModelError, "cannot be read"),
+            (3, sliding(), ModelError, "a int is given"),
+            ("gallery:slider", "monday.csv", InputError, "'monday.csv' is a file; read it with `read_log`"),
+            (
+                "gallery:slider",
+                {"monday": "monday.csv"},
+                InputError,
+                "logs: 'monday' is a str, not a Log; read the file with",
+            ),
+            ("gallery:slider", [sliding(), sliding()], ConfigError, "two logs have the same source"),
+            ("gallery:slider", (), ConfigError, "no training log"),
+            ("gallery:pendulum", sliding(), InputError, "no joint 'pivot'; the log has slider"),
+        ],
+    )
+    def test_mistakes_are_named(self, robot: object, logs: object, error: type, words: str) -> None:
+        with pytest.raises(error, match=words):
+            dy.identify(robot, logs, recipe=dy.Recipe(dy.Difference()))
+
+    def test_a_recipe_is_one(self) -> None:
+        with pytest.raises(ConfigError, match="a Difference is given; give a Recipe, or its fields as keywords"):
+            dy.identify("gallery:slider", sliding(), recipe=dy.Difference())  # type: ignore[arg-type]
+
+    def test_a_file_cannot_be_predicted_before_it_is_read(self) -> None:
+        found = dy.identify("gallery:slider", sliding(), recipe=dy.Recipe(dy.Difference()))
+        with pytest.raises(InputError, match="a str is given, not a Log; read a file with `read_log`"):
+            found.predict("monday.csv")  # type: ignore[arg-type]
+
+    def test_a_recording_of_a_simulation_is_asked_for_its_log(self) -> None:
+        arm = dy.two_link_arm()
+        motion = dy.simulate(arm, arm.values, lambda _: [0.1, 0.0], [0.0, 0.1, 0.2])
+        with pytest.raises(InputError, match="is a Recording, not a Log; give its `log`"):
+            dy.identify(arm, {"monday": dy.record(motion, 0.0, 0.0, np.random.default_rng(0))})
+
+    def test_bodies_are_fitted_physically_consistent(self) -> None:
+        bodies = dy.Model((dy.RigidBodies(ARM),))
+        assert default_recipe(bodies).estimator == dy.PhysicallyConsistent()
+        assert default_recipe(dy.two_link_arm()).estimator == dy.LeastSquares()
+        assert default_recipe(bodies).time_offset == "estimate"
+
+
+def test_a_check_finds_what_is_wrong_before_a_fit() -> None:
+    silent = dy.Log(T, sliding().q, np.zeros((1001, 1)), ("slider",), "silent")
+    found = dy.check("gallery:slider", silent)
+    assert found.has_errors
+    assert "torque is zero in every sample" in repr(found)
+    fine = dy.check("gallery:slider", sliding())
+    assert not fine.has_errors
+    assert repr(fine).startswith("<CheckResult: ")
+    assert "<td" in fine._repr_html_()
+
+
+SWING = dy.Log(np.arange(100) * 0.01, np.zeros((100, 1)), np.zeros((100, 1)), ("pivot",), "swing")
+LIVELY = replace(SWING, q=np.sin(5 * SWING.t)[:, None], tau=np.cos(4 * SWING.t)[:, None])
+WRONG: dict[str, Callable[[], object]] = {
+    "logs: a NoneType is given": lambda: dy.identify(pendulum(), None),
+    "validation: a int is given": lambda: dy.identify(pendulum(), SWING, 3),
+    "recipe: a str is given": lambda: dy.identify(pendulum(), SWING, recipe="spline"),
+    "recipe: smoother is None": lambda: dy.Recipe(None),
+    "recipe: smoother is <class": lambda: dy.Recipe(dy.Spline),
+    "recipe: estimator is 3": lambda: dy.Recipe(estimator=3),
+    "recipe: filter is 20": lambda: dy.Recipe(filter=20),
+    "recipe: min_speed is {'pivot': -1}": lambda: dy.Recipe(min_speed={"pivot": -1}),
+    "recipe: time_offset is nan": lambda: dy.Recipe(time_offset=np.nan),
+    "recipe: base_tilt is 0.1": lambda: dy.Recipe(base_tilt=0.1),
+    "recipe: restart is 0": lambda: dy.Recipe(restart=0),
+    "numbers are expected": lambda: replace(SWING, q="q"),
+    "joints is 'pivot'": lambda: replace(SWING, joints="pivot"),
+    "a int is no term": lambda: dy.Model((3,)),
+    "a str is no term": lambda: dy.Model("ab"),
+    "export_model: a dict is given": lambda: dy.export_model({}, "out"),
+    "path of a file or folder is expected, not 3": lambda: dy.run(3),
+    "sigma_q of pivot is 'x'": lambda: dy.accuracy_bound(pendulum(), LIVELY, dy.Recipe(), sigma_q="x"),
+    "torque is 'sensors'": lambda: dy.accuracy_bound(pendulum(), LIVELY, dy.Recipe(), torque="sensors"),
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_an_argument_of_another_type_is_named(words: str) -> None:
+    with pytest.raises(DynidentError, match=words):
+        WRONG[words]()

@@ -1,0 +1,314 @@
+import io
+import json
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rich.console
+from plotly.offline import get_plotlyjs
+
+from dynident.checks import Topic, log_notes
+from dynident.estimators import Consistency, DataRank, Provenance
+from dynident.estimators.notes import RankDeficient, WhiteningCostly
+from dynident.identification import Identifiability, SourceFile, Sources, StandardErrors
+from dynident.models import INERTIAL, Parameter
+from dynident.motion.log import Log, Motion
+from dynident.regression import BaseParameters, UnexcitedParameters
+from dynident.report.identification import (
+    identification_notes,
+    identification_page,
+    identification_tables,
+    result_words,
+)
+from dynident.report.note_words import Line
+from dynident.report.terminal import terminal_table
+from dynident.runtime import Finding, Severity
+from tests.report.conftest import identification_of
+from tests.report.test_page import EVIL, Outline
+
+
+def body(identification):
+    return identification_page(identification).replace(get_plotlyjs(), "")
+
+
+def test_words_of_a_result(identification):
+    result = result_words(identification)
+    assert result.keys() == {"verdict", "status", "warnings", "residuals", "exports"}
+    assert result["verdict"].keys() == {"word", "sentences", "reasons", "next_steps"}
+    assert result["status"] == "not determined individually: theta3"
+    assert result["warnings"] == ["elbow hardly moves"]
+    assert result["residuals"].keys() == {"swing.csv", "reach.csv"}
+    assert json.loads(json.dumps(result)) == result
+
+
+def test_page_tells_the_findings_in_sentences(identification):
+    page = body(identification)
+    assert "7 parameters of 2 joints from 2 logs. Training: swing.csv; held out: reach.csv." in page
+    assert "on held-out motion it leaves 5.1\u00a0% of the torque unexplained" in page
+    assert "6 of 7 parameters have a standard error of at most 10\u00a0%; less certain: theta3." in page
+    assert "Status of the fit: not determined individually: theta3." in page
+    assert "elbow hardly moves" in page
+
+
+def test_page_says_when_nothing_was_held_out_or_warned_of():
+    page = body(identification_of(logs=("swing.csv",), warnings=()))
+    assert "no log was held out; training 1.10\u00a0%" in page
+    assert "<p>None.</p>" in page
+    assert "<dt>torque error, held out</dt><dd>-</dd>" in page
+
+
+def test_of_several_held_out_logs_the_worst_counts():
+    identification = identification_of(logs=("a", "b", "c"))
+    identification.validations[2].errors.relative_error = 7.25
+    assert "<dt>torque error, held out</dt><dd>7.25 %</dd>" in body(identification)
+
+
+def test_page_shows_every_log_and_joint(identification):
+    page = body(identification)
+    outline = Outline(page)
+    assert outline.count("figure") == 1 + 1 + 1 + 2 * 2 + 2 * 2  # the worst joint, parameters, errors, torques, motions
+    assert page.count('<p class="key">swing.csv (training), elbow</p>') == 2
+    assert page.index('<p class="key">reach.csv (held out), shoulder</p>') < page.index(
+        '"key">swing.csv (training), sh'
+    )
+    assert "elbow: relative error 4.50 %, rmse 0.0200 N m." in page
+    assert '<td class="words">theta3</td><td class="number">0.005850</td>' in page
+    assert '<td class="words">elbow</td><td class="number">0.001000</td><td class="number">1200</td>' in page
+    assert "Method spline, note S = n." in page
+    assert "least squares" in page
+    assert '<td class="number">\u22121.500 rad</td>' in page  # a limit of the joint
+
+
+def test_a_smoother_that_tells_nothing_is_reported_too(identification):
+    for log in identification.validations:
+        object.__setattr__(log.motion, "smoothing", {})
+    assert "Smoothing per log and joint" not in body(identification)
+
+
+def test_a_parameter_that_is_zero_has_no_relative_error(identification):
+    identification.estimate.value = np.zeros(7)
+    assert "0 of 7 parameters have a standard error" in body(identification)
+
+
+@pytest.mark.parametrize("part", ["joints", "logs"])
+def test_names_cannot_break_out_of_the_page(part):
+    page = body(identification_of(**{part: (EVIL, "other")}))
+    outline = Outline(page)
+    assert "<script>alert" not in page
+    assert outline.count("b") == 0
+    figures = [attrs for tag, attrs in outline.tags if attrs.get("type") == "application/json"]
+    assert len(figures) == outline.count("figure") == 11
+    for text in outline.scripts[1:-1]:
+        assert json.loads(text)["data"]
+
+
+def test_a_page_of_many_logs_and_joints_stays_small():
+    joints, logs = tuple(f"joint{i}" for i in range(7)), tuple(f"log{i}" for i in range(5))
+    assert len(body(identification_of(joints, logs))) < 2_000_000
+
+
+def test_seven_joints_of_long_logs_stay_below_six_megabytes():
+    """Noise everywhere, so that no curve is thinner than any other; free simulations and recordings as well."""
+    joints, rng = tuple(f"joint{i}" for i in range(7)), np.random.default_rng(1)
+    found = identification_of(joints, ("train", "test"))
+    for log in found.validations:
+        t, (q, dq, ddq, tau) = np.arange(20_000) / 1000, rng.standard_normal((4, 20_000, 7))
+        log.motion = Motion(t, q, dq, ddq, tau, joints, np.ones(len(t), bool), log.name)
+        log.predicted_torque = tau + rng.standard_normal(tau.shape)
+    for log in found.validations:
+        m = log.motion
+        log.recorded_log = Log(m.t, m.q + 0.1, m.tau, joints)
+    each = dict.fromkeys(joints, 1.0)
+    found.runs = tuple(
+        SimpleNamespace(
+            name=log.name, joints=joints, driver="controller", restart=None, t=log.motion.t, q=log.motion.q + 0.1,
+            measured=log.motion.q, relative_error=each, motion_error=each, rms=each, torque_error=each, failure="",
+        )
+        for log in found.validations
+    )  # fmt: skip
+    page = body(found)
+    assert Outline(page).count("figure") == 3 + 2 * 7 * 3
+    assert 2_000_000 < len(page) < 6_000_000
+
+
+def test_what_repeats_a_run_is_shown(identification):
+    identification.provenance = Sources(
+        SourceFile("arm.yaml", text="model: <b>arm.urdf\ntrain: []"),
+        SourceFile("arm.urdf", "ab12"),
+        (SourceFile("swing.csv", "cd34"),),
+        {"numpy": "2.0"},
+    )
+    page = body(identification)
+    assert "<summary>Configuration: arm.yaml</summary>" in page
+    assert "model: &lt;b&gt;arm.urdf\ntrain: []</pre>" in page
+    for file, digest in (("arm.urdf", "ab12"), ("swing.csv", "cd34")):
+        assert f'<td class="words">{file}</td><td class="words"></td><td class="words">{digest}</td>' in page
+    assert '<td class="words">seed of the random poses</td><td class="words">0</td>' in page
+    assert '<td class="words">numpy</td><td class="words">2.0</td>' in page
+
+
+def test_honest_standard_errors_come_first(identification):
+    identification.errors = StandardErrors(identification.estimate.std, 2.0 * identification.estimate.std)
+    cells = '<td class="number">0.03400</td><td class="number">0.00080</td><td class="number">2.4</td>'
+    assert f'{cells}<td class="number muted">0.00040</td>' in body(identification)
+    assert "if independent" in printed(identification)
+    identification.errors.std_hac[0] = np.inf  # not a base parameter by itself: then only the other one is known
+    assert '<td class="number">0.00040</td><td class="number">1.2</td><td class="number muted">0.00040' in body(
+        identification
+    )
+
+
+def test_the_page_says_whether_errors_count_those_of_the_motion(identification):
+    assert "They take the motion as exactly known" in body(identification)
+    identification.errors = StandardErrors(identification.estimate.std, 2.0 * identification.estimate.std)
+    assert "exactly known" not in body(identification)
+    assert "They count the noise left in the motion, but not what the model lacks" in body(identification)
+    identification.estimate.information = np.eye(len(identification.estimate.names))
+    assert "They count the errors of the motion, too." in body(identification)
+
+
+def test_a_held_out_motion_is_compared_with_the_training(identification):
+    motion = identification.validations[1].motion
+    identification.validations[1].motion = replace(motion, dq=3.0 * motion.dq)
+    page = body(identification)
+    assert '<th colspan="2" scope="colgroup">held out / training</th>' in page
+    assert '<td class="number">3.0</td><td class="number">1.0</td></tr>' in page
+
+
+def test_terminal_tables_hold_parameters_and_errors(identification):
+    console = rich.console.Console(width=100, file=io.StringIO(), color_system=None)
+    parameters, logs, joints = identification_tables(identification)
+    console.print(*map(terminal_table, (parameters, logs, joints)))
+    shown = console.file.getvalue()
+    rows = {line.split()[0]: line.split() for line in shown.splitlines() if line.strip()}
+    assert rows["theta1"][:6] == ["theta1", "0.03400", "0.00040", "1.2", "0.03400", "kg"]
+    assert "theta3" not in rows
+    assert (len(parameters.rows), len(logs.rows), len(joints.rows)) == (6, 2, 4)
+
+
+def robot(bodies=5, basis=True):
+    """An arm of two joints with ten inertial parameters per body; the last body shows nothing in the data."""
+    inertial = [Parameter(f"{role}{k}", "kg", role=role, body=f"link{k}") for k in range(bodies) for role in INERTIAL]
+    parameters = (*inertial, Parameter("Fv1", "N m s/rad", role="viscous"), Parameter("Fv2", "N m s/rad"))
+    p = len(parameters)
+    found = identification_of()
+    found.model.parameters = parameters
+    found.errors = StandardErrors(np.full(p, 0.1))
+    found.notes = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
+    vars(found.estimate).update(
+        value=np.arange(1.0, p + 1),
+        std=np.full(p, 0.1),
+        names=tuple(parameter.name for parameter in parameters),
+        units=tuple(parameter.unit for parameter in parameters),
+        notes=found.notes,
+        determined=DataRank(42, 143.7),
+        provenance=(Provenance.DATA,) * (p - 1) + (Provenance.BOUND,),
+        consistency=Consistency({"link0": 0.0123, "link1": 0.0}, {"inertia": 0.25, "all": 0.5}),
+    )
+    if basis:
+        independent = tuple(range(42))
+        combination = np.eye(p)[:42]
+        combination[3, 50] = 2.0
+        values = np.r_[np.ones(42), np.full(p - 42, 1e-12)]
+        on_data = BaseParameters(found.estimate.names, 42, values, independent, combination, np.ones(p))
+        found.errors = StandardErrors(np.full(p, 0.1), base_std=np.full(42, 0.5))
+        found.base = Identifiability(on_data, SimpleNamespace(rank=44), (UnexcitedParameters(("Izz4",), ("elbow",)),))
+    return found
+
+
+def printed(found):
+    console = rich.console.Console(width=120, file=io.StringIO(), color_system=None)
+    console.print(*map(terminal_table, identification_tables(found)))
+    return console.file.getvalue()
+
+
+def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
+    page = body(robot())
+    words = ("Base parameters", "42 of 52", "mz0 + 2*Fv1", "move elbow", "determined by", "at a bound", "consistency")
+    for word in words:
+        assert word in page, word
+    assert '<td class="words">mz0 + 2*Fv1</td><td class="number">106.0</td>' in page
+    assert '<button type="button">first moments</button>' in page
+    assert '<td class="words">link0</td><td class="number">0.0123</td>' in page
+    assert '<td class="words">inertia</td><td class="number">0.250</td>' in page
+
+
+def test_a_base_parameter_that_constraints_moved_is_shown_without_them_too():
+    found = robot()
+    assert "without constraints" not in body(found)
+    free = found.estimate.value - 0.25 * np.eye(len(found.estimate.value))[0]
+    found.estimate.consistency = replace(found.estimate.consistency, unconstrained=free)
+    page = body(found)
+    assert page.count("without constraints</th>") == 1
+    assert page.count(">0.7500</td>") == 1
+
+
+def test_a_model_without_base_parameters_has_no_such_section(identification):
+    page = body(identification)
+    assert "Base parameters" not in page
+    assert "Smallest eigenvalue" not in page
+    assert "<th>determined by" not in page
+
+
+def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
+    shown, notes = printed(robot()), [line.text for line in identification_notes(robot())]
+    assert "Fv1" in shown
+    assert "mass0" not in shown
+    assert notes[0] == "50 inertial parameters are in the report."
+    said = "In these data the 52 parameters act on the torque in 42 combinations, the base parameters, listed"
+    assert notes[1] == f"{said} in the report."
+    assert f"{said} below." in body(robot())
+    assert notes[2].startswith("Warning: rank 42 of 52;")
+    assert notes[2].endswith("... (in full in the report)")
+    assert max(map(len, notes)) < 350
+    assert "mass0" in printed(robot(bodies=3, basis=False))
+
+
+def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
+    found = robot()
+    found.estimate.provenance = ()
+    found.base.on_data.combination[3, 50] = 1.0
+    page = body(found)
+    for name, word in (("mass0", "data"), ("mz0", "in combination"), ("Izz4", "not identifiable")):
+        row = re.search(rf'<td class="words">{name}</td>.*?<td class="words">([^<]*)</td></tr>', page)
+        assert row[1] == word
+
+
+def test_what_the_checks_found_besides_is_said(identification):
+    spikes = log_notes.TorqueSpikes(1, (3000,), (6.0,), 5000.0, True, False)
+    found = [Finding(Severity.WARNING, "elbow", spikes, Topic.TORQUE_SPIKES, "swing")]
+    identification.findings = tuple(found)
+    said = "1 torque stands out by up to 5000, unlike the motion: sample 3000 (t = 6 s). It is left out of the fit."
+    assert identification_notes(identification)[-1].text.startswith(f"Warning: swing: elbow: {said}")
+    page = body(identification)
+    assert '<td class="words">swing: elbow</td>' in page
+    assert said in page
+    found += [Finding(Severity.WARNING, None, f"odd {k}.", source="swing") for k in range(6)]
+    identification.findings = tuple(found)
+    assert identification_notes(identification)[-1].text == "Note: `dynident check` has 2 more warnings."
+    assert "odd 5." in body(identification)
+
+
+def test_notes_leave_a_short_warning_whole(identification):
+    unseen = Line("Not shown alone by these data (values in the report): theta3.")
+    assert identification_notes(identification) == [unseen, Line("Warning: elbow hardly moves", Severity.WARNING)]
+
+
+def test_errors_stand_beside_what_the_sensors_allow(identification):
+    assert "noise floor" in " ".join(printed(identification).replace("─", "").split())
+    assert "Over the noise floor: " in body(identification)
+    identification.validations[1].errors.sensor_noise = {"shoulder": 0.01}
+    identification.validations[1].floors = {}
+    (_, said, *_) = identification_notes(identification)
+    assert said.text.startswith("The sensors' noise is not known of elbow: the torque was filtered")
+
+
+def test_a_note_that_stands_against_a_use_is_said_once(monkeypatch, identification):
+    monkeypatch.setattr("dynident.report.identification.report.NAMED_REASONS", 0)
+    note = WhiteningCostly("elbow", 1.3)
+    identification.findings = (Finding(Severity.WARNING, None, note),)
+    identification.notes = (*identification.notes, note)
+    said = [line.text for line in identification_notes(identification) if "whitened rows" in line.text]
+    assert len(said) == 1

@@ -1,0 +1,79 @@
+"""The tables of the links, and what is said of their shapes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators import PhysicallyConsistent
+from dynident.identification.links import BodyInertia, DeterminedBy, link_inertias
+from dynident.models import lagrangian as gallery
+from dynident.models.geometry import build_geometry
+from dynident.report.identification import parameters as module
+from dynident.report.identification.parameters import drawing_notes, link_section, link_title
+from dynident.report.page import PageTable
+from tests.report.robots import identified, tree
+
+
+def test_file_and_found_stand_side_by_side() -> None:
+    found = identified(PhysicallyConsistent())
+    (section,) = link_section(found)
+    mass, moments, by = (one for one in section.blocks if isinstance(one, PageTable))
+    assert [one.title for one in mass.columns[:4]] == ["link", "file", "found", "±"]
+    hand, known = mass.rows[2], link_inertias(found)[2]
+    assert hand[0] == "<b>hand"
+    assert hand[1] == "0.700"
+    assert float(hand[2]) == pytest.approx(known.found.mass, rel=5e-3)
+    assert float(hand[11].replace("−", "-")) == pytest.approx(1e3 * known.found.centre[2], rel=5e-3)
+    assert mass.rows[0][0] == "turret (+1)"
+    assert float(moments.rows[2][2]) == pytest.approx(known.found.moments[0], rel=5e-3)
+    assert moments.rows[0][3] == "open"  # the error of what the prior has chosen is not known
+    kinds = (DeterminedBy.DATA, DeterminedBy.PRIOR)
+    for row, link in zip(by.rows, link_inertias(found), strict=True):
+        assert [int(one) for one in row[1:]] == [link.by.get(one, 0) for one in kinds]
+
+
+def test_least_squares_shows_the_file_and_says_why() -> None:
+    (section,) = link_section(identified())
+    assert "least squares does not choose" in section.blocks[0]
+    mass = next(one for one in section.blocks if isinstance(one, PageTable))
+    assert {one.title for one in mass.columns} == {"link", "file"}
+
+
+def test_what_is_sure_in_part_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, *others = link_inertias(identified())
+    value = BodyInertia(2.5, np.full(3, np.nan), np.full(3, np.nan), np.eye(3))
+    sure = np.arange(7) == 0
+    known = replace(first, found=value, std=np.full(7, 0.1), sure=sure)
+    monkeypatch.setattr(module, "link_inertias", lambda _: (known, *others))
+    (section,) = link_section(identified())
+    mass = next(one for one in section.blocks if isinstance(one, PageTable))
+    assert mass.rows[0][1:7] == ("4.20", "2.50", "0.10", *mass.rows[0][4:5], "-", "-")
+    assert mass.rows[1][2:4] == ("-", "-")
+    assert "does not choose" in section.blocks[0]
+
+
+def test_an_inertia_that_no_body_has_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, *others = link_inertias(identified())
+    wrong = replace(first, file=BodyInertia(1.0, np.zeros(3), np.array([0.1, 0.2, 1.0]), np.eye(3)))
+    monkeypatch.setattr(module, "link_inertias", lambda _: (wrong, *others))
+    (section,) = link_section(identified())
+    assert section.blocks[-1] == ("No body has this inertia, so that it has no ellipsoid, in the file: turret.",)
+
+
+def test_shapes_that_are_not_known_are_named() -> None:
+    geometry = replace(build_geometry(tree()), missing={"missing.stl": "there is no such file."})
+    rods, missing = drawing_notes(geometry)
+    assert rods == "Drawn as rods between the joints, as their shapes are not known: slide, <b>hand, finger."
+    assert missing == "Meshes that could not be read: missing.stl (there is no such file)."
+
+
+def test_a_model_without_a_robot_file_has_no_such_section() -> None:
+    assert list(link_section(replace(identified(), model=gallery.slider()))) == []
+
+
+def test_links_that_are_one_body() -> None:
+    assert link_title(["hand"]) == "hand"
+    assert link_title(["hand", "finger", "camera"]) == "hand (+2)"

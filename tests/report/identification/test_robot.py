@@ -1,0 +1,85 @@
+"""The robot in its report: coloured links, along its recordings, with its inertia."""
+
+from __future__ import annotations
+
+from base64 import b64decode
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators import PhysicallyConsistent
+from dynident.identification.links import DeterminedBy
+from dynident.models import lagrangian as gallery
+from dynident.report.identification import identification_page
+from dynident.report.identification.robot import COLOURS, robot_blocks, robot_view
+from dynident.report.page import Figure
+from tests.report.robots import identified
+
+
+def view(estimator: PhysicallyConsistent | None = None) -> Figure:
+    *_, figure = robot_blocks(identified(estimator))
+    return figure
+
+
+def test_links_have_the_colour_of_what_determined_them() -> None:
+    drawn = view(PhysicallyConsistent()).figure.data
+    links = [one for one in drawn if one["type"] == "mesh3d" and one.get("hovertext")]
+    assert [one["name"] for one in links] == ["turret (+1)", "slide", "&lt;b&gt;hand", "finger"]
+    assert links[0]["color"] == COLOURS[DeterminedBy.DATA]
+    assert links[2]["color"] == COLOURS[DeterminedBy.PRIOR]
+    assert links[2]["hovertext"].startswith("&lt;b&gt;hand<br>mass 0.")
+    assert links[0]["hovertext"].endswith("<br>by the data 2, the prior 1")
+    words = [one["name"] for one in drawn if one.get("legendrank") == 1]
+    assert words == ["by the data", "by the prior"]
+
+
+def test_it_moves_along_all_recordings_those_held_out_first() -> None:
+    found, figure = identified(), view().figure
+    replays = figure.motion["replays"]
+    assert [one["name"] for one in replays] == ["tuesday (held out)", "monday (training)"]
+    motion = found.validations[1].motion
+    q = np.frombuffer(b64decode(replays[0]["q"]), "<f4").reshape(-1, 4)
+    t = np.linspace(replays[0]["start"], replays[0]["stop"], len(q))
+    np.testing.assert_allclose(q[:, 2], np.interp(t, motion.t, motion.q[:, 2]), atol=1e-5)
+    np.testing.assert_allclose(q[:, 3], 0.2 - 0.5 * q[:, 2], atol=1e-6)  # mimics it
+
+
+def test_inertia_is_hidden_until_it_is_asked_for() -> None:
+    for estimator, names in (
+        (None, ["inertia in the file", "centre in the file"]),
+        (PhysicallyConsistent(), ["found", "inertia in the file", "centre found", "centre in the file"]),
+    ):
+        figure = view(estimator).figure
+        (layer,) = figure.motion["layers"]
+        assert [figure.data[k]["name"] for k in layer["shown"]] == names
+        assert not any(figure.data[k]["visible"] for k in layer["shown"])
+        assert layer["faded"] == (0, 1, 2, 3)
+
+
+def test_a_small_view_follows_without_a_player() -> None:
+    small = robot_view(identified())
+    assert not small.player
+    assert small.figure.layout["height"] == 250
+    scene = small.figure.layout["scene"]
+    assert not scene["xaxis"]["visible"]
+    links = [one for one in small.figure.data if one.get("hovertext")]
+    for axis in "xyz":  # it looks at the arm, where that stands in the view
+        middle = (min(one[axis].min() for one in links) + max(one[axis].max() for one in links)) / 2
+        low, high = scene[f"{axis}axis"]["range"]
+        side = scene["aspectratio"][axis] * ((middle - low) / (high - low) - 0.5)
+        assert scene["camera"]["center"][axis] == pytest.approx(side, abs=1e-6)
+
+
+def test_a_model_without_a_robot_file_has_no_view() -> None:
+    other = replace(identified(), model=gallery.slider())
+    assert list(robot_blocks(other)) == []
+    assert robot_view(other) is None
+
+
+def test_the_page_links_figures_over_time_with_the_view() -> None:
+    page = identification_page(identified())
+    assert page.count('"meta":{"run":"tuesday (held out)"}') == 7  # the head, torque and motion of three joints
+    assert page.count('class="player"') == 1
+    assert "<h2>The robot and its torques</h2>" in page
+    assert "<b>hand" not in page

@@ -1,0 +1,103 @@
+"""The choice of terms in words, in a table and in figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.identification import Calibration
+from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
+from dynident.models import Joint
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.report.identification import identification_page, identification_tables, trial_figure
+from dynident.report.identification.terms import OUTCOMES, choice_comments, term_section, term_table
+from tests.report.test_page import EVIL
+
+
+def choice(joints):
+    trials = (
+        TermTrial(joints[0], "coulomb", (("width", 0.01),), 90.0, 16.0, TrialOutcome.ENTERED, 95.0, 20.0),
+        TermTrial(joints[0], "ripple", (("cycles", (30.0, 60.5)),), 2.0, 1.5, TrialOutcome.WITHIN_ERROR),
+        TermTrial(joints[0], "power", (), -4000.0, 10.0, TrialOutcome.REFUTED_FASTER, -7000.0, 5.0),
+        TermTrial(joints[1], "dahl", (("length", 0.002),), 0.2, 0.1, TrialOutcome.TOO_SMALL),
+    )
+    some = tuple(map(Joint, joints))
+    terms = (Offset(some), Viscous(some, on=joints[:1]), Coulomb(some, on=joints[:1], width=0.01))
+    return TermChoice(joints, terms, trials, (8.0, 3.0), (5.0, 3.0), (0.0, 0.0))
+
+
+def changed(identification, calibration):
+    return type(identification)(**{**vars(identification), "calibration": calibration})
+
+
+@pytest.fixture
+def chosen(identification):
+    joints = tuple(joint.name for joint in identification.model.joints)
+    return changed(identification, Calibration(terms=choice(joints)))
+
+
+def test_every_outcome_has_words():
+    assert OUTCOMES.keys() == set(TrialOutcome)
+
+
+def test_a_row_per_joint_has_errors_and_gains(chosen):
+    first, second = term_table(chosen.calibration.terms).rows
+    assert first[1:] == ("8.00", "5.00", "offset, viscous, coulomb 90.0 +- 16")
+    assert second[1:] == ("3.00", "3.00", "offset")
+    assert term_table(chosen.calibration.terms) in identification_tables(chosen)
+
+
+def test_the_page_has_a_figure_per_joint_and_all_that_was_tried(chosen, identification):
+    (section,) = term_section(chosen)
+    _, _, gallery, fold = section.blocks
+    assert [keys for keys, _ in gallery.views] == [(joint.name,) for joint in chosen.model.joints]
+    (table,) = fold.blocks
+    assert [row[1] for row in table.rows] == ["coulomb", "ripple", "power", "dahl"]
+    assert table.rows[0][2:] == ("width 0.0100", "90.0", "16.0", "95.0", "20.0", "entered")
+    assert table.rows[1][2] == "cycles 30.0 and 60.5"
+    assert "Friction and other terms" in identification_page(chosen)
+    assert list(term_section(identification)) == []
+
+
+def test_a_figure_marks_what_entered_and_shows_gains_however_bad_others_are(chosen):
+    figure = trial_figure(chosen.calibration.terms.trials[:3], OUTCOMES)
+    entered = next(one for one in figure.data if one["name"] == "entered")
+    assert entered["marker"]["symbol"] == "circle"
+    assert entered["error_x"]["array"].tolist() == [16.0]
+    refused = [one for one in figure.data if one["name"].startswith("refused")]
+    assert {one["marker"]["symbol"] for one in refused} == {"circle-open"}
+    lower, upper = figure.layout["xaxis"]["range"]
+    assert -100.0 < lower < 0.0 < 95.0 < upper
+    assert "yaxis" in figure.layout
+    figure.figure()
+
+
+def test_a_figure_of_bad_gains_alone_can_be_drawn():
+    trials = [
+        TermTrial("a", "rotor", (), np.nan, np.nan, TrialOutcome.NOT_EXCITED),
+        TermTrial("a", "b", (), -3.0, 1.0, TrialOutcome.NEGATIVE),
+    ]
+    lower, upper = trial_figure(trials, OUTCOMES).layout["xaxis"]["range"]
+    assert lower < 0 < upper
+
+
+def test_names_are_escaped(chosen):
+    one = TermTrial(EVIL, EVIL, (), 1.0, 1.0, TrialOutcome.ENTERED)
+    figure = trial_figure([one], OUTCOMES)
+    assert EVIL not in figure.json()
+
+
+def test_too_few_samples_leave_no_section(chosen):
+    plain = replace(chosen.calibration.terms, trials=())
+    found = changed(chosen, Calibration(terms=plain))
+    assert list(term_section(found)) == []
+    assert term_table(chosen.calibration.terms) not in identification_tables(found)
+
+
+def test_comments_name_the_gains_and_the_errors(chosen):
+    said = choice_comments(chosen, "robot.yaml")
+    assert "robot.yaml" in said[""][0]
+    joint = chosen.model.joints[0].name
+    assert f"{joint}: offset, viscous, coulomb 90.0 +- 16; error 8.00 -> 5.00 %" in said["model.terms"]

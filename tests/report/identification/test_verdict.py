@@ -1,0 +1,87 @@
+"""The verdict as a reader meets it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from dynident.identification import NextStep, Remedy, judge
+from dynident.models.simulation import Broken
+from dynident.report.identification import identification_page
+from dynident.report.identification import report as verdict_words
+from dynident.report.identification.report import verdict_text
+from dynident.validation import Driver
+from tests.report.conftest import identification_of
+from tests.report.test_page import EVIL
+
+
+def run(name="reach.csv", joints=("shoulder", "elbow"), failure=None):
+    each = dict.fromkeys(joints, np.inf if failure else 3.5)
+    t = np.linspace(0.0, 1.0, 50)
+    q = np.outer(t, np.arange(1.0, len(joints) + 1))
+    return SimpleNamespace(
+        t=t, q=np.full_like(q, np.inf) if failure else q + 0.01, measured=q, name=name, joints=joints,
+        driver=Driver.TORQUE, restart=0.5, relative_error=each, motion_error=each, rms=each, torque_error={},
+        failure=failure,
+    )  # fmt: skip
+
+
+def test_the_page_begins_with_the_verdict(identification):
+    page = identification_page(identification)
+    assert '<h2>Verdict <span class="badge bad">do not use</span></h2>' in page
+    assert page.index('class="badge bad"') < page.index('<dl class="facts large">') < page.index("Robot and data</h2>")
+    assert "<dt>torque error, held out</dt><dd>5.10 %</dd>" in page
+    assert "<dt>worst joint, held out</dt><dd>4.50 %</dd>" in page
+    assert '<dd>0.40 %</dd><dd class="note">shoulder: 0.0200 N m of 5.00</dd>' in page
+    assert "The mass matrix is positive definite" in page
+    assert "What to do next" in page
+    assert "What is left of the torque, unfiltered" in page
+    assert "Free simulation beside" not in page
+
+
+def test_the_terminal_says_it_in_one_paragraph():
+    words, steps = verdict_text(identification_of(logs=("swing.csv",)))
+    assert words.startswith("Verdict: Do not use this model yet: no log was held out.")
+    assert "\n" not in words
+    assert steps[0].startswith("Record another motion")
+
+
+def test_the_terminal_gives_remedies_and_the_largest_gains(monkeypatch):
+    steps = [NextStep(gain=float(k)) for k in range(9, 1, -1)]
+    found = judge(identification_of(logs=("swing.csv",)))
+    monkeypatch.setattr(verdict_words, "judge", lambda _: replace(found, next=(Remedy.HOLD_OUT, *steps)))
+    monkeypatch.setattr(verdict_words, "words", lambda one: str(getattr(one, "gain", one)))
+    _, said = verdict_text(identification_of())
+    assert said == (str(Remedy.HOLD_OUT), "9.0", "8.0", "7.0", "6.0", "5.0", "3 more, which the report lists.")
+
+
+def test_free_simulations_are_shown_with_their_failures(identification):
+    identification.runs = (run(), run("swing.csv", failure=Broken("it runs away")))
+    page = identification_page(identification)
+    assert "torque, 0.5 s" in page
+    assert '<dd>fails</dd><dd class="note">swing.csv: it runs away</dd>' in page
+    assert page.count("elbow: measured and simulated position.") == 2  # the figure's label and its caption
+    assert "swing.csv: it runs away" in page
+
+
+def test_of_a_single_joint_the_error_is_given_in_its_unit():
+    found = identification_of(joints=("slider",))
+    found.model.limits.clear()
+    for log in found.validations:
+        log.errors.effort_share = {}
+    page = identification_page(found)
+    assert '<dt>largest rms error, held out</dt><dd>0.0200 N m</dd><dd class="note">slider, reach.csv</dd>' in page
+    assert "worst joint" not in page
+
+
+def test_the_free_simulation_is_one_of_the_three_numbers(identification):
+    identification.runs = (run(),)
+    assert "<dt>position error, free simulation</dt><dd>3.5 %</dd>" in identification_page(identification)
+
+
+def test_names_cannot_break_out_of_the_verdict():
+    found = identification_of(joints=(EVIL, "elbow"), logs=(EVIL, "other"))
+    found.runs = (run(EVIL, (EVIL, "elbow"), failure=Broken(EVIL)),)
+    assert "<script>alert" not in identification_page(found)

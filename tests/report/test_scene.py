@@ -1,0 +1,83 @@
+"""Solids of a scene look outwards, and what moves is packed as the page reads it."""
+
+import json
+from base64 import b64decode
+
+import numpy as np
+import pytest
+
+from dynident.report import Layer, MovingTrace, Replay, SceneMesh, box_mesh, cylinder_mesh, scene_figure, solid
+from tests.report.robots import tree
+
+BODIES = tree()
+Q = np.random.default_rng(3).uniform(-1, 1, (6, len(BODIES.joints)))
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        box_mesh("b", np.array([1.0, 2, 3]), np.array([0.2, 0.4, 0.6])),
+        cylinder_mesh("c", np.array([1.0, 2]), 0.3, -1.0, 2.0),
+    ],
+)
+def test_faces_look_outwards_and_close(mesh: SceneMesh) -> None:
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normal, middle = np.cross(b - a, c - a), (a + b + c) / 3
+    assert ((normal * (middle - mesh.vertices.mean(axis=0))).sum(axis=1) > 0).all()
+    edges = [tuple(sorted((face[i], face[j]))) for face in mesh.faces.tolist() for i, j in ((0, 1), (1, 2), (2, 0))]
+    assert set(map(edges.count, edges)) == {2}  # each edge belongs to two faces
+
+
+def numbers(text: str) -> np.ndarray:
+    return np.frombuffer(b64decode(text), "<f4")
+
+
+def poses(found: dict, q: np.ndarray) -> list[np.ndarray]:
+    """Do what the page does: each body after its parent, at its position."""
+    out = []
+    placement, axis = numbers(found["placement"]).reshape(-1, 3, 4), numbers(found["axis"]).reshape(-1, 3)
+    for b, parent in enumerate(found["parent"]):
+        joint, (x, y, z) = np.eye(4), axis[b]
+        if found["slides"][b]:
+            joint[:3, 3] = q[b] * axis[b]
+        else:
+            across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            joint[:3, :3] = np.eye(3) + np.sin(q[b]) * across + (1 - np.cos(q[b])) * across @ across
+        own = np.vstack([placement[b], [0, 0, 0, 1]]) @ joint
+        out.append(own if parent < 0 else out[parent] @ own)
+    return out
+
+
+def test_bodies_follow_each_other_as_those_of_the_robot_do() -> None:
+    """A tree with a prismatic joint, a branch, and a joint that mimics another."""
+    mesh = box_mesh("<b>", np.zeros(3), np.ones(3))
+    moving = MovingTrace(solid(mesh, "#000000"), mesh.vertices, np.full(8, 1))
+    figure = scene_figure(BODIES, [Replay("one", 0.0, 5.0, Q)], [moving])
+    found = json.loads(figure.json())["motion"]
+    q = numbers(found["replays"][0]["q"]).reshape(6, len(BODIES.arm.bodies))
+    placed = BODIES.placements(Q)
+    for k in range(6):
+        for b, pose in enumerate(poses(found["bodies"], q[k])):
+            np.testing.assert_allclose(pose[:3, :3], placed.rotations[k, b], atol=1e-5)
+            np.testing.assert_allclose(pose[:3, 3], placed.origins[k, b], atol=1e-5)
+    np.testing.assert_allclose(numbers(found["moving"][0]["points"]).reshape(-1, 3), mesh.vertices)
+    assert found["moving"][0]["body"] == [[1, 8]]
+    assert figure.data[0]["name"] == "&lt;b&gt;"
+    first = np.stack([figure.data[0][axis] for axis in "xyz"], axis=1)
+    np.testing.assert_allclose(first, placed.points([1] * 8, mesh.vertices)[0], atol=1e-6)
+
+
+def test_the_view_holds_all_that_moves_at_all_times() -> None:
+    mesh = box_mesh("b", np.array([0.0, 0, 0.2]), np.full(3, 0.1))
+    last = len(BODIES.arm.bodies) - 1
+    moving = MovingTrace(solid(mesh, "#000000"), mesh.vertices, np.full(8, last))
+    hidden = MovingTrace(solid(mesh, "#000000", visible=False), 100 * mesh.vertices, np.full(8, last))
+    layers = [Layer("more", (1,), (0,))]
+    figure = scene_figure(BODIES, [Replay("", 0.0, 1.0, Q)], [moving, hidden], [], layers)
+    points = BODIES.placements(Q).points([last] * 8, mesh.vertices).reshape(-1, 3)
+    for axis, low, high in zip("xyz", points.min(axis=0), points.max(axis=0), strict=True):
+        start, stop = figure.layout["scene"][f"{axis}axis"]["range"]
+        assert start < low
+        assert stop > high
+        assert stop - start < 20
+    assert figure.motion["layers"] == [{"name": "more", "shown": (1,), "faded": (0,)}]

@@ -1,0 +1,189 @@
+"""Whatever runs the jobs, the results are the same, and each job ends once."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynident.runtime import InputError, budget_scope, set_budget
+from dynident.runtime.jobs import Limits, Status, local_workers, run_jobs
+from dynident.runtime.jobs import engine as batch
+from dynident.runtime.jobs.engine import Batch, BatchReport, run_batch
+from dynident.runtime.jobs.job import pack
+from tests.runtime.jobs.work import Noise, Stranger, Trouble, budget, by_job, process, sleeps
+
+EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
+    "alone": nullcontext,
+    "local workers": lambda: local_workers(2),
+    "threads": lambda: ThreadPoolExecutor(2),
+    "processes": lambda: ProcessPoolExecutor(2, get_context("spawn")),
+}
+
+
+@pytest.fixture(scope="module", params=EXECUTORS)
+def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
+    with EXECUTORS[request.param]() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def noise() -> Noise:
+    return Noise(np.random.default_rng(5).standard_normal((300, 300)))
+
+
+@pytest.mark.parametrize("limits", [Limits(), Limits(seconds=600.0)])
+def test_results_do_not_depend_on_the_executor(noise: Noise, executor: Executor | None, limits: Limits) -> None:
+    done = by_job(list(run_jobs(noise, range(50), executor, limits=limits)))
+    assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(50)}
+
+
+@pytest.mark.parametrize("limits", [Limits(), Limits(seconds=600.0)])
+def test_jobs_have_the_memory_of_the_run(executor: Executor | None, limits: Limits) -> None:
+    with budget_scope():
+        set_budget(2.5)
+        done = list(run_jobs(budget, range(3), executor, limits=limits))
+    assert [one.value for one in done] == 3 * [2_500_000_000]
+
+
+def test_an_error_is_a_result(tmp_path: Path, executor: Executor | None) -> None:
+    done = by_job(list(run_jobs(Trouble(tmp_path), [("raises", 1), ("leaves", 2), ("fine", 3)], executor)))
+    assert [(one.status, one.reason, one.value) for _, one in sorted(done.items(), key=lambda item: item[0][1])] == [
+        (Status.FAILED, "ValueError: no 1", None),
+        (Status.FAILED, "SystemExit: 2", None),
+        (Status.OK, "", 9),
+    ]
+
+
+def test_jobs_are_taken_as_they_are_needed(executor: Executor | None) -> None:
+    taken = itertools.count()
+    done = run_jobs(abs, (next(taken) for _ in itertools.repeat(None)), executor)
+    assert len(list(itertools.islice(done, 100))) == 100
+    done.close()  # type: ignore[attr-defined]
+    assert next(taken) < 100 + 4 * 1000 + 1  # batches that are under way
+
+
+class Direct(Executor):
+    """Runs what is submitted at once; ``spoil`` may raise first. It gathers the batches."""
+
+    def __init__(self, spoil: Callable[[Batch], None] = lambda batch: None) -> None:
+        self.spoil, self.batches = spoil, list[Batch]()
+
+    def submit(self, fn, /, *args, **kwargs):
+        assert fn is run_batch
+        future: Future[BatchReport | None] = Future()
+        self.batches.append(args[0])
+        try:
+            self.spoil(args[0])
+            future.set_result(fn(*args))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def test_the_function_goes_with_the_first_batches_and_to_who_lacks_it(noise: Noise) -> None:
+    def forget(given: Batch) -> None:
+        if given.number == 9:
+            batch._FUNCTIONS.clear()
+
+    executor = Direct(forget)
+    executor._max_workers = 2  # type: ignore[attr-defined]
+    done = by_job(list(run_jobs(noise, range(200), executor)))
+    assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(200)}
+    assert len(executor.batches) > 10
+    whole = [one.number for one in executor.batches if one.function]
+    assert whole == [0, 1, 13, 14, 15, 16]  # those under way before an answer, and before that of number 9
+    assert [executor.batches[number].jobs for number in whole[2:]] == [one.jobs for one in executor.batches[9:13]]
+
+
+def test_a_worker_remembers_few_functions() -> None:
+    for number in range(20):
+        list(run_jobs(Noise(np.full((1, 1), number)), [0], Direct()))
+    assert len(batch._FUNCTIONS) == batch.MAX_CACHED_FUNCTIONS
+
+
+def test_few_batches_of_short_jobs() -> None:
+    executor = Direct()
+    assert len(list(run_jobs(sleeps, [0.001] * 1000, executor))) == 1000
+    assert len(executor.batches) < 100
+    assert max(len(one.jobs) for one in executor.batches) > 20
+
+
+def test_one_batch_for_each_long_job() -> None:
+    executor = Direct()
+    assert len(list(run_jobs(sleeps, [0.3] * 4, executor))) == 4
+    assert [len(one.jobs) for one in executor.batches] == [1, 1, 1, 1]
+
+
+def test_a_batch_that_the_executor_loses_is_tried_job_by_job() -> None:
+    """As Dask does where three workers have died of it."""
+
+    def kill(given: Batch) -> None:
+        if pack(77) in given.jobs:
+            raise RuntimeError("three workers have died")
+
+    executor = Direct(kill)
+    done = by_job(list(run_jobs(abs, range(200), executor)))
+    assert done[77].status is Status.DIED
+    assert done[77].reason == "RuntimeError: three workers have died"
+    assert [one.value for job, one in sorted(done.items()) if job != 77] == [job for job in range(200) if job != 77]
+
+
+def test_where_no_batch_runs_that_is_said() -> None:
+    def refuse(given: Batch) -> None:
+        raise ModuleNotFoundError("No module named 'dynident'")
+
+    executor = Direct(refuse)
+    with pytest.raises(InputError, match="workers cannot run jobs: ModuleNotFoundError: No module named 'dynident'"):
+        list(run_jobs(abs, range(1000), executor))
+    assert len(executor.batches) < 100
+
+
+def test_an_executor_that_gives_up() -> None:
+    def cancel(given: Batch) -> None:
+        raise CancelledError
+
+    with pytest.raises(InputError, match="the executor has given up jobs; are its workers still there"):
+        list(run_jobs(abs, range(3), Direct(cancel)))
+
+
+def test_a_process_pool_that_breaks(tmp_path: Path) -> None:
+    with (
+        ProcessPoolExecutor(1, get_context("spawn")) as executor,
+        pytest.raises(InputError, match=r"a worker process has died.*Take fewer workers, or give jobs limits"),
+    ):
+        list(run_jobs(Trouble(tmp_path), [("fine", 1), ("ends", 2), ("fine", 3)], executor))
+
+
+@pytest.mark.parametrize("executor", ["local workers", "processes"], indirect=True)
+def test_a_function_that_workers_lack(executor: Executor) -> None:
+    with pytest.raises(InputError, match="a worker cannot load the function of the jobs: RuntimeError: not here"):
+        list(run_jobs(Stranger(), range(5), executor))
+
+
+def test_what_only_this_process_knows(executor: Executor | None) -> None:
+    """The extra ``cluster`` brings cloudpickle, which sends code."""
+    pytest.importorskip("cloudpickle", reason="needs cloudpickle, of the extra cluster")
+    factor = 3
+    assert {one.value for one in run_jobs(lambda job: factor * job, range(4), executor)} == {0, 3, 6, 9}
+
+
+def test_two_runs_on_one_executor() -> None:
+    with local_workers(2) as executor:
+        first, second = run_jobs(abs, range(300), executor), run_jobs(sleeps, [0.0] * 300, executor)
+        both = list(zip(first, second, strict=True))
+    assert sorted(one.job for one, _ in both) == list(range(300))
+    assert {one.value for _, one in both} == {0.0}
+
+
+def test_a_run_that_is_left_leaves_the_executor_usable() -> None:
+    with local_workers(2) as executor:
+        for _ in run_jobs(process, range(1000), executor):
+            break
+        assert len(list(run_jobs(process, range(100), executor))) == 100

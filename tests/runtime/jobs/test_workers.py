@@ -1,0 +1,211 @@
+"""Processes of this machine: they start once, have one thread each, and end with the one that started them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+
+from dynident.runtime import InputError
+from dynident.runtime.jobs import Limits, Status, local_workers, run_jobs, workers
+from dynident.runtime.jobs.job import NUMBER_BYTES, pack
+from dynident.runtime.jobs.workers import ForkServer, SpawnStarter
+from tests.runtime.jobs.work import (
+    HANGS,
+    Trouble,
+    blas_threads,
+    by_job,
+    chance_to_be_killed,
+    loaded,
+    process,
+    stuck,
+    threads,
+)
+
+posix = pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
+forks = pytest.mark.skipif(sys.platform != "linux", reason="workers are not forked on this system")
+ROOT = Path(__file__).parents[3]
+
+
+def test_each_worker_is_a_process_with_one_thread() -> None:
+    with local_workers(2) as executor:
+        found = {one.value for one in run_jobs(process, range(200), executor)}
+        assert len(found) == 2
+        assert os.getpid() not in found
+        assert {one.value for one in run_jobs(threads, range(4), executor)} == {("1", "1")}
+        assert {one.value for one in run_jobs(process, range(200), executor)} == found
+
+
+def test_workers_keep_their_memory_between_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a worker of Dask they would give it back each time, as its nanny asks for."""
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    with local_workers(1) as executor:
+        (done,) = run_jobs(os.getenv, ["MALLOC_TRIM_THRESHOLD_"], executor)
+    assert (done.status, done.value) == (Status.OK, None)
+
+
+@forks
+def test_where_memory_runs_out_workers_end_first() -> None:
+    with local_workers(1) as executor:
+        assert [one.value for one in run_jobs(chance_to_be_killed, [0], executor)] == [500]
+    assert chance_to_be_killed(0) < 500
+
+
+def test_a_process_of_a_pool_has_one_thread() -> None:
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        assert [one.value for one in run_jobs(blas_threads, [0], executor)] == [{1}]
+
+
+@forks
+def test_what_is_preloaded_is_there() -> None:
+    with local_workers(1, ["xml.dom.minidom"]) as executor:
+        assert [one.value for one in run_jobs(loaded, ["xml.dom.minidom", "xml.sax.xmlreader"], executor)] == [
+            True,
+            False,
+        ]
+
+
+def test_where_workers_are_not_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "starter", lambda preload: SpawnStarter())
+    jobs = [("fine", 1), ("hangs", 2), ("fine", 3), ("crashes_once", 4), ("fine", 5)]
+    with local_workers(2) as executor:
+        done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor, limits=Limits(seconds=1.0))))
+    assert [done[job].value for job in jobs] == [1, None, 9, 4, 25]
+    assert done["hangs", 2].status is Status.TIMED_OUT
+
+
+@forks
+def test_a_server_that_is_killed_is_started_again(tmp_path: Path) -> None:
+    server = ForkServer(())
+    try:
+        first, second = server.start(), server.start()
+        second.connection.send((pack(stuck), None, [pack(0)]))
+        assert second.connection.recv() == ""
+        server._process.kill()
+        for child in (first, second):  # its workers follow
+            with pytest.raises(EOFError):
+                child.connection.recv()
+        assert first.end() == -signal.SIGKILL
+        third = server.start()
+        third.connection.send((None, None, ()))
+        assert third.connection.recv() == ""
+    finally:
+        server.close()
+    with pytest.raises(InputError, match="no worker process can be started"):
+        server.start()
+    for child in (first, second, third):
+        child.connection.close()
+
+
+@forks
+def test_a_server_ends_its_workers_though_nobody_reads_its_answer() -> None:
+    server = ForkServer(())
+    child = server.start()
+    child.connection.send((pack(stuck), None, [pack(0)]))
+    assert child.connection.recv() == ""
+    mine, other = socket.socketpair()
+    socket.send_fds(server._control, [bytes(NUMBER_BYTES)], [other.fileno()])
+    server.close()
+    with mine, other, pytest.raises(EOFError):
+        child.connection.recv()
+    child.connection.close()
+
+
+@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+def test_limits_on_an_executor_of_the_user(tmp_path: Path, pool: Callable[..., ThreadPoolExecutor]) -> None:
+    jobs = [("hangs", 0), ("ends", 1), *(("fine", number) for number in range(2, 20))]
+    how = (get_context("fork"),) if pool is ProcessPoolExecutor and sys.platform == "linux" else ()
+    with pool(2, *how) as executor:
+        done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor, limits=Limits(seconds=1.0))))
+    assert [done[job].status for job in jobs] == [Status.TIMED_OUT, Status.DIED] + 18 * [Status.OK]
+
+
+def test_limits_without_an_executor(tmp_path: Path) -> None:
+    done = by_job(list(run_jobs(Trouble(tmp_path), [("hangs", 0), ("fine", 1)], limits=Limits(seconds=0.5))))
+    assert [done[job].status for job in done] == [Status.TIMED_OUT, Status.OK]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="this system does not limit the memory of a process")
+def test_a_limit_below_what_a_worker_takes_is_said() -> None:
+    with pytest.raises(InputError, match=r"a worker takes more than the limit of 0\.05 GB before it runs any job"):
+        list(run_jobs(process, range(3), limits=Limits(memory=0.05)))
+
+
+def test_a_process_of_a_daemon_has_limits() -> None:
+    """Such are the workers of Dask, which multiprocessing lets have no children."""
+    context = get_context("spawn")
+    mine, other = context.Pipe()
+    daemon = context.Process(target=_report, args=(other,), daemon=True)
+    daemon.start()
+    assert mine.recv() == [Status.TIMED_OUT]
+    daemon.join()
+    mine.close()
+    other.close()
+
+
+def _report(connection) -> None:
+    workers.PRELOADED_MODULES = ()
+    connection.send([one.status for one in run_jobs(time.sleep, [HANGS], limits=Limits(seconds=0.5))])
+
+
+SCRIPT = """\
+import itertools, os, signal, sys, threading
+from dynident.runtime.jobs import Limits, local_workers, run_jobs, workers
+from tests.runtime.jobs import work
+workers.HEAVY = ()
+with local_workers(2) as executor:
+    for done in run_jobs(getattr(work, sys.argv[1]), itertools.count(), executor):
+        if sys.argv[2] == "raise":
+            raise ValueError("what the user does with a result")
+"""
+
+
+@posix
+@pytest.mark.parametrize(
+    ("job", "way"),
+    [
+        *(("stuck", "SIGKILL"), ("stuck", "SIGTERM"), ("stuck", "SIGINT"), ("stuck", "group")),
+        *(("told", "SIGKILL"), ("told", "group"), ("soon_stuck", "raise")),
+    ],
+)
+def test_workers_end_with_this_process(job: str, way: str) -> None:
+    """Even those whose job never lets Python run. A worker holds standard error until it ends."""
+    words = [sys.executable, "-c", SCRIPT, job, way]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    path = os.pathsep.join([str(ROOT / "src"), str(ROOT)])
+    with subprocess.Popen(words, **pipes, env={**os.environ, "PYTHONPATH": path}) as process:
+        assert process.stderr.readline() == "a job\n"
+        if way == "group":
+            os.killpg(process.pid, signal.SIGINT)
+        elif way != "raise":
+            process.send_signal(getattr(signal, way))
+        _, said = process.communicate(timeout=HANGS)
+    last = said.replace("a job\n", "").strip().splitlines()[-1:]
+    expected = {"SIGINT": ["KeyboardInterrupt"], "group": ["KeyboardInterrupt"]}
+    assert last == expected.get(way, ["ValueError: what the user does with a result"] if way == "raise" else [])
+    assert process.returncode == {"SIGKILL": -9, "SIGTERM": -15, "raise": 1}.get(way, -2)
+
+
+@posix
+@pytest.mark.parametrize("wait", [0.0, 0.1, 0.3])
+def test_ctrl_c_while_workers_start(wait: float) -> None:
+    """A terminal sends it to all processes of the group."""
+    after = f"threading.Timer({wait}, os.killpg, (os.getpid(), signal.SIGINT)).start()\n"
+    words = [sys.executable, "-c", SCRIPT.replace("with local", f"{after}with local"), "stuck", "wait"]
+    path = os.pathsep.join([str(ROOT / "src"), str(ROOT)])
+    done = subprocess.run(
+        words, capture_output=True, text=True, start_new_session=True, timeout=HANGS, check=False,
+        env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+    assert done.returncode == -signal.SIGINT, done.stderr
+    assert done.stderr.count("Traceback") == 1
+    assert done.stderr.endswith("KeyboardInterrupt\n")

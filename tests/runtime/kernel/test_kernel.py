@@ -1,0 +1,256 @@
+"""The loader: which library it takes, what it refuses, what it says; and all uses of the kernel under sanitizers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import dynident
+from dynident.runtime import ConfigError
+from dynident.runtime.kernel import Kernel, build, function, kernel
+from dynident.runtime.kernel.build import FILE, LEVELS, RECORD, BuildError, architecture, digest, make, record
+from tests.robots import ARM
+
+PACKAGE = Path(dynident.__file__).parent
+loader = import_module("dynident.runtime.kernel")
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the library: the installed one, such as that of a wheel, else one that is compiled here."""
+    folder = tmp_path_factory.mktemp("compiled")
+    if loader._load_library()[0] is not None:
+        for name in (FILE, RECORD):
+            shutil.copy(PACKAGE / "runtime" / "kernel" / name, folder)
+        return folder
+    try:
+        make(folder / FILE)
+    except BuildError as error:
+        pytest.skip(f"the kernel cannot be compiled here: {error}")
+    return folder
+
+
+@pytest.fixture
+def installed(compiled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder from which the kernel is loaded, as it was installed."""
+    shutil.copytree(compiled, tmp_path / "kernel")
+    monkeypatch.setattr(loader, "LIBRARY", tmp_path / "kernel" / FILE)
+    monkeypatch.delenv(loader.VARIABLE, raising=False)
+    forget()
+    yield tmp_path / "kernel"
+    monkeypatch.undo()
+    forget()
+
+
+def forget() -> None:
+    loader._select_kernel.cache_clear()
+    function.cache_clear()
+
+
+def test_what_was_compiled_is_used(installed: Path) -> None:
+    found = kernel()
+    assert found.level in {"sse2", "avx2", "avx512", "neon", "scalar"}
+    assert found.about.startswith(("GCC ", "Clang "))
+    assert str(found) == f"{found.level} ({found.about})"
+
+
+def test_every_level_of_this_cpu_can_be_asked_for(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library, found = loader._select_kernel()
+    levels = loader._levels(library)
+    assert levels[-1] == found.level
+    for level in levels:
+        monkeypatch.setenv(loader.VARIABLE, f" {level.upper()} ")
+        forget()
+        assert kernel().level == level
+
+
+def test_a_level_that_this_cpu_does_not_have_is_refused(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of this one, a CPU whose best level is the least."""
+    least = loader._levels(loader._select_kernel()[0])[0]
+    monkeypatch.setattr(loader, "_levels", lambda library: [least])
+    for asked in ("avx512", "fast", "0"):
+        monkeypatch.setenv(loader.VARIABLE, asked)
+        forget()
+        words = (
+            f"the environment variable DYNIDENT_KERNEL is {asked!r}, but this CPU has {least}; unset it, or give off"
+        )
+        with pytest.raises(ConfigError, match=words):
+            kernel()
+        with pytest.raises(ConfigError):
+            function("anything")
+
+
+def test_off_is_numpy(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(loader.VARIABLE, "OFF")
+    forget()
+    assert kernel() == Kernel(None, "DYNIDENT_KERNEL=off")
+    assert str(kernel()) == "NumPy and LAPACK (DYNIDENT_KERNEL=off)"
+    assert function("anything") is None
+
+
+def replaced(folder: Path, content: bytes) -> None:
+    (folder / FILE).write_bytes(content)
+
+
+def of_other_sources(folder: Path) -> None:
+    (folder / RECORD).write_text(record((folder / FILE).read_bytes()).replace(digest(), "0" * len(digest())))
+
+
+def of_another_machine(folder: Path) -> None:
+    """The file is what was compiled, but for something else."""
+    replaced(folder, b"MZ and more")
+    (folder / RECORD).write_text(record(b"MZ and more"))
+
+
+DAMAGES = {
+    "cut off": (lambda folder: replaced(folder, (folder / FILE).read_bytes()[:-4000]), "damaged"),
+    "one bit": (lambda folder: replaced(folder, (folder / FILE).read_bytes()[:-1] + b"!"), "damaged"),
+    "empty": (lambda folder: replaced(folder, b""), "damaged"),
+    "other sources": (of_other_sources, "out of date: its sources have changed"),
+    "another machine": (of_another_machine, "not to be loaded: "),
+    "no library": (lambda folder: (folder / FILE).unlink(), "not compiled at installation"),
+    "no record": (lambda folder: (folder / RECORD).unlink(), "not compiled at installation"),
+    "a record of something else": (lambda folder: (folder / RECORD).write_bytes(b"\xff\0"), "out of date"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_numpy_serves_where_the_library_cannot_be_trusted(
+    damage: str, installed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, said = DAMAGES[damage]
+    done(installed)  # type: ignore[no-untyped-call]
+    assert kernel().level is None
+    assert kernel().about.startswith(said)
+    assert function("anything") is None
+    monkeypatch.setenv(loader.VARIABLE, "avx2")
+    forget()
+    with pytest.raises(ConfigError, match=f"'avx2', but the kernel is {said}"):
+        kernel()
+
+
+def test_a_function_that_no_source_has_is_a_fault(installed: Path) -> None:
+    with pytest.raises(AttributeError, match="dynident_nothing_"):
+        function("nothing")
+
+
+def test_the_library_is_that_of_the_package_alone(tmp_path: Path) -> None:
+    """Neither the folder where one stands nor a path of the system's loader has a say."""
+    program = "from dynident import kernel; print(kernel.LIBRARY)"
+    (tmp_path / FILE).write_bytes(b"")
+    variables = os.environ | {"PYTHONPATH": str(PACKAGE.parent), "LD_LIBRARY_PATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=variables, capture_output=True, text=True, check=True
+    )
+    assert Path(done.stdout.strip()) == PACKAGE / "runtime" / "kernel" / FILE
+
+
+def test_a_wrong_variable_ends_a_command_with_one_line() -> None:
+    for words in (["--version"], ["schema", "config"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "dynident", *words], env=os.environ | {"DYNIDENT_KERNEL": "fast"},
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.startswith("Error: the environment variable DYNIDENT_KERNEL is 'fast', but ")
+        assert done.stderr.count("\n") == 1
+
+
+USES = f"""
+import numpy as np
+
+empty = np.empty
+
+def unset(shape, dtype=float, **how):
+    # memory that was used before may hold anything
+    array = empty(shape, dtype, **how)
+    if array.dtype == float:
+        array.fill(np.nan)
+    return array
+
+np.empty = unset
+import dynident as dy
+from dynident.runtime.kernel import kernel
+from dynident.models import RigidBodies
+from dynident.motion.splines import GCV, REML, Fixed
+
+rng = np.random.default_rng(0)
+for n in (5, 6, 7, 8, 9, 16, 17, 40, 300):
+    t = np.cumsum(rng.uniform(0.5, 1.5, n)) * 0.01
+    for k in (1, 2, 3, 4, 5, 7, 8, 9):
+        y = np.sin(t)[:, None] + 0.01 * rng.standard_normal((n, k))
+        for rule in (None, Fixed(lam=1e-9), GCV(), REML()):
+            dy.smooth(t, y if k > 1 else y[:, 0], rule, sigma=0.01)(t[0], order=2)
+bodies = RigidBodies({ARM!r})
+for n in (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17):
+    q, dq, ddq = rng.standard_normal((3, n, len(bodies.joints)))
+    theta = np.ones(len(bodies.parameters))
+    bodies.weighted_gradient(q, dq, ddq, bodies.regressor(q, dq, ddq))
+    bodies.torque(q, dq, ddq, theta), bodies.partials(q, dq, ddq, theta)
+print(kernel().level)
+"""
+WIDTHS = {"least": LEVELS[architecture()][0][0], "best": ""}  # of DYNIDENT_KERNEL
+
+
+def use_all(**variables: str) -> None:
+    done = subprocess.run([sys.executable, "-c", USES], env=os.environ | variables, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert done.stdout.strip() not in ("", "None")
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_what_memory_held_before_does_not_matter(width: str) -> None:
+    if loader._load_library()[0] is None:
+        pytest.skip("the kernel is not compiled")
+    use_all(DYNIDENT_KERNEL=WIDTHS[width], PYTHONPATH=str(PACKAGE.parent))
+
+
+def sanitizers() -> list[str]:
+    """The libraries of GCC that must be loaded first; none where there are none."""
+    if sys.platform != "linux" or shutil.which("gcc") is None:
+        return []
+    asked = (["gcc", f"-print-file-name={name}"] for name in ("libasan.so", "libubsan.so", "libstdc++.so.6"))
+    found = [subprocess.run(words, capture_output=True, text=True).stdout.strip() for words in asked]
+    return found if all(Path(path).is_absolute() for path in found) else []
+
+
+# the addresses are looked at once, where they are used
+SANITIZE = (
+    "-fsanitize=address,undefined", "-fno-sanitize=null,object-size,pointer-overflow", "-fno-sanitize-recover=all",
+)  # fmt: skip
+
+
+def levels() -> list[tuple[str, int, tuple[str, ...]]]:
+    """The levels that are run here: the least, and the best of this CPU; all where that is not known."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from dynident.runtime.kernel import kernel; print(kernel().level)"],
+        env=os.environ | {"DYNIDENT_KERNEL": ""}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    least, *others = LEVELS[architecture()]
+    return [least, *([one for one in others if one[0] == done.stdout.strip()] or others)]
+
+
+@pytest.fixture(scope="module")
+def sanitized(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package whose kernel looks after its memory and its arithmetic."""
+    copy = tmp_path_factory.mktemp("sanitized") / "dynident"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "kernel.bin*"))
+    with pytest.MonkeyPatch.context() as patch:  # a sixth of the time
+        patch.setattr(build, "FLAGS", [flag.replace("-O3", "-O1") for flag in build.FLAGS])
+        patch.setattr(build, "LEVELS", {architecture(): levels()})
+        make(copy / "kernel" / FILE, ["gcc", *SANITIZE])
+    return copy.parent
+
+
+@pytest.mark.skipif(not sanitizers(), reason="there is no GCC with sanitizers, on Linux")
+@pytest.mark.parametrize("width", WIDTHS)
+def test_sanitizers_find_nothing_in_all_uses(sanitized: Path, width: str) -> None:
+    own = {"LD_PRELOAD": " ".join(sanitizers()), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONPATH": str(sanitized)}
+    use_all(DYNIDENT_KERNEL=WIDTHS[width], **own)

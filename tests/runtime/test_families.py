@@ -1,0 +1,275 @@
+"""Parts of a family: tables, descriptions that build the same part again, and entry points."""
+
+import json
+import math
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynident.cli import main
+from dynident.estimators import (
+    AugmentedKalman,
+    Didim,
+    GeneralisedLeastSquares,
+    InstrumentalVariables,
+    LeastSquares,
+    OutputError,
+    PhysicallyConsistent,
+    Ridge,
+    RobustLeastSquares,
+    TotalLeastSquares,
+    WeightedLeastSquares,
+)
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.models import CoupledFriction, Joint, RotorInertia
+from dynident.models.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Counterbalance,
+    Dahl,
+    Drift,
+    LoadCoulomb,
+    LoadDahl,
+    LoadRipple,
+    LoadViscous,
+    Offset,
+    Power,
+    Ripple,
+    Spring,
+    Stribeck,
+    Viscous,
+    WideCoulomb,
+)
+from dynident.motion.smoothers import (
+    Butterworth,
+    Difference,
+    FourierSeries,
+    KalmanSmoother,
+    SavitzkyGolay,
+    Spline,
+    TimeShifted,
+)
+from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation
+from dynident.project.parts import build, schemas, unusable
+from dynident.project.settings import Config
+from dynident.runtime import ConfigError
+from dynident.runtime.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
+from tests.project.parts import SAVITZKY
+
+JOINTS = (Joint("a"), Joint("b", "prismatic"))
+SMOOTHING = [
+    Difference(),
+    Difference("central"),
+    Butterworth(),
+    Butterworth((2, 2, 2), (40.0, 40.0, 40.0), (0.5, math.inf)),
+    Spline(),
+    Spline(Constraint(12.5), 1e-4, 3.0, 1.4),
+    Spline(Constraint((10.0, 12.0))),
+    Spline(sigma={"a": 1e-4, "b": 2e-5}),
+    Spline(GCV()),
+    Spline(REML()),
+    Spline(Interpolation(), ends=0.0),
+    Spline(Fixed(lam=1e-7)),
+    Spline(Fixed(p=math.inf)),
+    Spline(Fixed(p=(1.0, 2.0))),
+    KalmanSmoother(),
+    KalmanSmoother(2, 1e-4),
+    KalmanSmoother(sigma={"a": 1e-4, "b": 2e-5}, intensity={"a": 3.0, "b": 0.0}, ends=3.0),
+    SavitzkyGolay(),
+    SavitzkyGolay({"a": 0.1, "b": math.inf}, 3, 1.5),
+    FourierSeries(),
+    FourierSeries(12.5, {"a": 5, "b": 0}, (0.5, 1.0)),
+    FourierSeries(12.5, 7),
+    TimeShifted(Spline(GCV()), -0.0021),
+    TimeShifted(TimeShifted(Difference(), 0.1), 0.2),
+]
+ESTIMATING = [
+    LeastSquares(),
+    LeastSquares(1e-9, "per_joint", 5),
+    WeightedLeastSquares(1e-9, 5),
+    GeneralisedLeastSquares(5, 1e-9, 4),
+    PhysicallyConsistent(fit=GeneralisedLeastSquares(5)),
+    PhysicallyConsistent(),
+    PhysicallyConsistent(total_mass=12.0, bounds={"Fv_a": (None, 3.0), "Fc_a": (0.1, math.inf)}, prior={"a.mass": 2.0}),
+    PhysicallyConsistent(
+        total_mass=(None, 20.0), centre_of_mass={"arm": ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))}, prior="none"
+    ),
+    PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
+    InstrumentalVariables(),
+    InstrumentalVariables("lagged", 3, 0.05, "equal"),
+    Didim(),
+    Didim(5),
+    OutputError(),
+    OutputError("open", "commanded", 0.5, 7),
+    MaximumLikelihood(),
+    MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
+    RobustLeastSquares("tukey", tuning=6.0),
+    Ridge({"J": 0.1}, 0.3),
+    TotalLeastSquares({"J": 0.1}, torque=0.2),
+    AugmentedKalman("sigma_point", samples=500),
+]
+ON_JOINTS = [
+    RotorInertia(JOINTS),
+    Viscous(JOINTS, on=("b",), names=("Fv",), values=(2.0,)),
+    Coulomb(JOINTS, width=0.1),
+    Coulomb(JOINTS, dead_band=0.02),
+    Coulomb(JOINTS, width={"a": 0.1, "b": 0}),
+    Dahl(JOINTS, length=0.01),
+    Dahl(JOINTS, on=("b",), length={"b": 0.002}),
+    Drift(JOINTS, time={"a": 30.0, "b": 60.0}),
+    LoadCoulomb(JOINTS, width=0.1),
+    LoadDahl(JOINTS, length=0.01),
+    LoadViscous(JOINTS, on=("a",)),
+    AsymmetricCoulomb(JOINTS, width=0.1),
+    WideCoulomb(JOINTS, width=0.5),
+    AsymmetricViscous(JOINTS),
+    Stribeck(JOINTS, velocity={"b": 0.1, "a": 0.2}, width=0.01),
+    Power(JOINTS, exponent=0.5),
+    Power(JOINTS, on=("b",), exponent={"b": 3}),
+    Ripple(JOINTS, cycles=80),
+    Ripple(JOINTS, cycles=(80, 101.5), delay={"a": 0.001, "b": 0.002}),
+    Ripple(JOINTS, cycles={"a": (80, 160), "b": 5.0}),
+    LoadRipple(JOINTS, cycles={"a": (80, 160), "b": 5.0}, delay=0.001),
+    Spring(JOINTS, order={"a": 1, "b": 3}),
+    Counterbalance(JOINTS, ("a",), base_arm=0.5, link_arm={"a": 0.1}, angle=-1, free_length=0),
+    Offset(JOINTS, expressions=("one", "two")),
+    CoupledFriction(JOINTS, {"a": 1.0, "b": -6.0}, "m", "power", {"exponent": 0.3}),
+    CoupledFriction(JOINTS, {"a": 1.0}, "m", "asymmetric_viscous"),
+]
+
+
+def again(family, part, **extra):
+    """Describe a part, send it through strict JSON, and build it again."""
+    return build(family, json.loads(json.dumps(family.describe(part), allow_nan=False)), "part", **extra)
+
+
+@pytest.mark.parametrize("part", SMOOTHING, ids=repr)
+def test_a_described_smoother_builds_itself(part):
+    assert again(SMOOTHERS, part) == part
+
+
+@pytest.mark.parametrize("part", ESTIMATING, ids=repr)
+def test_a_described_estimator_builds_itself(part):
+    assert again(ESTIMATORS, part) == part
+
+
+@pytest.mark.parametrize("part", ON_JOINTS, ids=repr)
+def test_a_described_term_builds_itself(part):
+    assert again(TERMS, part, joints=JOINTS) == part
+
+
+@given(
+    ends=st.floats(0, 1e300),
+    factor=st.floats(1e-300, 1e300),
+    sigma=st.none()
+    | st.floats(1e-300, 1e300)
+    | st.dictionaries(st.text(min_size=1).filter(str.strip), st.floats(1e-9, 9)),
+)
+def test_numbers_keep_all_their_digits(ends, factor, sigma):
+    part = Spline(Constraint(), sigma, ends, factor)
+    assert again(SMOOTHERS, part) == part
+
+
+def test_every_kind_is_tried_here():
+    for family, parts in ((SMOOTHERS, SMOOTHING), (ESTIMATORS, ESTIMATING), (TERMS, ON_JOINTS)):
+        assert {family.kind_of(part) for part in parts} == set(family.table)
+
+
+@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS, READERS, EXPORTERS], ids=lambda one: one.name)
+def test_every_kind_of_a_table_exists(family):
+    assert all(family.get(kind) is not None for kind in family.kinds())
+
+
+@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS], ids=lambda one: one.name)
+def test_schemas_list_every_kind_with_its_settings(family):
+    made = json.loads(json.dumps(schemas(family)))
+    assert tuple(made) == family.kinds()
+    for kind, schema in made.items():
+        assert "kind" in schema["required"], kind
+    if family is SMOOTHERS:
+        assert made["spline"]["properties"]["rule"]["enum"][-1] == "torque"
+        assert made["butterworth"]["properties"]["cutoffs"]["maxItems"] == 3
+
+
+def test_the_schema_of_a_configuration_lists_every_kind():
+    made = json.dumps(Config.model_json_schema())
+    for kind in (*SMOOTHERS.table, *ESTIMATORS.table, *TERMS.table):
+        assert f'{{"const": "{kind}"}}' in made
+
+
+def test_a_format_is_called_as_its_kind():
+    assert {kind: EXPORTERS.get(kind)().format for kind in EXPORTERS.table} == {one: one for one in EXPORTERS.table}
+
+
+def test_a_value_without_a_plain_form_is_refused():
+    @dataclass(frozen=True)
+    class Odd:
+        value: object
+
+    with pytest.raises(ConfigError, match=r"Odd.value is a object; settings are numbers"):
+        SMOOTHERS.describe(Odd(object()))
+
+
+def entry(name: str, value: str, group: str) -> metadata.EntryPoint:
+    return metadata.EntryPoint(name, value, group)
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A distribution that adds a smoother, and one that cannot be loaded."""
+    (tmp_path / "dynident_lab.py").write_text(SAVITZKY)
+    (tmp_path / "dynident_ends.py").write_text("raise SystemExit('it ends')")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = [
+        entry("polynomials", "dynident_lab:SavitzkyGolay", "dynident.motion.smoothers"),
+        entry("spline", "dynident_lab:SavitzkyGolay", "dynident.motion.smoothers"),
+        entry("lost", "dynident_lost:Smoother", "dynident.motion.smoothers"),
+        entry("ends", "dynident_ends:Smoother", "dynident.motion.smoothers"),
+        entry("silent", "dynident_lab:Silent", "dynident.motion.smoothers"),
+        entry(".lab", "dynident_lab:read", "dynident.readers"),
+    ]
+    real = metadata.entry_points
+
+    def entry_points(**given: str) -> object:
+        group = given.get("group", "")
+        return [one for one in found if one.group == group] if group.startswith("dynident.") else real(**given)
+
+    monkeypatch.setattr(metadata, "entry_points", entry_points)
+
+
+@pytest.mark.usefixtures("lab")
+def test_a_package_adds_a_part_by_an_entry_point():
+    assert SMOOTHERS.kinds()[: len(SMOOTHERS.table)] == tuple(SMOOTHERS.table)
+    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "polynomials", "lost", "ends", "silent"}
+    part = build(SMOOTHERS, {"kind": "polynomials", "width": 0.2}, "smoother")
+    assert type(part).__name__ == "SavitzkyGolay"
+    assert SMOOTHERS.describe(part) == {"kind": "polynomials", "width": 0.2, "order": 4}
+    assert again(SMOOTHERS, part) == part
+    assert SMOOTHERS.get("spline") is Spline  # no package takes the place of a part of ours
+    with pytest.raises(ConfigError, match=r"smoother: 'polynomial' is not a choice; did you mean 'polynomials'"):
+        build(SMOOTHERS, {"kind": "polynomial"}, "smoother")
+    with pytest.raises(ConfigError, match=r"'lost' of the entry point 'dynident_lost:Smoother' cannot be loaded"):
+        build(SMOOTHERS, {"kind": "lost"}, "smoother")
+    with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: it ends"):
+        build(SMOOTHERS, {"kind": "ends"}, "smoother")
+    with pytest.raises(ConfigError, match=r"silent is no smoother: it lacks __call__"):
+        build(SMOOTHERS, {"kind": "silent"}, "smoother")
+
+
+@pytest.mark.usefixtures("lab")
+def test_a_schema_is_made_where_an_installed_part_cannot_be_loaded():
+    found = schemas(SMOOTHERS)
+    assert {"spline", "polynomials", "lost", "ends", "silent"} <= found.keys()
+    assert "cannot be loaded" in found["lost"]["description"]
+    assert found["lost"]["properties"] == {"kind": {"const": "lost"}}
+    assert len(list(unusable(SMOOTHERS))) == 3
+    done = CliRunner().invoke(main, ["schema"])
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["title"] == "dynident configuration"
+    assert done.stderr.count("Warning: its settings are not in the schema: ") == 3

@@ -1,0 +1,33 @@
+"""What a message says to type to install what is missing."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from dynident.runtime import install_command
+
+
+@pytest.mark.skipif(os.name == "nt", reason="shlex splits as POSIX shells do")
+def test_the_command_is_one_of_the_python_that_runs() -> None:
+    words = shlex.split(install_command("pip"))  # it is there: nothing is installed
+    assert words[0] == sys.executable
+    words.insert(words.index("install") + 1, "--no-index")
+    assert subprocess.run(words, capture_output=True).returncode == 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="shlex splits as POSIX shells do")
+def test_a_folder_with_spaces_is_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/home/a b/python")
+    assert shlex.split(install_command("h5py")) == ["/home/a b/python", "-m", "pip", "install", "h5py"]
+
+
+def test_an_environment_without_pip_is_one_of_uv(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(sys, "executable", "/python")
+    assert install_command("h5py") == "uv pip install --python /python h5py"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks import relative_gains
+from dynident.models import Term
 from dynident.motion.log import Motion
 from tests.checks import moving_arm
 
@@ -50,12 +51,12 @@ def test_a_file_without_inertias_gives_none() -> None:
     assert not relative_gains(light, [currents()])
 
 
-class _Unknown:
+class _Unknown(Term):
     """A term without nominal values."""
 
-    def __init__(self, term) -> None:
-        self._term = term
-        self.parameters = tuple(replace(one, value=None) for one in term.parameters)
+    def __init__(self, term: Term) -> None:
+        self.term, self.joints = term, term.joints
+        self.parameters = tuple(replace(parameter, value=None) for parameter in term.parameters)
 
-    def __getattr__(self, name: str):
-        return getattr(self._term, name)
+    def regressor(self, q, dq, ddq):
+        return self.term.regressor(q, dq, ddq)

@@ -51,7 +51,7 @@ def test_wrong_words_are_refused(project: Path, words: tuple[str, ...], message:
 
 
 def test_where_nothing_has_an_estimate_the_command_fails(project: Path) -> None:
-    made = Path(__file__).parents[1] / "ranking" / "made.py"
+    made = Path(__file__).parents[1] / "apps" / "ranking" / "made.py"
     config = project.with_name("raising.yaml")
     config.write_text(project.read_text() + f"estimator: {{ kind: '{made}:Raising' }}\n")
     code, said = run_command(config, "--smoothers", "spline", "--estimators", f"{'least_squares'}", "--workers", "1",

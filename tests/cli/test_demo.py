@@ -19,9 +19,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder: Path) -> None:
-    draft, tables = draft_from_files(
-        str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None
-    )
+    draft, tables = draft_from_files(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder)
     assert [*draft.questions, *draft.blanks, *draft.notes, *(note for one in tables for note in one.notes)] == []
     project = parse_project(draft.text + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
     logs, warnings = project.logs()

@@ -84,7 +84,7 @@ def test_the_traceback_is_printed_on_request(monkeypatch: pytest.MonkeyPatch) ->
     ):
         assert done.exit_code == 70
         assert "Traceback" in done.output
-        assert "identify.py" in done.output
+        assert "identification.py" in done.output
         assert "\x1b" not in done.output
     wrong = failing(monkeypatch, InputError("no such file"), "--debug")
     assert wrong.exit_code == 1

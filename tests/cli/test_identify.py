@@ -67,7 +67,7 @@ class TestIdentify:
         write_log(tmp_path)
         (tmp_path / "mine.py").write_text(
             "from dynident.models import Model\n"
-            "from dynident.models import Offset, Viscous\n"
+            "from dynident.models.friction import Offset, Viscous\n"
             "from dynident.models import Joint\n"
             "def build():\n"
             "    joints = (Joint('slider', 'prismatic'),)\n"

@@ -12,7 +12,8 @@ from click.testing import CliRunner
 from rich.progress import Task, TaskID
 
 from dynident.cli import main, terminal
-from dynident.cli.terminal import escape_controls, one_line, status
+from dynident.cli.command_log import escape_controls, one_line
+from dynident.cli.terminal import status
 from dynident.runtime import Step, report_progress
 from tests.cli.commands import configure, run, write_log
 from tests.robots import ARM
@@ -60,7 +61,7 @@ def shown(screen: Terminal, words: str) -> None:
 def test_a_bar_with_the_time_left_after_a_while(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
     screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
-    monkeypatch.setattr("dynident.cli.terminal.BAR_DELAY", 0.0)
+    monkeypatch.setattr("dynident.cli.screen.BAR_DELAY", 0.0)
     for name, value in (("TERM", "xterm"), ("COLUMNS", columns)):
         monkeypatch.setenv(name, value)
     with status():

@@ -20,7 +20,8 @@ import pytest
 import yaml
 
 from dynident.apps.fleets.report import fleet_page
-from dynident.cli.terminal import escape_controls, one_line, status
+from dynident.cli.command_log import escape_controls, one_line
+from dynident.cli.terminal import status
 from dynident.models import Joint, Model, RigidBodies, from_physical
 from dynident.models.friction import Viscous
 from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, Yaml, export, random_states

@@ -278,7 +278,7 @@ def test_a_result_runs_no_python_file_unless_it_is_allowed(tmp_path: Path, where
     assert (tmp_path / "ran").exists()
 
 
-def test_an_old_result_and_the_recordings_like_it_run_no_python_file(tmp_path: Path) -> None:
+def test_the_recordings_like_those_of_a_result_run_no_python_file(tmp_path: Path) -> None:
     write_log(tmp_path)
     found = run(configure(tmp_path))
     (tmp_path / "mine.py").write_text(MARK + CODE["smoother"][0])
@@ -288,10 +288,6 @@ def test_an_old_result_and_the_recordings_like_it_run_no_python_file(tmp_path: P
     bad = replace(found, provenance=replace(found.provenance, configuration=replace(given, text=text)))
     with pytest.raises(ConfigError, match="is of a Python file"):
         read_log_like(bad, str(tmp_path / "log.csv"))
-    settings = {"configuration": text, "configuration file": given.path, "smoother used": "Spline()"}
-    (tmp_path / "old.json").write_text(json.dumps({"settings": settings, "parameters": []}))
-    with pytest.raises(ConfigError, match="is of a Python file"):
-        load(tmp_path / "old.json")
     assert not (tmp_path / "ran").exists()
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 
 from dynident.checks import log_notes, notes
-from dynident.checks import log_notes as motion_notes
-from dynident.checks import notes as file_notes
 from dynident.identification import TimeOffset
 from dynident.report.finding_words import finding_words
 from dynident.report.note_words import words
@@ -143,60 +141,60 @@ SAID = [
         ),
     ),
     (
-        file_notes.ImpossibleInertia("negative mass -4 kg"),
+        notes.ImpossibleInertia("negative mass -4 kg"),
         (
             "negative mass -4 kg. No body can have such an inertia. Take it from CAD, or identify it with `kind: "
             "consistent`."
         ),
     ),
     (
-        file_notes.NoMass(("fore",)),
+        notes.NoMass(("fore",)),
         (
             "the links that the joint moves (fore) have no mass in the file: simulators reject this, and it gives "
             "no prior. Take it from CAD, or identify it with `kind: consistent`."
         ),
     ),
     (
-        file_notes.OnlyShapes(),
+        notes.OnlyShapes(),
         (
             "its inertia follows from meshes or height fields, which are not read; save the compiled model from "
             "MuJoCo with <compiler saveinertial='true'/>, which writes the inertia out."
         ),
     ),
     (
-        file_notes.FloatingBase(),
+        notes.FloatingBase(),
         (
             "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. "
             "Record with the base clamped, as what it feels of a moving one is not modelled."
         ),
     ),
     (
-        file_notes.SeveralLimbs("trunk", ("left", "right")),
+        notes.SeveralLimbs("trunk", ("left", "right")),
         (
             "2 limbs move from the base 'trunk', which is taken as fixed (left, right): right for arms on a stand; "
             "a walking robot must be clamped at its trunk."
         ),
     ),
     (
-        file_notes.PointMass(0.2),
+        notes.PointMass(0.2),
         "0.2 kg without an inertia about the centre of mass: a point mass, or an inertia rounded to zero.",
     ),
     (
-        file_notes.FarCentre(120.0),
+        notes.FarCentre(120.0),
         (
             "its centre of mass is 120 m from its frame. Is it in millimetres, or in another frame? A URDF gives "
             "metres in the link's own frame."
         ),
     ),
     (
-        file_notes.LargeGyration(0.05, 0.408, 0.3, 0.3),
+        notes.LargeGyration(0.05, 0.408, 0.3, 0.3),
         (
             "its largest moment 0.05 kg m^2 means a radius of gyration of 0.41 m for its 0.3 kg, on a link of "
             "about 0.3 m. Is it about another point, or a placeholder? It would be a misleading prior."
         ),
     ),
     (
-        file_notes.InertiaAboutOrigin(("upper", "fore")),
+        notes.InertiaAboutOrigin(("upper", "fore")),
         (
             "the inertias of upper, fore are as large as if they were about the origins of the links' frames. A "
             "robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel "
@@ -204,30 +202,30 @@ SAID = [
         ),
     ),
     (
-        file_notes.EqualLinks(("upper", "fore"), 2.0, alone=False),
+        notes.EqualLinks(("upper", "fore"), 2.0, alone=False),
         ("upper, fore have the same mass 2 kg and the same moments: copied, or simple shapes? They are a weak prior."),
     ),
     (
-        file_notes.EqualLinks(("upper", "fore"), 2.0, alone=True),
+        notes.EqualLinks(("upper", "fore"), 2.0, alone=True),
         (
             "all links have the same mass 2 kg and the same moments: placeholders? Take it from CAD, or identify "
             "it with `kind: consistent`."
         ),
     ),
     (
-        file_notes.OddTotalMass(6004.0),
+        notes.OddTotalMass(6004.0),
         "the total mass of all links is 6004 kg. Are the masses in kg?",
     ),
     (
-        file_notes.EmptyRange(0.0, 0.0),
+        notes.EmptyRange(0.0, 0.0),
         "its lower limit 0 is not below its upper limit 0: simulators use it as given. Correct it.",
     ),
     (
-        file_notes.LimitNotPositive("effort", 0.0),
+        notes.LimitNotPositive("effort", 0.0),
         "its effort limit is 0: simulators use it as given. Correct it.",
     ),
     (
-        file_notes.NoLimit("velocity", ("s", "e")),
+        notes.NoLimit("velocity", ("s", "e")),
         "no velocity limit for s, e: recordings cannot be checked against it.",
     ),
     (
@@ -276,7 +274,7 @@ SAID = [
         ),
     ),
     (
-        motion_notes.LoopVelocity(1, 2, 0.0324, 0.00264),
+        log_notes.LoopVelocity(1, 2, 0.0324, 0.00264),
         (
             "with its velocity over 1 step, the controller asks for a torque that differs from the measured one by "
             "3.24 %, over 2 by 0.264 %. Give `velocity_steps: 2`, or the drive's `period`. What is found by simulating "
@@ -284,7 +282,7 @@ SAID = [
         ),
     ),
     (
-        motion_notes.LoopVelocity(1, 0, 0.094, 0.0054),
+        log_notes.LoopVelocity(1, 0, 0.094, 0.0054),
         (
             "with its velocity over 1 step, the controller asks for a torque that differs from the measured one by "
             "9.4 %, with the velocity of the moment by 0.54 %. Give the drive's `period`. What is found by simulating "
@@ -292,7 +290,7 @@ SAID = [
         ),
     ),
     (
-        motion_notes.LoopGain(0.8, 0.25, 0.01),
+        log_notes.LoopGain(0.8, 0.25, 0.01),
         (
             "the measured torque is 0.8 times what the controller asks for (they differ by 25 %, with this factor by "
             "1 %). Check its gains and that of the torque. What is found by simulating the loop is wrong by more than "
@@ -300,7 +298,7 @@ SAID = [
         ),
     ),
     (
-        motion_notes.LoopUnused(("q1_ref", "q2_ref", "q3_ref")),
+        log_notes.LoopUnused(("q1_ref", "q2_ref", "q3_ref")),
         (
             "columns are named as reference positions ('q1_ref', 'q2_ref' and 1 more). With the gains of the drives, "
             "in the section `simulation`, estimators that simulate the loop apply as well, and the model is judged in "
@@ -308,7 +306,7 @@ SAID = [
         ),
     ),
     (
-        motion_notes.LoopDiffers(0.75),
+        log_notes.LoopDiffers(0.75),
         (
             "the controller asks for a torque that differs from the measured one by 75 %. Check its gains and its "
             "reference; or something else drives this joint, too. What is found by simulating the loop is wrong by "
@@ -316,7 +314,7 @@ SAID = [
         ),
     ),
     (
-        motion_notes.HardlyMoves(0.0016, 4.4, 0.70012, "rad"),
+        log_notes.HardlyMoves(0.0016, 4.4, 0.70012, "rad"),
         (
             "the joint hardly moves in training, by 0.0016 rad where others move by up to 4.4: nothing is seen of its "
             "friction and rotor, and where it does move its torque is not to be relied on. Record a motion of it, or "
@@ -324,60 +322,199 @@ SAID = [
         ),
     ),
     (
-        motion_notes.FewReversals(1),
+        log_notes.FewReversals(1),
         (
             "the joint reverses only once: friction, offset and gravity are then strongly correlated. Record a "
             "motion that goes back and forth."
         ),
     ),
     (
-        motion_notes.PositionBeyondLimits(-0.5, 0.5, -1.0, 0.2),
+        log_notes.PositionBeyondLimits(-0.5, 0.5, -1.0, 0.2),
         (
             "the position runs from -0.5 to 0.5, the file allows -1 to 0.2. Check the unit, the sign and `zero`, "
             "or the file's limits."
         ),
     ),
     (
-        motion_notes.PositionBeyondLimits(-90.0, 110.0, -2.5, 2.5, far=True),
+        log_notes.PositionBeyondLimits(-90.0, 110.0, -2.5, 2.5, far=True),
         (
             "the position runs from -90 to 110, the file allows -2.5 to 2.5. Is it in another unit, or of a motor "
             "before its gear (see `transmission`)?"
         ),
     ),
     (
-        motion_notes.VelocityAboveLimit(1.0, 0.5),
+        log_notes.VelocityAboveLimit(1.0, 0.5),
         (
             "the velocity reaches 1, the robot file allows 0.5 (rad/s or m/s). Check the units of position and "
             "time; or the positions are too noisy for this smoother."
         ),
     ),
     (
-        motion_notes.EffortAboveLimit(12.0, 10.0, "N m", far=False),
+        log_notes.EffortAboveLimit(12.0, 10.0, "N m", far=False),
         "the torque reaches 12 N m, the robot file allows 10. Check the unit and gain, or the file.",
     ),
     (
-        motion_notes.EffortAboveLimit(300.0, 10.0, "N m", far=True),
+        log_notes.EffortAboveLimit(300.0, 10.0, "N m", far=True),
         "the torque reaches 300 N m, the robot file allows 10. Is it a motor current, or in another unit?",
     ),
     (
-        motion_notes.EffortFarBelowLimit(1e-3, 10.0, "N m"),
+        log_notes.EffortFarBelowLimit(1e-3, 10.0, "N m"),
         (
             "the torque stays below 0.001 N m, a thousandth of the robot file's limit 10. Is it on the motor side "
             "of the gear, in another unit, or is the limit a placeholder?"
         ),
     ),
     (
-        motion_notes.SearchLeftOut(motion_notes.SearchKind.PAIRS, 30, 330),
+        log_notes.SearchLeftOut(log_notes.SearchKind.PAIRS, 30, 330),
         (
             "the model has 330 parameters of 30 joints, so that exchanged columns were looked for only among joints "
             "that follow each other."
         ),
     ),
     (
-        motion_notes.CorrelatedParameters(5, 1e6),
+        log_notes.CorrelatedParameters(5, 1e6),
         (
             "the 5 base parameters are strongly correlated in these motions (condition number 1.0e6): move more "
             "joints at the same time, faster, and over more of their range."
+        ),
+    ),
+    (
+        log_notes.ClippedTorque(4, 9.5, 7, 1.25, True, False),
+        (
+            "4 torques are exactly 9.5, first sample 7 (t = 1.25 s), where the motion needs more: the sensor or "
+            "the signal is at its limit. They are left out of the fit. Record with a larger range, or a gentler "
+            "motion."
+        ),
+    ),
+    (
+        log_notes.FrozenPosition(7, 10, 1.0, 2.0, 0.5, True),
+        (
+            "the position is 0.5 for 10 samples, from sample 7 (t = 1 s) to t = 2 s, and jumps: it was not read "
+            "there. They are replaced by what is around them, and left out of the fit. Look for a loose cable, a "
+            "lost message, or a full buffer where it was recorded."
+        ),
+    ),
+    (
+        log_notes.FrozenTorque(7, 10, 1.0, 2.0, 0.5, False, True),
+        (
+            "the torque is 0.5 for 10 samples, from sample 7 (t = 1 s) to t = 2 s, though the motion needs "
+            "another: it was not read there, or the drive was off. The error on this log counts them as measured;"
+            " correct them in the file, or leave them out with a window. Look for a loose cable, a lost message, "
+            "or a full buffer where it was recorded."
+        ),
+    ),
+    (
+        log_notes.GravityCompensated(0.02, 0.01, 31.0, 4.2),
+        (
+            "the torque shows 0.02 +- 0.01 times the gravity of the arm: without it the plain fit leaves 4.2 % "
+            "instead of 31 %. Was it logged after gravity compensation, or is the arm mounted so that gravity "
+            "does not act? Log the whole torque, add the compensation to it by `sum`, or set `gravity: [0, 0, 0]`"
+            " for a model without gravity."
+        ),
+    ),
+    (
+        log_notes.InterpolatedPositions(0.48),
+        (
+            "48 % of the positions lie exactly on the line between their neighbours: they were interpolated from "
+            "fewer samples, which adds no knowledge and spoils accelerations. Log at the rate of the encoder, or "
+            "keep only its own samples."
+        ),
+    ),
+    (
+        log_notes.ManyPositionSpikes(40, (7, 9), (1.0, 1.5), 0.3, False),
+        (
+            "40 positions stand out by up to 0.3, too many to be replaced: samples 7, 9, ... (t = 1, 1.5, ... s)."
+            " Correct them in the file. Look for a loose cable, a lost message, or a full buffer where it was "
+            "recorded."
+        ),
+    ),
+    (
+        log_notes.ManyTorqueOutliers(0.12, 7, 1.25),
+        (
+            "12 % of the torques look like outliers, first sample 7 (t = 1.25 s): too many to be left out, so "
+            "that none is. Is it the right column, or was it recorded badly?"
+        ),
+    ),
+    (
+        log_notes.NoFriction(0.4),
+        (
+            "the torque shows almost no friction: at most 0.4 % of any joint's. Was it logged after friction "
+            "compensation, measured behind the gears, or simulated without friction? The model then gives the "
+            "torque of the links: for feedforward, add the friction of the drives."
+        ),
+    ),
+    (
+        log_notes.PerhapsMillimetres(120.0, 300.0),
+        (
+            "the position spans 120 m at up to 300 m/s, more than a sliding joint does; is it in millimetres? Set"
+            " `unit: mm`."
+        ),
+    ),
+    (
+        log_notes.PerhapsRadians(2.0, 60.0, 5.0),
+        (
+            "no joint moves more than 2 rad; as degrees that should have been radians, the positions leave 5 % of"
+            " the torque unexplained instead of 60 %. Are they in rad? Set `unit: rad`."
+        ),
+    ),
+    (
+        log_notes.PositionJump(2, 0.5, 7, 1.25),
+        (
+            "the position jumps by 0.5 after sample 7 (t = 1.25 s), and once more: are two recordings joined, or "
+            "did the encoder lose counts? Give the pieces as separate logs, by windows."
+        ),
+    ),
+    (
+        log_notes.PositionSpikes(2, (7, 9), (1.0, 1.5), 0.3, True),
+        (
+            "2 positions stand out by up to 0.3: samples 7, 9 (t = 1, 1.5 s). They are replaced by what is around"
+            " them, and left out of the fit. Look for a loose cable, a lost message, or a full buffer where it "
+            "was recorded."
+        ),
+    ),
+    (
+        log_notes.RepeatedMotion("run1", 0.5, 0.2),
+        (
+            "repeats the motion of 'run1', 0.5 s later in it, to 0.2 %: its error shows repeatability, not how "
+            "the model does on another motion. Hold out a different motion. (Repeats at another speed are not "
+            "looked for.)"
+        ),
+    ),
+    (
+        log_notes.SameData("run1", 0.0),
+        (
+            "holds the same samples as 'run1' of the training: nothing is held out, and its error says nothing. "
+            "Give another recording for validation."
+        ),
+    ),
+    (
+        log_notes.SlowMotion(1.5, 6.0, 4.0),
+        (
+            "accelerations explain only 1.5 % of the torque, less than the 6 % that the fit leaves: the motion is"
+            " too slow to show inertias, and faster motion would not be predicted. Record one at least 4 times as"
+            " fast."
+        ),
+    ),
+    (
+        log_notes.TorqueSpikes(2, (7, 9), (1.0, 1.5), 30.0, True, False),
+        (
+            "2 torques stand out by up to 30, unlike the motion: samples 7, 9 (t = 1, 1.5 s). They are left out "
+            "of the fit. Look for a loose cable, a lost message, or a full buffer where it was recorded."
+        ),
+    ),
+    (
+        log_notes.WrappedPosition(3, 6.2832, 7, 1.25),
+        (
+            "the position wraps: it jumps 3 times by 6.2832 rad, its whole range, first after sample 7 (t = 1.25 "
+            "s). Set `wraps` in its position channel: the value at which the column starts anew, such as 360 for "
+            "degrees or 6.283185307179586 for rad."
+        ),
+    ),
+    (
+        log_notes.WrongTimeUnit(200000.0, 40000.0, 1000.0),
+        (
+            "a rate of 2e+05 Hz with speeds up to 4e+04 rad/s or m/s is not that of a robot; with stamps "
+            "multiplied by 1000 both would be usual: are the stamps in s and declared as ms? Set `unit: s`."
         ),
     ),
 ]
@@ -389,11 +526,7 @@ def test_findings_say_their_figures_and_what_to_do(note: Note, said: str) -> Non
 
 
 def test_every_note_of_the_checks_is_tried() -> None:
-    modules = (notes, file_notes, motion_notes)
-    kinds = {kind for module in modules for kind in classes_of(module)} - {
-        notes.ReadingNote,
-        motion_notes.SearchKind,
-    }
+    kinds = {*classes_of(notes), *classes_of(log_notes)} - {notes.ReadingNote, log_notes.SearchKind}
     assert {type(note) for note, _ in SAID} == kinds
     assert all(words.dispatch(kind) is not words.dispatch(object) for kind in kinds)
 

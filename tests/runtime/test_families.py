@@ -227,11 +227,11 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "dynident_ends.py").write_text("raise SystemExit('it ends')")
     monkeypatch.syspath_prepend(tmp_path)
     found = [
-        entry("polynomials", "dynident_lab:SavitzkyGolay", "dynident.motion.smoothers"),
-        entry("spline", "dynident_lab:SavitzkyGolay", "dynident.motion.smoothers"),
-        entry("lost", "dynident_lost:Smoother", "dynident.motion.smoothers"),
-        entry("ends", "dynident_ends:Smoother", "dynident.motion.smoothers"),
-        entry("silent", "dynident_lab:Silent", "dynident.motion.smoothers"),
+        entry("polynomials", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
+        entry("spline", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
+        entry("lost", "dynident_lost:Smoother", "dynident.smoothers"),
+        entry("ends", "dynident_ends:Smoother", "dynident.smoothers"),
+        entry("silent", "dynident_lab:Silent", "dynident.smoothers"),
         entry(".lab", "dynident_lab:read", "dynident.readers"),
     ]
     real = metadata.entry_points

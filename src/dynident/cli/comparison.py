@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynident.cli.command_log import one_line, print_error
 from dynident.cli.options import CONFIG, DIRECTORY, FILE, RESULT, FiniteRange, WorkerOptions, add_worker_options
-from dynident.cli.terminal import console, one_line, print_error, print_path, status
+from dynident.cli.terminal import console, print_path, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from dynident.runtime import report_progress
 if TYPE_CHECKING:
     from dynident.apps.article import Reproduction
     from dynident.apps.demo import Comparison
-    from dynident.cli.terminal import Screen
+    from dynident.cli.screen import Screen
     from dynident.identification import Identification
 
 LOGS = ("monday.parquet", "tuesday.parquet")

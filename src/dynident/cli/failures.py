@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 import click
 
 from dynident._version import __version__
-from dynident.cli.terminal import begin_command_log, command_log, escape_controls, one_line, print_error
+from dynident.cli.command_log import begin_command_log, command_log, escape_controls, one_line, print_error
 from dynident.files.opener import watch_inputs
 from dynident.runtime import DynidentError
 

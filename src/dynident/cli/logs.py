@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
+from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
 from dynident.cli.options import CHECKED, CONFIG, DIRECTORY, FILE, LOG, ROBOTS, parse_noise
-from dynident.cli.terminal import console, print_error, print_path, say_line, status
+from dynident.cli.terminal import console, print_path, say_line, status
 
 if TYPE_CHECKING:
     from dynident.checks import CheckResult

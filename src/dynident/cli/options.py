@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,7 +17,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from dynident._version import __version__
-from dynident.cli.terminal import command_log
+from dynident.cli.command_log import command_log
 from dynident.files.opener import remember_inputs, set_memory
 from dynident.runtime.kernel import kernel
 
@@ -286,6 +285,8 @@ def commit() -> str | None:
 
 
 def _version(name: str) -> str:
+    from importlib import metadata
+
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
 from dynident.cli.options import (
     ALLOW_CODE,
@@ -22,7 +23,7 @@ from dynident.cli.options import (
     add_worker_options,
     parse_noise,
 )
-from dynident.cli.terminal import console, print_error, print_path, say_line, status
+from dynident.cli.terminal import console, print_path, say_line, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -333,7 +334,7 @@ def tune(config: Path, port: int, no_browser: bool) -> None:
     """
     from dynident.apps.tuning import serve_configuration
     from dynident.apps.tuning.server import answer, open_browser
-    from dynident.cli.terminal import escape_controls
+    from dynident.cli.command_log import escape_controls
     from dynident.project.project import read_project
 
     read_project(config)  # what is wrong in it is said here

@@ -143,7 +143,7 @@ def test_a_function_that_no_source_has_is_a_fault(installed: Path) -> None:
 
 def test_the_library_is_that_of_the_package_alone(tmp_path: Path) -> None:
     """Neither the folder where one stands nor a path of the system's loader has a say."""
-    program = "from dynident import kernel; print(kernel.LIBRARY)"
+    program = "from dynident.runtime import kernel; print(kernel.LIBRARY)"
     (tmp_path / FILE).write_bytes(b"")
     variables = os.environ | {"PYTHONPATH": str(PACKAGE.parent), "LD_LIBRARY_PATH": str(tmp_path)}
     done = subprocess.run(
@@ -245,7 +245,7 @@ def sanitized(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:  # a sixth of the time
         patch.setattr(build, "FLAGS", [flag.replace("-O3", "-O1") for flag in build.FLAGS])
         patch.setattr(build, "LEVELS", {architecture(): levels()})
-        make(copy / "kernel" / FILE, ["gcc", *SANITIZE])
+        make(copy / "runtime" / "kernel" / FILE, ["gcc", *SANITIZE])
     return copy.parent
 
 

@@ -101,7 +101,7 @@ def compare(
     ...     _ = Path(folder, "robot.yaml").write_text(text)
     ...     found = dy.compare(Path(folder, "robot.yaml"), smoothers=["difference"], estimators=["least_squares"])
     >>> for one in found.rows:
-    ...     print(one.combination.name, one.worse)
+    ...     print(one.combination.name, one.is_worse)
     spline (rule constraint) / least_squares False
     difference / least_squares True
     """

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli.terminal import LOG_HEAD, REPEAT_INTERVAL, CommandLog
+from dynident.cli.command_log import LOG_HEAD, REPEAT_INTERVAL, CommandLog
 from dynident.runtime import Step
 from tests.cli.commands import configure, run, write_log
 from tests.robots import ARM

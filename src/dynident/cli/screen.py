@@ -1,0 +1,133 @@
+"""The console of the commands and their progress, as rich draws them; imported when something is printed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from io import StringIO
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task
+from rich.segment import Segment
+from rich.text import Text
+
+from dynident.cli.command_log import PIPE, command_log, escape_controls, escape_step, one_line
+from dynident.runtime import progress_to, shorten_names
+
+if TYPE_CHECKING:
+    from dynident.report.page import PageTable
+
+BAR_DELAY = 2.0  # s after which a bar and the time left are shown
+MIN_STEPS_FOR_RATE = 100  # steps, of which the rate is shown
+BAR_CELLS = 5, 20  # of a bar, from narrow to wide terminals
+ASCII_DRAWING = str.maketrans({"─": "-", "…": "~"})  # what tables draw, where the output's encoding may not have it
+
+
+class Screen(Console):
+    """A console that shows every text as it is."""
+
+    def __init__(self, **how: Any) -> None:
+        super().__init__(markup=False, emoji=False, highlight=False, **how)
+
+    def say(self, text: str, style: str | None = None, no_wrap: bool = False) -> None:
+        """Print a result or what was written; ``no_wrap``: in one line, from which a path or command can be copied."""
+        self.print_and_log(Text(one_line(text), style or ""), no_wrap)
+
+    def remark(self, text: str, style: str | None = None, no_wrap: bool = False) -> None:
+        """Print what is said besides the results: notes, warnings, next steps; not with ``--quiet``."""
+        self.print_and_log(Text(one_line(text), style or ""), no_wrap, silent=command_log().quiet)
+
+    def show(self, table: PageTable) -> None:
+        """Print a table."""
+        from dynident.report.terminal import terminal_table
+
+        columns = tuple(
+            replace(column, title=one_line(column.title), group=one_line(column.group)) for column in table.columns
+        )
+        rows = tuple(tuple(map(one_line, row)) for row in table.rows)
+        self.print_and_log(terminal_table(replace(table, columns=columns, rows=rows, caption=one_line(table.caption))))
+
+    def print_and_log(self, content: RenderableType, no_wrap: bool = False, silent: bool = False) -> None:
+        """Print what rich can print, and keep it in the log; sentences are wrapped at words, only in a terminal."""
+        if not silent:
+            self.print(content, soft_wrap=no_wrap or (isinstance(content, Text) and not self.is_terminal))
+        if command_log().file is not None:
+            # the log gets the text as it would be in a pipe, without colours and wrapping
+            plain = Screen(file=StringIO(), width=PIPE, color_system=None, force_terminal=False)
+            plain.print(content, soft_wrap=isinstance(content, Text))
+            command_log().keep(plain.file.getvalue().rstrip("\n"))  # type: ignore[attr-defined]
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Render with escapes in the text of every segment, so that nothing that is printed acts on the terminal."""
+        drawn = {} if self.encoding.startswith("utf") else ASCII_DRAWING
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(escape_controls(segment.text).translate(drawn), segment.style)
+
+
+class _StepColumn(ProgressColumn):
+    """The current step in the width that the spinner leaves."""
+
+    def __init__(self, screen: Screen) -> None:
+        super().__init__()
+        self.screen = screen
+
+    def render(self, task: Task) -> Text:
+        return _task_text(task, self.screen.width - 3)
+
+
+@contextmanager
+def progress_bar() -> Iterator[None]:
+    """Show the steps of the work within on standard error, with a bar and the time left where they are known."""
+    log = command_log()
+    screen = Screen(stderr=True)
+    with Progress(
+        SpinnerColumn(), _StepColumn(screen), console=screen, transient=True, refresh_per_second=5
+    ) as progress:
+        task = progress.add_task("starting", total=None, first=0, at=0.0)
+
+        def show_step(step: str) -> None:
+            current_step, task_state = escape_step(step), progress.tasks[0]
+            task_state.total = current_step.total  # to ``update`` and ``reset``, None is no change
+            if line := log.step(current_step):
+                progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
+            # the description changes with each step: begin the bar anew
+            if task_state.description != current_step.words:
+                progress.reset(task, description=current_step.words, first=current_step.completed)
+            progress.update(task, completed=current_step.completed, at=task_state.elapsed or 0.0)
+
+        with progress_to(show_step):
+            yield
+
+
+def _task_text(task: Task, width: int) -> Text:
+    """Return the current step in one line: its progress and the time left where they are known, else the time."""
+    elapsed, completed, total = task.elapsed or 0.0, task.completed, task.total
+    count = f"{completed:.0f} of {total:.0f}" if total else f"{completed:.0f}" if completed else ""
+    if elapsed < BAR_DELAY:
+        parts = [count]
+    elif total and (completed_now := completed - task.fields["first"]):
+        min_cells, max_cells = BAR_CELLS
+        cells = min(max(width - 50, min_cells), max_cells)
+        full = round(cells * min(completed / total, 1.0))
+        # the time left follows from the steps since this run began, as earlier ones may have been known
+        update_time = task.fields["at"]  # when so much was done
+        seconds_left = max(update_time * (total - completed) / completed_now - (elapsed - update_time), 0.0)
+        parts = [f"{'━' * full}{'╌' * (cells - full)} {count}", f"about {_format_time(seconds_left)} left"]
+        if total >= MIN_STEPS_FOR_RATE and cells > min_cells and update_time > 0.0:
+            parts.insert(1, _format_rate(completed_now / update_time))
+    else:
+        parts = [count, _format_time(elapsed)]
+    tail = "".join(f"  {part}" for part in parts if part)
+    room = max(width - len(tail), 10)
+    return Text(shorten_names([task.description], room)[0] + tail, no_wrap=True, overflow="crop")
+
+
+def _format_rate(rate: float) -> str:
+    return f"{60.0 * rate:.2g}/min" if rate < 1.0 else f"{rate:.2g}/s" if rate < 100.0 else f"{rate:.0f}/s"
+
+
+def _format_time(seconds: float) -> str:
+    minutes, rest_seconds = divmod(round(seconds), 60)
+    return f"{minutes} min {rest_seconds} s" if minutes else f"{rest_seconds} s"

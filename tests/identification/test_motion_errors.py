@@ -49,7 +49,7 @@ def log(seed: int, sigma: float = SIGMA) -> Log:
 def predicted(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> MotionErrors:
     motions = (smoother(one),)
     regression = Regression(MODEL, motions, Selection(parallel_filter))
-    found = motion_errors(MODEL, [one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
+    found = motion_errors([one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
     assert found is not None
     return found
 
@@ -101,7 +101,7 @@ def test_intervals_of_a_robust_fit_hold() -> None:
         regression = Regression(MODEL, (replace(motion, tau=motion.tau + wrong),))
         estimate = robust(Problem(MODEL, regression.motions, regression))
         rows = estimate.residual.weight_rows(regression)
-        found = motion_errors(MODEL, [one], rows, WIDE, estimate)
+        found = motion_errors([one], rows, WIDE, estimate)
         assert found is not None
         errors, _ = identifiability_of(MODEL, rows, estimate, found.covariance)
         held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.best)
@@ -132,7 +132,7 @@ def test_weights_of_samples_count(depends: bool, parallel_filter: ParallelFilter
         residual = replace(estimate.residual, sample_weights=weights, slopes=slopes)
         if weights and not depends:
             residual = replace(residual, sigma=np.array([1e3]))  # of the torque, and not of the rows
-        ways.append(motion_errors(MODEL, [one], rows, WIDE, replace(estimate, residual=residual)))
+        ways.append(motion_errors([one], rows, WIDE, replace(estimate, residual=residual)))
     alone, weighted = ways
     np.testing.assert_allclose(weighted.bias, alone.bias, rtol=0.1, atol=0.02 * np.abs(TRUTH).max())
     np.testing.assert_allclose(np.diag(weighted.covariance), np.diag(alone.covariance), rtol=0.3)

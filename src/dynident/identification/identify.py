@@ -111,7 +111,7 @@ def estimate_parameters(problem: Problem, estimator: Estimator, alignment: Align
     if estimate.information is not None:  # the estimator has its own motion, with its errors
         return fit
     report_progress("repeating the smoothing")
-    errors = motion_errors(problem.model, problem.logs, regression, alignment.smoother, estimate)
+    errors = motion_errors(problem.logs, regression, alignment.smoother, estimate)
     if errors is None:
         return fit
     covariance = fit.motion_covariance + errors.covariance
@@ -142,7 +142,7 @@ def conclude(
     """
     model, estimate = fit.problem.model, fit.estimate
     validations = validate_logs(model, estimate, data, motions, recipe)
-    errors, base = identifiability_of(model, fit.regression, estimate, fit.motion_covariance, robust, recipe.unfitted)
+    errors, base = identifiability_of(fit.regression, estimate, fit.motion_covariance, robust, recipe.unfitted)
     return Identification(
         model=model,
         recipe=recipe,

@@ -148,8 +148,65 @@ class MotionErrors:
         return self.size > NORMAL_95
 
 
+@dataclass(frozen=True, eq=False)
+class _RepeatedFit:
+    """An ``estimate`` from ``logs`` and their ``smoother``, in the equations of ``regression``, to be repeated.
+
+    ``rng`` draws the noise.
+    """
+
+    logs: Sequence[Log]
+    regression: Regression
+    smoother: Smoother
+    estimate: Estimate
+    rng: np.random.Generator
+
+    @property
+    def samples(self) -> int:
+        """Samples of all logs."""
+        return sum(map(len, self.logs))
+
+    def credible_pieces(self, samples: int) -> list[LogPiece]:
+        """Return pieces of about ``samples`` rows of the logs, with as much noise as is credible."""
+        share, regression, theta = min(1.0, samples / self.samples), self.regression, self.estimate.value
+        weights = regression.weights or [None] * len(self.logs)
+        pieces = [
+            piece
+            for log, motion, motion_weights in zip(self.logs, regression.motions, weights, strict=True)
+            for piece in pieces_of(regression.model, log, motion, self.smoother, theta, share, motion_weights)
+        ]
+        return limit_noise(regression.model, pieces, theta, self.rng)
+
+    def bias(self, parts: Sequence[LogPiece]) -> tuple[Array, Array]:
+        """Return the bias (p), and the covariance (p, p) of its error where only part of the samples give it."""
+        model, theta, weights = self.regression.model, self.estimate.value, self.estimate.residual.weights
+        share = MAX_BIAS_SAMPLES / self.samples
+        if self.samples > MAX_COVARIANCE_SAMPLES:
+            parts = self.credible_pieces(MAX_BIAS_SAMPLES)
+        if share < 1.0:
+            # Too many samples to repeat all: pieces give the bias, and their spread its sampling error.
+            repetitions = (repeat_piece(model, piece, theta, self.regression, self.rng) for piece in parts)
+            sampled = sampled_bias(repetitions, model, _unit_weights(weights, model.joints))
+            if sampled is not None:
+                covariance = (1.0 - share) * sampled.covariance + np.outer(sampled.remainder, sampled.remainder)
+                return sampled.bias, covariance
+        e = [piece.noise(self.rng) for piece in parts]
+        # Noise and its opposite: terms of odd order in the noise cancel in the mean.
+        changes = [self._refit(parts, [s * x for x in e]) for s in (1, -1)]
+        return np.mean(changes, axis=0), np.zeros((len(theta), len(theta)))
+
+    def _refit(self, parts: Sequence[LogPiece], errors: Sequence[Array]) -> Array:
+        """Return the error (p) of a fit to the repetition with these position errors, whose truth is known."""
+        model, estimate = self.regression.model, self.estimate
+        motions = repeat_pieces(model, parts, errors, estimate.value, largest_residuals(parts))
+        residual_factors = equations(self.regression, parts, motions).triangular_factors.subtract_torque(estimate.value)
+        ones = _unit_weights(estimate.residual.weights, residual_factors.rows)
+        return solve_least_squares(
+            *weight_joints(residual_factors, ones, model.parameters, unwhitened_rank=estimate.unwhitened_rank)
+        ).value
+
+
 def motion_errors(
-    model: Model,
     logs: Sequence[Log],
     regression: Regression,
     smoother: Smoother,
@@ -164,11 +221,12 @@ def motion_errors(
     default the same each time. None where a piece cannot be smoothed by itself.
     """
     rng = rng or np.random.default_rng(0)
-    triangular, weights = regression.triangular_factors, estimate.residual.weights
+    model, triangular, weights = regression.model, regression.triangular_factors, estimate.residual.weights
     follows = estimate.residual.weight_by_slopes(regression)
     try:
-        parts = _credible_pieces(logs, follows, smoother, estimate, MAX_COVARIANCE_SAMPLES, rng)
-        bias, bias_covariance = _bias(logs, follows, smoother, estimate, parts, rng)
+        repeated = _RepeatedFit(logs, follows, smoother, estimate, rng)
+        parts = repeated.credible_pieces(MAX_COVARIANCE_SAMPLES)
+        bias, bias_covariance = repeated.bias(parts)
         worst = largest_residuals(parts)
         # Draws of the noise as torque errors of the corrected motion; those larger than any residual did not happen.
         torques = [
@@ -209,68 +267,10 @@ def motion_errors(
     )
 
 
-def _credible_pieces(
-    logs: Sequence[Log],
-    regression: Regression,
-    smoother: Smoother,
-    estimate: Estimate,
-    samples: int,
-    rng: np.random.Generator,
-) -> list[LogPiece]:
-    """Return pieces of about ``samples`` rows of the logs, with as much noise as is credible."""
-    share = min(1.0, samples / sum(map(len, logs)))
-    weights = regression.weights or [None] * len(logs)
-    pieces = [
-        piece
-        for log, motion, motion_weights in zip(logs, regression.motions, weights, strict=True)
-        for piece in pieces_of(regression.model, log, motion, smoother, estimate.value, share, motion_weights)
-    ]
-    return limit_noise(regression.model, pieces, estimate.value, rng)
-
-
-def _bias(
-    logs: Sequence[Log],
-    regression: Regression,
-    smoother: Smoother,
-    estimate: Estimate,
-    parts: Sequence[LogPiece],
-    rng: np.random.Generator,
-) -> tuple[Array, Array]:
-    """Return the bias (p), and the covariance (p, p) of its error where it is estimated from part of the samples."""
-    model, theta, weights = regression.model, estimate.value, estimate.residual.weights
-    samples = sum(map(len, logs))
-    share = MAX_BIAS_SAMPLES / samples
-    if samples > MAX_COVARIANCE_SAMPLES:
-        parts = _credible_pieces(logs, regression, smoother, estimate, MAX_BIAS_SAMPLES, rng)
-    if share < 1.0:
-        # Too many samples to repeat all: pieces give the bias, and their spread its sampling error.
-        repetitions = (repeat_piece(model, piece, theta, regression, rng) for piece in parts)
-        sampled = sampled_bias(repetitions, model, _unit_weights(weights, model.joints))
-        if sampled is not None:
-            covariance = (1.0 - share) * sampled.covariance + np.outer(sampled.remainder, sampled.remainder)
-            return sampled.bias, covariance
-    e = [piece.noise(rng) for piece in parts]
-    # Noise and its opposite: terms of odd order in the noise cancel in the mean.
-    changes = [_refit(model, parts, [s * x for x in e], regression, estimate) for s in (1, -1)]
-    return np.mean(changes, axis=0), np.zeros((len(theta), len(theta)))
-
-
 def _standardised_bias(bias: Array, std: Array, extra_std: Array) -> Array:
     """Return the bias (r) in standard errors, with two independent contributions to these."""
     total_std = np.hypot(std, extra_std)
     return np.divide(np.abs(bias), total_std, out=np.zeros_like(total_std), where=total_std > 0)
-
-
-def _refit(
-    model: Model, parts: Sequence[LogPiece], errors: Sequence[Array], regression: Regression, estimate: Estimate
-) -> Array:
-    """Return the error (p) of a fit to the repetition with these position errors, whose truth is known."""
-    motions = repeat_pieces(model, parts, errors, estimate.value, largest_residuals(parts))
-    residual_factors = equations(regression, parts, motions).triangular_factors.subtract_torque(estimate.value)
-    ones = _unit_weights(estimate.residual.weights, residual_factors.rows)
-    return solve_least_squares(
-        *weight_joints(residual_factors, ones, model.parameters, unwhitened_rank=estimate.unwhitened_rank)
-    ).value
 
 
 def _unit_weights(weights: Array | None, like: Sized) -> Array:

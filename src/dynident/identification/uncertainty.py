@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,53 +33,123 @@ MAX_LAG_SHARE = (
 )
 
 
-def joint_knowledge(
-    regression: Regression,
-    estimate: Estimate,
-    columns: list[int],
-    extra_covariance: Array,
-    std: Array,
-    robust: RobustStd = correlated_std,
-) -> tuple[Array, Array, Array, Array | None] | tuple[None, None, None, None]:
-    """Return the covariance of the base parameters and how each joint contributes to them.
+@dataclass(frozen=True, eq=False)
+class FitUncertainty:
+    """The errors of an ``estimate`` from a ``regression``; ``robust`` gives those of correlated residuals."""
 
-    Returns the covariance (r, r) of the base parameters led by the ``columns``, the parts (r, n) that the torque
-    of each joint has in them, its share (n) in their errors, and (r, n) what friction abs(load_j) sign(dq_j) of
-    each joint adds to them. All are None where the columns are dependent to working precision.
+    regression: Regression
+    estimate: Estimate
+    robust: RobustStd = correlated_std
 
-    With R = U S V' the triangular factor of the weighted columns, the errors of S V' beta are independent where
-    residuals are white. Their variances v are those of correlated residuals (``robust``), so that the covariance
-    is V S^-1 diag(v) S^-1 V' + ``extra_covariance`` (r, r): the estimated covariance itself, of few independent
-    samples, would show directions that seem to be known without error. Where there is no such figure, all
-    variances are larger by the median of those of ``std`` (r) over those for white residuals. A joint contributes
-    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r, and
-    where rows are whitened, that of row j, what joint j tells beyond the joints after it. The load is the torque
-    of the bodies; what it adds is None where there are none, or where the rows are not all at hand.
-    """
-    triangular, n = regression.triangular_factors, len(regression.model.joints)
-    w = np.ones(n) if estimate.residual.weights is None else np.asarray(estimate.residual.weights)
-    # QR once more, without the torque column: only the geometry of the columns is needed here.
-    factor = np.linalg.qr(triangular.stack(w)[:, columns], mode="r")
-    scale = np.linalg.norm(factor, axis=0)
-    _, size, axes = np.linalg.svd(factor / np.where(scale > 0, scale, 1.0))
-    if not (scale > 0).all() or not size[-1] > np.finfo(float).eps * len(columns) * size[0]:
-        return None, None, None, None
-    # Maps to and from the principal axes of the scaled columns, in which white errors are independent.
-    to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
-    if regression.whitening is None:
-        projections = np.einsum("j,jik,ji->kj", w**2, triangular.factors[:, :, columns], triangular.factors[:, :, -1])
-    else:  # a row is not of one joint
-        projections = regression.weighted_products(_fitted_torques(regression), w)[columns]
-    shares = np.square(w[:, None, None] * (triangular.factors[:, :, columns] @ back)).sum(axis=(1, 2)) / len(columns)
-    # Extra covariance comes from errors of the motion, which the residual does not show.
-    covariance = _covariance(regression, estimate, columns, (to_axes, back), std, robust) + extra_covariance
-    load_projections = _load_projections(regression, estimate.value, w) if robust is correlated_std else None
-    return (
-        covariance,
-        back @ (back.T @ projections),
-        shares,
-        None if load_projections is None else back @ (back.T @ load_projections[columns]),
-    )
+    def base_std(self, basis: BaseParameters) -> Array:
+        """Return the standard errors (r) of base parameters for white residuals."""
+        regression, estimate = self.regression, self.estimate
+        if estimate.information is None:
+            triangular, residual = regression.triangular_factors, estimate.residual
+            std = base_std(basis, triangular, residual.row_deviation(triangular, estimate.value), residual.weights)
+        else:
+            std = informed_std(basis, estimate.information)
+        return np.hypot(std, _constraint_shift(estimate, basis))
+
+    def robust_std(self, std: Array, more: Array, basis: BaseParameters | None = None) -> Array | None:
+        """Return standard errors for correlated residuals and ``more`` (p, p), the covariance by other errors.
+
+        Where the estimator counts the errors of the motion, its ``std`` grow in the ratio of robust to white errors
+        of least squares, to the robust ones at most; where they allow for correlation already, they stay.
+        """
+        regression, estimate = self.regression, self.estimate
+        B = np.eye(len(more)) if basis is None else basis.combination
+        extra_std = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
+        if estimate.residual.correlated:
+            return np.asarray(np.hypot(std, extra_std))
+        columns = None if basis is None else basis.independent
+        value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
+        try:
+            robust = self.robust(regression, value, weights, columns, slopes)
+        except ModelError:  # nearly dependent columns: then there is no such figure
+            return None
+        # Scale by the ratio of robust to white errors: the estimator's own errors count more than least squares does.
+        if (
+            estimate.information is not None and weights is not None
+        ):  # that of the fit, as far as residuals are correlated
+            white_std = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
+            robust = np.minimum(std * np.maximum(robust / white_std, 1.0), np.maximum(robust, std))
+        return np.asarray(np.hypot(np.hypot(robust, extra_std), _constraint_shift(estimate, basis)))
+
+    def joint_knowledge(
+        self, columns: list[int], extra_covariance: Array, std: Array
+    ) -> tuple[Array, Array, Array, Array | None] | tuple[None, None, None, None]:
+        """Return the covariance of the base parameters and how each joint contributes to them.
+
+        Returns the covariance (r, r) of the base parameters led by the ``columns``, the parts (r, n) that the torque
+        of each joint has in them, its share (n) in their errors, and (r, n) what friction abs(load_j) sign(dq_j) of
+        each joint adds to them. All are None where the columns are dependent to working precision.
+
+        With R = U S V' the triangular factor of the weighted columns, the errors of S V' beta are independent where
+        residuals are white. Their variances v are those of correlated residuals (``robust``), so that the covariance
+        is V S^-1 diag(v) S^-1 V' + ``extra_covariance`` (r, r): the estimated covariance itself, of few independent
+        samples, would show directions that seem to be known without error. Where there is no such figure, all
+        variances are larger by the median of those of ``std`` (r) over those for white residuals. A joint contributes
+        (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r, and
+        where rows are whitened, that of row j, what joint j tells beyond the joints after it. The load is the torque
+        of the bodies; what it adds is None where there are none, or where the rows are not all at hand.
+        """
+        regression, estimate = self.regression, self.estimate
+        triangular, n = regression.triangular_factors, len(regression.model.joints)
+        w = np.ones(n) if estimate.residual.weights is None else np.asarray(estimate.residual.weights)
+        # QR once more, without the torque column: only the geometry of the columns is needed here.
+        factor = np.linalg.qr(triangular.stack(w)[:, columns], mode="r")
+        scale = np.linalg.norm(factor, axis=0)
+        _, size, axes = np.linalg.svd(factor / np.where(scale > 0, scale, 1.0))
+        if not (scale > 0).all() or not size[-1] > np.finfo(float).eps * len(columns) * size[0]:
+            return None, None, None, None
+        # Maps to and from the principal axes of the scaled columns, in which white errors are independent.
+        to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
+        R = triangular.factors[:, :, columns]
+        if regression.whitening is None:
+            projections = np.einsum(
+                "j,jik,ji->kj", w**2, triangular.factors[:, :, columns], triangular.factors[:, :, -1]
+            )
+        else:  # a row is not of one joint
+            projections = regression.weighted_products(_fitted_torques(regression), w)[columns]
+        shares = np.square(w[:, None, None] * (R @ back)).sum(axis=(1, 2)) / len(columns)
+        # Extra covariance comes from errors of the motion, which the residual does not show.
+        covariance = self._covariance(columns, to_axes, back, std) + extra_covariance
+        load_projections = _load_projections(regression, estimate.value, w) if self.robust is correlated_std else None
+        return (
+            covariance,
+            back @ (back.T @ projections),
+            shares,
+            None if load_projections is None else back @ (back.T @ load_projections[columns]),
+        )
+
+    def _covariance(self, columns: list[int], to_axes: Array, back: Array, std: Array) -> Array:
+        """Return the covariance (r, r) of the columns; ``to_axes`` and ``back`` are maps to independent errors."""
+        regression, estimate, robust = self.regression, self.estimate, self.robust
+        if estimate.information is None and robust is correlated_std:
+            weights, slopes = estimate.residual.weights, estimate.residual.slopes
+            try:
+                std = robust(regression, estimate.value, weights, columns, slopes, to_axes)
+                long_lag = robust_covariance(regression, estimate.value, weights, columns, slopes, MAX_LAG_SHARE)
+                # The larger of both: the automatic lag may be too short where white noise hides the correlation.
+                std = np.maximum(std, np.sqrt(np.maximum(np.diag(to_axes @ long_lag @ to_axes.T), 0.0)))
+                # Correlations between the axes from the coloured residual, variances from the robust figure.
+                coloured = (
+                    to_axes @ coloured_covariance(regression, estimate.value, weights, columns, slopes) @ to_axes.T
+                )
+                half = back * (std / np.sqrt(np.diag(coloured)))
+                return np.asarray(half @ coloured @ half.T)
+            except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns
+                pass
+        if estimate.information is not None:
+            white = rank_of_information(estimate.information[np.ix_(columns, columns)]).inverse
+        else:
+            white = back @ back.T
+        # No robust figure: scale the white covariance to the standard errors that are given.
+        with np.errstate(divide="ignore"):
+            ratio = std**2 / np.diag(white)
+        finite_ratios = ratio[np.isfinite(ratio)]
+        return np.asarray(white * (np.median(finite_ratios) if len(finite_ratios) else 1.0))
 
 
 def _fitted_torques(regression: Regression) -> list[Array]:
@@ -102,39 +172,6 @@ def _load_projections(regression: Regression, theta: Array, weights: Array) -> A
         friction = np.abs(bodies.torque(motion.q, motion.dq, motion.ddq, theta[is_body])) * np.sign(motion.dq)
         torques.append(friction[:, :, None] * np.eye(friction.shape[1]))
     return regression.weighted_products(torques, weights)
-
-
-def _covariance(
-    regression: Regression,
-    estimate: Estimate,
-    columns: list[int],
-    transforms: tuple[Array, Array],
-    std: Array,
-    robust: Callable[..., Array],
-) -> Array:
-    to_axes, back = transforms
-    if estimate.information is None and robust is correlated_std:
-        weights, slopes = estimate.residual.weights, estimate.residual.slopes
-        try:
-            std = robust(regression, estimate.value, weights, columns, slopes, to_axes)
-            long_lag = robust_covariance(regression, estimate.value, weights, columns, slopes, MAX_LAG_SHARE)
-            # The larger of both: the automatic lag may be too short where white noise hides the correlation.
-            std = np.maximum(std, np.sqrt(np.maximum(np.diag(to_axes @ long_lag @ to_axes.T), 0.0)))
-            # Correlations between the axes from the coloured residual, variances from the robust figure.
-            coloured = to_axes @ coloured_covariance(regression, estimate.value, weights, columns, slopes) @ to_axes.T
-            half = back * (std / np.sqrt(np.diag(coloured)))
-            return np.asarray(half @ coloured @ half.T)
-        except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns
-            pass
-    if estimate.information is not None:
-        white = rank_of_information(estimate.information[np.ix_(columns, columns)]).inverse
-    else:
-        white = back @ back.T
-    # No robust figure: scale the white covariance to the standard errors that are given.
-    with np.errstate(divide="ignore"):
-        ratio = std**2 / np.diag(white)
-    finite_ratios = ratio[np.isfinite(ratio)]
-    return np.asarray(white * (np.median(finite_ratios) if len(finite_ratios) else 1.0))
 
 
 TIME_STEP = 1e-4  # s, to differentiate by the time offset
@@ -163,7 +200,6 @@ def covariance_of_time_offset(
 
 
 def identifiability_of(
-    model: Model,
     regression: Regression,
     estimate: Estimate,
     extra_covariance: Array,
@@ -176,17 +212,10 @@ def identifiability_of(
     standard errors that allow for correlated residuals, as ``correlated_std`` does. What only the torques of
     ``unfitted`` joints could show does not count as missing.
     """
-    correlated = partial(_robust_std, regression, estimate, more=extra_covariance, correlated=robust)
+    model, fit = regression.model, FitUncertainty(regression, estimate, robust)
     if estimate.determined.rank == len(model.parameters):
-        robust_std, all_columns = correlated(estimate.std), list(range(len(extra_covariance)))
-        joint = joint_knowledge(
-            regression,
-            estimate,
-            all_columns,
-            extra_covariance,
-            estimate.std if robust_std is None else robust_std,
-            robust,
-        )
+        robust_std, all_columns = fit.robust_std(estimate.std, extra_covariance), list(range(len(extra_covariance)))
+        joint = fit.joint_knowledge(all_columns, extra_covariance, estimate.std if robust_std is None else robust_std)
         return StandardErrors(estimate.std, robust_std, None, None, *joint), Identifiability()
     report_progress("finding base parameters")
     directions = estimate.determined.directions  # where the estimator says them, so that both have one rank
@@ -196,51 +225,12 @@ def identifiability_of(
     )
     structural = structural_base_parameters(model, unfitted=unfitted)
     missing = find_unexcited(structural, on_data, model, regression.motions)
-    std = _base_std(on_data, regression, estimate)
-    robust_std = correlated(std, basis=on_data)
+    std = fit.base_std(on_data)
+    robust_std = fit.robust_std(std, extra_covariance, on_data)
     std_hac = None if robust_std is None else _std_of_determined(on_data, robust_std)
     B, best = on_data.combination, std if robust_std is None else robust_std
-    joint = joint_knowledge(regression, estimate, list(on_data.independent), B @ extra_covariance @ B.T, best, robust)
+    joint = fit.joint_knowledge(list(on_data.independent), B @ extra_covariance @ B.T, best)
     return StandardErrors(estimate.std, std_hac, std, robust_std, *joint), Identifiability(on_data, structural, missing)
-
-
-def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
-    if estimate.information is None:
-        triangular, residual = regression.triangular_factors, estimate.residual
-        std = base_std(basis, triangular, residual.row_deviation(triangular, estimate.value), residual.weights)
-    else:
-        std = informed_std(basis, estimate.information)
-    return np.hypot(std, _constraint_shift(estimate, basis))
-
-
-def _robust_std(
-    regression: Regression,
-    estimate: Estimate,
-    std: Array,
-    more: Array,
-    correlated: Callable[..., Array],
-    basis: BaseParameters | None = None,
-) -> Array | None:
-    """Return standard errors for correlated residuals and ``more`` (p, p), the covariance by other errors.
-
-    Where the estimator counts the errors of the motion, its ``std`` grow in the ratio of robust to white errors
-    of least squares, to the robust ones at most; where they allow for correlation already, they stay.
-    """
-    B = np.eye(len(more)) if basis is None else basis.combination
-    extra_std = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
-    if estimate.residual.correlated:
-        return np.asarray(np.hypot(std, extra_std))
-    columns = None if basis is None else basis.independent
-    value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
-    try:
-        robust = correlated(regression, value, weights, columns, slopes)
-    except ModelError:  # nearly dependent columns: then there is no such figure
-        return None
-    # Scale by the ratio of robust to white errors: the estimator's own errors count more than least squares does.
-    if estimate.information is not None and weights is not None:  # that of the fit, as far as residuals are correlated
-        white_std = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
-        robust = np.minimum(std * np.maximum(robust / white_std, 1.0), np.maximum(robust, std))
-    return np.asarray(np.hypot(np.hypot(robust, extra_std), _constraint_shift(estimate, basis)))
 
 
 def _constraint_shift(estimate: Estimate, basis: BaseParameters | None) -> Array:

@@ -120,7 +120,7 @@ class Fit:
             row[column] = (squares if column == "held" else squares.sum(axis=0)).ravel().tolist()
         if task.truth is not None:
             errors, base = identifiability_of(
-                task.model, fit.regression, estimate, fit.motion_covariance, unfitted=task.recipe.unfitted
+                fit.regression, estimate, fit.motion_covariance, unfitted=task.recipe.unfitted
             )
             row["base"] = task.truth.base(estimate.value).tolist()
             row["std"] = task.truth.std(errors, base).tolist()

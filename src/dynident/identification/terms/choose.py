@@ -23,7 +23,7 @@ from dynident.identification.terms.candidates import (
     fixed_terms,
     largest_lines,
 )
-from dynident.identification.terms.motors import coupled_motors, motor_search
+from dynident.identification.terms.motors import MotorEquations, coupled_motors, motor_search
 from dynident.identification.terms.samples import (
     N_CLASSES,
     Folds,
@@ -391,9 +391,8 @@ class _TermSelection:
         """Add friction of a motor that is coupled to several joints, judged by the equations of all of these."""
         on = [j for j, joint in enumerate(self.samples.model.joints) if joint.name in dict(motor.coefficients)]
         joint_columns = [columns[j][searches[j].columns] for j in on]
-        coupled_search = motor_search(
-            self.samples, motor, [self.rows[j] for j in on], joint_columns, self.weights[on], self.block
-        )
+        equations = MotorEquations([self.rows[j] for j in on], joint_columns, self.weights[on], self.block)
+        coupled_search = motor_search(self.samples, motor, equations)
         # The other joints enter by their normal matrices; those of the motor are in its own search.
         normals = [self._normal_matrices(search) for j, search in enumerate(searches) if j not in on]
         motor_normal = normal_matrices(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,33 +22,64 @@ def coupled_motors(model: Model) -> tuple[CoupledMotor, ...]:
     return tuple(term for term in model.terms if isinstance(term, CoupledMotor) and len(term.coefficients) > 1)
 
 
-def motor_search(
-    samples: TermSamples,
-    motor: CoupledMotor,
-    rows: Sequence[JointEquations],
-    columns: Sequence[Array],
-    weights: Array,
-    block: NDArray[np.intp],
-) -> JointSearch:
-    """Return the search for friction of a motor beside the ``columns`` (m, N) of its joints.
+@dataclass(frozen=True, eq=False)
+class MotorEquations:
+    """The equations (``rows``) of the joints that a motor turns, with their ``columns`` (m, N) and ``weights``.
 
-    ``rows`` are the equations of these joints, of ``weights``, and ``block`` (N) is that of each sample.
+    ``block`` (N) is the block of each sample.
     """
+
+    rows: Sequence[JointEquations]
+    columns: Sequence[Array]
+    weights: Array
+    block: NDArray[np.intp]
+
+    def grams(self, shapes: Array, label: NDArray[np.intp]) -> JointGrams:
+        """Return the Gram matrices of all equations, each times the root of its weight.
+
+        Their columns are those of each joint and the ``shapes`` (m, n, N) of all; ``label`` (N) is the class of each
+        sample.
+        """
+        acts = np.flatnonzero(np.any([equations.maps.any(axis=0) for equations in self.rows], axis=0))
+        total, start = sum(map(len, self.columns)), 0
+        maps, joint_grams = np.eye(self.rows[0].maps.shape[1])[acts], []
+        for equations, joint_columns, weight in zip(self.rows, self.columns, self.weights.tolist(), strict=True):
+            # Each joint has its own columns, the motor acts on all of them: stack the equations by block columns.
+            root = np.sqrt(weight)
+            wide = np.zeros((total, joint_columns.shape[1]))
+            wide[start : start + len(joint_columns)] = joint_columns
+            start += len(joint_columns)
+            weighted = JointEquations(
+                equations.j,
+                root * (equations.maps.T @ equations.entries)[acts],
+                maps,
+                root * equations.tau,
+                equations.usable,
+            )
+            shape = int(self.block.max()) + 1, N_CLASSES
+            joint_grams.append(
+                weighted.grams(root * np.concatenate([wide, shapes[:, equations.j]]), self.block, label, shape).grams
+            )
+        return JointGrams(np.add.reduce(joint_grams), maps)
+
+
+def motor_search(samples: TermSamples, motor: CoupledMotor, equations: MotorEquations) -> JointSearch:
+    """Return the search for friction of a motor in the ``equations`` of its joints."""
     c = dict(motor.coefficients)
     share = np.array([c.get(joint.name, 0.0) for joint in samples.model.joints])
     # The motor turns by the combination of joint positions that its coefficients define.
     phi, dphi = (np.asarray(samples.states[key] @ share) for key in ("q", "dq"))
-    shapes, groups, n_columns = list[Array](), [], sum(map(len, columns))
+    shapes, groups, n_columns = list[Array](), [], sum(map(len, equations.columns))
     for kind, terms in _candidate_laws(motor, float(np.sqrt(np.mean(np.square(dphi)))) or 1e-9):
         groups.append(TermGroup(kind, terms, tuple((n_columns + len(shapes) + k,) for k in range(len(terms)))))
         for term in terms:
             Y = term.regressor(samples.states["q"], samples.states["dq"], samples.states["ddq"])[:, :, 0]
             size = float(np.sqrt(np.mean(np.square(Y)))) or 1.0
             shapes.append(Y.T / size)
-    grams = _combined_grams(rows, columns, np.stack(shapes), weights, block, samples.classes_of(phi, dphi))
+    grams = equations.grams(np.stack(shapes), samples.classes_of(phi, dphi))
     joint_group = TermGroup(CandidateKind("own", lambda _: (), dry=True), (motor,), (tuple(range(n_columns)),))
     return JointSearch(
-        samples.model.joints[rows[0].j].name,
+        samples.model.joints[equations.rows[0].j].name,
         grams,
         tuple(groups),
         SearchFolds.of(samples.of_block),
@@ -78,36 +110,3 @@ def _candidate_laws(motor: CoupledMotor, speed: float) -> list[tuple[CandidateKi
             friction_terms("power", *({"exponent": exponent} for exponent in EXPONENTS)),
         ),
     ]
-
-
-def _combined_grams(
-    rows: Sequence[JointEquations],
-    columns: Sequence[Array],
-    shapes: Array,
-    weights: Array,
-    block: NDArray[np.intp],
-    label: NDArray[np.intp],
-) -> JointGrams:
-    """Return the Gram matrices of the equations of several joints, with the columns of each and ``shapes`` (m, n, N)
-    of all, each equation times the root of its weight."""
-    acts = np.flatnonzero(np.any([equations.maps.any(axis=0) for equations in rows], axis=0))
-    total, start = sum(map(len, columns)), 0
-    maps, joint_grams = np.eye(rows[0].maps.shape[1])[acts], []
-    for equations, joint_columns, weight in zip(rows, columns, weights.tolist(), strict=True):
-        # Each joint has its own columns, the motor acts on all of them: stack the equations by block columns.
-        root = np.sqrt(weight)
-        wide = np.zeros((total, joint_columns.shape[1]))
-        wide[start : start + len(joint_columns)] = joint_columns
-        start += len(joint_columns)
-        weighted = JointEquations(
-            equations.j,
-            root * (equations.maps.T @ equations.entries)[acts],
-            maps,
-            root * equations.tau,
-            equations.usable,
-        )
-        shape = int(block.max()) + 1, N_CLASSES
-        joint_grams.append(
-            weighted.grams(root * np.concatenate([wide, shapes[:, equations.j]]), block, label, shape).grams
-        )
-    return JointGrams(np.add.reduce(joint_grams), maps)

@@ -81,11 +81,11 @@ def test_the_rate_of_many_steps() -> None:
     task = Task(TaskID(0), "study", 2e6, 5e5, _get_time=lambda: 5.0)
     for column, words in (({"first": 1e5, "at": 4.0}, "100000/s"), ({"first": 499_999, "at": 4.0}, "15/min")):
         task.start_time, task.fields = 0.0, column
-        line = terminal._task_text(task, 77).plain
+        line = screen._task_text(task, 77).plain
         assert re.search(f"^study .* 500000 of 2000000  {re.escape(words)}  about .* left$", line)
-        assert "/" not in terminal._task_text(task, 47).plain
+        assert "/" not in screen._task_text(task, 47).plain
     task.total = 5.0
-    assert "/" not in terminal._task_text(task, 77).plain
+    assert "/" not in screen._task_text(task, 77).plain
 
 
 def test_steps_are_silent_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:

@@ -153,7 +153,7 @@ class TrialOutcome(Enum):
 
     ENTERED = "entered"
     TOO_SMALL = "too small"  # the gain is less than the least share
-    WITHIN_ERROR = "within error"  # the gain is less than one standard error of the blocks, or two of a strict kind
+    WITHIN_ERROR = "within error"  # less than ``MIN_GAIN_ERRORS`` of its standard errors, or ``MIN_STRICT_GAIN_ERRORS``
     REFUTED_FASTER = "refuted by faster motion"
     REFUTED_FURTHER = "refuted further out"
     REFUTED_BY_LOG = "refuted by another recording"

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from rich.progress import Task, TaskID
 
-from dynident.cli import main, terminal
+from dynident.cli import main, screen
 from dynident.cli.command_log import escape_controls, one_line
 from dynident.cli.terminal import status
 from dynident.runtime import Step, report_progress

@@ -103,7 +103,7 @@ def test_intervals_of_a_robust_fit_hold() -> None:
         rows = estimate.residual.weight_rows(regression)
         found = motion_errors([one], rows, WIDE, estimate)
         assert found is not None
-        errors, _ = identifiability_of(MODEL, rows, estimate, found.covariance)
+        errors, _ = identifiability_of(rows, estimate, found.covariance)
         held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.best)
         before.append(np.abs(estimate.value - TRUTH) < NORMAL_95 * estimate.std)
     assert np.mean(held) > 0.83

@@ -5,7 +5,7 @@ that were not found, gear ratios and couplings, zeros, and which part is held ou
 examples/data and beside the checkout; examples/*.yaml say where they come from.
 
 Errors are relative, unfiltered, over all samples of a log but those within 0.1 s of its ends: a smoother that reaches
-further must not gain by leaving samples out. --as names the figures; --page keeps them in docs/defaults.json and
+further must not gain by leaving samples out. --as names the figures; --page keeps them in out/defaults.json and
 writes the table of docs/defaults.md; --draw does without measuring. Another version is measured by PYTHONPATH.
 """
 
@@ -26,8 +26,9 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 import yaml
 from click.testing import CliRunner
-from defaults_page import FIGURES, draw, read, worded, write
+from defaults_page import FIGURES, draw, worded
 from defaults_robots import RAIL, ROBOTS, Robot
+from page_tables import read_figures, write_figures
 
 from dynident.cli import main as dynident
 from dynident.identification import Identification, identify, judge
@@ -166,9 +167,9 @@ def run(names: list[str], label: str, file: Path | None, folder: Path | None) ->
             print(f"{name} {one['role']} {one['name']}: {one['error']} % {one['joints']}", flush=True)
         print(f"{name}: {row.get('refused') or told(row)}", flush=True)
         if file:
-            kept = read(file)
+            kept = read_figures(file)
             kept.setdefault("robots", {}).setdefault(label, {})[name] = row
-            write(kept, file)
+            write_figures(kept, file)
 
 
 def told(row: Row) -> str:

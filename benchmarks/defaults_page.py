@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from defaults_robots import ROBOTS, Robot
-from page_tables import filled
+from page_tables import DOCS, OUT, filled, read_figures
 
-__all__ = ["FIGURES", "PAGE", "draw", "laws", "page", "read", "worded", "write"]
+__all__ = ["FIGURES", "PAGE", "draw", "laws", "page", "worded"]
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, FIGURES = DOCS / "defaults.md", DOCS / "defaults.json"
+PAGE, FIGURES = DOCS / "defaults.md", OUT / "defaults.json"
 Row = dict[str, Any]
 
 
-def read(file: Path) -> Row:
-    return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
-
-
-def write(kept: Row, file: Path) -> None:
-    file.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-
-
 def draw() -> None:
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), read(FIGURES)), encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), read_figures(FIGURES)), encoding="utf-8")
 
 
 def page(text: str, kept: Row) -> str:
     """Return the page with its tables anew."""
-    return filled(text, {"robots": table(kept.get("robots", {})), "laws": laws(kept.get("laws", {}))})
+    return filled(
+        text, {name: table(kept[name]) for name, table in (("robots", robots), ("laws", laws)) if name in kept}
+    )
 
 
-def table(rows: Mapping[str, Mapping[str, Row]]) -> str:
+def robots(rows: Mapping[str, Mapping[str, Row]]) -> str:
     """Return the rows, those of a robot together, as Markdown."""
     head = "| | held out, % | reported, % | by joint, % | train, % | terms | s of CPU | mark | noise | oracle |"
     lines = [head, "|" + "---|" * 10]

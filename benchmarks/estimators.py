@@ -6,14 +6,13 @@ standard deviations of the bound. The parts are those of the families' tables.
 
 The rows are kept in a folder outside the repository: run the same command again to go on where it stopped. First each
 method runs twice in every cell; by that, how long all takes is said, and the slowest get fewer runs where --minutes,
-for each study, would not do. --page keeps the figures in docs/estimators.json and writes the tables of
+for each study, would not do. --page keeps the figures in out/estimators.json and writes the tables of
 docs/estimators.md; --draw does without measuring.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -25,8 +24,9 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 
 import estimators_arm
 import estimators_article
-from estimators_page import FIGURES, draw, tables, written
+from estimators_page import FIGURES, draw, tables
 from estimators_study import Row, Runner, Study, run
+from page_tables import read_figures, write_figures
 
 from dynident.apps.article import LEVELS, SCENARIOS
 from dynident.runtime.jobs import local_workers
@@ -66,7 +66,7 @@ def main() -> None:
     given = parser.parse_args()
     if wrong := [name for name in given.studies if name not in STUDIES]:
         parser.error(f"unknown study {wrong[0]!r}; known: {', '.join(STUDIES)}")
-    kept: dict[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+    kept: dict[str, Any] = read_figures(FIGURES)
     with local_workers(given.workers, PRELOADED) as executor:
         for name in () if given.draw else given.studies or STUDIES:
             minutes = MINUTES[name] if given.minutes is None else given.minutes or None
@@ -74,7 +74,7 @@ def main() -> None:
             kept[name] = measured(name, runner, given.runs or RUNS[name], given.method)
             print("\n\n".join(tables({name: kept[name]}).values()))
             if given.page:
-                FIGURES.write_text(written(kept), encoding="utf-8")
+                write_figures(kept, FIGURES)
     if given.page or given.draw:
         draw(kept)
 

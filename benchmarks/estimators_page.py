@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from page_tables import filled, markdown
+from page_tables import DOCS, OUT, filled, markdown
 
-__all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables", "written"]
+__all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables"]
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, FIGURES = DOCS / "estimators.md", DOCS / "estimators.json"
+PAGE, FIGURES = DOCS / "estimators.md", OUT / "estimators.json"
 Row = Mapping[str, Any]
 KNOWN = ", torque known"
 SMOOTHER = "smoother "  # before the name of a method of the article's that is a smoother with least squares
@@ -40,11 +37,6 @@ def page(text: str, kept: Row) -> str:
 def tables(kept: Row) -> dict[str, str]:
     """Return the tables by name, of the studies that are kept."""
     return {name: table(kept[study]) for name, (study, table) in TABLES.items() if study in kept}
-
-
-def written(kept: Row) -> str:
-    """Return the figures as JSON, a line for each cell."""
-    return json.dumps(kept).replace('{"scenario"', '\n{"scenario"') + "\n"
 
 
 def measured(part: Row) -> str:

@@ -5,7 +5,7 @@ all that applies), peers (FIGAROH and MuJoCo beside dynident on a simulated arm;
 them). A robot whose recordings are not here is skipped; examples/*.yaml say where they are had.
 
 What is done is kept in a folder outside the repository: run the same command again to go on where it stopped. --page
-keeps the figures in docs/estimators_robots.json and writes the tables of docs/estimators.md; --draw does without
+keeps the figures in out/estimators_robots.json and writes the tables of docs/estimators.md; --draw does without
 measuring.
 """
 
@@ -27,7 +27,8 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import estimators_peers
 import numpy as np
 from commands import DYNIDENT, ROOT, recordings
-from estimators_robots_page import FIGURES, draw, tables, written
+from estimators_robots_page import FIGURES, draw, tables
+from page_tables import read_figures, write_figures
 
 from dynident.identification import Identification
 from dynident.project.project import parse_project
@@ -67,14 +68,14 @@ def main() -> None:
             kept[name] = kept.get(name, {}) | found
             print(tables(kept)[name])
             if given.page:
-                FIGURES.write_text(written(kept), encoding="utf-8")
+                write_figures(kept, FIGURES)
     if given.page or given.draw:
         draw(known())
 
 
 def known() -> Row:
     """The figures that are kept."""
-    return dict(json.loads(FIGURES.read_text(encoding="utf-8"))) if FIGURES.exists() else {}
+    return read_figures(FIGURES)
 
 
 def text_of(robot: str) -> str:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from estimators_page import DOCS, PAGE, figure
 from estimators_page import FIGURES as STUDY
+from estimators_page import PAGE, figure
 from estimators_survey import survey
-from page_tables import filled, markdown
+from page_tables import OUT, filled, markdown, read_figures
 
-__all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables", "written"]
+__all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables"]
 
-FIGURES = DOCS / "estimators_robots.json"
+FIGURES = OUT / "estimators_robots.json"
 Row = Mapping[str, Any]
 # A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", 2019: least squares of the inverse dynamics
 VALUE, STD = (95.1089, 203.5034, 20.3935, -3.1648), (0.1085, 1.1460, 0.1012, 0.0444)
@@ -40,15 +39,8 @@ def page(text: str, kept: Row) -> str:
 def tables(kept: Row) -> dict[str, str]:
     """Return the tables by name: of the parts that are kept, and of the survey, which takes figures of both files."""
     found = {name: table(kept[part]) for name, (part, table) in TABLES.items() if part in kept}
-    return found | {"survey": survey(json.loads(STUDY.read_text(encoding="utf-8")), kept)}
-
-
-def written(kept: Row) -> str:
-    """Return the figures as JSON, a line for each fit."""
-    text = json.dumps(kept)
-    for start in ('{"smoother"', '{"who"', '{"seconds"', '{"reason"'):
-        text = text.replace(start, f"\n{start}")
-    return text + "\n"
+    study = read_figures(STUDY)
+    return found | {"survey": survey(study, kept)} if study else found
 
 
 def emps(part: Row) -> str:

@@ -23,9 +23,10 @@ from typing import Any, ClassVar
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from defaults_page import FIGURES, draw, laws, read, write
+from defaults_page import FIGURES, draw, laws
 from friction_laws import ARMS, LAWS, PLAIN, Arm, Effect, Moved, arm, course, needed
 from numpy.typing import NDArray
+from page_tables import read_figures, write_figures
 
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
@@ -200,7 +201,7 @@ def main() -> None:
                         file.write(json.dumps(row) + "\n")
     print(laws(scores(rows)))
     if given.page:
-        write(read(FIGURES) | {"laws": scores(rows)}, FIGURES)
+        write_figures(read_figures(FIGURES) | {"laws": scores(rows)}, FIGURES)
         draw()
 
 

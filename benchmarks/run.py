@@ -5,7 +5,7 @@ none is named. By name only, figures of their own: consistent, maximum_likelihoo
 
 Every work is done in processes of its own, with the kernel, without it and by its peers in turn, with one BLAS thread;
 figures are the best of several repetitions, so that ratios are of the same seconds, and a busy machine disturbs little.
---json keeps the figures in a file, with those that it has of other parts. --page does so in docs/performance.json, and
+--json keeps the figures in a file, with those that it has of other parts. --page does so in out/performance.json, and
 writes the tables and plots of docs/performance.md and the figures of README.md; --draw does without measuring.
 """
 
@@ -24,7 +24,8 @@ from typing import Any
 
 from marks import TABLES, works
 from measure import Figure, measured
-from tables import DOCS, FIGURES, PAGE, README, page, pictures, readme, summary, table
+from page_tables import DOCS, read_figures, write_figures
+from tables import FIGURES, PAGE, README, page, pictures, readme, summary, table
 
 HERE = Path(__file__).parent
 SCRIPTS = ("consistent", "maximum_likelihood", "closed_loop")
@@ -72,7 +73,7 @@ def bench(parts: list[str], file: Path | None) -> None:
     machine = facts()
     if not machine["level"]:
         print(f"There is no compiled kernel here: {machine['kernel']}; it is not measured.", file=sys.stderr)
-    kept = json.loads(file.read_text(encoding="utf-8"))["works"] if file and file.exists() else {}
+    kept = read_figures(file).get("works", {}) if file else {}
     found: dict[str, Any] = {}
     todo = works(parts)
     for k, work in enumerate(todo, start=1):
@@ -83,7 +84,7 @@ def bench(parts: list[str], file: Path | None) -> None:
         print(f"{k} of {len(todo)}, {time.monotonic() - began:.0f} s: {told(work.key, found)}", flush=True)
         if file:  # after each, so that a run that is stopped has kept what it has
             known = {key: kept[key] | found.get(key, {}) if key in kept else found[key] for key in (*kept, *found)}
-            file.write_text(json.dumps({"machine": machine, "works": known}, indent=1) + "\n", encoding="utf-8")
+            write_figures({"machine": machine, "works": known}, file)
     for name in parts:
         if name in TABLES:
             print(f"\n{table(TABLES[name], found)}")
@@ -112,7 +113,7 @@ def told(key: str, found: Mapping[str, Any]) -> str:
 
 def draw() -> None:
     """Write the page with its plots, and what the README says, from the figures that are kept."""
-    kept = json.loads(FIGURES.read_text(encoding="utf-8"))
+    kept = read_figures(FIGURES)
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), kept["machine"], kept["works"]), encoding="utf-8")
     README.write_text(readme(README.read_text(encoding="utf-8"), kept["works"]), encoding="utf-8")
     for name, text in pictures(kept["works"]).items():

@@ -2,7 +2,7 @@
 
 Parts: stages (of a run, by CPU time), spread (the same study here, on processes, on Dask), rows (what the process that
 asks does for each), scheduler (a real Dask scheduler under load: its workers only wait), fleet (logs of an arm). Dask
-runs on the loopback interface. --page keeps the figures in docs/scaling.json and writes the tables of docs/scaling.md;
+runs on the loopback interface. --page keeps the figures in out/scaling.json and writes the tables of docs/scaling.md;
 --draw does without measuring. Figures depend on what else the machine does: its load stands beside them.
 """
 
@@ -24,6 +24,7 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
+from page_tables import read_figures, write_figures
 from scaling_cluster import cluster, cpu_of
 from scaling_jobs import Still, Wait
 from scaling_page import FIGURES, draw
@@ -268,13 +269,13 @@ def main() -> None:
     given = parser.parse_args()
     if wrong := [name for name in given.parts if name not in PARTS]:
         parser.error(f"unknown part {wrong[0]!r}; known: {', '.join(PARTS)}")
-    kept = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+    kept = read_figures(FIGURES)
     for name in () if given.draw else given.parts or PARTS:
         load = os.getloadavg()[0]
         kept[name] = PARTS[name]() | {"load": round(load, 1), "cores": os.cpu_count()}
         print(name, json.dumps(kept[name], indent=1), flush=True)
         if given.page:
-            FIGURES.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+            write_figures(kept, FIGURES)
     if given.page or given.draw:
         draw(kept)
 

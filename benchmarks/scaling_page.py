@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from page_tables import filled, markdown
+from page_tables import DOCS, OUT, filled, markdown
 
 from dynident.runtime.jobs.engine import MAX_BATCH_SECONDS, MAX_LOST_SHARE
 
 __all__ = ["FIGURES", "PAGE", "Work", "draw", "page"]
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, FIGURES = DOCS / "scaling.md", DOCS / "scaling.json"
+PAGE, FIGURES = DOCS / "scaling.md", OUT / "scaling.json"
 CORES = (1, 16, 256)
 Figures = Mapping[str, Any]
 

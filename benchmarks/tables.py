@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from marks import CSAPS, FITPACK, MILLION, PINOCCHIO, PLOTS, TABLES, TX40, Mark, Measured, Row, Table
+from page_tables import DOCS, OUT, filled
 from plot import curves
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCS, README = ROOT / "docs", ROOT / "README.md"
-PAGE, FIGURES = DOCS / "performance.md", DOCS / "performance.json"
+README = ROOT / "README.md"
+PAGE, FIGURES = DOCS / "performance.md", OUT / "performance.json"
 HEAD = "| | peer | with the kernel | mark | without | mark |\n|---|---|---|---|---|---|"
 COLOURS = {"with": "#3584e4", "without": "#2ec27e"}
 NAMES = {"with": "dynident with the kernel", "without": "dynident without"}
@@ -117,21 +117,18 @@ def speed(measured: Measured) -> str:
 
 def page(text: str, facts: Mapping[str, Any], measured: Measured) -> str:
     """The page with its tables of these figures."""
-    parts = {name: table(one, measured) for name, one in TABLES.items()}
+    keys = measured.keys()
+    parts = {
+        name: table(one, measured) for name, one in TABLES.items() if any(row.work.key in keys for row in one.rows)
+    }
     why = "; ".join(absent(measured))
     parts["machine"] = machine(facts) + (f" Not measured: {why}." if why else "")
     return filled(text, parts)
 
 
 def readme(text: str, measured: Measured) -> str:
-    """The README with these figures."""
+    """The README with these figures, where all that it names are measured."""
+    rows = (FITPACK, CSAPS, PINOCCHIO, TX40, MILLION)
+    if any(row.work.key not in measured for row in rows):
+        return text
     return filled(text, {"speed": speed(measured)})
-
-
-def filled(text: str, parts: Mapping[str, str]) -> str:
-    """A text with new parts, which stand between comments with their names."""
-    for name, new in parts.items():
-        pattern = rf"(?s)(<!-- {name} -->\n).*?(<!-- /{name} -->)"
-        assert len(re.findall(pattern, text)) == 1, f"there must be one place for {name}"
-        text = re.sub(pattern, lambda place, new=new: f"{place[1]}\n{new}\n\n{place[2]}", text)  # type: ignore[misc]
-    return text

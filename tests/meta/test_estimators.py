@@ -1,9 +1,8 @@
-"""The study of every estimator and smoother: its page shows the figures that are kept, its harness takes every kind."""
+"""The study of every estimator and smoother: its harness takes every kind."""
 
 from __future__ import annotations
 
 import importlib
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -23,15 +22,6 @@ Load = Callable[[str], ModuleType]
 def load(monkeypatch: pytest.MonkeyPatch) -> Load:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     return lambda name: importlib.import_module(f"estimators_{name}")
-
-
-def test_the_tables_are_those_of_the_kept_figures(load: Load) -> None:
-    shown = load("page")
-    text = shown.PAGE.read_text(encoding="utf-8")
-    kept = json.loads(shown.FIGURES.read_text(encoding="utf-8"))
-    assert shown.page(text, kept) == text
-    assert all(f"<!-- {name} -->\n\n|" in text for name in shown.TABLES)
-    assert json.loads(shown.written(kept)) == kept
 
 
 def test_a_few_runs_give_figures_for_every_cell(load: Load, tmp_path: Path) -> None:

@@ -1,10 +1,9 @@
-"""Estimators on real robots and beside peers: the page shows the figures that are kept, and what they decide."""
+"""Estimators on real robots and beside peers: what their figures decide."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -21,15 +20,6 @@ Load = Callable[[str], ModuleType]
 def load(monkeypatch: pytest.MonkeyPatch) -> Load:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     return lambda name: importlib.import_module(f"estimators_{name}")
-
-
-def test_the_tables_are_those_of_the_kept_figures(load: Load) -> None:
-    shown = load("robots_page")
-    text = shown.PAGE.read_text(encoding="utf-8")
-    kept = json.loads(shown.FIGURES.read_text(encoding="utf-8"))
-    assert shown.page(text, kept) == text
-    assert all(f"<!-- {name} -->\n\n|" in text for name in (*shown.TABLES, "survey"))
-    assert json.loads(shown.written(kept)) == kept
 
 
 def test_values_are_as_far_from_the_published_ones_as_the_errors_of_both_say(load: Load) -> None:

@@ -1,4 +1,4 @@
-"""The benchmarks: works are measured in turn, marks are judged, and docs/performance.md shows what a run measured."""
+"""The benchmarks: works are measured in turn, marks are judged, figures of other parts are kept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import runpy
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -47,10 +46,6 @@ def tried(bench: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (tmp_path / "tried.py").write_text(TRIED, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     return bench
-
-
-def kept() -> dict[str, Any]:
-    return dict(json.loads((ROOT / "docs" / "performance.json").read_text(encoding="utf-8")))
 
 
 def test_a_work_is_measured_with_the_kernel_without_it_and_by_its_peers(tried: SimpleNamespace) -> None:
@@ -105,21 +100,6 @@ def test_peers_of_rows_are_measured(bench: SimpleNamespace) -> None:
         assert row.peer is None or row.peer in row.work.peers, row.text
         ratios = [mark.ratio for mark in row.marks if mark]
         assert row.peer or not any(ratios), row.text
-
-
-def test_the_page_and_its_plots_show_the_figures_that_are_kept(bench: SimpleNamespace) -> None:
-    """``dev.py bench --page`` writes both; neither is edited by hand."""
-    text, figures = bench.tables.PAGE.read_text(encoding="utf-8"), kept()
-    assert bench.tables.page(text, figures["machine"], figures["works"]) == text
-    text = bench.tables.README.read_text(encoding="utf-8")
-    assert bench.tables.readme(text, figures["works"]) == text
-    for name, picture in bench.tables.pictures(figures["works"]).items():
-        assert (ROOT / "docs" / f"growth_{name}.svg").read_text(encoding="utf-8") == picture
-        assert picture.count("<circle") > 5
-
-
-def test_every_figure_that_is_kept_is_of_a_work(bench: SimpleNamespace) -> None:
-    assert set(kept()["works"]) <= {work.key for work in bench.marks.works(bench.run.PARTS)}
 
 
 def test_an_unknown_part_is_refused(bench: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,9 +1,8 @@
-"""The page of many runs shows the figures that are kept, and what they cost on many cores follows from them."""
+"""What many runs cost on many cores follows from what one costs."""
 
 from __future__ import annotations
 
 import importlib
-import json
 from pathlib import Path
 from types import ModuleType
 
@@ -16,13 +15,6 @@ ROOT = Path(__file__).parents[2]
 def scaling(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     return importlib.import_module("scaling_page")
-
-
-def test_the_tables_are_those_of_the_kept_figures(scaling: ModuleType) -> None:
-    text = scaling.PAGE.read_text(encoding="utf-8")
-    kept = json.loads(scaling.FIGURES.read_text(encoding="utf-8"))
-    assert scaling.page(text, kept) == text
-    assert all(f"<!-- {name} -->\n\n|" in text for name in scaling.TABLES)
 
 
 def test_more_cores_help_until_who_asks_has_no_time_left(scaling: ModuleType) -> None:

@@ -1,7 +1,8 @@
-"""Mutation score of the core: how many small faults, put into a file one at a time, do its tests notice?
+"""Mutation score: how many small faults, put into the source one at a time, do the tests of its room notice?
 
 cosmic-ray makes the mutants. Its own runner edits the checkout and runs one command for all of them; here a sample is
-drawn, each mutant is put into a copy of the project, and the tests of its file run until one fails.
+drawn from all rooms, each file as often as it has lines, each mutant is put into a copy of the project, and the tests
+of its room run, the nearest first, until one fails.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import difflib
 import hashlib
 import json
 import os
+import random
 import re
 import shutil
 import subprocess
@@ -20,17 +22,29 @@ import tempfile
 import time
 import tomllib
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-
-from mutation_parts import EVERY, OPERATORS, PARTS, Part
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = Path("src/dynident")
 EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
 MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
 SLOWER, AT_LEAST = 5.0, 30.0  # a mutant is given this many times the time of its tests, and these seconds more
+OPERATORS = tuple(
+    f"core/{name}"
+    for name in (
+        *("ReplaceBinaryOperator_" + pair for pair in ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Mul")),
+        *("ReplaceBinaryOperator_" + pair for pair in ("Mod_Mul", "Pow_Mul", "BitAnd_BitOr", "BitOr_BitAnd")),
+        *("ReplaceComparisonOperator_" + pair for pair in ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt")),
+        *("ReplaceComparisonOperator_" + pair for pair in ("Lt_GtE", "LtE_Gt", "Gt_LtE", "GtE_Lt", "Eq_NotEq")),
+        *("ReplaceComparisonOperator_" + pair for pair in ("NotEq_Eq", "Is_IsNot", "IsNot_Is")),
+        *("ReplaceUnaryOperator_" + pair for pair in ("Delete_USub", "Delete_Not", "Delete_Invert")),
+        *("ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr", "ReplaceOrWithAnd", "AddNot"),
+        *("ReplaceBreakWithContinue", "ReplaceContinueWithBreak", "ZeroIterationForLoop"),
+        *("NumberReplacer", "ExceptionReplacer"),
+    )
+)
 SKIPPED = (".git", ".venv", "*-out", "site", "dist", "__pycache__", ".*_cache", ".hypothesis")
 
 
@@ -110,38 +124,59 @@ def mutants(path: str, seed: int) -> Iterator[tuple[str, Mutant]]:
             yield rank, Mutant(path, k + 1, lines[k].strip(), text.splitlines()[k].strip(), text)
 
 
-def sample(part: Part, size: int, seed: int) -> tuple[list[Mutant], list[Mutant]]:
-    """Return the first mutants of a part, of all its files, and those listed as equivalent that were passed over."""
+def sample(rooms: Sequence[str], size: int, seed: int) -> tuple[list[Mutant], int]:
+    """Return mutants of some rooms, and how many equivalent ones were passed over.
+
+    Each is of a file that is drawn with a probability by its lines, the next one of that file by rank.
+    """
     listed = {(one["path"], one["was"], one["becomes"]) for one in tomllib.loads(EQUIVALENT.read_text())["mutant"]}
-    drawn: list[tuple[str, Mutant]] = []
-    for path in files(part):
-        kept = 0
-        for rank, mutant in mutants(path, seed):
-            kept += mutant.key not in listed
-            drawn.append((rank, mutant))
-            if kept == size:
-                break
-    chosen, equivalent = list[Mutant](), list[Mutant]()
-    for _, mutant in sorted(drawn, key=lambda pair: pair[0]):
-        if len(chosen) < size:
-            (equivalent if mutant.key in listed else chosen).append(mutant)
+    paths = files(rooms)
+    lines = [len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in paths]
+    ranked = {path: mutants(path, seed) for path in dict.fromkeys(paths)}
+    rng, chosen, equivalent = random.Random(seed), list[Mutant](), 0
+    while len(chosen) < size and any(lines):
+        (path,) = rng.choices(paths, lines)
+        _, mutant = next(ranked[path], ("", None))
+        if mutant is None:  # all mutants of this file are drawn
+            lines[paths.index(path)] = 0
+        elif mutant.key in listed:
+            equivalent += 1
+        else:
+            chosen.append(mutant)
     return chosen, equivalent
 
 
-def files(part: Part) -> list[str]:
-    """Return the files of a part, from the root of the project, without those that only gather names."""
-    found = (path for pattern in part.files for path in sorted((ROOT / SOURCE).glob(pattern)))
-    return [path.relative_to(ROOT).as_posix() for path in found if path.name != "__init__.py"]
+def rooms() -> list[str]:
+    """Return the rooms of the package, an application each by itself."""
+    folders = [path for path in sorted((ROOT / SOURCE).iterdir()) if path.is_dir() and path.name[0].isalpha()]
+    apps = [path for path in sorted((ROOT / SOURCE / "apps").iterdir()) if path.is_dir() and path.name[0].isalpha()]
+    single = [path for path in sorted((ROOT / SOURCE / "apps").glob("*.py")) if path.name != "__init__.py"]
+    inside = [path for path in folders if path.name not in ("apps", "testing")]
+    return [path.relative_to(ROOT / SOURCE).with_suffix("").as_posix() for path in (*inside, *apps, *single)]
 
 
-def tests_of(part: Part, path: str, root: Path) -> tuple[str, ...]:
-    """Return the tests below ``root``: the nearest to the file, its examples, those of the part.
+def room_of(path: str) -> str:
+    """Return the room that a file is in."""
+    inner = Path(path).relative_to(SOURCE).with_suffix("")
+    return "/".join(inner.parts[: 2 if inner.parts[0] == "apps" else 1])
+
+
+def files(rooms: Sequence[str]) -> list[str]:
+    """Return the files of rooms, from the root of the project, without those that only gather names."""
+    paths = (path.relative_to(ROOT).as_posix() for path in sorted((ROOT / SOURCE).rglob("*.py")))
+    return [path for path in paths if not path.endswith("__init__.py") and room_of(path) in rooms]
+
+
+def tests_of(path: str, root: Path) -> tuple[str, ...]:
+    """Return the tests below ``root``: the nearest to the file, its examples, those of its folder and of its room.
 
     Folders are given file by file: pytest takes a file that is named with its folder in the folder's order.
     """
-    inside = (file for one in part.tests for file in sorted((root / one).rglob("test_*.py")) or [root / one])
-    others = (file.relative_to(root).as_posix() for file in inside)
-    return tuple(dict.fromkeys([*nearest(path, root), path, *others, *EVERY]))
+    folder, room = Path(path).relative_to(SOURCE).parent, Path(room_of(path))
+    near = [*sorted((root / "tests" / folder).glob("test_*.py")), *sorted((root / "tests" / room).rglob("test_*.py"))]
+    alone = root / "tests" / room.parent / f"test_{room.name}.py"
+    others = (file.relative_to(root).as_posix() for file in (*near, *([alone] if alone.exists() else [])))
+    return tuple(dict.fromkeys([*nearest(path, root), path, *others]))
 
 
 def nearest(path: str, root: Path) -> list[str]:
@@ -160,11 +195,6 @@ def nearest(path: str, root: Path) -> list[str]:
         if share := float("inf") if named else len(defined & imported):
             shares[test.relative_to(root).as_posix()] = share
     return sorted(shares, key=lambda test: (-shares[test], test))
-
-
-def all_tests(part: Part, root: Path) -> tuple[str, ...]:
-    """Return the tests of all files of a part."""
-    return tuple(dict.fromkeys(test for path in files(part) for test in tests_of(part, path, root)))
 
 
 def digest(root: Path, *paths: str) -> str:
@@ -237,57 +267,58 @@ def holds(old: Outcome | None, source: str, tests: str) -> bool:
     return old is not None and old.source == source and (old.result != "survived" or old.tests == tests)
 
 
-def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, tuple[list[Outcome], int]]:
-    """Try the sample of each part, without what an earlier run has tried; one line to ``out`` for each mutant.
+def run(names: Sequence[str], size: int, seed: int, out: Path) -> tuple[dict[str, list[Outcome]], int]:
+    """Try a sample of the rooms, without what an earlier run has tried; one line to ``out`` for each mutant.
 
-    Returns the outcomes of each part, and how many equivalent mutants its sample has passed over.
+    Returns the outcomes by room, and how many equivalent mutants the sample has passed over.
     """
-    before, found = known(out), defaultdict[str, list[Outcome]](list)
+    before, outcomes = known(out), defaultdict[str, list[Outcome]](list)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        samples = {name: sample(PARTS[name], size, seed) for name in names}
+        drawn, equivalent = sample(names, size, seed)
         # all further is of the copy: the project may change meanwhile
         copy = Copy(Path(folder), out.with_name("times.json"))
-        for name, (drawn, _) in samples.items():
-            for mutant in drawn:
-                tests = tests_of(PARTS[name], mutant.path, copy.root)
-                source, checks = digest(copy.root, mutant.path), digest(copy.root, *tests, *PARTS[name].tests)
-                old = before.get((mutant.path, mutant.was, mutant.becomes, mutant.line))
-                if old is None or not holds(old, source, checks):
-                    limit, start = copy.limit(all_tests(PARTS[name], copy.root)), time.monotonic()
-                    place = (mutant.path, mutant.line, mutant.was, mutant.becomes)
-                    result = copy.try_out(mutant, tests, limit)
-                    old = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1), copy.failed)
-                    with out.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(asdict(old)) + "\n")
-                    print(f"{name}: {old.result:9} {old.seconds:6.1f} s  {old.path}:{old.line}  {old.by}", flush=True)
-                found[name].append(old)
-    return {name: (found[name], len(equivalent)) for name, (_, equivalent) in samples.items()}
+        for count, mutant in enumerate(drawn, start=1):
+            tests = tests_of(mutant.path, copy.root)
+            source, checks = digest(copy.root, mutant.path), digest(copy.root, *tests)
+            outcome = before.get((mutant.path, mutant.was, mutant.becomes, mutant.line))
+            if outcome is None or not holds(outcome, source, checks):
+                limit, start = copy.limit(tests), time.monotonic()
+                place = (mutant.path, mutant.line, mutant.was, mutant.becomes)
+                result = copy.try_out(mutant, tests, limit)
+                outcome = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1), copy.failed)
+                with out.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(asdict(outcome)) + "\n")
+                words = f"{outcome.result:9} {outcome.seconds:6.1f} s  {outcome.path}:{outcome.line}  {outcome.by}"
+                print(f"{count} of {len(drawn)}: {words}", flush=True)
+            outcomes[room_of(mutant.path)].append(outcome)
+    return outcomes, equivalent
 
 
-def show(found: dict[str, tuple[list[Outcome], int]]) -> None:
-    """Print the survivors as differences, then the score of each part: of the mutants tried, those noticed."""
-    for one in (one for outcomes, _ in found.values() for one in outcomes if one.result == "survived"):
-        print(f"\n{one.path}:{one.line}")
-        print("\n".join(line for line in difflib.ndiff([one.was], [one.becomes]) if line[0] in "+-"))
-    print()
+def show(outcomes: Mapping[str, Sequence[Outcome]], equivalent: int) -> None:
+    """Print the survivors as differences, then the score of each room: of the mutants tried, those noticed."""
+    for survivor in (one for tried in outcomes.values() for one in tried if one.result == "survived"):
+        print(f"\n{survivor.path}:{survivor.line}")
+        differences = difflib.ndiff([survivor.was], [survivor.becomes])
+        print("\n".join(line for line in differences if line[0] in "+-"))
     counts = {
-        name: Counter("survived" if one.result == "survived" else "killed" for one in outcomes)
-        + Counter(equivalent=equivalent)
-        for name, (outcomes, equivalent) in found.items()
+        room: Counter("survived" if one.result == "survived" else "killed" for one in tried)
+        for room, tried in sorted(outcomes.items())
     }
     counts["all"] = sum(counts.values(), Counter())
-    print(f"{'part':20} sampled  killed  equivalent  survived    score")
-    for name, of in counts.items():
-        score = 100 * of["killed"] / max(of["killed"] + of["survived"], 1)
-        print(f"{name:20} {of.total():7} {of['killed']:7} {of['equivalent']:11} {of['survived']:9}  {score:5.1f} %")
+    print(f"\n{'room':24} tried  killed  survived    score")
+    for room, of in counts.items():
+        score = 100 * of["killed"] / max(of.total(), 1)
+        print(f"{room:24} {of.total():5} {of['killed']:7} {of['survived']:9}  {score:5.1f} %")
+    print(f"Passed over as equivalent: {equivalent}.")
 
 
 def main() -> None:
     """Parse the command line, run, and print."""
     parser = argparse.ArgumentParser(prog="python3 dev.py mutate", description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--size", type=int, default=25, help="mutants of each part (default 25)")
+    every = rooms()
+    parser.add_argument("--only", nargs="+", choices=every, default=every, metavar="ROOM", help=", ".join(every))
+    parser.add_argument("--size", type=int, default=60, help="mutants, of all rooms together (default 60)")
     parser.add_argument("--seed", type=int, default=0, help="another seed, another sample")
     parser.add_argument("--out", type=Path, default=ROOT / "mutate-out" / "outcomes.jsonl", help="outcomes, to resume")
     given = parser.parse_args()
@@ -295,7 +326,7 @@ def main() -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    show(run(given.only, given.size, given.seed, given.out))
+    show(*run(given.only, given.size, given.seed, given.out))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The mutation run: its map of files and tests, its list of equivalent mutants, and what it resumes from."""
+"""The mutation run: its sample, the tests of a file, its list of equivalent mutants, and what it resumes from."""
 
 from __future__ import annotations
 
@@ -17,24 +17,32 @@ with patch.object(sys, "path", [str(ROOT / "benchmarks"), *sys.path]):
     RUN = runpy.run_path(str(ROOT / "benchmarks" / "mutation.py"))
 
 
-def test_parts_name_files_and_tests_that_exist() -> None:
-    for part in RUN["PARTS"].values():
-        found = RUN["files"](part)
-        assert len(found) >= len(part.files)
-        for path in found:
-            assert all((ROOT / one).exists() for one in RUN["tests_of"](part, path, ROOT)), path
-    first, *_ = RUN["tests_of"](RUN["PARTS"]["splines"], "src/dynident/motion/splines/series.py", ROOT)
-    assert first == "tests/motion/splines/test_noise.py"
+def test_every_file_has_a_room_with_tests() -> None:
+    rooms = RUN["rooms"]()
+    assert {"motion", "runtime", "apps/online", "apps/bound"} <= set(rooms)
+    paths = RUN["files"](rooms)
+    assert len(paths) > 200
+    for path in paths:
+        tests = RUN["tests_of"](path, ROOT)
+        assert path in tests
+        assert len(tests) > 1, path
+        assert all((ROOT / test).is_file() for test in tests)
 
 
-def test_the_tests_of_a_file_run_before_the_others_of_its_folder() -> None:
-    first, *others = RUN["tests_of"](
-        RUN["PARTS"]["maximum likelihood"], "src/dynident/estimators/maximum_likelihood/segment.py", ROOT
-    )
+def test_the_tests_of_a_file_run_before_the_others_of_its_room() -> None:
+    first, *others = RUN["tests_of"]("src/dynident/estimators/maximum_likelihood/segment.py", ROOT)
     assert first == "tests/estimators/maximum_likelihood/test_segment.py"
-    assert "tests/estimators/maximum_likelihood/test_fit.py" in others
+    near = others.index("tests/estimators/maximum_likelihood/test_fit.py")
+    assert near < others.index("tests/estimators/test_least_squares.py")
     assert first not in others
-    assert all((ROOT / one).is_file() for one in others)
+    assert "tests/apps/test_bound.py" in RUN["tests_of"]("src/dynident/apps/bound.py", ROOT)
+
+
+def test_a_sample_is_the_same_for_a_seed_and_larger_by_more() -> None:
+    pytest.importorskip("cosmic_ray")
+    (few, _), (more, _) = (RUN["sample"](["validation"], size, 3) for size in (3, 5))
+    assert [one.key for one in more[:3]] == [one.key for one in few]
+    assert len({(one.key, one.line) for one in more}) == 5
 
 
 def test_equivalent_mutants_are_of_lines_that_exist() -> None:
@@ -69,13 +77,13 @@ def test_a_survivor_is_tried_again_when_its_tests_change_and_all_when_the_file_d
 def test_the_score_is_of_the_mutants_that_are_not_equivalent(capsys: pytest.CaptureFixture[str]) -> None:
     killed = RUN["Outcome"]("a.py", 7, "x + 1", "x - 1", "file", "tests", "killed", 1.0)
     slow, survived = replace(killed, result="too long"), replace(killed, result="survived")
-    RUN["show"]({"one": ([killed, slow, killed, survived], 2), "two": ([killed], 0)})
+    RUN["show"]({"one": [killed, slow, killed, survived], "two": [killed]}, 2)
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["a.py:7"] in rows
-    assert rows[-3:] == [
-        ["one", "6", "3", "2", "1", "75.0", "%"],
-        ["two", "1", "1", "0", "0", "100.0", "%"],
-        ["all", "7", "4", "2", "1", "80.0", "%"],
+    assert rows[-4:-1] == [
+        ["one", "4", "3", "1", "75.0", "%"],
+        ["two", "1", "1", "0", "100.0", "%"],
+        ["all", "5", "4", "1", "80.0", "%"],
     ]
 
 

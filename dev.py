@@ -34,20 +34,10 @@ PEER = "figaroh==1.0.2"  # with twenty packages of its own
 MUTANTS = "cosmic-ray==8.7.0"
 ZIG = "ziglang==0.17.1"  # a C compiler for all systems; the bytes of the libraries depend on its version
 KERNEL = ROOT / "src" / "dynident" / "runtime" / "kernel"
-# what computes, for the tests on NumPy and LAPACK
+# what the kernel computes, for the tests on NumPy and LAPACK
 NUMERICAL = (
-    *("tests/laws", "tests/motion/splines", "tests/models", "tests/regression"),
-    # without whole runs on settings, names, files and designs, which compute nothing that others do not
-    *("--ignore=tests/laws/test_friction_laws.py", "--ignore=tests/laws/test_settings.py"),
-    *("--ignore=tests/laws/test_damaged_files.py", "--ignore=tests/laws/test_damaged_robot_files.py"),
-    *("--ignore=tests/laws/test_hostile_names.py", "--ignore=tests/laws/test_inputs_kept.py"),
-    *("--ignore=tests/laws/test_log_formats.py", "--ignore=tests/laws/test_bombs.py"),
-    *("--ignore=tests/laws/test_new_user.py", "--ignore=tests/laws/test_announced.py"),
-    *("--ignore=tests/laws/test_motions.py", "--ignore=tests/models/robot_files"),
-    "--ignore=tests/laws/test_numbers.py",
-    *("--ignore=tests/laws/test_reprs.py", "--deselect=tests/laws/test_rank.py::test_intervals"),
-    # of the measured robots two as they come: a drive, and an arm of seven joints
-    *("-k", "not test_real_logs or test_emps and not test_emps_ or test_lwr4 and not test_lwr4_"),
+    *("tests/motion", "tests/models/test_recursion.py", "tests/models/test_rigid_bodies.py"),
+    *(f"tests/laws/test_{name}.py" for name in ("certified", "models", "rigid_bodies", "smoothers")),
 )
 # for their robot files; robosuite would need an older NumPy to run
 ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")

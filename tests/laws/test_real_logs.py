@@ -23,35 +23,14 @@ from dynident.project.export import exports
 from dynident.project.project import read_project
 from dynident.project.saved import load
 from dynident.runtime import Severity
+from tests.laws.real_robots import DATA, ROOT, configured, identify, located
+from tests.laws.test_numbers import ROBOTS, check_numbers, numbers_of
 from tests.saved_results import errors_by_log, runs_by_log
 
-ROOT = Path(__file__).parents[2]
-DATA = ROOT.parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the recordings are not beside the checkout")
 CONSISTENT = "estimator: {kind: consistent}"
 UNCHOSEN = {"smoother": {"kind": "spline"}}  # what does not depend on the smoothing: trying all of them takes long
 UNSIMULATED = "simulation: null"  # likewise, for what is not simulated
-
-
-def located(text: str) -> str:
-    """A configuration whose paths are those of the recordings."""
-    return text.replace(": data/", f": {DATA}/")
-
-
-def configured(folder: Path, example: str, changes: str) -> Path:
-    settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text()) | yaml.safe_load(changes)
-    path = folder / f"{example}.yaml"
-    path.write_text(located(yaml.safe_dump(settings)))
-    return path
-
-
-@cache
-def identify(folder: Path, example: str) -> dict[str, Any]:
-    """What the command finds with an example as it is."""
-    path = configured(folder, example, "{}")
-    done = CliRunner().invoke(main, ["identify", str(path), "--out", str(folder / example)])
-    assert done.exit_code == 0, done.output
-    return json.loads((folder / example / "result.json").read_text())
 
 
 @cache
@@ -93,6 +72,11 @@ def held_out(found: Identification, kind: str = "relative_error") -> float:
 
 def values(found: Identification) -> dict[str, float]:
     return dict(zip(found.estimate.names, found.estimate.value, strict=True))
+
+
+@pytest.mark.parametrize("example", ROBOTS)
+def test_the_numbers_stay(folder: Path, example: str) -> None:
+    check_numbers(example, numbers_of(identify(folder, example)))
 
 
 def test_lwr4(folder: Path) -> None:

@@ -210,14 +210,7 @@ def test_what_computes_is_tested_without_the_kernel_too(
     two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
     assert runs == [("", two), *([("off", (*two, *names["NUMERICAL"]))] * kernel)]
     assert ("kernel was not tested" in capsys.readouterr().out) is not kernel
-    *paths, key, expression = names["NUMERICAL"]
-    for path in paths:
-        file, _, test = path.removeprefix("--ignore=").removeprefix("--deselect=").partition("::")
-        assert (ROOT / file).exists()
-        assert not test or f"def {test}" in (ROOT / file).read_text()
-    logs = (ROOT / "tests" / "laws" / "test_real_logs.py").read_text()
-    assert key == "-k"
-    assert all(f"def {one}" in logs for one in re.findall(r"test_\w+", expression) if one != "test_real_logs")
+    assert all((ROOT / path).exists() for path in names["NUMERICAL"])
 
 
 def test_an_installation_compiles_whatever_the_variable_says(

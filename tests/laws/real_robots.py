@@ -1,0 +1,37 @@
+"""The example configurations of measured robots, whose recordings are not part of the project."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+from click.testing import CliRunner
+
+from dynident.cli import main
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared" / "data"
+
+
+def located(text: str) -> str:
+    """A configuration whose paths are those of the recordings."""
+    return text.replace(": data/", f": {DATA}/")
+
+
+def configured(folder: Path, example: str, changes: str) -> Path:
+    settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text()) | yaml.safe_load(changes)
+    path = folder / f"{example}.yaml"
+    path.write_text(located(yaml.safe_dump(settings)))
+    return path
+
+
+@cache
+def identify(folder: Path, example: str) -> dict[str, Any]:
+    """What the command finds with an example as it is."""
+    path = configured(folder, example, "{}")
+    done = CliRunner().invoke(main, ["identify", str(path), "--out", str(folder / example)])
+    assert done.exit_code == 0, done.output
+    return json.loads((folder / example / "result.json").read_text())

@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, asdict, fields
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,8 @@ import yaml
 from dynident.files.opener import real_path, relative
 from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import UNPRINTABLE, load_yaml
-from dynident.identification import Identification
-from dynident.models import CoupledMotor, RigidBodies
+from dynident.identification import Identification, Recipe, SourceFile
+from dynident.models import CoupledMotor, Model, RigidBodies
 from dynident.motion.smoothers import strip_time_offset
 from dynident.project.config import fingerprint, robot_text
 from dynident.project.settings import robot_settings
@@ -78,14 +78,22 @@ def explicit_settings(identification: Identification, folder: Path) -> dict[str,
 
     Raises as ``explicit_config``.
     """
-    source, recipe = identification.provenance.configuration, identification.recipe
+    source = identification.provenance.configuration
     if source is None:
         raise ConfigError("the result was made from Python, without a configuration, so that none can be written.")
+    return fixed_settings(source, identification.recipe, identification.model, folder)
+
+
+def fixed_settings(source: SourceFile, recipe: Recipe, model: Model, folder: Path) -> dict[str, Any]:
+    """Return the configuration ``source`` as plain values, with a recipe and the terms of a model that leave no choice.
+
+    File names become relative to ``folder``. Raises ConfigError where a part has settings without a plain form.
+    """
     old_folder, folder = Path(source.path).parent, real_path(folder)
     data: dict[str, Any] = dict(load_yaml(source.text, source.path))
     # the time offset is written as the setting ``delay``, not as part of the smoother
     smoother = strip_time_offset(recipe.smoothers[0])
-    data["model"] = _model_settings(identification, data["model"], old_folder, folder)
+    data["model"] = _model_settings(recipe, model, data["model"], old_folder, folder)
     for role in ("train", "validation"):
         data[role] = [{**log, "file": _relocate_files(log["file"], old_folder, folder)} for log in data.get(role) or ()]
     resolved_settings = {
@@ -94,6 +102,8 @@ def explicit_settings(identification: Identification, folder: Path) -> dict[str,
         "min_speed": recipe.min_speed,
         "smoother": part_settings(SMOOTHERS, smoother, folder),
         "estimator": part_settings(ESTIMATORS, recipe.estimator, folder),
+        "filter": recipe.filter and _without_defaults(asdict(recipe.filter), recipe.filter),
+        "unfitted": list(recipe.unfitted),
         "outliers": recipe.outliers,
         "rests": recipe.rests,
     }
@@ -137,16 +147,16 @@ def _relocate_function(model: str, old_folder: Path, folder: Path) -> str:
     return f"{relative(old_folder / place, folder)}{colon}{name}" if place != "gallery" else model
 
 
-def _model_settings(identification: Identification, model_entry: Any, old_folder: Path, folder: Path) -> Any:
+def _model_settings(recipe: Recipe, model: Model, model_entry: Any, old_folder: Path, folder: Path) -> Any:
     """Return the settings of the model, with its terms and the tilt of its base where it is built of a robot file."""
     if isinstance(model_entry, str) and robot_settings(model_entry) is None:
         return _relocate_function(model_entry, old_folder, folder)
     data = dict(model_entry) if isinstance(model_entry, Mapping) else {"file": model_entry}
-    tilt = identification.recipe.base_tilt
+    tilt = recipe.base_tilt
     data["file"] = _relocate_files(data["file"], old_folder, folder)
     data["base_tilt"] = list(tilt) if isinstance(tilt, tuple) else "none"
     # bodies and couplings follow from the robot file and the other keys, the remaining terms are listed
-    joint_terms = [term for term in identification.model.terms if not isinstance(term, RigidBodies | CoupledMotor)]
+    joint_terms = [term for term in model.terms if not isinstance(term, RigidBodies | CoupledMotor)]
     return data | {"terms": [part_settings(TERMS, term, folder) for term in joint_terms]}
 
 

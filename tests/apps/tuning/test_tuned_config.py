@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynident.files.yaml_edit import REMOVED
 
 from dynident.apps.tuning import Bench
 from dynident.apps.tuning.config import ConfigFile, bench_of, tuned_changes
 from dynident.files.opener import watch_inputs
-from dynident.files.yaml_edit import REMOVED
 from dynident.project.project import Project, parse_project, read_project, run
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, InputError

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from dynident.apps.tuning.session import Session
 
 FAULT_TEXT = "This is a fault of dynident, which its terminal describes: {}"
-FILE_OUTPUTS = (("unsaved", "children"), ("save", "disabled"), ("undo", "disabled"))  # what follows from the file, too
 
 
 def make_app(session: Session, token: str) -> Dash:
@@ -107,20 +106,19 @@ def _register_start(app: Dash, page: Page) -> None:
 def _register_server_callbacks(app: Dash, page: Page) -> None:
     """Register what the server answers; what follows from the address is requested when the page loads, too."""
     address, tab, initial_call = Input("address", "search"), State("tab", "data"), {"prevent_initial_call": False}
-    file_outputs = [Output(*output, allow_duplicate=True) for output in FILE_OUTPUTS]
-    # several callbacks write these outputs, which Dash must be told
-    complaint = Output("complaint", "children", allow_duplicate=True)
+    # two callbacks write these outputs, which Dash must be told
+    saved, complaint = (Output(name, "children", allow_duplicate=True) for name in ("saved", "complaint"))
     outputs = (("synced", "data"), ("windows", "children"), ("drawn-name", "children"), ("torque-name", "children"))
     app.callback(
-        [*(Output(*output) for output in (*outputs, ("filtering", "hidden"))), *file_outputs, complaint],
+        [
+            *(Output(*output) for output in (*outputs, ("filtering", "hidden"), ("unsaved", "children"))),
+            saved,
+            complaint,
+        ],
         address,
         prevent_initial_call="initial_duplicate",
     )(page.sync)
-    app.callback(
-        [Output("saved", "children"), *file_outputs, complaint],
-        [Input("save", "n_clicks"), Input("undo", "n_clicks")],
-        State("address", "search"),
-    )(page.save)
+    app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"))(page.save)
     outputs = (("numbers", "children"), ("errors", "children"), ("changed", "children"), ("parameters", "children"))
     fit_outputs = (("last", "data"), ("fit-complaint", "children"), ("state", "children"))
     app.callback(

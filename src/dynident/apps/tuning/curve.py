@@ -36,9 +36,9 @@ class SmoothedJoint:
 
     ``dq`` and ``ddq`` are the derivatives, in rad or m, and seconds. ``mask`` (N) is where derivatives of this
     joint are reliable and not excluded; a fit uses the samples at which those of all joints are. The ``residual``
-    (N) is measured less smoothed position, with outliers replaced as in the fit; ``outlier`` (N) marks these.
-    ``degree`` is log10(S/n) as reached, in terms of the ``noise`` (rad, m). ``cutoff`` (Hz) and ``edf``, the
-    effective degrees of freedom, are nan for smoothers other than the spline.
+    (N) is measured less smoothed position, with outliers replaced as in the fit. ``degree`` is log10(S/n) as reached,
+    in terms of the ``noise`` (rad, m). ``cutoff`` (Hz) and ``edf``, the effective degrees of freedom, are nan for
+    smoothers other than the spline.
     """
 
     log: str
@@ -49,7 +49,6 @@ class SmoothedJoint:
     dq: Array
     ddq: Array
     residual: Array
-    outlier: Mask
     mask: Mask
     noise: float
     degree: float
@@ -98,8 +97,7 @@ def smoothed_joint(recorded: Log, repaired: Log, motion: Motion, joint: str, noi
     The motion may have other joints as well.
     """
     j, k = motion.joints.index(joint), recorded.joints.index(joint)
-    measured, q, clean = recorded.q[:, k], motion.q[:, j], repaired.q[:, k]
-    residual = clean - q
+    residual = repaired.q[:, k] - motion.q[:, j]
 
     def smoothing_figure(name: str) -> float:
         return float(motion.smoothing[name][j]) if name in motion.smoothing else float("nan")
@@ -108,12 +106,11 @@ def smoothed_joint(recorded: Log, repaired: Log, motion: Motion, joint: str, noi
         motion.source,
         joint,
         motion.t,
-        measured,
-        q,
+        recorded.q[:, k],
+        motion.q[:, j],
         motion.dq[:, j],
         motion.ddq[:, j],
         residual,
-        measured != clean,
         motion.mask,
         noise,
         degree_of(residual, noise),

@@ -10,21 +10,19 @@ import numpy as np
 from dash import html
 
 from dynident.apps.tuning.edit import error_words
-from dynident.identification import judge
+from dynident.identification import Identification, judge
 from dynident.models import INERTIAL
 from dynident.motion.splines import NORMAL_95
 from dynident.report import Array
 from dynident.report.identification.report import TONES
 from dynident.report.page import cell, number, unit_text
 from dynident.report.verdict_words import verdict_sentences
-from dynident.runtime import brief, shorten_names
+from dynident.runtime import shorten_names
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.edit import Change
     from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
-    from dynident.identification import Identification
-    from dynident.models import Model, Parameter
-    from dynident.regression import BaseParameters
+    from dynident.models import Parameter
     from dynident.runtime import Step
 
 MAX_JOINT_NAME = 18  # letters of a joint's name
@@ -40,7 +38,6 @@ STAND_IN = (
 
 MAX_PARAMETER_NAME = 13  # letters of a name
 MAX_VALUE_LENGTH = 15  # of a value with its error: a longer one is broken
-MIN_MARKED_CHANGE = 3.0  # standard errors from which on a change of the last setting is marked
 
 
 def worst_log(logs: Sequence[LogPrediction]) -> LogPrediction | None:
@@ -74,7 +71,7 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
             "condition",
             _previous_value(fit.condition, None if last is None else last.condition),
         ),
-        (f"{fit.rank} of {len(fit.names)}", "combinations known", ""),
+        (f"{fit.estimate.determined.rank} of {len(fit.estimate.names)}", "combinations known", ""),
     ]
     fact_list = html.Dl(
         [
@@ -121,9 +118,9 @@ def change_list(changes: Sequence[Change]) -> Any:
     ]
 
 
-def unsaved_settings(changes: Sequence[Change]) -> Any:
-    """Return the settings that are not in the file."""
-    count = f"{len(changes)} setting{'s' if len(changes) > 1 else ''} not in the file"
+def unsaved_settings(changes: Sequence[Change], file: str) -> Any:
+    """Return the settings that are not as in the file."""
+    count = f"{len(changes)} setting{'s' if len(changes) > 1 else ''} not as in {file}"
     return html.Details([html.Summary(count), _list_changes(changes)]) if changes else ""
 
 
@@ -176,81 +173,62 @@ def _previous_value(now: float, before: float | None) -> str:
     return "" if before is None or abs(now / before - 1) < MIN_ERROR_CHANGE else f"was {number(before, 3)}"
 
 
-@dataclass(frozen=True, eq=False)
-class DeterminedParameters:
-    """Combinations of parameters that the data determine (r): their ``names``, ``formulas`` and units, values
-    and errors.
+@dataclass(frozen=True)
+class ParameterRow:
+    """A combination of parameters that the data determine: its ``name``, ``formula``, ``unit``, value and error."""
 
-    ``is_full`` tells whether the standard errors allow for correlated residuals and errors of the motion.
-    """
-
-    names: tuple[str, ...]
-    formulas: tuple[str, ...]
-    units: tuple[str, ...]
-    value: Array
-    std: Array
-    is_full: bool
-
-    __repr__ = brief
+    name: str
+    formula: str
+    unit: str
+    value: float
+    std: float
 
 
-def determined_parameters(result: QuickFit | Identification) -> DeterminedParameters:
+def determined_parameters(result: QuickFit | Identification) -> list[ParameterRow]:
     """Return the parameters that the data determine; friction and other terms first, then the bodies."""
-    from dynident.apps.tuning.quick_fit import QuickFit
-
-    if isinstance(result, QuickFit):
-        return _base_parameter_rows(result.model, result.base, result.base_value, result.base_std, is_full=False)
-    base, errors = result.base.on_data, result.errors.best_base
-    # without base parameters on the data the estimate itself is shown
-    if base is None or errors is None:
-        estimate = result.estimate
-        return _sorted_parameters(
-            result.model.parameters, estimate.names, estimate.value, result.errors.best, is_full=True
-        )
-    return _base_parameter_rows(result.model, base, base.to_base(result.estimate.value), errors, is_full=True)
+    parameters, estimate = result.model.parameters, result.estimate
+    if isinstance(result, Identification):
+        base, std = result.base.on_data, result.errors.best_base
+        if base is None or std is None:  # the estimate itself is shown
+            return _parameter_rows(parameters, estimate.names, estimate.value, result.errors.best)
+    else:
+        base, std = result.base, result.base_std
+    leading = [parameters[k] for k in base.independent]
+    return _parameter_rows(leading, base.groupings, base.to_base(estimate.value), std)
 
 
-def _base_parameter_rows(
-    model: Model, base: BaseParameters, value: Array, std: Array, *, is_full: bool
-) -> DeterminedParameters:
-    leading = [model.parameters[k] for k in base.independent]
-    return _sorted_parameters(leading, base.groupings, value, std, is_full=is_full)
-
-
-def _sorted_parameters(
-    leading: Sequence[Parameter], formulas: Sequence[str], value: Array, std: Array, *, is_full: bool
-) -> DeterminedParameters:
-    # friction and other terms first: they are read most
-    order = sorted(range(len(leading)), key=lambda k: leading[k].role in INERTIAL)
-    return DeterminedParameters(
-        tuple(leading[k].name for k in order),
-        tuple(formulas[k] for k in order),
-        tuple(leading[k].unit for k in order),
-        np.asarray(value)[order],
-        np.asarray(std)[order],
-        is_full,
+def _parameter_rows(
+    leading: Sequence[Parameter], formulas: Sequence[str], value: Array, std: Array
+) -> list[ParameterRow]:
+    pairs = sorted(
+        zip(leading, zip(formulas, value.tolist(), std.tolist(), strict=True), strict=True),
+        key=lambda pair: pair[0].role in INERTIAL,
     )
+    return [ParameterRow(parameter.name, formula, parameter.unit, *numbers) for parameter, (formula, *numbers) in pairs]
 
 
-def parameter_table(now: DeterminedParameters, last: DeterminedParameters | None = None) -> Any:
-    """Return the table; a blue tick in a bar is the value of the ``last`` setting."""
-    before = {} if last is None else dict(zip(last.formulas, last.value.tolist(), strict=True))
-    short_names = shorten_names(now.names, MAX_PARAMETER_NAME)
-    rows = [_row(now, k, short, before.get(now.formulas[k])) for k, short in enumerate(short_names)]
+def parameter_table(now: QuickFit | Identification, last: QuickFit | Identification | None = None) -> list[Any]:
+    """Return the parameters of a fit with their heading; a blue tick in a bar is the value of the ``last`` setting."""
+    parameters = determined_parameters(now)
+    before = {row.formula: row.value for row in (determined_parameters(last) if last else ())}
+    short_names = shorten_names([row.name for row in parameters], MAX_PARAMETER_NAME)
+    rows = [_row(row, short, before.get(row.formula)) for row, short in zip(parameters, short_names, strict=True)]
     titles = html.Th("parameter"), html.Th("95 %"), html.Th("value ± 95 %", className="number"), html.Th("")
     head = html.Thead(html.Tr(list(titles)))
-    return html.Div(
-        html.Table([html.Caption("Parameters that the data determine", className="hidden"), head, html.Tbody(rows)]),
-        className="scroll tall",
-        tabIndex=0,
-        role="region",
-        **{"aria-label": "Parameters that the data determine"},
-    )
+    title = "Parameters that the data determine"
+    table = html.Table([html.Caption(title, className="hidden"), head, html.Tbody(rows)])
+    is_quick = not isinstance(now, Identification)
+    words = "Quick: without errors of the motion; the whole identification follows."
+    return [
+        html.H2("Parameters"),
+        *([html.P(words, className="muted")] if is_quick else []),
+        html.Div(table, className="scroll tall", tabIndex=0, role="region", **{"aria-label": title}),
+    ]
 
 
-def _row(parameters: DeterminedParameters, k: int, short: str, before: float | None) -> Any:
-    """Return the row of the k-th parameter under its short name, with a tick at its value ``before``."""
-    formula, value, std = parameters.formulas[k], float(parameters.value[k]), float(parameters.std[k])
+def _row(parameter: ParameterRow, short: str, before: float | None) -> Any:
+    """Return the row of a parameter under its short name, with a tick at its value ``before``."""
+    formula, value, std = parameter.formula, parameter.value, parameter.std
     relative_half = NORMAL_95 * std / abs(value) if value and np.isfinite(std) else np.inf
     tone = "good" if relative_half <= 0.2 else "fair" if relative_half <= 1.0 else "bad"
     ticks = []
@@ -263,9 +241,9 @@ def _row(parameters: DeterminedParameters, k: int, short: str, before: float | N
         className="interval",
         title=f"95 % within {number(100 * relative_half, 2)} % of the value",
     )
-    name_cell = html.Td(short + (" +" if formula != parameters.names[k] else ""), title=formula)
+    name_cell = html.Td(short + (" +" if formula != parameter.name else ""), title=formula)
     value_words = cell(f"{number(value, 3)} ± {number(NORMAL_95 * std, 2)}")
     if len(value_words) <= MAX_VALUE_LENGTH:
         value_words = value_words.replace(" ", "\u00a0")
-    unit_cell = html.Td(unit_text(parameters.units[k]), className="muted unit")
+    unit_cell = html.Td(unit_text(parameter.unit), className="muted unit")
     return html.Tr([name_cell, html.Td(bar), html.Td(value_words, className="number"), unit_cell])

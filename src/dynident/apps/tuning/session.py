@@ -4,21 +4,23 @@ answered.
 
 from __future__ import annotations
 
+import os
+import re
 import threading
 import traceback
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass
+from itertools import chain, count
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
+from dynident.files.opener import content
 from dynident.runtime import BudgetedFunction, DynidentError, Step, brief, progress_to
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from dynident.apps.tuning.bench import Bench
-    from dynident.apps.tuning.config import ConfigFile
     from dynident.apps.tuning.tuning import Tuning
     from dynident.identification import Identification
     from dynident.project.project import Project
@@ -152,9 +154,8 @@ class WholeRuns:
 class Session:
     """State of the configuration at ``path``.
 
-    Where its logs cannot be used, ``failed`` says why; else there is a ``bench``. ``files`` are the file as
-    it was read and after each save, with the setting that it has. ``fault`` is called with unexpected
-    errors.
+    Where its logs cannot be used, ``failed`` says why; else there is a ``bench``. ``saved`` is the file that tuned
+    settings were saved to, with its text. ``fault`` is called with unexpected errors.
     """
 
     path: Path
@@ -164,7 +165,7 @@ class Session:
     bench: Bench | None = None
     runs: WholeRuns | None = None
     project: Project | None = None
-    files: list[tuple[ConfigFile, Tuning]] = field(default_factory=list)
+    saved: tuple[Path, str] | None = None
 
     def __post_init__(self) -> None:
         self.latest, self._saving = Latest(), threading.Lock()
@@ -175,38 +176,32 @@ class Session:
         self.failed, self.step = "", Step("starting")
         threading.Thread(target=self._load, daemon=True).start()
 
-    @property
-    def saved_tuning(self) -> Tuning:
-        """Setting that the file has."""
-        return self.files[-1][1]
+    def save(self, tuning: Tuning) -> Path:
+        """Write the configuration of a setting beside that of the session; return its path.
 
-    def save(self, tuning: Tuning) -> list[str]:
-        """Write a setting into the file; return the places that have changed.
-
-        Raises the errors of ``ConfigFile.save``, and those of a setting that cannot be fitted, with which the
-        file could not be identified.
+        The file of a former save is replaced while it is as this session wrote it, another file never. Raises the
+        errors of ``tuned_text`` and ``write_text``, and those of a setting that cannot be fitted.
         """
-        from dynident.apps.tuning.config import tuned_changes
-        from dynident.files.yaml_edit import format_path
+        from dynident.apps.tuning.config import tuned_text
+        from dynident.files.results import write_text
 
         assert self.project is not None  # noqa: S101 -- there is a bench
         assert self.bench is not None  # noqa: S101
         # fails before anything is written, where the setting cannot be fitted
         self.bench.fit(tuning)
         with self._saving:
-            changes, last_file = tuned_changes(self.project, self.bench, tuning), self.files[-1][0]
-            new_file = last_file.save(changes)
-            # the file on disk already has these changes
-            if new_file is last_file:  # another tab was faster
-                return []
-            self.files.append((new_file, tuning))
-        return [format_path(path) for path in changes]
+            path = next(filter(self._is_free, tuned_paths(self.path)))
+            text = tuned_text(self.project, self.bench, tuning, path)
+            self.saved = write_text(path, text), text
+        return path
 
-    def undo(self) -> None:
-        """Write what was in the file before the last save. Raises the errors of ``ConfigFile.undo``."""
-        with self._saving:
-            before = self.files[-1][0].undo()
-            self.files[:] = [*self.files[:-2], (before, self.files[-2][1])]
+    def _is_free(self, path: Path) -> bool:
+        """Return whether a file may be written: there is none, or that of the former save."""
+        if not os.path.lexists(path):
+            return True
+        if self.saved is None or self.saved[0] != path:
+            return False
+        return content(path, remember=False) == self.saved[1].encode()
 
     def _load(self) -> None:
         try:
@@ -218,13 +213,18 @@ class Session:
             self.fault("".join(traceback.format_exception(error)))
 
     def _load_bench(self) -> None:
-        from dynident.apps.tuning.config import ConfigFile, read_bench
+        from dynident.apps.tuning.config import read_bench
 
         with progress_to(self._note_step):
             project, bench = read_bench(self.path)
-        self.files = [(ConfigFile.of(project), bench.start)]
         self.runs, self.project = WholeRuns(bench.identify), project
         self.bench = bench
 
     def _note_step(self, step: str) -> None:
         self.step = Step.of(step)
+
+
+def tuned_paths(path: Path) -> Iterator[Path]:
+    """Yield the names under which settings tuned from a configuration are saved: ``robot-tuned.yaml``, ``-tuned-2``."""
+    stem = re.sub(r"-tuned(-\d+)?$", "", path.stem)
+    return (path.with_name(f"{stem}-tuned{number}.yaml") for number in chain([""], (f"-{k}" for k in count(2))))

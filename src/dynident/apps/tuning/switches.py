@@ -251,19 +251,6 @@ class Switches:
         motors = (term for term in self.model.terms if isinstance(term, CoupledMotor))
         return replace(self.model, terms=(*bodies, *self.terms(selection), *motors), load=None)
 
-    @cached_property
-    def superset(self) -> Model:
-        """The model with all kinds on all joints, except those that remember the motion."""
-        if not self.kinds:
-            return self.model
-        all_kinds = []
-        for own, offered in zip(self.own_terms, self.offered, strict=True):
-            terms_by_kind = {**own, **offered}
-            all_kinds.append(
-                tuple(kind for kind, terms in terms_by_kind.items() if not any(term.memory for term in terms))
-            )
-        return self.with_terms(tuple(all_kinds))
-
     def _terms_of_kind(self, joint: int, kind: str) -> tuple[Term, ...]:
         terms = self.own_terms[joint].get(kind) or self.offered[joint].get(kind)
         if terms is None:

@@ -147,11 +147,11 @@ class Page:
         differences = [] if before is None else setting_changes(before, view.tuning, bench.joints)
         history = last if last.get("now") == search else {"now": search, "before": last.get("now")}
         return (
+            history,
             readout.numbers(fit, last_fit),
             readout.errors(fit, last_fit, view.joint),
             readout.change_list(differences),
             parameter_table(fit, last_fit),
-            history,
             "",
             f"quick fit in {number(1e3 * fit.seconds, 2)} ms",
         )

@@ -108,22 +108,17 @@ def _register_server_callbacks(app: Dash, page: Page) -> None:
     address, tab, initial_call = Input("address", "search"), State("tab", "data"), {"prevent_initial_call": False}
     # two callbacks write these outputs, which Dash must be told
     saved, complaint = (Output(name, "children", allow_duplicate=True) for name in ("saved", "complaint"))
-    outputs = (("synced", "data"), ("windows", "children"), ("drawn-name", "children"), ("torque-name", "children"))
+    shown = [Output(name, "children") for name in ("windows", "drawn-name", "torque-name", "unsaved")]
     app.callback(
-        [
-            *(Output(*output) for output in (*outputs, ("filtering", "hidden"), ("unsaved", "children"))),
-            saved,
-            complaint,
-        ],
+        [Output("synced", "data"), Output("filtering", "hidden"), *shown, saved, complaint],
         address,
         prevent_initial_call="initial_duplicate",
     )(page.sync)
     app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"))(page.save)
-    outputs = (("numbers", "children"), ("errors", "children"), ("changed", "children"), ("parameters", "children"))
-    fit_outputs = (("last", "data"), ("fit-complaint", "children"), ("state", "children"))
-    app.callback(
-        [Output(*output) for output in (*outputs, *fit_outputs)], address, State("last", "data"), tab, **initial_call
-    )(page.fit)
+    shown = [
+        Output(name, "children") for name in ("numbers", "errors", "changed", "parameters", "fit-complaint", "state")
+    ]
+    app.callback([Output("last", "data"), *shown], address, State("last", "data"), tab, **initial_call)(page.fit)
     app.callback(
         Output("torque-data", "data"), Input("last", "data"), Input("zoomed", "data"), State("address", "search")
     )(page.torque)

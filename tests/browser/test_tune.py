@@ -182,16 +182,3 @@ def test_hostile_names_are_text_and_all_can_read(browse: Browsing, address: str)
         assert page.locator("img").count() == 0
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert browse.barriers(page) == []
-
-
-def test_a_recording_that_is_wrong_is_said_in_words_and_read_again(browse: Browsing, folder: Path) -> None:
-    bad = folder / "bad.yaml"
-    bad.write_text(CONFIG.replace("monday", "sunday"))
-    np.savez(folder / "sunday.npz", t=np.zeros(3), q=np.zeros(3), p=np.zeros(3), u=np.zeros(3), w=np.zeros(3))
-    with served(bad) as other:
-        page = browse(other)
-        page.wait_for_selector("#failure:has-text('sunday')")
-        recorded(folder / "sunday.npz", 2.0, 3)
-        page.click("text=Read again")
-        identified(page)
-        page.close()  # before its server ends, of which it would complain

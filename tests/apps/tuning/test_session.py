@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("dash")
 
 from dynident.apps.tuning import Bench, Tuning
-from dynident.apps.tuning import config as tuned_config
+from dynident.apps.tuning import session as session_module
 from dynident.apps.tuning.session import Latest, Session, Stale, WholeRuns
 from dynident.runtime import (
     DynidentError,
@@ -26,21 +26,23 @@ from dynident.runtime import (
 
 @pytest.fixture
 def session(validated_arm: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
-    monkeypatch.setattr(tuned_config, "tuned_text", lambda _project, _bench, tuning, path: f"{path.name} {tuning}")
-    session = Session(tmp_path / "arm.yaml", print)
-    session.bench, session.project = validated_arm, object()  # type: ignore[assignment]
-    return session
+    monkeypatch.setattr(session_module, "tuned_text", lambda _project, _bench, tuning, path: f"{path.name} {tuning}")
+    return session_of(tmp_path / "arm.yaml", validated_arm)
+
+
+def session_of(path: Path, bench: Bench) -> Session:
+    return Session(SimpleNamespace(path=path), bench, print)  # type: ignore[arg-type]
 
 
 def test_a_file_that_the_session_did_not_write_stays(session: Session, validated_arm: Bench) -> None:
-    path, start, tuned = session.path, validated_arm.start, validated_arm.start.with_degree(1.0)
+    path, start, tuned = session.project.path, validated_arm.start, validated_arm.start.with_degree(1.0)
     path.write_text("mine")
     assert session.save(start) == path.with_name("arm-tuned.yaml")
     assert session.save(tuned) == path.with_name("arm-tuned.yaml")  # its own is replaced
     assert path.with_name("arm-tuned.yaml").read_text() == f"arm-tuned.yaml {tuned}"
     path.with_name("arm-tuned.yaml").write_text("edited by hand")
     assert session.save(start) == path.with_name("arm-tuned-2.yaml")
-    other = Session(path.with_name("arm-tuned-2.yaml"), print, bench=validated_arm, project=session.project)
+    other = session_of(path.with_name("arm-tuned-2.yaml"), validated_arm)
     assert other.save(start) == path.with_name("arm-tuned-3.yaml")
     texts = [file.read_text() for file in sorted(path.parent.iterdir())]
     assert texts == [f"arm-tuned-{k}.yaml {start}" for k in (2, 3)] + ["edited by hand", "mine"]
@@ -49,25 +51,15 @@ def test_a_file_that_the_session_did_not_write_stays(session: Session, validated
 def test_what_cannot_be_fitted_is_not_saved(session: Session, validated_arm: Bench) -> None:
     with pytest.raises(DynidentError, match="0 usable samples"):
         session.save(validated_arm.start.exclude(validated_arm.log_names[0], -1.0, 100.0))
-    assert not list(session.path.parent.iterdir())
+    assert not list(session.project.path.parent.iterdir())
 
 
-def test_the_threads_have_the_memory_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, ended = list[int](), threading.Barrier(2, timeout=60)
-
-    def look(*_: object) -> object:
-        seen.append(memory_budget())
-        ended.wait()
-        return "done"
-
-    monkeypatch.setattr(Session, "_load_bench", look)
+def test_the_thread_has_the_memory_of_the_run() -> None:
     with budget_scope():
         set_budget(2.5)
-        Session(Path("arm.yaml"), print).start()
-        ended.wait()
-        WholeRuns(look).request_run("page", "setting")  # type: ignore[arg-type]
-        ended.wait()
-    assert seen == [2_500_000_000, 2_500_000_000]
+        runs = WholeRuns(lambda _: memory_budget())  # type: ignore[arg-type,return-value]
+        runs.request_run("page", ONE)
+    assert wait_for(runs, ONE).result == 2_500_000_000
 
 
 ONE, TWO, THREE, WRONG = (Tuning((float(k),), ((),), (0.0,), "least_squares") for k in (1, 2, 3, 4))

@@ -22,7 +22,7 @@ from dynident.runtime import DynidentError
 if TYPE_CHECKING:
     from dynident.apps.tuning.bench import Bench
     from dynident.apps.tuning.curve import SmoothedJoint
-    from dynident.apps.tuning.session import Session, WholeRuns
+    from dynident.apps.tuning.session import Session
     from dynident.apps.tuning.tuning import Tuning
     from dynident.report import Drawing
 
@@ -31,37 +31,12 @@ class Page:
     """Answers the callbacks of all pages of a ``session``; it keeps no state of any of them."""
 
     def __init__(self, session: Session) -> None:
-        self.session = session
-
-    @property
-    def bench(self) -> Bench:
-        """The bench, once there is one."""
-        if self.session.bench is None:
-            raise PreventUpdate
-        return self.session.bench
-
-    @property
-    def runs(self) -> WholeRuns:
-        """The whole identifications."""
-        if self.session.runs is None:
-            raise PreventUpdate
-        return self.session.runs
+        self.session, self.bench, self.runs = session, session.bench, session.runs
+        self.file_name = session.project.path.name
 
     def layout(self) -> Any:
-        """Return what a browser gets first: the progress, until there is a bench."""
-        name = self.session.path.name
-        bench = self.session.bench
-        return layout.starting_page(name) if bench is None else layout.tuning_page(name, bench)
-
-    def waiting(self, ticks: int | None, retry_clicks: int | None) -> tuple[Any, ...]:  # noqa: ARG002
-        """Return the progress before there is a page, or why there is none."""
-        session = self.session
-        if ctx.triggered_id == "again" and session.failed:
-            session.start()
-        step = session.step
-        width = f"{100 * step.completed / step.total:.0f}%" if step.total else "30%"
-        bar = {"width": width}
-        return step.words, bar, session.failed, not session.failed, session.bench is not None
+        """Return what a browser gets first."""
+        return layout.tuning_page(self.file_name, self.bench)
 
     def act(self, change: Mapping[str, Any]) -> dict[str, Any]:
         """Return the address after a control was moved, and what is wrong with its value."""
@@ -92,7 +67,9 @@ class Page:
             _windows(tuning),
             f"{view.joint}, {view.log}",
             f"Torque of {view.joint}",
-            readout.unsaved_settings(setting_changes(bench.start, tuning, bench.joints), self.session.path.name),
+            readout.unsaved_settings(
+                setting_changes(bench.start, tuning, bench.joints), self.session.project.path.name
+            ),
             "",
             "",
         )
@@ -141,7 +118,7 @@ class Page:
             view = View.of_query(search, bench)
             fit = bench.fit(view.tuning)
         except DynidentError as error:
-            return (*[no_update] * 5, str(error), "")
+            return (*[no_update] * 5, str(error))
         before = self._setting_before(view.tuning, last)
         last_fit = None if before is None else bench.fit(before)
         differences = [] if before is None else setting_changes(before, view.tuning, bench.joints)
@@ -153,7 +130,6 @@ class Page:
             readout.change_list(differences),
             parameter_table(fit, last_fit),
             "",
-            f"quick fit in {number(1e3 * fit.seconds, 2)} ms",
         )
 
     def _setting_before(self, tuning: Tuning, last: Mapping[str, Any]) -> Tuning | None:

@@ -25,7 +25,7 @@ def make_app(session: Session, token: str) -> Dash:
     """Return the application of a session, all its paths below a token."""
     app = Dash(
         __name__,
-        title=f"Tune {session.path.name}",
+        title=f"Tune {session.project.path.name}",
         update_title="",
         requests_pathname_prefix=f"/{token}/",
         routes_pathname_prefix=f"/{token}/",
@@ -45,7 +45,6 @@ def make_app(session: Session, token: str) -> Dash:
     for name, answer in (("curves", page.curves), ("act", page.act)):
         app.server.add_url_rule(f"/{token}/{name}", name, _json_view(session, answer), methods=["POST"])
     app.server.register_error_handler(Exception, lambda error: _handle_error(session, error))
-    _register_start(app, page)
     _register_server_callbacks(app, page)
     _register_page_callbacks(app)
     return app
@@ -67,8 +66,6 @@ def _json_view(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> 
         content = request.get_json()
         try:
             reply = answer(content if isinstance(content, dict) else {})
-        except PreventUpdate:
-            reply = {"words": "The logs are still being read.", "wrong": True}
         except Exception as error:
             session.fault("".join(traceback.format_exception(error)))
             reply = {"words": FAULT_TEXT.format(error), "wrong": True}
@@ -95,14 +92,6 @@ def _report_fault(session: Session, error: Exception) -> None:
     raise PreventUpdate
 
 
-def _register_start(app: Dash, page: Page) -> None:
-    outputs = (("step", "children"), ("bar", "style"), ("failure", "children"), ("again", "hidden"), ("ready", "data"))
-    app.callback(
-        [Output(*output) for output in outputs], [Input("waiting", "n_intervals"), Input("again", "n_clicks")]
-    )(page.waiting)
-    app.clientside_callback(ClientsideFunction("tune", "reload"), Output("track", "title"), Input("ready", "data"))
-
-
 def _register_server_callbacks(app: Dash, page: Page) -> None:
     """Register what the server answers; what follows from the address is requested when the page loads, too."""
     address, tab, initial_call = Input("address", "search"), State("tab", "data"), {"prevent_initial_call": False}
@@ -115,9 +104,7 @@ def _register_server_callbacks(app: Dash, page: Page) -> None:
         prevent_initial_call="initial_duplicate",
     )(page.sync)
     app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"))(page.save)
-    shown = [
-        Output(name, "children") for name in ("numbers", "errors", "changed", "parameters", "fit-complaint", "state")
-    ]
+    shown = [Output(name, "children") for name in ("numbers", "errors", "changed", "parameters", "fit-complaint")]
     app.callback([Output("last", "data"), *shown], address, State("last", "data"), tab, **initial_call)(page.fit)
     app.callback(
         Output("torque-data", "data"), Input("last", "data"), Input("zoomed", "data"), State("address", "search")

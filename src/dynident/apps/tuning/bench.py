@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from time import perf_counter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -217,7 +216,6 @@ class Bench:
         return with_findings(identification, model, logs, recipe, multi_turn=self.multi_turn)
 
     def _fit(self, tuning: Tuning) -> QuickFit:
-        start_time = perf_counter()
         with one_thread():
             recipe, logs, full_model = self.recipe(tuning), self._role_logs(tuning), self.model(tuning)
             preliminary_model, selection = drop_load_dependence(full_model), recipe.selection(full_model.joints)
@@ -230,8 +228,7 @@ class Bench:
             folds = fold_factors(regression)
             regression = regression.with_factors(merge_factors(folds))
             problem = Problem(model, train_motions, regression, logs.fitted_logs(motions), tuning.time_offset)
-            fit = quick_fit(problem, recipe.estimator, folds, motions.by_role)
-        return replace(fit, seconds=perf_counter() - start_time)
+            return quick_fit(problem, recipe.estimator, folds, motions.by_role)
 
     def _curve(self, tuning: Tuning, joint: str | None) -> DegreeCurve:
         with one_thread():

@@ -15,24 +15,17 @@ from dynident.identification import identify
 from dynident.motion.log import Log
 from dynident.project.explicit_config import fixed_settings, settings_text
 from dynident.project.logs import recording_of, turning_joints
-from dynident.project.project import Project, read_project
+from dynident.project.project import Project
 from dynident.project.settings import RobotSettings
 from dynident.runtime import ConfigError, Remark
 from dynident.runtime.families import ESTIMATORS
 
 
-def read_bench(path: str | Path) -> tuple[Project, Bench]:
-    """Read a configuration, identify what it describes, and return it with its bench.
-
-    Raises the errors of ``read_project`` and ``Project.identify``, and ConfigError where the recordings are too long
-    for the memory.
-    """
-    project = read_project(path)
-    return project, bench_of(project)
-
-
 def bench_of(project: Project) -> Bench:
-    """Return the bench of a project: its recordings are read, and identified once. Raises as ``read_bench``."""
+    """Return the bench of a project: its recordings are read, and identified once.
+
+    Raises the errors of ``Project.identify``, and ConfigError where the recordings are too long for the memory.
+    """
     if project.long:
         raise ConfigError(
             f"{project.path}: the recordings of `train` are too long for the memory, and fitted in pieces, which is "

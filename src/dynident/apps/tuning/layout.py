@@ -33,22 +33,6 @@ EMPTY: dict[str, Any] = {
 }
 
 
-def starting_page(name: str) -> Any:
-    """Return the page while the logs are read and identified for the first time."""
-    return html.Main(
-        [
-            dcc.Interval(id="waiting", interval=300),
-            dcc.Store(id="ready"),
-            html.H1(f"Tune {name}"),
-            html.Div("starting", id="step", className="lead", role="status"),
-            html.Div(html.Div(id="bar"), className="progress", id="track"),
-            html.Div(id="failure", role="alert"),
-            html.Button("Read again", id="again", className="quiet", hidden=True),
-        ],
-        className="starting",
-    )
-
-
 def tuning_page(name: str, bench: Bench) -> Any:
     """Return the page of a bench; its controls are set when the server answers to its address."""
     return html.Div(
@@ -77,7 +61,6 @@ def _header(name: str) -> Any:
     return html.Header(
         [
             html.H1(["Tune ", html.Span(name, className="file")]),
-            html.Div(id="state", role="status", **{"aria-live": "polite"}),
             html.Div(
                 [
                     html.Button(

@@ -80,7 +80,7 @@ class QuickFit:
     It lacks the correction of ``Bench.identify`` for the bias by errors of the motion, and its standard errors
     are those for independent residuals: true ones are larger. ``cross_validated`` (%) is the error of stretches
     of the training predicted from the others by least squares, over the torques that are fitted. ``exact`` is
-    False where the estimator has been replaced by a faster one. ``seconds`` is the computing time.
+    False where the estimator has been replaced by a faster one.
     """
 
     model: Model
@@ -89,7 +89,6 @@ class QuickFit:
     logs: Mapping[str, LogPrediction]
     cross_validated: float
     exact: bool
-    seconds: float = 0.0
 
     __repr__ = brief
 

@@ -16,7 +16,9 @@ from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynident.apps.tuning.config import bench_of
 from dynident.apps.tuning.session import Session
+from dynident.project.project import read_project
 from dynident.runtime import ConfigError, install_command
 
 if TYPE_CHECKING:
@@ -139,9 +141,8 @@ def build_server(app: Flask, listener: socket.socket) -> BaseWSGIServer:
             return
 
     port = listener.getsockname()[1]
-    server = make_server(LOOPBACK, port, app, threaded=True, request_handler=Quiet, fd=listener.fileno())
-    listener.close()  # the server has its own copy
-    return server
+    # the server has its own copy of the socket
+    return make_server(LOOPBACK, port, app, threaded=True, request_handler=Quiet, fd=listener.fileno())
 
 
 def answer(server: BaseWSGIServer) -> None:
@@ -161,11 +162,10 @@ def open_browser(address: Address) -> None:
 def serve_configuration(
     path: Path, port: int = 0, fault: Callable[[str], None] = lambda _: None
 ) -> Iterator[tuple[Address, BaseWSGIServer]]:
-    """Yield the address of the page of a configuration, and its server, whose ``serve_forever`` answers until
-    it ends.
+    """Yield the address of the page of a configuration, and its server, whose ``serve_forever`` answers until it ends.
 
-    The logs are read meanwhile. ``fault`` is called with unexpected errors. Raises ConfigError where the
-    port cannot be had, or Dash is not installed.
+    The logs are read and identified first. ``fault`` is called with unexpected errors. Raises the errors of
+    ``read_project`` and ``bench_of``, and ConfigError where the port cannot be had, or Dash is not installed.
     """
     try:
         from dynident.apps.tuning.app import make_app
@@ -173,13 +173,12 @@ def serve_configuration(
         if error.name is None or error.name.partition(".")[0] not in ("dash", "flask", "werkzeug"):
             raise
         raise ConfigError(f"The page needs the package dash; install it: {install_command('dash')}") from error
-    listener = bind_socket(port)
-    address = Address.at(listener.getsockname()[1])
-    session = Session(path, fault)
-    app = make_app(session, address.token)
-    guard(app.server, address, make_content_policy(app.csp_hashes()))
-    server = build_server(app.server, listener)
-    session.start()
+    project = read_project(path)
+    with bind_socket(port) as listener:
+        address = Address.at(listener.getsockname()[1])
+        app = make_app(Session(project, bench_of(project), fault), address.token)
+        guard(app.server, address, make_content_policy(app.csp_hashes()))
+        server = build_server(app.server, listener)
     try:
         yield address, server
     finally:

@@ -124,7 +124,7 @@ def test_after_a_wrong_address_curves_and_fit_follow_the_slider_and_a_new_file_i
     assert settled(page, "?degree=[0.02,0.02]") == "?degree=[1.2,1.2]"
     assert drawn(page) != acceleration
     assert page.inner_text("#numbers") != error
-    assert "smoothing of all joints: S/n = 1.05 → S/n = 15.8" in page.inner_text("#changed")
+    assert "smoothing of all joints: S/n = 1.00 → S/n = 15.8" in page.inner_text("#unsaved")
     page.wait_for_selector("#marks button")
     page.wait_for_selector("#verdict .badge")
 

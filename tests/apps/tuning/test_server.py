@@ -24,6 +24,7 @@ def test_a_free_port_and_a_secret() -> None:
     app.add_url_rule("/<path:path>", "echo", lambda path: f"/{path}")
     guard(app, address, "default-src 'self'")
     server = build_server(app, own)
+    own.close()
     thread = threading.Thread(target=answer, args=(server,), daemon=True)
     thread.start()
     asked = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)

@@ -22,7 +22,7 @@ OFFERED: tuple[dict[str, tuple[Term, ...]], ...] = (
 def switches() -> Switches:
     viscous, coulomb = Viscous(BODIES.joints), Coulomb(BODIES.joints, width=0.02)
     own = ({"viscous": (viscous.for_joint(name),), "coulomb": (coulomb.for_joint(name),)} for name in JOINTS)
-    return Switches(GIVEN, tuple(own), OFFERED)
+    return Switches(GIVEN, (("viscous", "coulomb"),) * 3, tuple(a | b for a, b in zip(own, OFFERED, strict=True)))
 
 
 def test_what_is_not_changed_stays_as_it_was_written() -> None:

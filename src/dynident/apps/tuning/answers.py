@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dash import ctx, html, no_update
 from dash.exceptions import PreventUpdate
 
-from dynident.apps.tuning import layout, readout
+from dynident.apps.tuning import readout
 from dynident.apps.tuning.drawings import Zoom, curve_drawing, motion_drawing, residual_drawing, torque_drawing
 from dynident.apps.tuning.edit import apply_control, degree_words, setting_changes
 from dynident.apps.tuning.readout import parameter_table
@@ -32,11 +32,6 @@ class Page:
 
     def __init__(self, session: Session) -> None:
         self.session, self.bench, self.runs = session, session.bench, session.runs
-        self.file_name = session.project.path.name
-
-    def layout(self) -> Any:
-        """Return what a browser gets first."""
-        return layout.tuning_page(self.file_name, self.bench)
 
     def act(self, change: Mapping[str, Any]) -> dict[str, Any]:
         """Return the address after a control was moved, and what is wrong with its value."""
@@ -67,9 +62,7 @@ class Page:
             _windows(tuning),
             f"{view.joint}, {view.log}",
             f"Torque of {view.joint}",
-            readout.unsaved_settings(
-                setting_changes(bench.start, tuning, bench.joints), self.session.project.path.name
-            ),
+            readout.unsaved_settings(setting_changes(bench.start, tuning, bench.joints)),
             "",
             "",
         )
@@ -118,16 +111,14 @@ class Page:
             view = View.of_query(search, bench)
             fit = bench.fit(view.tuning)
         except DynidentError as error:
-            return (*[no_update] * 5, str(error))
+            return (*[no_update] * 4, str(error))
         before = self._setting_before(view.tuning, last)
         last_fit = None if before is None else bench.fit(before)
-        differences = [] if before is None else setting_changes(before, view.tuning, bench.joints)
         history = last if last.get("now") == search else {"now": search, "before": last.get("now")}
         return (
             history,
             readout.numbers(fit, last_fit),
             readout.errors(fit, last_fit, view.joint),
-            readout.change_list(differences),
             parameter_table(fit, last_fit),
             "",
         )

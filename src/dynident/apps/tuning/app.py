@@ -4,15 +4,17 @@ scripts.
 
 from __future__ import annotations
 
-import json
 import traceback
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, set_props
 from dash.exceptions import PreventUpdate
+from flask import Response, request
+from werkzeug.exceptions import HTTPException
 
 from dynident.apps.tuning.answers import Page
+from dynident.apps.tuning.layout import tuning_page
 from dynident.report.page import stylesheet
 
 if TYPE_CHECKING:
@@ -38,8 +40,8 @@ def make_app(session: Session, token: str) -> Dash:
     )
     app.index_string = app.index_string.replace("<html>", '<html lang="en">')
     page = Page(session)
-    app.layout = page.layout
-    app.server.add_url_rule(f"/{token}/page.css", "page.css", _stylesheet_response)
+    app.layout = tuning_page(session.project.path.name, session.bench)
+    app.server.add_url_rule(f"/{token}/page.css", "page.css", lambda: Response(stylesheet(), mimetype="text/css"))
     app.server.add_url_rule(f"/{token}/alive", "alive", lambda: ("", 204))
     # these two answer past Dash: slider positions come fast, and their order matters
     for name, answer in (("curves", page.curves), ("act", page.act)):
@@ -50,35 +52,23 @@ def make_app(session: Session, token: str) -> Dash:
     return app
 
 
-def _stylesheet_response() -> Any:
-    from flask import Response
-
-    return Response(stylesheet(), mimetype="text/css")
-
-
 def _json_view(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> Callable[[], Any]:
     """Return the view of an answer that the page requests past Dash, which would take longer or mix up the order."""
 
     def view() -> Any:
         """Answer in JSON, also where an unexpected error occurs."""
-        from flask import Response, request
-
         content = request.get_json()
         try:
-            reply = answer(content if isinstance(content, dict) else {})
+            return answer(content if isinstance(content, dict) else {})
         except Exception as error:
             session.fault("".join(traceback.format_exception(error)))
-            reply = {"words": FAULT_TEXT.format(error), "wrong": True}
-        return Response(json.dumps(reply), mimetype="application/json")
+            return {"words": FAULT_TEXT.format(error), "wrong": True}
 
     return view
 
 
 def _handle_error(session: Session, error: Exception) -> Any:
     """Answer a request that is not one of the page; the terminal gets a line for errors that are not HTTP's own."""
-    from flask import Response
-    from werkzeug.exceptions import HTTPException
-
     if isinstance(error, HTTPException) and error.code is not None:
         return error if error.code < 400 else Response(error.description, error.code, mimetype="text/plain")
     session.fault(f"A request could not be answered: {type(error).__name__}: {error}")
@@ -104,7 +94,7 @@ def _register_server_callbacks(app: Dash, page: Page) -> None:
         prevent_initial_call="initial_duplicate",
     )(page.sync)
     app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"))(page.save)
-    shown = [Output(name, "children") for name in ("numbers", "errors", "changed", "parameters", "fit-complaint")]
+    shown = [Output(name, "children") for name in ("numbers", "errors", "parameters", "fit-complaint")]
     app.callback([Output("last", "data"), *shown], address, State("last", "data"), tab, **initial_call)(page.fit)
     app.callback(
         Output("torque-data", "data"), Input("last", "data"), Input("zoomed", "data"), State("address", "search")

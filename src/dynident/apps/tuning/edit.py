@@ -75,19 +75,9 @@ def _toggle_fitted_joint(view: View, bench: Bench, joint: Any) -> Tuning:
     return replace(view.tuning, unfitted=tuple(name for name in bench.joints if name in unfitted))
 
 
-def _set_filter(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001 -- as the others
-    if value == "none":
-        return replace(view.tuning, filter=None)
-    return replace(view.tuning, filter=view.tuning.filter or ParallelFilter(decimate=5))
-
-
-def _set_decimation(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
+def _set_decimation(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001 -- as the others
     factor = _parse_number("decimation", value or 1)
     return _with_filter(view, decimate=int(factor) if factor.is_integer() else factor)
-
-
-def _set_cutoff(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    return _with_filter(view, cutoff=_parse_number("cut-off", value) if value else None)
 
 
 def _with_filter(view: View, **changed: Any) -> Tuning:
@@ -100,14 +90,6 @@ def _with_filter(view: View, **changed: Any) -> Tuning:
     return replace(view.tuning, filter=replace(before, **settings))
 
 
-def _set_estimator(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    return replace(view.tuning, estimator=str(value))
-
-
-def _set_time_offset(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    return replace(view.tuning, time_offset=_parse_number("time offset", value or 0.0) / 1e3)
-
-
 def _exclude_window(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
     """Leave out a window of the log that is drawn."""
     start, stop = sorted(_parse_number("window", time) for time in value)
@@ -116,29 +98,22 @@ def _exclude_window(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: AR
     return view.tuning.exclude(view.log, start, stop)
 
 
-def _include_window(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    remaining = [window for k, window in enumerate(view.tuning.excluded) if str(k) != str(value)]
-    return replace(view.tuning, excluded=tuple(remaining))
-
-
-def _reset_all(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    return bench.start
-
-
 _SETTINGS: Mapping[str, Callable[[View, Bench, Any], Tuning]] = {
     "degree": _set_degree,
     "mark": _set_mark,
     "min_speed": _set_min_speed,
     "term": _toggle_term,
     "fitted": _toggle_fitted_joint,
-    "filter": _set_filter,
+    "filter": lambda view, _, value: _with_filter(view) if value == "low-pass" else replace(view.tuning, filter=None),
     "decimate": _set_decimation,
-    "cutoff": _set_cutoff,
-    "estimator": _set_estimator,
-    "offset": _set_time_offset,
+    "cutoff": lambda view, _, value: _with_filter(view, cutoff=_parse_number("cut-off", value) if value else None),
+    "estimator": lambda view, _, value: replace(view.tuning, estimator=str(value)),
+    "offset": lambda view, _, value: replace(view.tuning, time_offset=_parse_number("time offset", value or 0.0) / 1e3),
     "exclude": _exclude_window,
-    "include": _include_window,
-    "reset": _reset_all,
+    "include": lambda view, _, value: replace(
+        view.tuning, excluded=tuple(window for k, window in enumerate(view.tuning.excluded) if str(k) != str(value))
+    ),
+    "reset": lambda _view, bench, _value: bench.start,
 }
 
 

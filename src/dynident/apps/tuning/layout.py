@@ -171,7 +171,7 @@ def _fit_area() -> list[Any]:
             ]
         ),
         html.Section(id="errors"),
-        html.Section([html.Div(id="changed"), html.Div(id="unsaved")]),
+        html.Section(id="unsaved"),
         html.Section(id="parameters"),
     ]
 

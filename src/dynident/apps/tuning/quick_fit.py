@@ -116,10 +116,6 @@ class QuickFit:
         residual = self.estimate.residual
         return base_std(self.base, self.factors, residual.sigma, residual.weights)
 
-    def held_out(self) -> Mapping[str, LogPrediction]:
-        """Return the held-out logs by name."""
-        return {name: log for name, log in self.logs.items() if log.role == "validation"}
-
 
 def quick_estimate(problem: Problem, estimator: Estimator) -> tuple[Estimate, bool]:
     """Return the estimate without its slow parts, and whether it is that of the estimator itself."""

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from dynident.models import Parameter
     from dynident.runtime import Step
 
+ROLES = {"train": "training", "validation": "held out"}
 MAX_JOINT_NAME = 18  # letters of a joint's name
 MIN_ERROR_CHANGE = 5e-3  # points of an error that are no difference
 HELD_OUT = (
@@ -40,37 +41,30 @@ MAX_PARAMETER_NAME = 13  # letters of a name
 MAX_VALUE_LENGTH = 15  # of a value with its error: a longer one is broken
 
 
-def worst_log(logs: Sequence[LogPrediction]) -> LogPrediction | None:
-    """Return the log with the largest error, which a report states."""
-    return max(logs, key=lambda log: log.error, default=None)
+def worst_log(fit: QuickFit, role: str) -> LogPrediction | None:
+    """Return the log of a role ("train", "validation") with the largest error, which a report states."""
+    return max((log for log in fit.logs.values() if log.role == role), key=lambda log: log.error, default=None)
 
 
-def judging_log(fit: QuickFit) -> tuple[LogPrediction | None, str]:
-    """Return the log by which a fit is judged, and its role: held out, else of the training."""
-    held_out_log = worst_log(list(fit.held_out().values()))
-    return (held_out_log, "held out") if held_out_log else (worst_log(list(fit.logs.values())), "training")
+def judging_log(fit: QuickFit) -> LogPrediction:
+    """Return the log by which a fit is judged: held out, else of the training."""
+    log = worst_log(fit, "validation") or worst_log(fit, "train")
+    assert log is not None  # noqa: S101 -- there is a log
+    return log
 
 
 def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
     """Return the few numbers to see first, each with its difference from the last setting."""
-    judged_log, role = judging_log(fit)
-    before = None if last is None else judging_log(last)[0]
+    log = judging_log(fit)
+    last_error = judging_log(last).error if last else None
     facts = [
-        (
-            error_words(judged_log.error if judged_log else None),
-            f"torque error, {role}",
-            _error_change(_log_error(judged_log), _log_error(before)),
-        ),
+        (error_words(log.error), f"torque error, {ROLES[log.role]}", _error_change(log.error, last_error)),
         (
             error_words(fit.cross_validated),
             "cross-validated",
-            _error_change(fit.cross_validated, None if last is None else last.cross_validated),
+            _error_change(fit.cross_validated, last.cross_validated if last else None),
         ),
-        (
-            number(fit.condition, 3),
-            "condition",
-            _previous_value(fit.condition, None if last is None else last.condition),
-        ),
+        (number(fit.condition, 3), "condition", _previous_value(fit.condition, last.condition if last else None)),
         (f"{fit.estimate.determined.rank} of {len(fit.estimate.names)}", "combinations known", ""),
     ]
     fact_list = html.Dl(
@@ -80,48 +74,41 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
         ],
         className="facts",
     )
-    remarks = [*([] if fit.exact else [STAND_IN]), *([HELD_OUT] if fit.held_out() else [])]
+    remarks = [*([] if fit.exact else [STAND_IN]), *([HELD_OUT] if log.role == "validation" else [])]
     return [fact_list, *(html.P(words, className="muted") for words in remarks)]
 
 
 def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:
-    """Return the table of the errors by joint: held out, its difference from the last setting, and on the
-    training.
-    """
-    judged_log, role = judging_log(fit)
+    """Return the table of the errors by joint: held out, its difference from the last setting, and in training."""
+    log, train = judging_log(fit), worst_log(fit, "train")
+    before = judging_log(last).by_joint if last else {}
     # the column of the training is left out where the judging log itself is of the training
-    train = worst_log([log for log in fit.logs.values() if log.role == "train"])
-    before = None if last is None else judging_log(last)[0]
-    assert judged_log is not None  # noqa: S101 -- there is a log
-    names = list(judged_log.by_joint)
-    head = ["joint", role, "since last", *(["training"] if judged_log is not train else [])]
+    train_errors = train.by_joint if train is not None and train is not log else None
+    head = ["joint", ROLES[log.role], "since last", *(["training"] if train_errors else [])]
     rows = []
-    for name, short in zip(names, shorten_names(names, MAX_JOINT_NAME), strict=True):
-        size = judged_log.by_joint[name]
+    for name, short in zip(log.by_joint, shorten_names(list(log.by_joint), MAX_JOINT_NAME), strict=True):
+        size = log.by_joint[name]
         cells = [
             html.Th(short, scope="row", title=name),
-            html.Td(_percent(size), className="number"),
-            html.Td(_error_change(size, None if before is None else before.by_joint.get(name)), className="number"),
+            html.Td(number(size, 3), className="number"),
+            html.Td(_error_change(size, before.get(name)), className="number"),
         ]
-        if judged_log is not train and train is not None:
-            cells.append(html.Td(_percent(train.by_joint.get(name)), className="number muted"))
+        if train_errors:
+            cells.append(html.Td(number(train_errors[name], 3), className="number muted"))
         rows.append(html.Tr(cells, className="here" if name == joint else ""))
     top = [html.Th(text, className="number" if k else "", scope="col") for k, text in enumerate(head)]
     return [html.H2("Torque error by joint, %"), html.Table([html.Thead(html.Tr(top)), html.Tbody(rows)])]
 
 
-def change_list(changes: Sequence[Change]) -> Any:
-    """Return the changes since the last setting."""
-    return [
-        html.H2("Since the last setting"),
-        _list_changes(changes) if changes else html.P("Nothing was set yet.", className="muted"),
-    ]
-
-
-def unsaved_settings(changes: Sequence[Change], file: str) -> Any:
+def unsaved_settings(changes: Sequence[Change]) -> Any:
     """Return the settings that are not as in the file."""
-    count = f"{len(changes)} setting{'s' if len(changes) > 1 else ''} not as in {file}"
-    return html.Details([html.Summary(count), _list_changes(changes)]) if changes else ""
+    if not changes:
+        return ""
+    items = [
+        html.Li([f"{quantity}: ", html.Span(before, className="muted"), " → ", html.B(now)])
+        for quantity, before, now in changes
+    ]
+    return [html.H2("Not as in the file"), html.Ul(items, className="changes")]
 
 
 def verdict(result: Identification) -> Any:
@@ -141,24 +128,6 @@ def pending_verdict(step: Step) -> Any:
     )
     words = html.P(f"The whole identification runs: {step.words}", className="muted")
     return [html.H2("Verdict"), words, bar]
-
-
-def _list_changes(changes: Sequence[Change]) -> Any:
-    return html.Ul(
-        [
-            html.Li([f"{quantity}: ", html.Span(before, className="muted"), " → ", html.B(now)])
-            for quantity, before, now in changes
-        ],
-        className="changes",
-    )
-
-
-def _log_error(log: LogPrediction | None) -> float | None:
-    return None if log is None else log.error
-
-
-def _percent(value: float | None) -> str:
-    return number(value, 3)
 
 
 def _error_change(now: float | None, before: float | None) -> Any:

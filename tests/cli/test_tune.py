@@ -57,3 +57,8 @@ def test_what_is_wrong_is_said_before_there_is_a_page(config: Path) -> None:
     assert f"--port {port}: " in done.output
     config.write_text(CONFIG.replace("time:", "tim:"))
     assert run("tune", config).exit_code == 1
+    config.write_text(CONFIG)
+    np.savez(config.with_name("monday.npz"), t=np.zeros(3), q=np.zeros(3), tau=np.zeros(3))
+    done = run("tune", config)
+    assert done.exit_code == 1
+    assert "monday" in done.output

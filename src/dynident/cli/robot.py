@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -328,17 +328,20 @@ def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
 @click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
 def tune(config: Path, port: int, no_browser: bool) -> None:
     """Show the logs of CONFIG (YAML) smoothed and fitted, on a page that follows its controls: degree of smoothing,
-    samples, terms, joints, estimator; and save the settings into CONFIG.
+    samples, terms, joints, estimator; and save the settings as a new configuration beside CONFIG.
 
     The page is for this machine alone. Ctrl-C ends it.
     """
     from dynident.apps.tuning import serve_configuration
     from dynident.apps.tuning.server import answer, open_browser
     from dynident.cli.command_log import escape_controls
-    from dynident.project.project import read_project
 
-    read_project(config)  # what is wrong in it is said here
-    with serve_configuration(config, port, lambda text: print_error(escape_controls(text))) as (address, server):
+    def print_fault(text: str) -> None:
+        print_error(escape_controls(text))
+
+    with ExitStack() as stack:
+        with status():
+            address, server = stack.enter_context(serve_configuration(config, port, print_fault))
         screen = console()
         screen.say(str(address), no_wrap=True)
         screen.remark("This address is for this machine alone. Ctrl-C ends it.")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import shutil
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +13,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from dynident.files.folder import whole_file, write_whole
+from dynident.files.folder import write_whole
 from dynident.files.opener import afford, content, real_path, refuse_inputs
 from dynident.files.text import call_polars
 from dynident.runtime import ConfigError, InputError, choices
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
 
 _TABLES = (".parquet", ".csv")
 _COMPRESSION_MAGIC = (b"\x1f\x8b", b"x\x01", b"x\x9c", b"x\xda", b"(\xb5/\xfd")  # what polars would decompress
-CHANGED_MESSAGE = (
-    "has been changed by another program since it was read; nothing was written. Start again to read it as it is."
-)
 MAX_LINE_WIDTH = 160  # of a line of JSON that holds a whole mapping
 
 
@@ -83,30 +79,6 @@ def append_log(path: Path, head: str) -> IO[str]:
 def write_text(path: str | Path, text: str) -> Path:
     """Write UTF-8 text and return the path; folders are made. Raises InputError where that is impossible."""
     return write_bytes(as_path(path), text.encode("utf-8", "backslashreplace"))
-
-
-def replace_text(path: Path, text: str, previous: str) -> None:
-    """Replace the UTF-8 text ``previous``, which a file must still hold, as a whole; keep its mode and follow links.
-
-    Raises ConfigError where the file has changed, InputError where it cannot be written, no longer exists, or is
-    read-only.
-    """
-    target = real_path(path)
-    if not os.path.exists(target):
-        raise InputError(f"{path}: is there no longer; nothing was written. Put it back, then start again.")
-    # the folder alone would let a read-only file be replaced
-    if not (os.access(target, os.W_OK) and target.stat().st_mode & 0o222):
-        raise InputError(f"{path}: may only be read; nothing was changed. Allow writing it, then try again.")
-    try:
-        with whole_file(target) as temporary:
-            temporary.write_bytes(text.encode())
-            shutil.copymode(target, temporary)
-            # compared as late as possible: what another program wrote meanwhile must not be lost
-            if content(target, ConfigError, remember=False) != previous.encode():
-                raise ConfigError(f"{path}: {CHANGED_MESSAGE}")
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be written: {reason}. Nothing was changed; allow writing.") from error
 
 
 def write_json(path: str | Path, data: Any) -> Path:

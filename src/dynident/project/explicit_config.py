@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, asdict, fields
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,8 @@ import yaml
 from dynident.files.opener import real_path, relative
 from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import UNPRINTABLE, load_yaml
-from dynident.identification import Identification
-from dynident.models import CoupledMotor, RigidBodies
+from dynident.identification import Identification, Recipe, SourceFile
+from dynident.models import CoupledMotor, Model, RigidBodies
 from dynident.motion.smoothers import strip_time_offset
 from dynident.project.config import fingerprint, robot_text
 from dynident.project.settings import robot_settings
@@ -78,22 +78,29 @@ def explicit_settings(identification: Identification, folder: Path) -> dict[str,
 
     Raises as ``explicit_config``.
     """
-    source, recipe = identification.provenance.configuration, identification.recipe
+    source = identification.provenance.configuration
     if source is None:
         raise ConfigError("the result was made from Python, without a configuration, so that none can be written.")
+    return fixed_settings(source, identification.recipe, identification.model, folder)
+
+
+def fixed_settings(source: SourceFile, recipe: Recipe, model: Model, folder: Path) -> dict[str, Any]:
+    """Return the configuration ``source`` as plain values, with a recipe and the terms of a model that leave no choice.
+
+    File names become relative to ``folder``. Raises ConfigError where a part has settings without a plain form.
+    """
     old_folder, folder = Path(source.path).parent, real_path(folder)
-    data: dict[str, Any] = dict(load_yaml(source.text, source.path))
+    data = relocate_settings(load_yaml(source.text, source.path), old_folder, folder)
     # the time offset is written as the setting ``delay``, not as part of the smoother
     smoother = strip_time_offset(recipe.smoothers[0])
-    data["model"] = _model_settings(identification, data["model"], old_folder, folder)
-    for role in ("train", "validation"):
-        data[role] = [{**log, "file": _relocate_files(log["file"], old_folder, folder)} for log in data.get(role) or ()]
     resolved_settings = {
-        "simulation": _relocate_part(data.get("simulation"), old_folder, folder),
+        "model": _fix_terms(recipe, model, data["model"], folder),
         "delay": recipe.time_offset,
         "min_speed": recipe.min_speed,
         "smoother": part_settings(SMOOTHERS, smoother, folder),
         "estimator": part_settings(ESTIMATORS, recipe.estimator, folder),
+        "filter": recipe.filter and _without_defaults(asdict(recipe.filter), recipe.filter),
+        "unfitted": list(recipe.unfitted),
         "outliers": recipe.outliers,
         "rests": recipe.rests,
     }
@@ -102,51 +109,49 @@ def explicit_settings(identification: Identification, folder: Path) -> dict[str,
 
 
 def relocate_settings(settings: Mapping[str, Any], old_folder: Path, folder: Path) -> dict[str, Any]:
-    """Return explicit settings whose file names, relative to ``old_folder``, are made relative to ``folder``."""
-    data = {key: _relocate_part(value, old_folder, folder) for key, value in settings.items()}
+    """Return settings whose file names, relative to ``old_folder``, are made relative to ``folder``."""
+
+    def relocate_files(files: Any) -> Any:
+        """Return the name of a file, or a mapping of short names to them, relative to the other folder."""
+        if isinstance(files, Mapping):
+            return {key: relocate_files(file) for key, file in files.items()}
+        return str(files) if Path(str(files)).is_absolute() else relative(old_folder / str(files), folder)
+
+    data = {key: _map_kinds(value, relocate_files) for key, value in settings.items()}
     model = data["model"]
     if isinstance(model, dict):
-        data["model"] = model | {"file": _relocate_files(model["file"], old_folder, folder)}
-    else:
-        data["model"] = _relocate_function(str(model), old_folder, folder)
+        data["model"] = model | {"file": relocate_files(model["file"])}
+    elif robot_settings(model) is not None:
+        data["model"] = relocate_files(model)
+    else:  # a function of a Python file, or a model of the gallery
+        place, colon, name = str(model).rpartition(":")
+        data["model"] = f"{relative(old_folder / place, folder)}{colon}{name}" if place != "gallery" else model
     for role in ("train", "validation"):
-        if role in data:
-            data[role] = [{**log, "file": _relocate_files(log["file"], old_folder, folder)} for log in data[role]]
+        if data.get(role):
+            data[role] = [{**log, "file": relocate_files(log["file"])} for log in data[role]]
     return data
 
 
-def _relocate_part(value: Any, old_folder: Path, folder: Path) -> Any:
-    """Return a part with its Python file, and those inside it, in another folder."""
+def _map_kinds(value: Any, file_name: Callable[[str], str]) -> Any:
+    """Return a part, and those inside it, with the names of the Python files in their kinds as ``file_name`` says."""
     if isinstance(value, list):
-        return [_relocate_part(entry, old_folder, folder) for entry in value]
+        return [_map_kinds(entry, file_name) for entry in value]
     if not isinstance(value, dict):
         return value
-    entries = {key: _relocate_part(entry, old_folder, folder) for key, entry in value.items()}
+    entries = {key: _map_kinds(entry, file_name) for key, entry in value.items()}
     # the kind of a part of the user names a file and a class in it
     place, colon, name = str(value.get("kind", "")).rpartition(":")
-    return (
-        entries | {"kind": f"{_relocate_files(place, old_folder, folder)}{colon}{name}"}
-        if place.endswith(".py")
-        else entries
-    )
+    return entries | {"kind": f"{file_name(place)}{colon}{name}"} if place.endswith(".py") else entries
 
 
-def _relocate_function(model: str, old_folder: Path, folder: Path) -> str:
-    """Return a model of a Python file, or of the gallery, as a configuration in another folder names it."""
-    place, colon, name = model.rpartition(":")
-    return f"{relative(old_folder / place, folder)}{colon}{name}" if place != "gallery" else model
-
-
-def _model_settings(identification: Identification, model_entry: Any, old_folder: Path, folder: Path) -> Any:
-    """Return the settings of the model, with its terms and the tilt of its base where it is built of a robot file."""
-    if isinstance(model_entry, str) and robot_settings(model_entry) is None:
-        return _relocate_function(model_entry, old_folder, folder)
-    data = dict(model_entry) if isinstance(model_entry, Mapping) else {"file": model_entry}
-    tilt = identification.recipe.base_tilt
-    data["file"] = _relocate_files(data["file"], old_folder, folder)
-    data["base_tilt"] = list(tilt) if isinstance(tilt, tuple) else "none"
+def _fix_terms(recipe: Recipe, model: Model, settings: Any, folder: Path) -> Any:
+    """Return the settings of a model, with its terms and the tilt of its base where it is built of a robot file."""
+    if isinstance(settings, str) and robot_settings(settings) is None:
+        return settings
+    data = dict(settings) if isinstance(settings, Mapping) else {"file": settings}
+    data["base_tilt"] = list(recipe.base_tilt) if isinstance(recipe.base_tilt, tuple) else "none"
     # bodies and couplings follow from the robot file and the other keys, the remaining terms are listed
-    joint_terms = [term for term in identification.model.terms if not isinstance(term, RigidBodies | CoupledMotor)]
+    joint_terms = [term for term in model.terms if not isinstance(term, RigidBodies | CoupledMotor)]
     return data | {"terms": [part_settings(TERMS, term, folder) for term in joint_terms]}
 
 
@@ -155,7 +160,7 @@ def part_settings(family: PartFamily, part: Any, folder: Path) -> Any:
 
     Raises ConfigError where a setting has no plain form.
     """
-    return _relative_kinds(_without_defaults(family.describe(part), part), folder)
+    return _map_kinds(_without_defaults(family.describe(part), part), lambda place: relative(Path(place), folder))
 
 
 def _without_defaults(described: dict[str, Any], part: Any) -> dict[str, Any]:
@@ -175,22 +180,6 @@ def _is_default(value: Any, default: Any) -> bool:
     if isinstance(value, dict | list) and not value:
         return not default
     return all(entry == default for entry in value.values()) if isinstance(value, dict) else value == default
-
-
-def _relocate_files(files: Any, old_folder: Path, folder: Path) -> Any:
-    """Return the name of a file, or a mapping of short names to them, relative to another folder."""
-    if isinstance(files, Mapping):
-        return {key: _relocate_files(file, old_folder, folder) for key, file in files.items()}
-    return str(files) if Path(str(files)).is_absolute() else relative(old_folder / str(files), folder)
-
-
-def _relative_kinds(described: Any, folder: Path) -> Any:
-    """Return settings with the Python files that kinds in them name relative to a folder."""
-    if not isinstance(described, dict):
-        return described
-    place, colon, name = str(described.get("kind", "")).rpartition(":")
-    entries = {key: _relative_kinds(value, folder) for key, value in described.items()}
-    return entries | {"kind": f"{relative(Path(place), folder)}{colon}{name}"} if place.endswith(".py") else entries
 
 
 def _comment_lines(comments: Mapping[str, Sequence[str]], key: str, indent: str = "") -> list[str]:

@@ -95,21 +95,20 @@ def test_a_single_log_is_cut_in_two(arm, tmp_path):
     assert (config.train[0].window, config.validation[0].window) == (((None, 102.8),), ((102.8, None),))
 
 
-@pytest.mark.parametrize("logs", [1, 2])
-def test_rests_at_the_ends_are_left_out(arm, tmp_path, logs):
+def test_a_single_log_is_cut_where_it_moves(arm, tmp_path):
+    """Rests at its ends, which `identify` leaves out, do not count."""
     t = np.arange(3 * N) * 0.005
     run_in, run_out = np.clip((t - 2.5) / 0.5, 0, 1), np.clip((9.0 - t) / 0.5, 0, 1)
     noise = 1e-5 * np.random.default_rng(1).standard_normal((2, 3 * N))
     q = run_in * run_out * np.array([np.sin(3 * t), np.cos(2 * t)]) + noise
     moved = {"elbow.position": q[0], "shoulder.position": q[1], "elbow.effort": q[0], "shoulder.effort": q[1]}
     still = {"finger.position": np.full(3 * N, 0.02), "shoulder.command": q[1]}
-    files = [write(tmp_path / f"{k}.csv", **{"time": t} | moved | still) for k in range(logs)]
-    result = run("init", arm, *files, "-o", tmp_path / "c.yaml")
+    write(tmp_path / "a.csv", **{"time": t} | moved | still)
+    result = run("init", arm, tmp_path / "a.csv", "-o", tmp_path / "c.yaml")
     assert result.exit_code == 0, result.output
-    config = parse_config((tmp_path / "c.yaml").read_text(), tmp_path)
-    start, stop = config.train[0].window[0][0], config.validation[-1].window[0][1]
-    assert start == pytest.approx(2.5, abs=0.15)
-    assert stop == pytest.approx(9.0, abs=0.15)
+    ((start, cut),) = parse_config((tmp_path / "c.yaml").read_text(), tmp_path).train[0].window
+    assert start is None
+    assert cut == pytest.approx(2.5 + 0.7 * 6.5, abs=0.15)
 
 
 def test_what_is_asked_is_in_the_file_and_on_the_screen(arm, tmp_path):

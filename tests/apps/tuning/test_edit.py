@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from dynident.apps.tuning import Bench
-from dynident.apps.tuning.answers import View
 from dynident.apps.tuning.edit import apply_control
+from dynident.apps.tuning.view import View
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError
 
@@ -75,9 +75,11 @@ def test_a_mark_is_where_its_rule_chooses(validated_arm: Bench) -> None:
     [
         ("degree", "much", "no number"),
         ("degree", 9, "from -6 to 6"),
-        ("degree", float("nan"), "must be finite"),
+        ("degree", "nan", "from -6 to 6"),
         ("min_speed", -1, "at least 0"),
-        ("decimate", 2.5, "no whole number"),
+        ("decimate", 2.5, "must be a whole number"),
+        ("cutoff", -1, "positive"),
+        ("offset", "inf", "time offset is inf"),
         ("exclude", [1.0, 1.0], "drag over some samples"),
         ("exclude", [None, 1.0], "no number"),
         ("mark:best", None, "there is no mark 'best'"),

@@ -7,12 +7,12 @@ import threading
 
 import pytest
 
-from dynident.apps.tuning.server import Address, answer, bind_socket, build_server, open_browser
+from dynident.apps.tuning.server import Address, answer, bind_socket, build_server, guard, open_browser
 from dynident.runtime import ConfigError
 
 
 def test_a_free_port_and_a_secret() -> None:
-    pytest.importorskip("werkzeug")
+    flask = pytest.importorskip("flask")
     own = bind_socket(0)
     address = Address.at(own.getsockname()[1])
     assert own.getsockname()[0] == "127.0.0.1"
@@ -20,11 +20,11 @@ def test_a_free_port_and_a_secret() -> None:
     with pytest.raises(ConfigError, match=rf"--port {address.port}: .*Name another port"):
         bind_socket(address.port)
 
-    def application(environ, start):
-        start("200 OK", [("Content-Type", "text/plain")])
-        return [environ["PATH_INFO"].encode()]
-
-    server = build_server(application, own, address.token, "default-src 'self'")
+    app = flask.Flask("served")
+    app.add_url_rule("/<path:path>", "echo", lambda path: f"/{path}")
+    guard(app, address, "default-src 'self'")
+    server = build_server(app, own)
+    own.close()
     thread = threading.Thread(target=answer, args=(server,), daemon=True)
     thread.start()
     asked = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)

@@ -11,12 +11,11 @@ import pytest
 import yaml
 
 from dynident.apps.tuning import Bench
-from dynident.apps.tuning.config import bench_of, read_bench
+from dynident.apps.tuning.config import bench_of, tuned_text
 from dynident.motion.log import Log
 from dynident.project.project import Project, read_project
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError
-from dynident.runtime.families import ESTIMATORS, TERMS
 from tests.apps.tuning.arms import JOINTS, recording
 from tests.robots import ARM
 
@@ -55,53 +54,61 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def bench(folder: Path) -> Bench:
-    project_of(folder, settings())
-    project, bench = read_bench(folder / "robot.yaml")
-    assert project.path.name == "robot.yaml"
-    return bench
+def project(folder: Path) -> Project:
+    return project_of(folder, settings())
 
 
-def explicit(bench: Bench, tuning: Any) -> dict[str, Any]:
-    """The configuration of a tuning, written out."""
-    recipe = bench.recipe(tuning)
-    factor = {name: 10 ** (one / 2) for name, one in zip(JOINTS, tuning.degree, strict=True)}
-    speeds = {name: one for name, one in zip(JOINTS, tuning.min_speed, strict=True) if one}
-    data = settings(
-        smoother={"kind": "spline", "factor": factor},
-        estimator=ESTIMATORS.describe(recipe.estimator),
-        delay=tuning.time_offset,
-        min_speed=speeds,
-        unfitted=list(tuning.unfitted),
-        filter={"decimate": tuning.filter.decimate},
-    )
-    data["model"] |= {
-        "base_tilt": list(recipe.base_tilt) if isinstance(recipe.base_tilt, tuple) else "none",
-        "terms": [TERMS.describe(one) for one in bench.switches.terms(tuning.terms)],
-    }
-    for role, name in (("train", "monday"), ("validation", "tuesday")):
-        data[role][0]["exclude"] = [list(one) for one in tuning.windows(name)]
-    return data
+@pytest.fixture(scope="module")
+def bench(project: Project) -> Bench:
+    return bench_of(project)
 
 
-def test_what_is_written_down_is_identified_the_same(folder: Path, bench: Bench) -> None:
+def test_what_is_saved_is_identified_the_same(project: Project, bench: Bench, tmp_path: Path) -> None:
     start = bench.start
     assert start.windows("monday") == ((1.0, 1.5),)
     tuning = start.with_degree(0.8, 0).with_degree(-0.2, 2).exclude("monday", 4.0, 5.0).exclude("tuesday", 2.0, 3.0)
     tuning = tuning.with_terms(0, ("viscous", "stribeck")).with_terms(2, (*start.terms[2], "rotor"))
     tuning = replace(tuning, min_speed=(0.05, 0.0, 0.0), unfitted=("rail",), filter=ParallelFilter(decimate=2))
-    here = bench.identify(tuning)
-    project = project_of(folder, explicit(bench, tuning), "explicit.yaml")
-    there = project.identify()
+    here, path = bench.identify(tuning), tmp_path / "elsewhere.yaml"
+    path.write_text(tuned_text(project, bench, tuning, path))
+    saved = read_project(path)
+    there = saved.identify()
     assert there.estimate.names == here.estimate.names
     np.testing.assert_allclose(there.estimate.value, here.estimate.value, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(there.errors.best, here.errors.best, rtol=1e-9)
-    for one, other in zip(there.validations, here.validations, strict=True):
-        assert one.errors.relative_error == pytest.approx(other.errors.relative_error, rel=1e-9)
-        assert one.errors.samples == other.errors.samples
-    again = bench_of(project)
+    for validation, expected in zip(there.validations, here.validations, strict=True):
+        assert validation.errors.relative_error == pytest.approx(expected.errors.relative_error, rel=1e-9)
+        assert validation.errors.samples == expected.errors.samples
+    again = bench_of(saved)
     assert again.start == replace(tuning, degree=again.start.degree)
     assert again.start.degree == pytest.approx(tuning.degree)
+
+
+def test_the_start_is_saved_with_all_that_was_chosen(project: Project, bench: Bench) -> None:
+    text = tuned_text(project, bench, bench.start, project.path)
+    assert text.startswith("# robot.yaml, tuned by hand")
+    settings = yaml.safe_load(text)
+    assert settings["delay"] == bench.start.time_offset
+    assert settings["train"][0]["exclude"] == [[1.0, 1.5]]
+    assert not settings.keys() & {"min_speed", "filter", "unfitted"}
+    plain = yaml.safe_load(tuned_text(project, bench, replace(bench.start, excluded=()), project.path))
+    assert "exclude" not in plain["train"][0]
+
+
+def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(folder: Path) -> None:
+    train = [{"file": "monday.npz", "window": [[None, 4.0], [4.5, 7.5]]}]
+    project = project_of(folder, settings(train=train), "parts.yaml")
+    bench = bench_of(project)
+    first, second = bench.logs["train"]
+    tuning = bench.start.exclude(first, 2.0, float(bench.logs["train"][second].t[0]) + 1.0)
+    ((start, stop),) = yaml.safe_load(tuned_text(project, bench, tuning, project.path))["train"][0]["exclude"]
+    assert start == 2.0
+    assert 3.9 < stop < 4.1
+
+
+def test_a_tuning_of_another_bench_is_refused(project: Project, bench: Bench) -> None:
+    with pytest.raises(ConfigError, match="degree has 1 entries for 3 joints"):
+        tuned_text(project, bench, replace(bench.start, degree=(1.0,)), project.path)
 
 
 def test_what_there_is_to_choose_from(bench: Bench) -> None:
@@ -118,7 +125,7 @@ def test_an_estimator_goes_by_the_kind_of_the_configuration(folder: Path) -> Non
     assert not on.fit(on.start).exact
 
 
-def test_training_too_long_for_the_memory_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_training_too_long_for_the_memory_is_refused(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Project, "long", True)
     with pytest.raises(ConfigError, match="too long for the memory"):
-        read_bench(folder / "robot.yaml")
+        bench_of(project)

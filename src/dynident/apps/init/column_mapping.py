@@ -53,6 +53,11 @@ class ChannelProposal:
     factor: tuple[float, float] | None = None
     wraps: float | None = None
 
+    @property
+    def needs_gain(self) -> bool:
+        """Whether a gain is to be filled in."""
+        return bool(self.gain) and self.factor is None
+
 
 @dataclass(frozen=True)
 class ColumnMapping:
@@ -126,7 +131,9 @@ def map_columns(
     locked = _lock_positions(table, joints, names, signals)
     return ColumnMapping(
         time=time,
-        position=_complete_positions(signals, identified_joints),
+        position={
+            joint.name: signals.get(joint.name, _missing_channel(joint, POSITIONS)) for joint in identified_joints
+        },
         torque=_torque_channels(table, identified_joints, torque, ros),
         lock={name: (q, "" if name in still else why) for name, (q, why) in locked.items()},
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
@@ -158,12 +165,6 @@ def _motion_range(tables: Sequence[DataTable], joint: MovableJoint, signal: Chan
     recordings = [finite_values(table.columns[signal.column]) for table in tables if signal.column in table.columns]
     ends = [end for q in recordings if len(q) for end in (q.min(), q.max())]
     return UNITS[POSITIONS[joint.kind]][signal.unit] * float(np.ptp(ends)) if ends else math.inf
-
-
-def _complete_positions(
-    signals: Mapping[str, ChannelProposal], joints: Iterable[MovableJoint]
-) -> dict[str, ChannelProposal]:
-    return {joint.name: signals.get(joint.name, _missing_channel(joint, POSITIONS)) for joint in joints}
 
 
 def _unused_columns(table: DataTable, rows: int, time: TimeColumn, matches: Iterable[Match]) -> tuple[str, ...]:
@@ -372,29 +373,19 @@ def _lock_positions(
     for joint in joints:
         if joint.name in identified or (joint.follows and joint.follows not in identified):
             continue
-        signal = recorded.get(joint.name)
+        signal, limits = recorded.get(joint.name), joint.limits
+        unit = _si_unit(joint, POSITIONS)
         if joint.follows:
             lock[joint.name] = 0.0, f"it follows {joint.follows!r}, which moves: a model cannot have both"
         elif signal is not None and signal.column is not None:
-            lock[joint.name] = _recorded_lock(joint, finite_values(table.columns[signal.column]), signal.unit)
+            q = finite_values(table.columns[signal.column]) * UNITS[POSITIONS[joint.kind]][signal.unit]
+            span = float(np.ptp(q)) if len(q) else 0.0
+            moves = f"it moves by {span:.2g} {unit} in the log" if span > _MAX_LOCKED_MOTION else ""
+            lock[joint.name] = (round(float(np.median(q)), _LOCK_DECIMALS) + 0.0 if len(q) else 0.0), moves
         else:
-            lock[joint.name] = _default_lock(joint)
+            # the position nearest to zero that the joint can have
+            low = -math.inf if limits.lower is None else limits.lower
+            high = math.inf if limits.upper is None else limits.upper
+            question = f"it is not in the log: where does it stand ({unit})?"
+            lock[joint.name] = min(max(0.0, low), high), question
     return lock
-
-
-def _recorded_lock(joint: MovableJoint, column: Array, unit: str) -> tuple[float, str]:
-    """Return the position of a recorded joint, and a question where it moves."""
-    q = column * UNITS[POSITIONS[joint.kind]][unit]
-    if not len(q):
-        return 0.0, ""
-    span = float(np.ptp(q))
-    moves = f"it moves by {span:.2g} {_si_unit(joint, POSITIONS)} in the log" if span > _MAX_LOCKED_MOTION else ""
-    return round(float(np.median(q)), _LOCK_DECIMALS) + 0.0, moves
-
-
-def _default_lock(joint: MovableJoint) -> tuple[float, str]:
-    """Return the position nearest to zero within the limits of a joint, and the question where it stands."""
-    # the position nearest to zero that the joint can have
-    low = -math.inf if joint.limits.lower is None else joint.limits.lower
-    high = math.inf if joint.limits.upper is None else joint.limits.upper
-    return min(max(0.0, low), high), f"it is not in the log: where does it stand ({_si_unit(joint, POSITIONS)})?"

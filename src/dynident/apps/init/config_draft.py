@@ -41,7 +41,6 @@ _GAIN_QUESTION = (
     "Errors in % do not depend on a factor that all gains share, but masses, inertias and friction do; data sheets or "
     "a known payload tell it"
 )
-_AT_REST_NOTE = "; outside, the arm is at rest, where friction is not determined"
 
 SMOOTHER = Spline(factor=8.0)  # position noise may not be white, and the slow torque of gravity tells most
 
@@ -148,18 +147,22 @@ def draft_config(
         page.line("gaps: split  # the stamps have gaps; each piece is smoothed separately")
     page.line("")
     page.line("estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares")
-    strange = f"recorded, but not in the robot file, so left out: {join_names(map(repr, mapping.unknown_joints))}."
+    notes = []
+    if mapping.still_joints:
+        notes.append(
+            "no motion in the logs, or next to none, so locked where they stand (`model.lock`): "
+            f"{join_names(map(repr, mapping.still_joints))}; what they carry is part of the body before them, and they "
+            "have no friction of their own."
+        )
+    if mapping.unknown_joints:
+        names = join_names(map(repr, mapping.unknown_joints))
+        notes.append(f"recorded, but not in the robot file, so left out: {names}.")
     table = sources[0].table
-    faults = [f"{name!r} {fault}" for name, fault in table.faults.items() if page.blanks and name not in table.texts]
-    still = (
-        "no motion in the logs, or next to none, so locked where they stand (`model.lock`): "
-        f"{join_names(map(repr, mapping.still_joints))}; what they carry is part of the body before them, and they "
-        "have no friction of their own."
-    )
-    notes = (*((still,) if mapping.still_joints else ()), *((strange,) if mapping.unknown_joints else ()), *faults)
+    if page.blanks:
+        notes += [f"{name!r} {fault}" for name, fault in table.faults.items() if name not in table.texts]
     # names and reasons come from files: a control character must not start a new line or hide text
     text = "\n".join(UNPRINTABLE.sub("?", line) for line in page.lines) + "\n"
-    return ConfigDraft(text, notes, tuple(page.questions), tuple(page.blanks))
+    return ConfigDraft(text, tuple(notes), tuple(page.questions), tuple(page.blanks))
 
 
 @dataclass(frozen=True)
@@ -229,33 +232,25 @@ def _write_channels(page: _Page, section: str, signals: Mapping[str, ChannelProp
     page.line("")
     page.line(f"{section}:  # {reason}" if reason else f"{section}:")
     questions = {signal.question for signal in signals.values()}
-    common_question = (
-        questions.pop() if len(questions) == 1 and len(signals) > 1 else ""
-    )  # asked once, not joint by joint
+    # asked once, not joint by joint
+    common_question = questions.pop() if len(questions) == 1 and len(signals) > 1 else ""
     if common_question:
         page.ask(section, common_question)
     if any(signal.factor for signal in signals.values()):
         page.ask(section, _GAIN_QUESTION)
     _request_missing(page, section, signals)
     for name, channel in signals.items():
-        complete = channel.column is not None and not _needs_gain(channel)
-        question = _factor_question(channel) if channel.factor else "" if common_question else channel.question
+        complete = channel.column is not None and not channel.needs_gain
+        question = "" if common_question else channel.question
+        if channel.factor:
+            value, std = channel.factor
+            question = f"{value:.4g} +- {std:.2g} from the robot file: {channel.gain}?"
         page.line(_channel_line(name, channel), f"{section}.{name}", question if complete else "")
-
-
-def _needs_gain(signal: ChannelProposal) -> bool:
-    """Whether a gain is to be filled in."""
-    return bool(signal.gain) and signal.factor is None
-
-
-def _factor_question(signal: ChannelProposal) -> str:
-    value, std = signal.factor or (math.nan, math.nan)
-    return f"{value:.4g} +- {std:.2g} from the robot file: {signal.gain}?"
 
 
 def _request_missing(page: _Page, section: str, signals: Mapping[str, ChannelProposal]) -> None:
     """Ask for the gains and columns of a section that are missing."""
-    gains = sorted({signal.gain for signal in signals.values() if _needs_gain(signal)})
+    gains = sorted({signal.gain for signal in signals.values() if signal.needs_gain})
     if gains:
         page.request_entry(section, f"the gains: {' or '.join(gains)}")
     missing = [name for name, signal in signals.items() if signal.column is None]
@@ -269,7 +264,7 @@ def _channel_line(name: str, signal: ChannelProposal) -> str:
         return f"  # {_yaml_name(name)}: {{ column: , unit: {signal.unit} }}"
     gain = f" gain: {signal.factor[0]:.4g}," if signal.factor else " gain: ," if signal.gain else ""
     gain += f" wraps: {signal.wraps!r}," if signal.wraps else ""
-    start = "  # " if _needs_gain(signal) else "  "
+    start = "  # " if signal.needs_gain else "  "
     return f"{start}{_yaml_name(name)}: {{ column: {_yaml_name(signal.column)},{gain} unit: {signal.unit} }}"
 
 
@@ -293,30 +288,22 @@ def _write_logs(page: _Page, mapping: ColumnMapping, sources: Sequence[LogSource
         # the last log is the validation, as another motion is the better test
         *train, last = sources
         page.line("train:")
-        page.lines.extend(
-            line for source in train for line in (*_log_lines(source, folder), *_window_lines(mapping, source.table))
-        )
+        page.lines.extend(line for source in train for line in _log_lines(source, folder))
         page.line("validation:  # held out, to judge the fit; best on another motion")
-        page.lines.extend((*_log_lines(last, folder), *_window_lines(mapping, last.table)))
+        page.lines.extend(_log_lines(last, folder))
         return
-    start, stop, cut = _motion_span(mapping, sources[0].table)
-    page.line(f"train:  # the first {100 * _TRAINING_SHARE:.0f} % of the only log")
-    for role, window in (("train", f"[{start}, {cut}]"), ("validation", f"[{cut}, {stop}]")):
-        if role == "validation":
-            page.line("validation:  # its rest; another motion is a better test")
+    cut = _cut_time(mapping, sources[0].table)
+    for role, head, window in (
+        ("train", f"the first {100 * _TRAINING_SHARE:.0f} % of the only log", f"[null, {cut}]"),
+        ("validation", "its rest; another motion is a better test", f"[{cut}, null]"),
+    ):
+        page.line(f"{role}:  # {head}")
         page.lines.extend(_log_lines(sources[0], folder))
-        if cut != "null":
-            page.line(f"    window: {window}  # s{_AT_REST_NOTE if window.count('null') == 0 else ''}")
+        if cut:
+            page.line(f"    window: {window}  # s")
         else:
             page.request_entry(f"{role}[0].window", "start and stop in s, because the times are not known", "    ")
             page.line("    # window: [ , ]")
-
-
-def _window_lines(mapping: ColumnMapping, table: DataTable) -> Iterator[str]:
-    """Yield the window in which the arm moves, if it rests for long before or after."""
-    start, stop, _ = _motion_span(mapping, table)
-    if (start, stop) != ("null", "null"):
-        yield f"    window: [{start}, {stop}]  # s{_AT_REST_NOTE}"
 
 
 def _log_lines(source: LogSource, folder: Path) -> Iterator[str]:
@@ -332,24 +319,19 @@ def _log_lines(source: LogSource, folder: Path) -> Iterator[str]:
         yield f"    width: {{ {widths} }}  # one number per line; this many form a row"
 
 
-def _motion_span(mapping: ColumnMapping, table: DataTable) -> tuple[str, str, str]:
-    """Return start and end of the motion, and the time at which a single log is cut (s), as rounded texts.
-
-    Start and end are "null" where the arm moves from the first or to the last sample; all three are "null" where
-    the times are not known.
-    """
+def _cut_time(mapping: ColumnMapping, table: DataTable) -> str:
+    """Return the time (s) at which the motion of a single log is cut, rounded; empty where the times are not known."""
     rows = _times_and_positions(mapping, table)
     if len(rows) < 2 or not rows[-1, 0] > rows[0, 0]:
-        return "null", "null", "null"
+        return ""
     t, q = rows[:, 0], rows[:, 1:]
     start, stop = float(t[0]), float(t[-1])
     # the span of the motion is known only with increasing stamps
     if q.size and (np.diff(t) > 0).all():
         start, stop = moving_span(Log(t, q, np.zeros(q.shape), tuple(map(str, range(q.shape[1])))))
-    # digits for a resolution of 1 % of the window or better
+    # digits for a resolution of 1 % of the motion or better
     digits = max(0, 2 - math.floor(math.log10(stop - start)))
-    start_text, stop_text = (f"{x:.{digits}f}" if x != end else "null" for x, end in ((start, t[0]), (stop, t[-1])))
-    return (start_text, stop_text, f"{start + _TRAINING_SHARE * (stop - start):.{digits}f}")
+    return f"{start + _TRAINING_SHARE * (stop - start):.{digits}f}"
 
 
 def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:

@@ -87,20 +87,16 @@ def best_pair(
         for match in (match_family(family, joints, joints_by_number) for family in column_families if family.rank > -2)
         if match.columns
     ]
-    positions, torques = (_select_role(matches, *roles) for roles in (("position",), ("torque", "current")))
-    # all pairs are compared, each also without its partner, as positions alone are better than a wrong pair
-    pairs = (pair for pair in product([*positions, None], [*torques, None]) if _has_equal_length(table, pair))
+    positions = [match for match in matches if match.family.role == "position"]
+    torques = [match for match in matches if match.family.role in ("torque", "current")]
+    # all pairs of one length are compared, each also without its partner: positions alone beat a wrong pair
+    pairs = (
+        pair
+        for pair in product([*positions, None], [*torques, None])
+        if len({match_length(table, match) for match in pair if match}) == 1
+    )
     position, torque = max(pairs, key=_pair_merit, default=(None, None))
     return _ask_about_rivals(table, position, positions), _ask_about_rivals(table, torque, torques)
-
-
-def _select_role(matches: Iterable[Match], *roles: str) -> list[Match]:
-    return [match for match in matches if match.family.role in roles]
-
-
-def _has_equal_length(table: DataTable, pair: tuple[Match | None, Match | None]) -> bool:
-    """Return whether there are columns, all of one length."""
-    return len({match_length(table, match) for match in pair if match}) == 1
 
 
 def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
@@ -172,19 +168,13 @@ def _match_by_number(family: ColumnFamily, numbered: Mapping[int, str], joints: 
             by_number = {chain[k]: column for k, column in numbered.items()}
             return Match(family, by_number, "matched by the number in the joints' names")
     order = next((list(chain.values()) for chain in chains if len(chain) == len(numbered)), None)
-    return _match_in_order(family, numbered, order or [joint.name for joint in joints])
-
-
-def _match_in_order(family: ColumnFamily, columns: Mapping[int, str], order: Sequence[str]) -> Match:
-    """Match numbered columns to joints in this order, with the question whether that is right."""
-    numbers, matched = list(columns), dict(zip(order, columns.values(), strict=False))
-    return Match(
-        family,
-        matched,
-        "matched by order",
+    order = order or [joint.name for joint in joints]
+    numbers, matched = list(numbered), dict(zip(order, numbered.values(), strict=False))
+    question = (
         f"the columns are numbered {numbers[0]} to {numbers[-1]} and the joints are called {order[0]} to "
-        f"{order[len(matched) - 1]}: is this order right?",
+        f"{order[len(matched) - 1]}: is this order right?"
     )
+    return Match(family, matched, "matched by order", question)
 
 
 def _numbered_chains(joints: Iterable[MovableJoint]) -> list[dict[int, str]]:
@@ -382,9 +372,6 @@ def _coupled_joints(file: RobotFile) -> dict[str, str]:
     bound: dict[str, str] = {}
     for constraint in file.constraints:
         if isinstance(constraint, JointCoupling):
-            bound |= {name: _partner_joint(name, constraint.joints) for name in constraint.joints if name not in bound}
+            for name in constraint.joints:
+                bound.setdefault(name, next((joint for joint in constraint.joints if joint != name), name))
     return bound
-
-
-def _partner_joint(name: str, joints: Sequence[str]) -> str:
-    return next((joint for joint in joints if joint != name), name)

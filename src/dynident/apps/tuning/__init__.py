@@ -4,7 +4,7 @@ from dynident.apps.tuning.bench import Bench
 from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
 from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
 from dynident.apps.tuning.server import serve_configuration
-from dynident.apps.tuning.tuning import Tuning, parse_query, to_query
+from dynident.apps.tuning.tuning import Tuning
 
 __all__ = [
     "Bench",
@@ -13,7 +13,5 @@ __all__ = [
     "QuickFit",
     "SmoothedJoint",
     "Tuning",
-    "parse_query",
     "serve_configuration",
-    "to_query",
 ]

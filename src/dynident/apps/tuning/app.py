@@ -4,29 +4,30 @@ scripts.
 
 from __future__ import annotations
 
-import json
 import traceback
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, set_props
 from dash.exceptions import PreventUpdate
+from flask import Response, request
+from werkzeug.exceptions import HTTPException
 
 from dynident.apps.tuning.answers import Page
+from dynident.apps.tuning.layout import tuning_page
 from dynident.report.page import stylesheet
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.session import Session
 
 FAULT_TEXT = "This is a fault of dynident, which its terminal describes: {}"
-FILE_OUTPUTS = (("unsaved", "children"), ("save", "disabled"), ("undo", "disabled"))  # what follows from the file, too
 
 
 def make_app(session: Session, token: str) -> Dash:
     """Return the application of a session, all its paths below a token."""
     app = Dash(
         __name__,
-        title=f"Tune {session.path.name}",
+        title=f"Tune {session.project.path.name}",
         update_title="",
         requests_pathname_prefix=f"/{token}/",
         routes_pathname_prefix=f"/{token}/",
@@ -39,23 +40,16 @@ def make_app(session: Session, token: str) -> Dash:
     )
     app.index_string = app.index_string.replace("<html>", '<html lang="en">')
     page = Page(session)
-    app.layout = page.layout
-    app.server.add_url_rule(f"/{token}/page.css", "page.css", _stylesheet_response)
+    app.layout = tuning_page(session.project.path.name, session.bench)
+    app.server.add_url_rule(f"/{token}/page.css", "page.css", lambda: Response(stylesheet(), mimetype="text/css"))
     app.server.add_url_rule(f"/{token}/alive", "alive", lambda: ("", 204))
     # these two answer past Dash: slider positions come fast, and their order matters
     for name, answer in (("curves", page.curves), ("act", page.act)):
         app.server.add_url_rule(f"/{token}/{name}", name, _json_view(session, answer), methods=["POST"])
     app.server.register_error_handler(Exception, lambda error: _handle_error(session, error))
-    _register_start(app, page)
     _register_server_callbacks(app, page)
     _register_page_callbacks(app)
     return app
-
-
-def _stylesheet_response() -> Any:
-    from flask import Response
-
-    return Response(stylesheet(), mimetype="text/css")
 
 
 def _json_view(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> Callable[[], Any]:
@@ -63,26 +57,18 @@ def _json_view(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> 
 
     def view() -> Any:
         """Answer in JSON, also where an unexpected error occurs."""
-        from flask import Response, request
-
         content = request.get_json()
         try:
-            reply = answer(content if isinstance(content, dict) else {})
-        except PreventUpdate:
-            reply = {"words": "The logs are still being read.", "wrong": True}
+            return answer(content if isinstance(content, dict) else {})
         except Exception as error:
             session.fault("".join(traceback.format_exception(error)))
-            reply = {"words": FAULT_TEXT.format(error), "wrong": True}
-        return Response(json.dumps(reply), mimetype="application/json")
+            return {"words": FAULT_TEXT.format(error), "wrong": True}
 
     return view
 
 
 def _handle_error(session: Session, error: Exception) -> Any:
     """Answer a request that is not one of the page; the terminal gets a line for errors that are not HTTP's own."""
-    from flask import Response
-    from werkzeug.exceptions import HTTPException
-
     if isinstance(error, HTTPException) and error.code is not None:
         return error if error.code < 400 else Response(error.description, error.code, mimetype="text/plain")
     session.fault(f"A request could not be answered: {type(error).__name__}: {error}")
@@ -96,36 +82,20 @@ def _report_fault(session: Session, error: Exception) -> None:
     raise PreventUpdate
 
 
-def _register_start(app: Dash, page: Page) -> None:
-    outputs = (("step", "children"), ("bar", "style"), ("failure", "children"), ("again", "hidden"), ("ready", "data"))
-    app.callback(
-        [Output(*output) for output in outputs], [Input("waiting", "n_intervals"), Input("again", "n_clicks")]
-    )(page.waiting)
-    app.clientside_callback(ClientsideFunction("tune", "reload"), Output("track", "title"), Input("ready", "data"))
-
-
 def _register_server_callbacks(app: Dash, page: Page) -> None:
     """Register what the server answers; what follows from the address is requested when the page loads, too."""
     address, tab, initial_call = Input("address", "search"), State("tab", "data"), {"prevent_initial_call": False}
-    file_outputs = [Output(*output, allow_duplicate=True) for output in FILE_OUTPUTS]
-    # several callbacks write these outputs, which Dash must be told
-    complaint = Output("complaint", "children", allow_duplicate=True)
-    outputs = (("synced", "data"), ("windows", "children"), ("drawn-name", "children"), ("torque-name", "children"))
+    # two callbacks write these outputs, which Dash must be told
+    saved, complaint = (Output(name, "children", allow_duplicate=True) for name in ("saved", "complaint"))
+    shown = [Output(name, "children") for name in ("windows", "drawn-name", "torque-name", "unsaved")]
     app.callback(
-        [*(Output(*output) for output in (*outputs, ("filtering", "hidden"))), *file_outputs, complaint],
+        [Output("synced", "data"), Output("filtering", "hidden"), *shown, saved, complaint],
         address,
         prevent_initial_call="initial_duplicate",
     )(page.sync)
-    app.callback(
-        [Output("saved", "children"), *file_outputs, complaint],
-        [Input("save", "n_clicks"), Input("undo", "n_clicks")],
-        State("address", "search"),
-    )(page.save)
-    outputs = (("numbers", "children"), ("errors", "children"), ("changed", "children"), ("parameters", "children"))
-    fit_outputs = (("last", "data"), ("fit-complaint", "children"), ("state", "children"))
-    app.callback(
-        [Output(*output) for output in (*outputs, *fit_outputs)], address, State("last", "data"), tab, **initial_call
-    )(page.fit)
+    app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"))(page.save)
+    shown = [Output(name, "children") for name in ("numbers", "errors", "parameters", "fit-complaint")]
+    app.callback([Output("last", "data"), *shown], address, State("last", "data"), tab, **initial_call)(page.fit)
     app.callback(
         Output("torque-data", "data"), Input("last", "data"), Input("zoomed", "data"), State("address", "search")
     )(page.torque)

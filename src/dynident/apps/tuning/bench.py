@@ -2,72 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from time import perf_counter
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint, degree_curve, rule_degrees, smoothed_joint
-from dynident.apps.tuning.quick_fit import (
-    QuickFit,
-    columns_in,
-    digest,
-    fold_factors,
-    keep_unfitted,
-    quick_fit,
-    select_columns,
-    without_joints,
-)
+from dynident.apps.tuning.quick_fit import QuickFit, fold_factors, quick_fit
 from dynident.apps.tuning.switches import Offers, Switches, estimators_of, noise_of, start_of
 from dynident.apps.tuning.tuning import Tuning
 from dynident.checks import with_findings
 from dynident.estimators import Estimator, Problem
 from dynident.identification import Identification, Recipe, cut_excerpts, identify, tilt_base
 from dynident.identification.calibration import with_load
-from dynident.identification.dataset import Dataset, Motions, RoleMotions
+from dynident.identification.dataset import Dataset, Motions
 from dynident.models import Model, drop_load_dependence
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Smoother, Spline, TimeShifted, smooth_log, strip_time_offset
 from dynident.motion.splines import Constraint
-from dynident.regression import Regression, Selection, TriangularFactors, merge_factors, one_thread
+from dynident.regression import Regression, merge_factors, one_thread
 from dynident.runtime import ConfigError, choices, join_names
 from dynident.runtime.cache import Cache
 
 Array = NDArray[np.float64]
 Logs = Mapping[str, Mapping[str, Log]]
+T = TypeVar("T")
 MAX_CACHED_VALUES = 4e6  # samples times joints of all results that are kept together: about a gigabyte
-
-
-@dataclass(frozen=True, eq=False)
-class _Caches:
-    """Results that are kept by tuning: two tabs ask at once, and someone who goes back waits for nothing."""
-
-    logs: Cache[Dataset]
-    motions: Cache[Motions]
-    joints: Cache[Motion]
-    factors: Cache[tuple[TriangularFactors, ...]]
-    fits: Cache[QuickFit]
-    curves: Cache[DegreeCurve]
-    marks: Cache[dict[str, tuple[float, ...]]]
-    identifications: Cache[Identification]
-
-    @classmethod
-    def of(cls, values: int) -> _Caches:
-        """Return empty caches for logs with so many ``values`` (samples times joints): of long logs less is kept."""
-        size = int(np.clip(MAX_CACHED_VALUES / max(values, 1), 2, 12))
-        return cls(
-            logs=Cache(size),
-            motions=Cache(size),
-            joints=Cache(5 * size),
-            factors=Cache(16),
-            fits=Cache(size),
-            curves=Cache(64),
-            marks=Cache(8),
-            identifications=Cache(size),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +49,20 @@ class Bench:
     start: Tuning
     estimators_by_kind: Mapping[str, Estimator]
     multi_turn: frozenset[str] = frozenset()
-    _known: _Caches = field(init=False, repr=False)
+    _caches: Mapping[str, Cache[Any]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        # results are kept by tuning: two tabs ask at once, and someone who goes back waits for nothing
         values = sum(log.q.size for by_name in self.logs.values() for log in by_name.values())
-        object.__setattr__(self, "_known", _Caches.of(values))
+        size = int(np.clip(MAX_CACHED_VALUES / max(values, 1), 2, 12))  # of long logs less is kept
+        sizes = dict.fromkeys(("log", "motion", "fit", "identification"), size)
+        sizes |= {"joint": 5 * size, "curve": 64, "mark": 8}
+        object.__setattr__(self, "_caches", {name: Cache(count) for name, count in sizes.items()})
+
+    def _keep(self, cache: str, key: Hashable, compute: Callable[[], T]) -> T:
+        """Return a result that is kept, else computed."""
+        value: T = self._caches[cache](key, compute)
+        return value
 
     def __repr__(self) -> str:
         roles = "; ".join(f"{role} {join_names(by_name, 3) or 'none'}" for role, by_name in self.logs.items())
@@ -110,8 +82,7 @@ class Bench:
         level), logs by role and name as they are read, and their identification.
 
         ``switchable`` says whether terms can be switched: those of a model that is built of a robot file can.
-        ``estimator`` is the kind of the estimator, by
-        default the name of its class.
+        ``estimator`` is the kind of the estimator, by default the name of its class.
         """
         joints = tuple(joint.name for joint in model.joints)
         read_logs = {
@@ -208,7 +179,7 @@ class Bench:
             return smooth_log(spline, repaired.select((joint,)))
 
         if self._is_tuned(tuning.degree):
-            motion = self._known.joints((tuning.excluded, log, joint, tuning.degree[j]), make_motion)
+            motion = self._keep("joint", (tuning.excluded, log, joint, tuning.degree[j]), make_motion)
         else:
             motion = self._motions(tuning, 0.0)[role][log]
         return smoothed_joint(logs.trimmed[role][log], repaired, motion, joint, noise)
@@ -216,7 +187,7 @@ class Bench:
     def fit(self, tuning: Tuning) -> QuickFit:
         """Return the quick fit: that of ``identify`` without the correction of the bias by errors of the motion."""
         self.check(tuning)
-        return self._known.fits(tuning, lambda: self._fit(tuning))
+        return self._keep("fit", tuning, lambda: self._fit(tuning))
 
     def curve(self, tuning: Tuning, joint: str | None = None) -> DegreeCurve:
         """Return the cross-validated error over the degree of smoothing of all joints, or of one alone."""
@@ -226,7 +197,7 @@ class Bench:
         # The degree that the curve is over is not part of the key.
         at = tuning.with_degree(0.0, None if joint is None else self.joints.index(joint))  # it is moved anyway
         key = replace(at, estimator="", min_speed=(), filter=None)
-        return self._known.curves((key, joint), lambda: self._curve(at, joint))
+        return self._keep("curve", (key, joint), lambda: self._curve(at, joint))
 
     def identify(self, tuning: Tuning) -> Identification:
         """Return the identification of a tuning, with the findings of the checks.
@@ -237,7 +208,7 @@ class Bench:
         self.check(tuning)
         if tuning == self.start:
             return self.identification
-        return self._known.identifications(tuning, lambda: self._identify(tuning))
+        return self._keep("identification", tuning, lambda: self._identify(tuning))
 
     def _identify(self, tuning: Tuning) -> Identification:
         model, recipe, logs = self.model(tuning), self.recipe(tuning), self._role_logs(tuning).recorded
@@ -245,47 +216,19 @@ class Bench:
         return with_findings(identification, model, logs, recipe, multi_turn=self.multi_turn)
 
     def _fit(self, tuning: Tuning) -> QuickFit:
-        start_time = perf_counter()
         with one_thread():
             recipe, logs, full_model = self.recipe(tuning), self._role_logs(tuning), self.model(tuning)
             preliminary_model, selection = drop_load_dependence(full_model), recipe.selection(full_model.joints)
             motions = logs.prepare_motions(preliminary_model, self._motions(tuning, tuning.time_offset), recipe)
-            train_motions = motions.train
-            model = self._tilt_base(preliminary_model)
-            model = with_load(full_model, model, train_motions, recipe.estimator, selection)
-            folds = self._folds(tuning, model, motions, logs)
-            factors = merge_factors(folds)
-            train_motions = tuple(map(model.remembering, train_motions))
-            regression = Regression(model, train_motions, selection).with_factors(factors)
-            problem = Problem(model, train_motions, regression, logs.fitted_logs(motions), tuning.time_offset)
-            fit = quick_fit(problem, recipe.estimator, folds, factors, motions.by_role)
-        return replace(fit, seconds=perf_counter() - start_time)
-
-    def _folds(
-        self, tuning: Tuning, model: Model, motions: RoleMotions, logs: Dataset
-    ) -> tuple[TriangularFactors, ...]:
-        """Return the factors of a model in folds, as columns of those of all terms where it has no memory."""
-        # Factors of all terms at once, so that switching a term needs no pass over the samples.
-        superset = self._tilt_base(self.switches.superset)
-        columns = None if model.memory else columns_in(superset, model)
-        factor_model = model if columns is None else superset
-        speeds = tuning.min_speed if any(tuning.min_speed) else None
-        train_motions = tuple(keep_unfitted(motion, tuning.unfitted) for motion in motions.train)
-        train = logs.train_logs
-        key = (tuning.excluded, tuning.degree, tuning.time_offset, speeds, tuning.filter, digest(train_motions, train))
-        # With memory the columns depend on the chosen terms and on the load.
-        term_key = None if columns is not None else (tuning.terms, model.load)
-
-        def make_factors() -> tuple[TriangularFactors, ...]:
-            return fold_factors(
-                Regression(
-                    factor_model, tuple(map(factor_model.remembering, train_motions)), Selection(tuning.filter, speeds)
-                )
+            model = with_load(
+                full_model, self._tilt_base(preliminary_model), motions.train, recipe.estimator, selection
             )
-
-        factors = self._known.factors((key, term_key), make_factors)
-        factors = without_joints(factors, [self.joints.index(name) for name in tuning.unfitted])
-        return factors if columns is None else select_columns(factors, columns)
+            train_motions = tuple(map(model.remembering, motions.train))
+            regression = Regression(model, train_motions, selection)
+            folds = fold_factors(regression)
+            regression = regression.with_factors(merge_factors(folds))
+            problem = Problem(model, train_motions, regression, logs.fitted_logs(motions), tuning.time_offset)
+            return quick_fit(problem, recipe.estimator, folds, motions.by_role)
 
     def _curve(self, tuning: Tuning, joint: str | None) -> DegreeCurve:
         with one_thread():
@@ -299,7 +242,7 @@ class Bench:
             def spline(degree: tuple[float, ...]) -> Smoother:
                 return _with_time_offset(self._tuned_spline(degree), tuning.time_offset)
 
-            rule_marks = self._known.marks((tuning.excluded, tuning.unfitted), marks)
+            rule_marks = self._keep("mark", (tuning.excluded, tuning.unfitted), marks)
             j = None if joint is None else self.joints.index(joint)
             torque_curve = degree_curve(model, logs, spline, tuning.degree, j)
             return replace(torque_curve, marks={**rule_marks, **torque_curve.marks})
@@ -320,12 +263,12 @@ class Bench:
             recipe = replace(self.identification.recipe, unfitted=tuning.unfitted)
             return Dataset.of(roles["train"], roles["validation"], recipe, self.joints)
 
-        return self._known.logs((tuning.excluded, tuning.unfitted), make_logs)
+        return self._keep("log", (tuning.excluded, tuning.unfitted), make_logs)
 
     def _motions(self, tuning: Tuning, time_offset: float) -> Motions:
         key = (tuning.excluded, tuning.unfitted, tuning.degree, time_offset)
         smoother = _with_time_offset(self._spline(tuning.degree), time_offset)
-        return self._known.motions(key, lambda: self._role_logs(tuning).smooth(smoother))
+        return self._keep("motion", key, lambda: self._role_logs(tuning).smooth(smoother))
 
     def _spline(self, degree: tuple[float, ...]) -> Smoother:
         """Return the smoother with these degrees: the configured one at the start."""

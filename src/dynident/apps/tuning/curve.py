@@ -36,9 +36,9 @@ class SmoothedJoint:
 
     ``dq`` and ``ddq`` are the derivatives, in rad or m, and seconds. ``mask`` (N) is where derivatives of this
     joint are reliable and not excluded; a fit uses the samples at which those of all joints are. The ``residual``
-    (N) is measured less smoothed position, with outliers replaced as in the fit; ``outlier`` (N) marks these.
-    ``degree`` is log10(S/n) as reached, in terms of the ``noise`` (rad, m). ``cutoff`` (Hz) and ``edf``, the
-    effective degrees of freedom, are nan for smoothers other than the spline.
+    (N) is measured less smoothed position, with outliers replaced as in the fit. ``degree`` is log10(S/n) as reached,
+    in terms of the ``noise`` (rad, m). ``cutoff`` (Hz) and ``edf``, the effective degrees of freedom, are nan for
+    smoothers other than the spline.
     """
 
     log: str
@@ -49,7 +49,6 @@ class SmoothedJoint:
     dq: Array
     ddq: Array
     residual: Array
-    outlier: Mask
     mask: Mask
     noise: float
     degree: float
@@ -98,8 +97,7 @@ def smoothed_joint(recorded: Log, repaired: Log, motion: Motion, joint: str, noi
     The motion may have other joints as well.
     """
     j, k = motion.joints.index(joint), recorded.joints.index(joint)
-    measured, q, clean = recorded.q[:, k], motion.q[:, j], repaired.q[:, k]
-    residual = clean - q
+    residual = repaired.q[:, k] - motion.q[:, j]
 
     def smoothing_figure(name: str) -> float:
         return float(motion.smoothing[name][j]) if name in motion.smoothing else float("nan")
@@ -108,12 +106,11 @@ def smoothed_joint(recorded: Log, repaired: Log, motion: Motion, joint: str, noi
         motion.source,
         joint,
         motion.t,
-        measured,
-        q,
+        recorded.q[:, k],
+        motion.q[:, j],
         motion.dq[:, j],
         motion.ddq[:, j],
         residual,
-        measured != clean,
         motion.mask,
         noise,
         degree_of(residual, noise),
@@ -155,20 +152,21 @@ def degree_curve(
     """
     degree_vectors = [_set_degree(tuned, degree, joint) for degree in DEGREES]
     motions_by_degree = [_motions(model, logs, spline(vector)) for vector in degree_vectors]
-    usable = [
-        0 if motions is None else sum(int(motion.mask.sum()) for motion in motions) for motions in motions_by_degree
-    ]
+    usable = [sum(int(motion.mask.sum()) for motion in motions) for motions in motions_by_degree]
     # Wide smoothing loses the ends of the logs: drop degrees that would leave too few common samples.
     usable_degrees = [k for k, count in enumerate(usable) if count > MIN_USABLE_SHARE * max(usable)]
     if not usable_degrees:
         raise InputError(f"{logs[0].source}: no degree of smoothing leaves samples to judge it by; exclude less.")
-    usable_motions = [motions for k in usable_degrees if (motions := motions_by_degree[k]) is not None]
+    usable_motions = [motions_by_degree[k] for k in usable_degrees]
     # Every degree is judged on the same samples, those that are reliable for all.
     masks = [
         np.logical_and.reduce([log_motion.mask for log_motion in log_motions])
         for log_motions in zip(*usable_motions, strict=True)
     ]
-    errors = np.array([cross_validated_error(model, _thin_motions(motions, masks)) for motions in usable_motions])
+    masked_motions = [
+        [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)] for motions in usable_motions
+    ]
+    errors = np.array([cross_validated_error(model, thin_motions(motions, ROWS)) for motions in masked_motions])
     degrees = np.array([DEGREES[k] for k in usable_degrees])
     best_degrees = _set_degree(tuned, _best_degree(degrees, errors), joint)
     return DegreeCurve(
@@ -187,17 +185,12 @@ def _set_degree(tuned: tuple[float, ...], degree: float, joint: int | None) -> t
     return tuple(degree if joint in (None, j) else previous for j, previous in enumerate(tuned))
 
 
-def _motions(model: Model, logs: Sequence[Log], smoother: Smoother) -> tuple[Motion, ...] | None:
-    """Return the motions of the logs, None where one cannot be smoothed."""
+def _motions(model: Model, logs: Sequence[Log], smoother: Smoother) -> tuple[Motion, ...]:
+    """Return the motions of the logs, none where one cannot be smoothed."""
     try:
         return tuple(model.remembering(smooth_log(smoother, log)) for log in logs)
     except InputError:
-        return None
-
-
-def _thin_motions(motions: Sequence[Motion], masks: Sequence[NDArray[np.bool_]]) -> tuple[Motion, ...]:
-    usable = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
-    return thin_motions(usable, ROWS)
+        return ()
 
 
 def rule_degrees(logs: Sequence[Log], noise: Sequence[Array], ends: float) -> dict[str, tuple[float, ...]]:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from dynident.apps.tuning.quick_fit import LogPrediction
 
 Zoom = tuple[float, float] | None  # s of the log, None for all of it
+Curve = tuple[int, str, Array, str, float]  # row, name, values, colour, width
 # of a curve: where it is seen, while a slider moves, on either side
 MAX_POINTS, MAX_COARSE_POINTS, MAX_HIDDEN_POINTS = 1400, 600, 120
 SLIDER_RANGE = -3.0, 4.0  # log S/n, from one end of the slider to the other
@@ -51,20 +52,17 @@ def motion_drawing(
     """
     size, prefix = _unit_prefix(smoothed.noise)
     titles = [f"position, {unit}", f"taken away, {prefix}{unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
-    figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
-    start_time = time_origin(smoothed.t)
-    curves = (
+    curves: list[Curve] = [
         (1, "measured", smoothed.measured, PALE, 3.5),
         (1, "smoothed", smoothed.q, BLUE, 1.3),
         (2, "measured minus smoothed", with_gaps(smoothed.residual / size, smoothed.mask), INK, 0.8),
         (3, "velocity", with_gaps(smoothed.dq, smoothed.mask), GREEN, 1.3),
         (4, "acceleration", with_gaps(smoothed.ddq, smoothed.mask), RED, 1.3),
-    )
-    for row, name, values, colour, width in curves:
-        x, y = _thin_hidden(smoothed.t, values, zoom, MAX_POINTS if fine else MAX_COARSE_POINTS)
-        line = curve(x - start_time, y, name, {"color": colour, "width": width}, len(x) + 8)
-        figure.add(line | {"showlegend": row == 1}, row=row)
-    return _finish_time_axes(figure, left_out, start_time, rows=4, of=f"{smoothed.log}/{smoothed.joint}")
+    ]
+    figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
+    points = MAX_POINTS if fine else MAX_COARSE_POINTS
+    of = f"{smoothed.log}/{smoothed.joint}"
+    return _draw_over_time(figure, smoothed.t, curves, left_out, zoom, points, of)
 
 
 def torque_drawing(
@@ -73,17 +71,14 @@ def torque_drawing(
     """Draw a joint's measured and predicted torque over time, and their difference below."""
     motion = log.motion
     measured, predicted = motion.tau[:, joint], with_gaps(log.predicted[:, joint], motion.mask)
-    figure = panels([f"{'force' if unit == 'N' else 'torque'}, {unit}", f"residual, {unit}"], 300, heights=[0.66, 0.34])
-    start_time = time_origin(motion.t)
-    for name, values, colour, width, row in (
-        ("measured", measured, BLUE, 2.2, 1),
-        ("predicted", predicted, RED, 1.1, 1),
-        ("residual", measured - predicted, INK, 0.8, 2),
-    ):
-        x, y = _thin_hidden(motion.t, values, zoom, MAX_POINTS)
-        line = curve(x - start_time, y, name, {"color": colour, "width": width}, len(x) + 8)
-        figure.add(line | {"showlegend": row == 1}, row=row)
-    return _finish_time_axes(figure, left_out, start_time, rows=2, of=f"{log.name}/{joint}")
+    titles = [f"{'force' if unit == 'N' else 'torque'}, {unit}", f"residual, {unit}"]
+    curves: list[Curve] = [
+        (1, "measured", measured, BLUE, 2.2),
+        (1, "predicted", predicted, RED, 1.1),
+        (2, "residual", measured - predicted, INK, 0.8),
+    ]
+    figure = panels(titles, 300, heights=[0.66, 0.34])
+    return _draw_over_time(figure, motion.t, curves, left_out, zoom, MAX_POINTS, f"{log.name}/{joint}")
 
 
 def residual_drawing(smoothed: SmoothedJoint, unit: str) -> Drawing:
@@ -200,10 +195,16 @@ def _plain_line(x: Array, y: Array, name: str, colour: str, width: float = 1.0) 
     return trace("scatter", x=x, y=y, name=name, mode="lines", line=line, meta="ink" if colour == INK else None)
 
 
-def _finish_time_axes(
-    figure: Drawing, left_out: Sequence[tuple[float, float]], start_time: float, rows: int, of: str
-) -> Drawing:
-    """Label the time axis of a figure, and draw the windows that are left out in grey."""
+def _draw_over_time(
+    figure: Drawing, t: Array, curves: Sequence[Curve], left_out: Sequence[tuple[float, float]], zoom: Zoom,
+    points: int, of: str,
+) -> Drawing:  # fmt: skip
+    """Add curves over time, label the time axis, and draw the windows that are left out in grey."""
+    start_time, rows = time_origin(t), curves[-1][0]
+    for row, name, values, colour, width in curves:
+        x, y = _thin_hidden(t, values, zoom, points)
+        line = curve(x - start_time, y, name, {"color": colour, "width": width}, len(x) + 8)
+        figure.add(line | {"showlegend": row == 1}, row=row)
     last_axis = f"x{rows}"
     box = {"type": "rect", "xref": last_axis, "yref": "paper", "y0": 0, "y1": 1, "line": {"width": 0}, "layer": "below"}
     figure.layout["shapes"] = [

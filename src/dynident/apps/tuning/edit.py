@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,11 +12,11 @@ from dynident.report.words import part_words, percent
 from dynident.runtime import ConfigError, choices
 
 if TYPE_CHECKING:
-    from dynident.apps.tuning.answers import View
     from dynident.apps.tuning.bench import Bench
     from dynident.apps.tuning.tuning import Tuning
+    from dynident.apps.tuning.view import View
 
-SettingValue = TypeVar("SettingValue")
+T = TypeVar("T")
 _VIEWS: Mapping[str, Callable[[View, str], View]] = {
     "joint": lambda view, name: replace(view, joint=name),
     "log": lambda view, name: replace(view, log=name),
@@ -38,28 +37,27 @@ def apply_control(view: View, control: str, value: Any, bench: Bench) -> View:
         return _VIEWS[name](view, argument)
     if name not in _SETTINGS:
         raise ConfigError(f"there is no control {name!r}; {choices(name, [*_VIEWS, *_SETTINGS])}")
-    return replace(view, tuning=_SETTINGS[name](view, bench, argument or value))
+    tuning = _SETTINGS[name](view, bench, argument or value)
+    bench.check(tuning)
+    return replace(view, tuning=tuning)
 
 
 def _set_degree(view: View, bench: Bench, value: Any) -> Tuning:
-    joint = bench.joints.index(view.joint) if view.alone else None
-    return view.tuning.with_degree(_parse_number("degree of smoothing", value), joint)
+    degree = view.tuning.with_degree(_parse_number("degree of smoothing", value)).degree
+    return replace(view.tuning, degree=_replace_values(view, bench, view.tuning.degree, degree))
 
 
 def _set_mark(view: View, bench: Bench, name: Any) -> Tuning:
     marks = bench.curve(view.tuning, view.joint if view.alone else None).marks
     if name not in marks:
         raise ConfigError(f"there is no mark {name!r}; {choices(str(name), list(marks))}")
-    degree, mark_degrees = view.tuning.degree, tuple(float(value) for value in marks[name])
-    joint = bench.joints.index(view.joint)
-    return replace(
-        view.tuning, degree=(*degree[:joint], mark_degrees[joint], *degree[joint + 1 :]) if view.alone else mark_degrees
-    )
+    return replace(view.tuning, degree=_replace_values(view, bench, view.tuning.degree, marks[name]))
 
 
 def _set_min_speed(view: View, bench: Bench, value: Any) -> Tuning:
-    speed = _parse_number("minimum speed", 0.0 if value in (None, "") else value, minimum=0.0)
-    return replace(view.tuning, min_speed=_set_joint_value(view, bench, view.tuning.min_speed, speed))
+    speed = _parse_number("minimum speed", value or 0.0)
+    min_speed = view.tuning.min_speed
+    return replace(view.tuning, min_speed=_replace_values(view, bench, min_speed, [speed] * len(min_speed)))
 
 
 def _toggle_term(view: View, bench: Bench, kind: Any) -> Tuning:
@@ -68,10 +66,7 @@ def _toggle_term(view: View, bench: Bench, kind: Any) -> Tuning:
     is_on = kind in view.tuning.terms[bench.joints.index(view.joint)]
     new = [(set(old) | {kind}) - ({kind} if is_on else set()) for old in view.tuning.terms]
     new_terms = [tuple(candidate for candidate in bench.kinds if candidate in kinds) for kinds in new]
-    pairs = zip(bench.joints, view.tuning.terms, new_terms, strict=True)
-    return replace(
-        view.tuning, terms=tuple(kinds if not view.alone or joint == view.joint else old for joint, old, kinds in pairs)
-    )
+    return replace(view.tuning, terms=_replace_values(view, bench, view.tuning.terms, new_terms))
 
 
 def _toggle_fitted_joint(view: View, bench: Bench, joint: Any) -> Tuning:
@@ -80,21 +75,9 @@ def _toggle_fitted_joint(view: View, bench: Bench, joint: Any) -> Tuning:
     return replace(view.tuning, unfitted=tuple(name for name in bench.joints if name in unfitted))
 
 
-def _set_filter(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001 -- as the others
-    if value == "none":
-        return replace(view.tuning, filter=None)
-    return replace(view.tuning, filter=view.tuning.filter or ParallelFilter(decimate=5))
-
-
-def _set_decimation(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    factor = _parse_number("decimation", 1 if value in (None, "") else value, minimum=1)
-    if factor != int(factor):
-        raise ConfigError(f"decimation: {factor:g} is no whole number.")
-    return _with_filter(view, decimate=int(factor))
-
-
-def _set_cutoff(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    return _with_filter(view, cutoff=None if value in (None, "") else _parse_number("cut-off", value, minimum=1e-6))
+def _set_decimation(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001 -- as the others
+    factor = _parse_number("decimation", value or 1)
+    return _with_filter(view, decimate=int(factor) if factor.is_integer() else factor)
 
 
 def _with_filter(view: View, **changed: Any) -> Tuning:
@@ -107,16 +90,6 @@ def _with_filter(view: View, **changed: Any) -> Tuning:
     return replace(view.tuning, filter=replace(before, **settings))
 
 
-def _set_estimator(view: View, bench: Bench, value: Any) -> Tuning:
-    if value not in bench.estimators:
-        raise ConfigError(f"there is no estimator {value!r} here; {choices(str(value), bench.estimators)}")
-    return replace(view.tuning, estimator=value)
-
-
-def _set_time_offset(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    return replace(view.tuning, time_offset=_parse_number("time offset", 0.0 if value in (None, "") else value) / 1e3)
-
-
 def _exclude_window(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
     """Leave out a window of the log that is drawn."""
     start, stop = sorted(_parse_number("window", time) for time in value)
@@ -125,51 +98,38 @@ def _exclude_window(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: AR
     return view.tuning.exclude(view.log, start, stop)
 
 
-def _include_window(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    remaining = [window for k, window in enumerate(view.tuning.excluded) if str(k) != str(value)]
-    return replace(view.tuning, excluded=tuple(remaining))
-
-
-def _reset_all(view: View, bench: Bench, value: Any) -> Tuning:  # noqa: ARG001
-    return bench.start
-
-
 _SETTINGS: Mapping[str, Callable[[View, Bench, Any], Tuning]] = {
     "degree": _set_degree,
     "mark": _set_mark,
     "min_speed": _set_min_speed,
     "term": _toggle_term,
     "fitted": _toggle_fitted_joint,
-    "filter": _set_filter,
+    "filter": lambda view, _, value: _with_filter(view) if value == "low-pass" else replace(view.tuning, filter=None),
     "decimate": _set_decimation,
-    "cutoff": _set_cutoff,
-    "estimator": _set_estimator,
-    "offset": _set_time_offset,
+    "cutoff": lambda view, _, value: _with_filter(view, cutoff=_parse_number("cut-off", value) if value else None),
+    "estimator": lambda view, _, value: replace(view.tuning, estimator=str(value)),
+    "offset": lambda view, _, value: replace(view.tuning, time_offset=_parse_number("time offset", value or 0.0) / 1e3),
     "exclude": _exclude_window,
-    "include": _include_window,
-    "reset": _reset_all,
+    "include": lambda view, _, value: replace(
+        view.tuning, excluded=tuple(window for k, window in enumerate(view.tuning.excluded) if str(k) != str(value))
+    ),
+    "reset": lambda _view, bench, _value: bench.start,
 }
 
 
-def _set_joint_value(
-    view: View, bench: Bench, values: Sequence[SettingValue], value: SettingValue
-) -> tuple[SettingValue, ...]:
-    """Return the values by joint with a new one: of the joint that is drawn, or of all."""
+def _replace_values(view: View, bench: Bench, values: Sequence[T], new_values: Sequence[T]) -> tuple[T, ...]:
+    """Return the values by joint with new ones: of the joint that is drawn, or of all."""
     return tuple(
-        value if not view.alone or name == view.joint else old for name, old in zip(bench.joints, values, strict=True)
+        new if not view.alone or name == view.joint else old
+        for name, old, new in zip(bench.joints, values, new_values, strict=True)
     )
 
 
-def _parse_number(quantity: str, value: Any, minimum: float = -math.inf) -> float:
+def _parse_number(quantity: str, value: Any) -> float:
     try:
-        parsed = float(value)
+        return float(value)
     except (TypeError, ValueError):
         raise ConfigError(f"{quantity}: {value!r} is no number.") from None
-    if not math.isfinite(parsed) or parsed < minimum:
-        raise ConfigError(
-            f"{quantity}: {parsed:g} must be {'finite' if minimum == -math.inf else f'at least {minimum:g}'}."
-        )
-    return parsed
 
 
 def setting_changes(before: Tuning, now: Tuning, joints: Sequence[str]) -> list[Change]:
@@ -224,9 +184,10 @@ def _joint_changes(
 
 
 def _window_changes(before: Tuning, now: Tuning) -> Iterator[Change]:
-    for window in before.excluded:
-        if window not in now.excluded:
-            yield f"samples of {window[0]}", f"without {number(window[1], 4)} to {number(window[2], 4)} s", "used again"
-    for window in now.excluded:
-        if window not in before.excluded:
-            yield f"samples of {window[0]}", "used", f"without {number(window[1], 4)} to {number(window[2], 4)} s"
+    for log, start, stop in dict.fromkeys((*before.excluded, *now.excluded)):
+        words = f"without {number(start, 4)} to {number(stop, 4)} s"
+        was_excluded, is_excluded = ((log, start, stop) in tuning.excluded for tuning in (before, now))
+        if was_excluded and not is_excluded:
+            yield f"samples of {log}", words, "used again"
+        elif is_excluded and not was_excluded:
+            yield f"samples of {log}", "used", words

@@ -13,7 +13,6 @@ from dynident.runtime import shorten_names
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from dynident.apps.tuning.answers import View
     from dynident.apps.tuning.bench import Bench
 
 MAX_NAME_LENGTH = 22  # letters of a name of a joint or log
@@ -34,24 +33,8 @@ EMPTY: dict[str, Any] = {
 }
 
 
-def starting_page(name: str) -> Any:
-    """Return the page while the logs are read and identified for the first time."""
-    return html.Main(
-        [
-            dcc.Interval(id="waiting", interval=300),
-            dcc.Store(id="ready"),
-            html.H1(f"Tune {name}"),
-            html.Div("starting", id="step", className="lead", role="status"),
-            html.Div(html.Div(id="bar"), className="progress", id="track"),
-            html.Div(id="failure", role="alert"),
-            html.Button("Read again", id="again", className="quiet", hidden=True),
-        ],
-        className="starting",
-    )
-
-
-def tuning_page(name: str, bench: Bench, view: View) -> Any:
-    """Return the page of a bench, with its controls set as in the view."""
+def tuning_page(name: str, bench: Bench) -> Any:
+    """Return the page of a bench; its controls are set when the server answers to its address."""
     return html.Div(
         [
             dcc.Location(id="address", refresh=False),
@@ -63,8 +46,8 @@ def tuning_page(name: str, bench: Bench, view: View) -> Any:
             html.Div(id="complaint", role="alert"),
             html.Div(
                 [
-                    html.Aside(_controls(bench, view), className="controls", **{"aria-label": "Settings"}),
-                    html.Main(_curve_area(bench), className="curves"),
+                    html.Aside(_controls(bench), className="controls", **{"aria-label": "Settings"}),
+                    html.Main(_curve_area(), className="curves"),
                     html.Aside(_fit_area(), className="fit", **{"aria-label": "What the fit gives"}),
                 ],
                 className="bench",
@@ -78,14 +61,12 @@ def _header(name: str) -> Any:
     return html.Header(
         [
             html.H1(["Tune ", html.Span(name, className="file")]),
-            html.Div(id="state", role="status", **{"aria-live": "polite"}),
             html.Div(
                 [
                     html.Button(
                         "Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet"
                     ),
-                    html.Button("Undo save", id="undo", className="quiet", disabled=True),
-                    html.Button("Save", id="save", className="strong", disabled=True),
+                    html.Button("Save", id="save", title="As a new file beside this one", className="strong"),
                 ],
                 className="actions",
             ),
@@ -95,34 +76,25 @@ def _header(name: str) -> Any:
     )
 
 
-def _controls(bench: Bench, view: View) -> list[Any]:
-    tuning, parallel_filter = view.tuning, view.tuning.filter
-    joint = bench.joints.index(view.joint)
-    joints, fitted_joints = _short_names(bench.joints), [name for name in bench.joints if name not in tuning.unfitted]
+def _controls(bench: Bench) -> list[Any]:
+    joints = _short_names(bench.joints)
     estimators = {name: estimator_words(name) for name in bench.estimators}
-    low_pass = "none" if parallel_filter is None else "low-pass"
+    slider = {"min": SLIDER_RANGE[0], "max": SLIDER_RANGE[1], "step": 0.02}
+    curve_config = {**PLOT_CONFIG, "displayModeBar": False}
+    filter_fields = [
+        _labelled_field("Keep each k-th sample", _number_input("decimate", min=1, step=1)),
+        _labelled_field("Cut-off, Hz", _number_input("cutoff", min=0)),
+    ]
     return [
-        _section("Joint", _choice_buttons("joint", joints, [view.joint], "Joint")),
-        _section("Recording", _choice_buttons("log", _short_names(bench.log_names), [view.log], "Recording")),
-        _section(
-            "Changes act on",
-            _choice_buttons("reach", REACH_CHOICES, ["one" if view.alone else "all"], "Changes act on"),
-        ),
+        _section("Joint", _choice_buttons("joint", joints, "Joint")),
+        _section("Recording", _choice_buttons("log", _short_names(bench.log_names), "Recording")),
+        _section("Changes act on", _choice_buttons("reach", REACH_CHOICES, "Changes act on")),
         html.Section(
             [
                 html.Label("Degree of smoothing, S/n", htmlFor="degree", className="title"),
                 html.Output(id="degree-words"),
-                dcc.Graph(
-                    id="curve", figure=EMPTY, config={**PLOT_CONFIG, "displayModeBar": False}, className="plot small"
-                ),
-                dcc.Input(
-                    id="degree",
-                    type="range",
-                    min=SLIDER_RANGE[0],
-                    max=SLIDER_RANGE[1],
-                    step=0.02,
-                    value=tuning.degree[joint],
-                ),
+                dcc.Graph(id="curve", figure=EMPTY, config=curve_config, className="plot small"),
+                dcc.Input(id="degree", type="range", value=0.0, **slider),
                 html.Div(id="marks", className="choices"),
                 *_smoother_hint(bench),
             ],
@@ -131,38 +103,18 @@ def _controls(bench: Bench, view: View) -> list[Any]:
         _section("Samples left out", html.Div(id="windows"), _window_inputs()),
         _section(
             "Model",
-            _labelled_field("Minimum speed, rad/s or m/s", _number_input("min_speed", tuning.min_speed[joint], min=0)),
-            _titled_field("Terms", _choice_buttons("term", _kind_names(bench.kinds), tuning.terms[joint], "Terms"))
+            _labelled_field("Minimum speed, rad/s or m/s", _number_input("min_speed", min=0)),
+            _titled_choice("term", _kind_names(bench.kinds), "Terms")
             if bench.kinds
             else html.P("Terms are switched where the model is of a robot file.", className="muted"),
         ),
         _section(
             "Fit",
-            _titled_field(
-                "Torque of these joints", _choice_buttons("fitted", joints, fitted_joints, "Torque of these joints")
-            ),
-            _titled_field("Estimator", _choice_buttons("estimator", estimators, [tuning.estimator], "Estimator")),
-            _titled_field(
-                "Parallel filter", _choice_buttons("filter", _kind_names(FILTERS), [low_pass], "Parallel filter")
-            ),
-            html.Div(
-                [
-                    _labelled_field(
-                        "Keep each k-th sample",
-                        _number_input(
-                            "decimate", None if parallel_filter is None else parallel_filter.decimate, min=1, step=1
-                        ),
-                    ),
-                    _labelled_field(
-                        "Cut-off, Hz",
-                        _number_input("cutoff", None if parallel_filter is None else parallel_filter.cutoff, min=0),
-                    ),
-                ],
-                id="filtering",
-                className="pair",
-                hidden=parallel_filter is None,
-            ),
-            _labelled_field("Time offset, ms", _number_input("offset", 1e3 * tuning.time_offset)),
+            _titled_choice("fitted", joints, "Torque of these joints"),
+            _titled_choice("estimator", estimators, "Estimator"),
+            _titled_choice("filter", _kind_names(FILTERS), "Parallel filter"),
+            html.Div(filter_fields, id="filtering", className="pair", hidden=True),
+            _labelled_field("Time offset, ms", _number_input("offset")),
         ),
     ]
 
@@ -191,7 +143,7 @@ def _window_inputs() -> Any:
     )
 
 
-def _curve_area(bench: Bench) -> list[Any]:  # noqa: ARG001
+def _curve_area() -> list[Any]:
     return [
         html.Div(
             [
@@ -219,7 +171,7 @@ def _fit_area() -> list[Any]:
             ]
         ),
         html.Section(id="errors"),
-        html.Section([html.Div(id="changed"), html.Div(id="unsaved")]),
+        html.Section(id="unsaved"),
         html.Section(id="parameters"),
     ]
 
@@ -232,30 +184,25 @@ def _short_names(names: Sequence[str]) -> dict[str, str]:
     return dict(zip(names, shorten_names(names, MAX_NAME_LENGTH), strict=True))
 
 
-def _choice_buttons(name: str, options: Mapping[str, str], selected: Sequence[str], title: str) -> Any:
-    """Return buttons, pressed where they are ``selected``; ``options`` are their words by value."""
+def _choice_buttons(name: str, options: Mapping[str, str], title: str) -> Any:
+    """Return buttons that can be pressed; ``options`` are their words by value."""
     buttons = [
-        html.Button(
-            words,
-            id={"button": f"{name}:{value}"},
-            title=value,
-            **{"aria-pressed": "true" if value in selected else "false"},
-        )
+        html.Button(words, id={"button": f"{name}:{value}"}, title=value, **{"aria-pressed": "false"})
         for value, words in options.items()
     ]
     return html.Div(buttons, className="choices", role="group", **{"aria-label": title})
 
 
-def _titled_field(title: str, content: Any) -> Any:
-    return html.Div([html.Span(title, className="title"), content])
+def _titled_choice(name: str, options: Mapping[str, str], title: str) -> Any:
+    return html.Div([html.Span(title, className="title"), _choice_buttons(name, options, title)])
 
 
 def _labelled_field(title: str, control: Any) -> Any:
     return html.Label([html.Span(title), control], className="field")
 
 
-def _number_input(name: str, value: float | None, **how: Any) -> Any:
-    return dcc.Input(id={"control": name}, type="number", value=value, debounce=True, **{"step": "any", **how})
+def _number_input(name: str, **how: Any) -> Any:
+    return dcc.Input(id={"control": name}, type="number", debounce=True, **{"step": "any", **how})
 
 
 def _kind_names(kinds: Sequence[str]) -> dict[str, str]:

@@ -1,34 +1,32 @@
-"""A configuration that is tuned: its logs are read and identified in the background, then its pages are
-answered.
-"""
+"""What all pages of a configuration share: its bench, whole identifications in the background, the saved file."""
 
 from __future__ import annotations
 
+import os
+import re
 import threading
-import traceback
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass
+from itertools import chain, count
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
+from dynident.apps.tuning.config import tuned_text
+from dynident.files.opener import content
+from dynident.files.results import write_text
 from dynident.runtime import BudgetedFunction, DynidentError, Step, brief, progress_to
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from dynident.apps.tuning.bench import Bench
-    from dynident.apps.tuning.config import ConfigFile
     from dynident.apps.tuning.tuning import Tuning
     from dynident.identification import Identification
     from dynident.project.project import Project
 
 WorkResult = TypeVar("WorkResult")
-MAX_ASKERS = 64  # that are remembered
 MAX_KEPT_RUNS = 8  # results; one holds the signals of all logs
 Identify = Callable[["Tuning"], "Identification"]
-
-FaultHandler = Callable[[str], None]
 
 
 class Stale(Exception):  # noqa: N818 -- no error: a newer request has come
@@ -39,18 +37,14 @@ class Latest:
     """Does the work of each asker one by one; work that was overtaken while it waited is not done."""
 
     def __init__(self) -> None:
-        self._lock, self._askers = Lock(), OrderedDict[Hashable, tuple[Lock, list[int]]]()
+        self._lock, self._askers = Lock(), dict[Hashable, tuple[Lock, list[int]]]()
 
     def __call__(self, asker: Hashable, work: Callable[[], WorkResult]) -> WorkResult:
         """Return what the work returns; raise ``Stale`` where a newer request of the ``asker`` came before it began."""
         with self._lock:
             lock, newest = self._askers.setdefault(asker, (Lock(), [0]))
-            self._askers.move_to_end(asker)
             newest[0] += 1
             number = newest[0]
-            # forget the asker that has been silent longest
-            while len(self._askers) > MAX_ASKERS:
-                self._askers.popitem(last=False)
         with lock:
             if number != newest[0]:
                 raise Stale
@@ -148,83 +142,47 @@ class WholeRuns:
             return RunOutcome(None, f"This is a fault of dynident: {type(error).__name__}: {error}")
 
 
-@dataclass
+@dataclass(eq=False)
 class Session:
-    """State of the configuration at ``path``.
+    """A ``bench`` of a ``project`` that pages tune. ``fault`` is called with unexpected errors.
 
-    Where its logs cannot be used, ``failed`` says why; else there is a ``bench``. ``files`` are the file as
-    it was read and after each save, with the setting that it has. ``fault`` is called with unexpected
-    errors.
+    ``saved`` is the file that tuned settings were saved to, with its text.
     """
 
-    path: Path
-    fault: FaultHandler
-    step: Step = Step("starting")  # noqa: RUF009 -- a text
-    failed: str = ""
-    bench: Bench | None = None
-    runs: WholeRuns | None = None
-    project: Project | None = None
-    files: list[tuple[ConfigFile, Tuning]] = field(default_factory=list)
+    project: Project
+    bench: Bench
+    fault: Callable[[str], None]
+    saved: tuple[Path, str] | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
-        self.latest, self._saving = Latest(), threading.Lock()
-        self._read = BudgetedFunction(self._load_bench)
+        self.latest, self.runs, self._saving = Latest(), WholeRuns(self.bench.identify), threading.Lock()
 
-    def start(self) -> None:
-        """Begin to read the logs, and to identify them, in the background; again where this failed."""
-        self.failed, self.step = "", Step("starting")
-        threading.Thread(target=self._load, daemon=True).start()
+    def save(self, tuning: Tuning) -> Path:
+        """Write the configuration of a setting beside that of the session; return its path.
 
-    @property
-    def saved_tuning(self) -> Tuning:
-        """Setting that the file has."""
-        return self.files[-1][1]
-
-    def save(self, tuning: Tuning) -> list[str]:
-        """Write a setting into the file; return the places that have changed.
-
-        Raises the errors of ``ConfigFile.save``, and those of a setting that cannot be fitted, with which the
-        file could not be identified.
+        The file of a former save is replaced while it is as this session wrote it, another file never. Raises the
+        errors of ``tuned_text`` and ``write_text``, and those of a setting that cannot be fitted.
         """
-        from dynident.apps.tuning.config import tuned_changes
-        from dynident.files.yaml_edit import format_path
-
-        assert self.project is not None  # noqa: S101 -- there is a bench
-        assert self.bench is not None  # noqa: S101
         # fails before anything is written, where the setting cannot be fitted
         self.bench.fit(tuning)
         with self._saving:
-            changes, last_file = tuned_changes(self.project, self.bench, tuning), self.files[-1][0]
-            new_file = last_file.save(changes)
-            # the file on disk already has these changes
-            if new_file is last_file:  # another tab was faster
-                return []
-            self.files.append((new_file, tuning))
-        return [format_path(path) for path in changes]
+            path = next(filter(self._is_free, tuned_paths(self.project.path)))
+            text = tuned_text(self.project, self.bench, tuning, path)
+            self.saved = write_text(path, text), text
+        return path
 
-    def undo(self) -> None:
-        """Write what was in the file before the last save. Raises the errors of ``ConfigFile.undo``."""
-        with self._saving:
-            before = self.files[-1][0].undo()
-            self.files[:] = [*self.files[:-2], (before, self.files[-2][1])]
+    def _is_free(self, path: Path) -> bool:
+        """Return whether a file may be written: there is none, or that of the former save."""
+        if not os.path.lexists(path):
+            return True
+        if self.saved is None or self.saved[0] != path:
+            return False
+        return content(path, remember=False) == self.saved[1].encode()
 
-    def _load(self) -> None:
-        try:
-            self._read()
-        except DynidentError as error:
-            self.failed = str(error)
-        except Exception as error:
-            self.failed = f"This is a fault of dynident: {type(error).__name__}: {error}"
-            self.fault("".join(traceback.format_exception(error)))
 
-    def _load_bench(self) -> None:
-        from dynident.apps.tuning.config import ConfigFile, read_bench
-
-        with progress_to(self._note_step):
-            project, bench = read_bench(self.path)
-        self.files = [(ConfigFile.of(project), bench.start)]
-        self.runs, self.project = WholeRuns(bench.identify), project
-        self.bench = bench
-
-    def _note_step(self, step: str) -> None:
-        self.step = Step.of(step)
+def tuned_paths(path: Path) -> Iterator[Path]:
+    """Yield the names under which settings tuned from a configuration are saved: ``robot-tuned.yaml``, ``-tuned-2``."""
+    stem = re.sub(r"-tuned(-\d+)?$", "", path.stem)
+    return (path.with_name(f"{stem}-tuned{number}.yaml") for number in chain([""], (f"-{k}" for k in count(2))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,14 +186,14 @@ _NAMES = _names()
 class Switches:
     """The switchable terms of a ``model``: for each of its joints the terms on it alone, by kind.
 
-    ``own_terms`` are those of the model as configured, ``offered`` those it could have besides. Terms on several
-    joints (bodies, coupled motors, terms of the user) are always there. ``kinds`` are the names of all kinds that
-    can be switched, none where the model was not built of a robot file.
+    ``start`` are the kinds that it has as configured. Terms on several joints (bodies, coupled motors, terms of the
+    user) are always there. ``kinds`` are the names of all kinds that can be switched, none where the model was not
+    built of a robot file.
     """
 
     model: Model
-    own_terms: tuple[Mapping[str, tuple[Term, ...]], ...]
-    offered: tuple[Mapping[str, tuple[Term, ...]], ...]
+    start: tuple[tuple[str, ...], ...]
+    by_kind: tuple[Mapping[str, tuple[Term, ...]], ...]
 
     def __repr__(self) -> str:
         kinds = join_names(self.kinds, 6) or "none"
@@ -203,30 +204,15 @@ class Switches:
         """Return the switches of a model and of its offers; without offers nothing can be switched."""
         joints = model.joints
         if offers is None:
-            return cls(model, ({},) * len(joints), ({},) * len(joints))
-        own_terms = tuple(_own_terms(model, joint.name) for joint in joints)
-        offers_by_joint = (offers.kinds_of_joint(j) for j in range(len(joints)))
-        pairs = zip(own_terms, offers_by_joint, strict=True)
-        return cls(
-            model,
-            own_terms,
-            tuple(
-                {kind: terms for kind, terms in offered_terms if kind not in present}
-                for present, offered_terms in pairs
-            ),
-        )
-
-    @property
-    def start(self) -> tuple[tuple[str, ...], ...]:
-        """The kinds of each joint that the model has."""
-        return tuple(map(tuple, self.own_terms))
+            return cls(model, ((),) * len(joints), ({},) * len(joints))
+        own_terms = [_own_terms(model, joint.name) for joint in joints]
+        by_kind = (own | (dict(offers.kinds_of_joint(j)) | own) for j, own in enumerate(own_terms))
+        return cls(model, tuple(map(tuple, own_terms)), tuple(by_kind))
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
         """The kinds that can be switched."""
-        return tuple(
-            dict.fromkeys(kind for terms_by_kind in (*self.own_terms, *self.offered) for kind in terms_by_kind)
-        )
+        return tuple(dict.fromkeys(chain(*self.start, *self.by_kind)))
 
     def terms(self, selection: tuple[tuple[str, ...], ...]) -> tuple[Term, ...]:
         """Return the terms that are switched on, and those that always are beside the bodies; coupled motors last."""
@@ -235,7 +221,7 @@ class Switches:
         if all(set(kinds) == set(current) for kinds, current in zip(selection, self.start, strict=True)):
             return tuple(present)
         terms_by_joint = [
-            [term for kind in _order_kinds(kinds, self.own_terms[j]) for term in self._terms_of_kind(j, kind)]
+            [term for kind in _order_kinds(kinds, self.start[j]) for term in self._terms_of_kind(j, kind)]
             for j, kinds in enumerate(selection)
         ]
         return (
@@ -251,29 +237,15 @@ class Switches:
         motors = (term for term in self.model.terms if isinstance(term, CoupledMotor))
         return replace(self.model, terms=(*bodies, *self.terms(selection), *motors), load=None)
 
-    @cached_property
-    def superset(self) -> Model:
-        """The model with all kinds on all joints, except those that remember the motion."""
-        if not self.kinds:
-            return self.model
-        all_kinds = []
-        for own, offered in zip(self.own_terms, self.offered, strict=True):
-            terms_by_kind = {**own, **offered}
-            all_kinds.append(
-                tuple(kind for kind, terms in terms_by_kind.items() if not any(term.memory for term in terms))
-            )
-        return self.with_terms(tuple(all_kinds))
-
     def _terms_of_kind(self, joint: int, kind: str) -> tuple[Term, ...]:
-        terms = self.own_terms[joint].get(kind) or self.offered[joint].get(kind)
-        if terms is None:
+        if kind not in self.by_kind[joint]:
             raise ModelError(f"{self.model.joints[joint].name}: there is no term of kind {kind!r}.")
-        return terms
+        return self.by_kind[joint][kind]
 
 
-def _order_kinds(kinds: Sequence[str], own_terms: Mapping[str, object]) -> list[str]:
+def _order_kinds(kinds: Sequence[str], own_kinds: Sequence[str]) -> list[str]:
     """Return kinds in one order, whatever the order of switching: the joint's own first."""
-    order = [*own_terms, *(candidate.name for candidate in KINDS)]
+    order = [*own_kinds, *(candidate.name for candidate in KINDS)]
     return sorted(set(kinds), key=lambda kind: order.index(kind) if kind in order else len(order))
 
 

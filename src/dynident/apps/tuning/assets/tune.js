@@ -157,8 +157,6 @@
 
   window.dash_clientside = Object.assign({}, window.dash_clientside, {
     tune: {
-      reload: (ready) => (ready && location.reload(), none()),
-
       tab: () => crypto.randomUUID(),
 
       // The slider moved, or the setting changed: ask for the curves; what rests is set, what pauses is identified.

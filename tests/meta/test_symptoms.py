@@ -13,6 +13,8 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import pytest
+from dynident.report.finding_words import finding_words  # noqa: F401  # and those of findings
+from dynident.report.verdict_words import verdict_sentences  # noqa: F401  # with it the words of reasons are there
 
 from dynident.apps.excitation.expected_report import noise_words  # noqa: F401  # and those of designed motions
 from dynident.apps.payload import body as payload_notes
@@ -24,9 +26,7 @@ from dynident.identification import Reason
 from dynident.identification.verdict import ForbiddingFindings
 from dynident.identification.verdict_steps import Sharpen
 from dynident.models.simulation import Broken, Failure
-from dynident.report.finding_words import finding_words  # noqa: F401  # and those of findings
-from dynident.report.note_words import words
-from dynident.report.verdict_words import verdict_sentences  # noqa: F401  # with it the words of reasons are there
+from dynident.report.terminal import words
 from dynident.runtime import Note, Remark, Use
 from dynident.validation import Cause
 

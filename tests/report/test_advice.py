@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from dynident.report.verdict_words import verdict_sentences
 
 from dynident.identification import HeldOut, LargestResidual, Verdict, WorstRun
 from dynident.identification import verdict as why
 from dynident.identification.verdict import CommonGain, MotionRatios, Zeros
-from dynident.report.note_words import words
-from dynident.report.verdict_words import verdict_sentences
+from dynident.report.terminal import words
 from dynident.runtime import Finding, Severity, Use
 from dynident.validation import Driver, ResidualRipple, Reversals
 

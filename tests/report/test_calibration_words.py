@@ -7,7 +7,7 @@ import pytest
 
 from dynident.identification import BaseTilt, Gain, Rests, SmootherChoice, TimeOffset
 from dynident.motion.smoothers import Difference, Spline
-from dynident.report.note_words import words
+from dynident.report.terminal import words
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from dynident.report.finding_words import finding_words
 
 from dynident.checks import log_notes, notes
 from dynident.identification import TimeOffset
-from dynident.report.finding_words import finding_words
-from dynident.report.note_words import words
+from dynident.report.terminal import words
 from dynident.runtime import Finding, Note, Severity
 from tests.classes import classes_of
 

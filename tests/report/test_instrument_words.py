@@ -6,7 +6,7 @@ import pytest
 
 from dynident.estimators import instruments as notes
 from dynident.estimators.instruments import InstrumentKind
-from dynident.report.note_words import words
+from dynident.report.terminal import words
 from dynident.runtime import Note
 
 SETTLED = "instruments have not settled after 2 simulations (the last one moved the value by 0.5 standard errors)"

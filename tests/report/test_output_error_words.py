@@ -6,9 +6,8 @@ import pytest
 
 from dynident.estimators import Didim, OutputError
 from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
-from dynident.report.note_words import words
-from dynident.report.words import part_words
-from dynident.runtime import Note
+from dynident.report.terminal import words
+from dynident.runtime import Note, part_text
 
 
 @pytest.mark.parametrize(
@@ -29,7 +28,7 @@ def test_notes_in_words(note: Note, said: str) -> None:
 
 
 def test_estimators_in_words() -> None:
-    assert part_words(Didim()) == "DIDIM, the torque of the simulated loop"
-    assert part_words(OutputError("open", segment=0.5)).startswith(
+    assert part_text(Didim()) == "DIDIM, the torque of the simulated loop"
+    assert part_text(OutputError("open", segment=0.5)).startswith(
         "output error of simulated positions, driven by the torque"
     )

@@ -7,7 +7,7 @@ import pytest
 from dynident.identification import Reason
 from dynident.identification import verdict as why
 from dynident.models.simulation import Singular
-from dynident.report.note_words import words
+from dynident.report.terminal import words
 from dynident.validation import Driver
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from dynident.report.finding_words import finding_words
 
 import dynident.apps.excitation.expected_report
 import dynident.apps.payload.report  # noqa: F401  # their words are registered with them
@@ -15,10 +16,8 @@ from dynident.identification import verdict_steps as steps
 from dynident.models.lagrangian import two_link_arm
 from dynident.models.simulation import Broken, Failure, RunsAway, Singular
 from dynident.regression import UnexcitedParameters
-from dynident.report.finding_words import finding_words
-from dynident.report.note_words import Line, note_lines, words
-from dynident.report.words import percent
-from dynident.runtime import Finding, Note, Remark, Severity
+from dynident.report.words import Line, note_lines
+from dynident.runtime import Finding, Note, Remark, Severity, percent
 from dynident.validation import Cause, FrictionLevel, HighFrequency, LowFrequency, ResidualRipple, Reversals
 from tests.classes import classes_of
 

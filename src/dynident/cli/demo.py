@@ -131,7 +131,8 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
 
 
 def _show_comparison(screen: Screen, comparison: Comparison) -> None:
-    from dynident.report.page import Column, PageTable, number
+    from dynident.report.page import Column, PageTable
+    from dynident.runtime import number
 
     _print_heading(screen, "How far that is from the truth, which only a simulation knows")
     screen.say(

@@ -62,6 +62,19 @@ class Rests(Note):
         """Whether the rests within are left out of the fit."""
         return self.gain is not None and self.gain.sure
 
+    def __str__(self) -> str:
+        lengths = {"start": self.start, "end": self.end}
+        ends = [f"{short(length)} s at its {end}" for end, length in lengths.items() if length]
+        parts = [f"{' and '.join(ends)}, where the arm is at rest, are left out of fit and errors"] if ends else []
+        if self.within:
+            use = f"fitted: without them {self.gain} in motion would be gained"
+            if self.gain is None or self.left_out:
+                use = (
+                    f"left out of the fit, which gains {self.gain} in motion" if self.gain else "counted in its errors"
+                )
+            parts.append(f"rests of {short(self.within)} s within are {use}")
+        return f"{self.log}: {'; '.join(parts)}"
+
 
 def rest_blocks(log: Log) -> Mask:
     """Return for blocks of 0.1 s (B, n) whether each joint stays within its noise, or 1 % of its usual pace."""

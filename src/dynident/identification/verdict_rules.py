@@ -31,7 +31,7 @@ from dynident.identification.verdict_steps import (
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import MAX_REPEAT_DIFFERENCE, UnexcitedParameters, repeat_of
-from dynident.runtime import Finding, Note, Use
+from dynident.runtime import Finding, Remark, Use
 from dynident.validation import SLOW_SPEED_SHARE, Cause, Driver, FreeRun, LogValidation, ResidualRipple, Reversals
 
 MAX_SAMPLES = 2000  # of all training motions
@@ -111,9 +111,9 @@ def _correction_steps(identification: Identification) -> Iterator[SetRight]:
     """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
     log = judged_log(identification)
     for finding in identification.findings:
-        gain = gain_points(log, dict(finding.removed))
+        gain = gain_points(log, dict(finding.message.removed))
         is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error
-        if is_worthwhile or (isinstance(finding.message, Note) and finding.message.advises):
+        if is_worthwhile or finding.message.advises:
             yield SetRight(finding, gain=gain)
 
 
@@ -304,9 +304,8 @@ def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reaso
     kinds: dict[object, list[Finding]] = {}
     for finding in (*identification.findings, *notes):
         if finding.forbids is use:
-            kinds.setdefault(finding.message if isinstance(finding.message, str) else type(finding.message), []).append(
-                finding
-            )
+            kind = finding.message if isinstance(finding.message, Remark) else type(finding.message)
+            kinds.setdefault(kind, []).append(finding)
     yield from (verdict.ForbiddingFindings(tuple(group)) for group in kinds.values())
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.models.structure import term_support
 from dynident.models.term import Joint, Past, Term
-from dynident.runtime import DynidentError, ModelError, brief
+from dynident.runtime import DynidentError, ModelError, brief, short
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
@@ -196,6 +196,19 @@ class MassMatrixCheck:
     positive: bool
 
     __repr__ = brief
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{short(x, 4)}" for x in self.q)
+        if self.positive:
+            return (
+                f"The mass matrix is positive definite: smallest eigenvalue {short(self.smallest, 4)}, at q = "
+                f"({where})."
+            )
+        return (
+            f"The mass matrix is not positive definite: eigenvalue {short(self.smallest, 4)} at q = ({where}). These "
+            "parameters are not physically consistent and cannot be simulated; excite the robot more, or constrain "
+            "the fit."
+        )
 
 
 def accelerations(model: Model, q: Array, tau: Array, theta: Array, mass: Array, bias: Array) -> Array:

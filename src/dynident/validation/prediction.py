@@ -15,7 +15,7 @@ from dynident.motion.splines import steady_noise, stretches
 from dynident.regression import BLOCK, EVERYTHING, Selection, fitted_rows
 from dynident.runtime import InputError, brief, join_names
 from dynident.validation.free_run import FreeRun
-from dynident.validation.residuals import NoiseFloor, ResidualTest, residual_test
+from dynident.validation.residuals import NoiseFloor, ResidualTest, causes_text, residual_test
 
 if TYPE_CHECKING:
     import polars as pl
@@ -158,6 +158,11 @@ class LogValidation:
     free_run: FreeRun | None = None
     signals: Signals | None = None
     floors: Mapping[str, NoiseFloor] = field(default_factory=dict)
+
+    def residual_text(self, joint: str) -> str:
+        """Return what the residual of a joint points to: noise of the sensors alone, its likely causes, or nothing."""
+        floor = self.floors.get(joint)
+        return "at the noise floor" if floor and floor.is_reached else causes_text(self.residuals[joint].causes, floor)
 
     @property
     def over_floor(self) -> float | None:

@@ -18,7 +18,7 @@ from dynident.apps.payload.report import (
     shares_table,
     torque_table,
 )
-from dynident.report.note_words import words
+from dynident.report.terminal import words
 from dynident.runtime import Note
 from tests.apps.payload.arms import CARRIED, recorded, result
 

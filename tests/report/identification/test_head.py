@@ -6,13 +6,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+from dynident.report.verdict_words import verdict_sentences
 
 from dynident.identification import SourceFile, judge
 from dynident.report.identification import identification_page
 from dynident.report.identification.report import head_numbers, worst_joint
 from dynident.report.identification.validation import floor_ratio_text
-from dynident.report.note_words import residual_words
-from dynident.report.verdict_words import verdict_sentences
+from dynident.report.terminal import residual_words
 from dynident.validation import FloorOrigin, HighFrequency, NoiseFloor
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL

@@ -5,7 +5,7 @@ import numpy as np
 from dynident.estimators import Pieces
 from dynident.identification import InPieces
 from dynident.report.identification import pieces_figure
-from dynident.report.note_words import words
+from dynident.report.terminal import words
 
 
 def pieces(length: float, names: tuple[str, ...] = ("day",) * 4) -> Pieces:

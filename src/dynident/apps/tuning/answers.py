@@ -17,8 +17,8 @@ from dynident.apps.tuning.edit import apply_control, degree_words, setting_chang
 from dynident.apps.tuning.readout import determined_parameters, parameter_table
 from dynident.apps.tuning.session import Stale
 from dynident.report.figures import time_origin
-from dynident.report.page import number, typeset
-from dynident.runtime import ConfigError, DynidentError, choices, join_names
+from dynident.report.page import typeset
+from dynident.runtime import ConfigError, DynidentError, choices, join_names, number
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.bench import Bench

@@ -15,9 +15,9 @@ from dynident.models import INERTIAL
 from dynident.motion.splines import NORMAL_95
 from dynident.report import Array
 from dynident.report.identification.report import TONES
-from dynident.report.page import cell, number, unit_text
+from dynident.report.page import cell, unit_text
 from dynident.report.verdict_words import verdict_sentences
-from dynident.runtime import brief, shorten_names
+from dynident.runtime import brief, number, shorten_names
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.edit import Change

@@ -116,7 +116,7 @@ PARTS = {
         ("validation/standard_errors.py", "regression/whitening.py"), ("tests/estimators/test_least_squares.py",)
     ),
     "verdict": Part(
-        ("identification/verdict*.py", "report/identification/report.py", "report/verdict_words.py"),
+        ("identification/verdict*.py", "report/identification/report.py"),
         (
             "tests/identification/test_verdict.py",
             "tests/report/test_wording.py",

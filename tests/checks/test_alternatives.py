@@ -98,7 +98,7 @@ def test_orders_and_signs_of_the_torques_share_a_regressor(monkeypatch: pytest.M
 
 def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     def exchanged() -> int:
-        return sum(one.topic == "swapped" for one in _alternatives(case(samples=50)))
+        return sum(one.note(2.0, 1.0).topic == "swapped" for one in _alternatives(case(samples=50)))
 
     assert exchanged() == 3 * len(AffectedColumns)
     monkeypatch.setattr("dynident.checks.alternatives.MAX_JOINTS_ALL_PAIRS", 2)
@@ -118,6 +118,6 @@ def test_what_a_simple_term_explains_better_is_no_large_fault(seed: int) -> None
 
 
 def test_the_fitted_gravity_has_no_negative_zeros() -> None:
-    fitted = [one.note(2.0, 1.0).fitted for one in _alternatives(case()) if one.topic == "gravity"]  # type: ignore[attr-defined]
+    fitted = [one.note(2.0, 1.0).fitted for one in _alternatives(case()) if one.note(2.0, 1.0).topic == "gravity"]  # type: ignore[attr-defined]
     assert (0.0, 0.0, 9.8) in fitted
     assert "-0.0" not in str(fitted)

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from dynident.report.finding_words import finding_words
 
 from dynident.checks import log_notes as motion_notes
 from dynident.checks import notes, robot_notes, run_checks, with_findings
@@ -18,7 +17,7 @@ from dynident.models import Model, RigidBodies, Term
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
-from dynident.runtime import Finding, Severity
+from dynident.runtime import Finding, Remark, Severity
 from tests.checks import moving_arm
 from tests.robots import ARM_MJCF
 
@@ -111,9 +110,9 @@ def test_a_log_that_is_too_short_is_said_and_no_more(count: int) -> None:
 
 def test_the_most_severe_come_first() -> None:
     given = [
-        Finding(Severity.INFO, None, "so"),
-        Finding(Severity.ERROR, None, "torn"),
-        Finding(Severity.WARNING, None, "odd"),
+        Finding(Severity.INFO, None, Remark("so")),
+        Finding(Severity.ERROR, None, Remark("torn")),
+        Finding(Severity.WARNING, None, Remark("odd")),
     ]
     found = run_checks(slider(), {"train": {"one": log()}}, initial_findings=given)
     assert [one.severity for one in found.findings] == ["error", "warning", "info"]
@@ -193,7 +192,7 @@ def test_what_many_joints_leave_out_is_said(limit: str, search: str, fitted: boo
     (one,) = found.findings
     assert one.message == SearchLeftOut(SearchKind[search], 1, len(slider().parameters))
     assert (found.rank is not None) is fitted
-    assert "1 joint" in finding_words(one)
+    assert "1 joint" in str(one)
 
 
 @pytest.mark.parametrize("dead", [0, 1, 2])

@@ -39,7 +39,7 @@ def test_the_zeros_of_a_vertical_and_of_the_last_axis_cannot_be_seen(joint: int)
     moved = motion()
     off = case(replace(moved, q=moved.q - 0.1 * np.eye(3)[joint]))
     assert list(explain_residual(off)) == []
-    (zero,) = (one for one in geometry_suspects(arm()) if (one.topic, one.joint) == ("zero", f"j{joint + 1}"))
+    (zero,) = (one for one in geometry_suspects(arm()) if (one.quantity, one.joint) == ("zero", f"j{joint + 1}"))
     fit = misfit(off)
     (seen,) = fit.score_tests([zero.derivative(fit)])
     assert seen is None or seen.std > 1.0
@@ -56,7 +56,7 @@ def test_a_tilted_axis_is_found() -> None:
 
 def test_a_model_without_frames_has_zeros_only() -> None:
     model = two_link_arm()
-    assert [(one.topic, one.joint) for one in geometry_suspects(model)] == [
+    assert [(one.quantity, one.joint) for one in geometry_suspects(model)] == [
         ("zero", joint.name) for joint in model.joints
     ]
     assert displace_joint(model, "joint1", np.zeros(9)) == model

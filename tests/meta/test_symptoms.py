@@ -26,7 +26,6 @@ from dynident.identification import Reason
 from dynident.identification.verdict import ForbiddingFindings
 from dynident.identification.verdict_steps import Sharpen
 from dynident.models.simulation import Broken, Failure
-from dynident.report.terminal import words
 from dynident.runtime import Note, Remark, Use
 from dynident.validation import Cause
 
@@ -80,14 +79,14 @@ def made(kind: type, **given: Any) -> Any:
 def texts(kind: type) -> tuple[str, ...]:
     """What is printed of a type, of each sort of it."""
     if issubclass(kind, MissingTerm):
-        return tuple(words(made(kind, effect=effect, period=0.0)) for effect in TermKind)
+        return tuple(str(made(kind, effect=effect, period=0.0)) for effect in TermKind)
     if kind is SearchLeftOut:
-        return tuple(words(made(kind, search=search)) for search in SearchKind)
+        return tuple(str(made(kind, search=search)) for search in SearchKind)
     if kind is EffortAboveLimit:
-        return tuple(words(made(kind, far=far)) for far in (False, True))
+        return tuple(str(made(kind, far=far)) for far in (False, True))
     if kind is SamplingJitter:
-        return words(made(kind)), words(made(kind, factor=None))
-    said: str = words(made(kind))
+        return str(made(kind)), str(made(kind, factor=None))
+    said: str = str(made(kind))
     return said, said[0].upper() + said[1:]
 
 
@@ -119,7 +118,7 @@ def test_each_type_of_note_on_a_payload_has_its_row_and_no_others() -> None:
 
 def test_every_effect_that_a_model_may_lack_has_its_entry() -> None:
     for effect in TermKind:
-        name = words(made(MissingTerm, effect=effect, period=0.0)).partition(" (")[0].removesuffix(" together with one")
+        name = str(made(MissingTerm, effect=effect, period=0.0)).partition(" (")[0].removesuffix(" together with one")
         assert f'"{name.removesuffix(",")}"' in PAGE, name
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, log_notes
-from dynident.identification import BaseTilt, TimeOffset
+from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, log_notes, notes
+from dynident.identification import TimeOffset
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
-from dynident.runtime import Finding, Severity
+from dynident.runtime import Finding, Remark, Severity
 
 
 def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
@@ -16,7 +16,7 @@ def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
 
 
 def test_like_findings_are_one_row() -> None:
-    made = [Finding(Severity.WARNING, joint, "coarse.", log) for log in ("one", "two") for joint in ("a", "b")]
+    made = [Finding(Severity.WARNING, joint, Remark("coarse."), log) for log in ("one", "two") for joint in ("a", "b")]
     assert rows(*made) == {"Warnings": [("one: a", "coarse. Likewise b. Also in two.")]}
     assert check_summary(CheckResult(tuple(made))) == "1 warning."
 
@@ -75,15 +75,15 @@ def test_spikes_that_are_too_many_are_not_like_a_few() -> None:
 
 
 def test_several_statements_on_one_place_stay_apart() -> None:
-    made = [Finding(Severity.WARNING, None, words) for words in ("move a.", "move b.")]
-    assert rows(*made) == {"Warnings": [("", "move a."), ("", "move b.")]}
+    made = [Finding(Severity.WARNING, None, UnexcitedParameters((name,), ("a",))) for name in ("Fv_a", "Fc_a")]
+    assert rows(*made) == {"Warnings": [("", str(one.message)) for one in made]}
 
 
 def test_the_most_severe_first_and_counted() -> None:
     found = CheckResult(
         (
-            Finding(Severity.ERROR, None, "torn.", "one"),
-            Finding(Severity.INFO, None, "so.", "one"),
+            Finding(Severity.ERROR, None, Remark("torn."), "one"),
+            Finding(Severity.INFO, None, Remark("so."), "one"),
         )
     )
     assert list(rows(*found.findings)) == ["Errors", "Good to know"]
@@ -93,34 +93,22 @@ def test_the_most_severe_first_and_counted() -> None:
 
 
 def test_what_forbids_a_use_comes_before_the_rest() -> None:
-    harmless = Finding(Severity.WARNING, "a", "coarse.", "one")
+    harmless = Finding(Severity.WARNING, "a", Remark("coarse."), "one")
     grave = Finding(Severity.WARNING, "b", log_notes.ManyTorqueOutliers(0.03, 1, 0.1), "one")
     assert [one[0] for one in rows(harmless, grave)["Warnings"]] == ["one: b", "one: a"]
 
 
 def test_the_dictionary_is_plain() -> None:
-    found = check_dict(CheckResult((Finding(Severity.ERROR, None, "torn.", "one"),)))
+    found = check_dict(CheckResult((Finding(Severity.ERROR, None, notes.LongGap(0.5, 1.0, 50.0, 1)),)))
     assert found["findings"][0]["topic"] == "gap"
     assert found["rank"] is None
     assert [type(found["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
 
 
-def test_nouns_of_findings_are_worded() -> None:
-    time_offset, tilt = TimeOffset(0.005, 4.0, 2.0), BaseTilt(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0)
-    missing = UnexcitedParameters(("Fv_b",), ("b",))
-    found = CheckResult(
-        (
-            Finding(Severity.WARNING, None, missing),
-            Finding(Severity.INFO, None, time_offset),
-            Finding(Severity.INFO, None, tilt),
-        ),
-        rank=ExcitedRank(3, 2, 3, 10.0, (missing,)),
-    )
+def test_a_check_says_the_same_as_a_dictionary_and_as_a_table() -> None:
+    time_offset, missing = TimeOffset(0.005, 4.0, 2.0), UnexcitedParameters(("Fv_b",), ("b",))
+    findings = (Finding(Severity.WARNING, None, missing), Finding(Severity.INFO, None, time_offset))
+    found = CheckResult(findings, rank=ExcitedRank(3, 2, 3, 10.0, (missing,)))
     shown = [one["message"] for one in check_dict(found)["findings"]]
-    assert shown == [row[1] for table in check_tables(found) for row in table.rows]
-    assert shown[0] == "Fv_b: not excited by these data; move b."
-    assert shown[1].startswith("Time offset: positions are stamped 5 ms later")
-    assert shown[1].endswith("instead of 4 %.")
-    assert shown[2].startswith("The base is tilted by 1.15 deg")
-    assert shown[2].endswith("If the base may be tilted, set `base_tilt: estimate` in the model.")
+    assert shown == [row[1] for table in check_tables(found) for row in table.rows] == [str(missing), f"{time_offset}."]
     assert check_dict(found)["rank"]["missing"][0]["words"] == shown[0]

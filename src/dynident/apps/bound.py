@@ -10,9 +10,9 @@ import numpy as np
 
 from dynident.identification import Measure, Origin
 from dynident.report import Drawing
-from dynident.report.calibration_words import settings_of
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, mark_rows, panels, plain
 from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
+from dynident.report.words import settings_of
 from dynident.runtime import number
 
 if TYPE_CHECKING:

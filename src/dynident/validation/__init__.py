@@ -10,6 +10,7 @@ from dynident.validation.prediction import (
     check_mass,
     relative_error,
     relative_errors,
+    residual_text,
     sensor_noise,
     validate,
 )
@@ -74,6 +75,7 @@ __all__ = [
     "relative_error",
     "relative_errors",
     "residual_test",
+    "residual_text",
     "robust_covariance",
     "sensor_noise",
     "smoothing_losses",

@@ -159,11 +159,6 @@ class LogValidation:
     signals: Signals | None = None
     floors: Mapping[str, NoiseFloor] = field(default_factory=dict)
 
-    def residual_text(self, joint: str) -> str:
-        """Return what the residual of a joint points to: noise of the sensors alone, its likely causes, or nothing."""
-        floor = self.floors.get(joint)
-        return "at the noise floor" if floor and floor.is_reached else causes_text(self.residuals[joint].causes, floor)
-
     @property
     def over_floor(self) -> float | None:
         """Error over what the sensors allow, for all joints for which that is known; None where it is known for
@@ -384,3 +379,9 @@ def check_mass(
     return model.check_mass_matrix(
         np.concatenate([*poses_in_motion, rng.uniform(lower, upper, (poses, len(lower)))]), theta
     )
+
+
+def residual_text(log: LogValidation, joint: str) -> str:
+    """Return what the residual of a joint points to: noise of the sensors alone, its likely causes, or nothing."""
+    floor = log.floors.get(joint)
+    return "at the noise floor" if floor and floor.is_reached else causes_text(log.residuals[joint].causes, floor)

@@ -12,7 +12,7 @@ from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking
 from dynident.checks.log_notes import LoopDiffers
 from dynident.files.results import json_text
 from dynident.report.terminal import terminal_table
-from dynident.runtime import Finding, Severity
+from dynident.runtime import Finding, Remark, Severity
 from tests.report.rankings import ranking, untold
 
 
@@ -141,7 +141,7 @@ def test_a_best_that_cross_validation_contradicts_is_not_recommended() -> None:
 
 
 def test_what_forbids_any_model_comes_first() -> None:
-    finding = Finding(Severity.ERROR, "elbow", "turns <b>the other way</b>", source="monday")
+    finding = Finding(Severity.ERROR, "elbow", Remark("turns <b>the other way</b>"), source="monday")
     first = ranking_findings(replace(ranking(), findings=(finding,)))[0]
     assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>"
     loop = replace(finding, severity=Severity.WARNING, message=LoopDiffers(0.7))

@@ -22,8 +22,9 @@ from dynident.report.identification import (
     identification_tables,
     result_words,
 )
-from dynident.report.terminal import Line, terminal_table
-from dynident.runtime import Finding, Severity
+from dynident.report.terminal import terminal_table
+from dynident.report.words import Line
+from dynident.runtime import Finding, Remark, Severity
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL, Outline
 
@@ -284,7 +285,7 @@ def test_what_the_checks_found_besides_is_said(identification):
     page = body(identification)
     assert '<td class="words">swing: elbow</td>' in page
     assert said in page
-    found += [Finding(Severity.WARNING, None, f"odd {k}.", source="swing") for k in range(6)]
+    found += [Finding(Severity.WARNING, None, Remark(f"odd {k}."), source="swing") for k in range(6)]
     identification.findings = tuple(found)
     assert identification_notes(identification)[-1].text == "Note: `dynident check` has 2 more warnings."
     assert "odd 5." in body(identification)

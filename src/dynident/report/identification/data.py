@@ -9,7 +9,6 @@ import numpy as np
 
 from dynident.checks import Excitation
 from dynident.checks.motion import excitation
-from dynident.report.calibration_words import settings_of
 from dynident.report.figures import clock
 from dynident.report.identification.figures import motion_figure, pieces_figure
 from dynident.report.page import (
@@ -25,7 +24,7 @@ from dynident.report.page import (
     pair_table,
     typeset,
 )
-from dynident.report.words import ROLES, day, log_labels, logs_of, points
+from dynident.report.words import ROLES, day, log_labels, logs_of, points, settings_of
 from dynident.runtime import count, join_names, number, percent, short
 from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, follow_tests
 

@@ -45,7 +45,7 @@ from dynident.report.identification.validation import (
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES, Line, day, label_of, logs_of, note_lines
 from dynident.runtime import Severity, Use, count, join_names, number, place_and_text
-from dynident.validation import FloorOrigin
+from dynident.validation import FloorOrigin, residual_text
 
 if TYPE_CHECKING:
     from dynident.identification import Identification, Verdict
@@ -381,7 +381,7 @@ def result_words(identification: Identification, exports: Sequence[Export] = ())
         "status": "; ".join(map(str, identification.estimate.notes)) or "ok",
         "warnings": list(map(str, identification.notes)),
         "residuals": {
-            log.name: {joint: text for joint in log.residuals if (text := log.residual_text(joint))}
+            log.name: {joint: text for joint in log.residuals if (text := residual_text(log, joint))}
             for log in identification.validations
         },
         "exports": export_results(exports),

@@ -15,7 +15,7 @@ from dynident.report.identification.figures import error_figure, run_figure, smo
 from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES, log_labels, points
 from dynident.runtime import ConfigError, InputError, join_names, number
-from dynident.validation import FloorOrigin
+from dynident.validation import FloorOrigin, residual_text
 
 if TYPE_CHECKING:
     import polars as pl
@@ -157,7 +157,7 @@ def _residual_table(identification: Identification) -> PageTable:
             number(100 * test.low_share, 2),
             number(test.peak, 3),
             number(100 * test.reversal_share, 2),
-            log.residual_text(joint) or "-",
+            residual_text(log, joint) or "-",
         )
         for log in identification.validations
         for joint, test in log.residuals.items()

@@ -10,9 +10,7 @@ from pydantic import TypeAdapter
 
 from dynident.checks import robot_notes
 from dynident.checks.robot_notes import AffectedColumns, MissingTerm, TermKind
-from dynident.report.finding_words import finding_words
-from dynident.report.robot_words import remedy
-from dynident.runtime import Finding, Note, Severity
+from dynident.runtime import Note
 from tests.classes import classes_of
 
 OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robot_notes.SuspectQuantity))
@@ -37,48 +35,44 @@ NOTES = [
 ]
 
 
-def said(note: Note) -> str:
-    return finding_words(Finding(Severity.WARNING, "j2", note))
-
-
 @pytest.mark.parametrize("note", NOTES, ids=lambda note: type(note).__name__)
 def test_a_note_is_said_in_sentences(note: Note) -> None:
-    text = said(note)
+    text = str(note)
     assert text.endswith(".")
     assert text.count(".") >= 1
     assert "{" not in text.replace("`{ kind", "")
 
 
-def test_all_kinds_of_notes_are_said() -> None:
+def test_all_kinds_of_notes_are_str() -> None:
     named = classes_of(robot_notes)
     kinds = {one for one in named if issubclass(one, Note)}
     assert {type(note) for note in NOTES} == kinds - {robot_notes.Costly, robot_notes.WrongValue}
 
 
-def test_what_a_cause_costs_is_said() -> None:
+def test_what_a_cause_costs_is_str() -> None:
     costly = [one for one in NOTES if isinstance(one, robot_notes.Costly)]
     for note in costly:
-        assert "at twice the speed it changes the torque by 3.2 %" in said(dataclasses.replace(note, cost=3.21))
-    assert "tilted by 1.15 deg about x and -2.01 deg about y" in said(NOTES[-3])
+        assert "at twice the speed it changes the torque by 3.2 %" in str(dataclasses.replace(note, cost=3.21))
+    assert "tilted by 1.15 deg about x and -2.01 deg about y" in str(NOTES[-3])
 
 
 def test_what_cannot_be_told_apart_is_listed() -> None:
-    text = said(NOTES[7])
+    text = str(NOTES[7])
     assert "1.25 +- 0.01 times" in text
     for words in ("cannot tell this from", "joint j1: a zero", "origin moved by 0.1 m", "frame turned by 0.1 rad"):
         assert words in text
-    assert "+0.1 +- 0.01" in said(NOTES[8])
-    assert "lighter" in said(NOTES[-1])
-    assert "together with j1" in said(MissingTerm(TermKind.COUPLED, 0.2, 0.01, 0.5, "j1"))
+    assert "+0.1 +- 0.01" in str(NOTES[8])
+    assert "lighter" in str(NOTES[-1])
+    assert "together with j1" in str(MissingTerm(TermKind.COUPLED, 0.2, 0.01, 0.5, "j1"))
 
 
 def test_what_is_left_is_said_with_its_figures() -> None:
-    assert "that repeats every 0.524 rad or m" in said(MissingTerm(TermKind.RIPPLE, 0.5, 0.01, 0.6, period=0.524))
-    assert "repeats" not in said(MissingTerm(TermKind.SPRING, 0.5, 0.01, 0.6))
-    at = said(robot_notes.LeftAtReversals(3.52, 0.71))
+    assert "that repeats every 0.524 rad or m" in str(MissingTerm(TermKind.RIPPLE, 0.5, 0.01, 0.6, period=0.524))
+    assert "repeats" not in str(MissingTerm(TermKind.SPRING, 0.5, 0.01, 0.6))
+    at = str(robot_notes.LeftAtReversals(3.52, 0.71))
     assert "3.5 % of its torque" in at
     assert "71 % of the joint's squared residual" in at
-    left = said(robot_notes.Unexplained(8.1, 42.3))
+    left = str(robot_notes.Unexplained(8.1, 42.3))
     assert "8.1 % of all torque" in left
     assert "42 % of its own" in left
 
@@ -91,11 +85,11 @@ def test_a_note_is_saved_and_read_as_it_was(note: Note) -> None:
 
 @pytest.mark.parametrize("note", NOTES, ids=lambda note: type(note).__name__)
 def test_what_to_do_is_said_in_short(note: Note) -> None:
-    text = remedy(note)
+    text = note.remedy
     assert text.endswith(("?", "."))
-    assert len(text) <= len(said(note))
+    assert len(text) <= len(str(note))
     if isinstance(note, robot_notes.WrongValue):
-        assert len(text) < 0.5 * len(said(note))
+        assert len(text) < 0.5 * len(str(note))
 
 
 def test_what_setting_right_removes_survives_a_file() -> None:

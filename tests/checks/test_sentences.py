@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from dynident.report.finding_words import finding_words
 
 from dynident.checks import log_notes, notes
-from dynident.identification import TimeOffset
-from dynident.report.terminal import words
-from dynident.runtime import Finding, Note, Severity
+from dynident.runtime import Note, Remark
 from tests.classes import classes_of
 
 SAID = [
@@ -521,19 +518,18 @@ SAID = [
 
 
 @pytest.mark.parametrize(("note", "said"), SAID, ids=lambda x: x[:30] if isinstance(x, str) else "")
-def test_findings_say_their_figures_and_what_to_do(note: Note, said: str) -> None:
-    assert finding_words(Finding(Severity.WARNING, "a", note)) == said
+def test_notes_say_their_figures_and_what_to_do(note: Note, said: str) -> None:
+    assert str(note) == said
 
 
 def test_every_note_of_the_checks_is_tried() -> None:
-    kinds = {*classes_of(notes), *classes_of(log_notes)} - {notes.ReadingNote, log_notes.SearchKind}
-    assert {type(note) for note, _ in SAID} == kinds
-    assert all(words.dispatch(kind) is not words.dispatch(object) for kind in kinds)
+    kinds = {kind for kind in (*classes_of(notes), *classes_of(log_notes)) if issubclass(kind, Note)}
+    assert {type(note) for note, _ in SAID} == {kind for kind in kinds if not issubclass(kind, Remark)}
 
 
 def test_factors_are_rounded_and_small_ones_in_percent() -> None:
     def said(factor: float) -> str:
-        return words(notes.SamplingJitter(0.2, factor))
+        return str(notes.SamplingJitter(0.2, factor))
 
     assert "would be 5 % noisier" in said(1.05)
     assert "would be 2 times noisier" in said(2.0)
@@ -541,13 +537,8 @@ def test_factors_are_rounded_and_small_ones_in_percent() -> None:
 
 
 def test_repeated_positions_that_are_not_every_other_have_another_remedy() -> None:
-    assert "Drop the repeated rows" in words(notes.RepeatedPositions(0.2, 1))
-    assert "Drop the repeated rows" in words(notes.RepeatedPositions(1.0, 0))
-
-
-def test_text_from_below_is_unchanged_and_a_time_offset_is_named() -> None:
-    assert finding_words(Finding(Severity.ERROR, None, "no such file.")) == "no such file."
-    assert finding_words(Finding(Severity.INFO, None, TimeOffset(0.0, 4.0, 4.0))).startswith("Time offset: none")
+    assert "Drop the repeated rows" in str(notes.RepeatedPositions(0.2, 1))
+    assert "Drop the repeated rows" in str(notes.RepeatedPositions(1.0, 0))
 
 
 @pytest.mark.parametrize(
@@ -555,6 +546,6 @@ def test_text_from_below_is_unchanged_and_a_time_offset_is_named() -> None:
     [(0.0, "'a', to 3 %"), (0.4, "'a', 0.4 s later in it, to"), (-0.4, "'a', begun 0.4 s before it, to")],
 )
 def test_a_repeat_may_begin_after_the_other_log_or_before(lag: float, place: str) -> None:
-    assert place in words(log_notes.RepeatedMotion("a", lag, 3.0))
-    same = words(log_notes.SameData("a", lag))
+    assert place in str(log_notes.RepeatedMotion("a", lag, 3.0))
+    same = str(log_notes.SameData("a", lag))
     assert ("later" in same, "before it" in same) == (lag > 0, lag < 0)

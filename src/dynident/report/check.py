@@ -1,4 +1,4 @@
-"""Tables of ``dynident check``: findings grouped by topic, and the facts behind them."""
+"""Tables of ``dynident check``: findings grouped by kind, and the facts behind them."""
 
 from __future__ import annotations
 

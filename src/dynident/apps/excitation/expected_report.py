@@ -14,6 +14,7 @@ from dynident.apps.excitation.config import NoiseOrigin
 from dynident.apps.excitation.design import ExpectedAccuracy, expected_accuracy
 from dynident.apps.excitation.motion import Program
 from dynident.checks import check_robot
+from dynident.checks.notes import FarCentre, ImpossibleInertia, NoMass
 from dynident.models import Floor, RigidBodies, ShapeSource
 from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from dynident.apps.excitation.robot import ExcitationProject
 
 MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
-DOUBTFUL_TOPICS = ("impossible", "massless", "far")
+DOUBTFUL_LINKS = (ImpossibleInertia, NoMass, FarCentre)
 PACKAGED = "package://"
 LOWEST_POINT_RATE, MAX_LOWEST_POINT_SAMPLES = 50.0, 5000  # Hz and samples of the lowest point
 _ORIGINS = {
@@ -80,7 +81,7 @@ def body_words(project: ExcitationProject) -> Iterator[str]:
     for bodies in (term for term in project.prior.model.terms if isinstance(term, RigidBodies)):
         findings = check_robot(bodies.file, [joint.name for joint in bodies.joints])
         if links := dict.fromkeys(
-            finding.link for finding in findings if finding.topic in DOUBTFUL_TOPICS and finding.link
+            finding.link for finding in findings if isinstance(finding.message, DOUBTFUL_LINKS) and finding.link
         ):
             yield (
                 f"Torques are by the robot file, where mass or inertia of {join_names(links, MAX_JOINTS)} cannot be "

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import notes
+from dynident.checks import file_notes
 from dynident.checks.alternatives import (
     _alternatives,
     _NormalEquations,
@@ -16,7 +16,7 @@ from dynident.checks.alternatives import (
     _relative_error,
     better_alternative,
 )
-from dynident.checks.robot_notes import AffectedColumns, ColumnReversed, JointsSwapped, OtherAxis
+from dynident.checks.file_notes import AffectedColumns, ColumnReversed, JointsSwapped, OtherAxis
 from dynident.models import Model, RigidBodies
 from tests.checks.moving_arm import arm, case, motion, text, truth
 
@@ -75,7 +75,7 @@ def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
     light = arm(re.sub(r'mass value="[^"]*"', 'mass value="0.001"', text()))
     (one,) = found(motion(model=hung, theta=truth(hung)), light)
     assert one.topic == "gravity"
-    assert isinstance(one.message, notes.OtherGravity)
+    assert isinstance(one.message, file_notes.OtherGravity)
     np.testing.assert_allclose(one.message.fitted, np.round(gravity, 1))
 
 

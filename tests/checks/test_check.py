@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from dynident.checks import log_notes as motion_notes
-from dynident.checks import notes, robot_notes, run_checks, with_findings
-from dynident.checks.log_notes import SearchKind, SearchLeftOut
+from dynident.checks import file_notes, motion_notes, robot_notes, run_checks, with_findings
+from dynident.checks.motion_notes import SearchKind, SearchLeftOut
 from dynident.identification import Recipe, identify
 from dynident.models import Model, RigidBodies, Term
 from dynident.models.lagrangian import slider, two_link_arm
@@ -121,7 +120,7 @@ def test_the_most_severe_come_first() -> None:
 def test_another_gravity_in_the_file_is_said() -> None:
     moon = ARM_MJCF.replace("<default>", '<option gravity="0 0 -1.62"/><default>', 1)
     (found,) = (one for one in run_checks(Model((RigidBodies(moon),)), {}).findings if one.topic == "gravity")
-    assert found.message == notes.GravityIgnored((0.0, 0.0, -1.62), (0.0, 0.0, -9.81))
+    assert found.message == file_notes.GravityIgnored((0.0, 0.0, -1.62), (0.0, 0.0, -9.81))
     assert "gravity" not in topics(run_checks(Model((RigidBodies(ARM_MJCF),)), {}))
 
 
@@ -177,7 +176,7 @@ def test_beside_an_identification_nothing_is_smoothed_again() -> None:
     before = smoother.count
     both = with_findings(found, slider(), logs, recipe)
     assert smoother.count == before
-    assert [type(one.message) for one in both.findings] == [notes.ReversedSign]
+    assert [type(one.message) for one in both.findings] == [file_notes.ReversedSign]
     assert both.findings == run_checks(slider(), logs, recipe).findings
     assert both.notes == found.warnings
 

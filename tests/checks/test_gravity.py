@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks import run_checks
-from dynident.checks.notes import OtherGravity
+from dynident.checks.file_notes import OtherGravity
 from dynident.checks.robot import gravity_findings
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Viscous

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks import loop_findings
-from dynident.checks.log_notes import LoopDiffers, LoopGain, LoopVelocity
+from dynident.checks.motion_notes import LoopDiffers, LoopGain, LoopVelocity
 from dynident.models.simulation import PD, PID, CascadePD, DifferencingLoop, Function
 from dynident.motion.log import Controller, Log
 from dynident.runtime import Finding, ModelError, Severity

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import ExcitedRank
-from dynident.checks import log_notes as motion_notes
+from dynident.checks import ExcitedRank, motion_notes
 from dynident.checks.motion import excitation, excited_rank, hardly_moving_findings, limit_findings, rank_findings
 from dynident.models import Joint, Model
 from dynident.models.friction import Offset

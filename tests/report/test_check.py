@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, log_notes, notes
+from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, channel_notes, log_notes
 from dynident.identification import TimeOffset
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
@@ -99,7 +99,7 @@ def test_what_forbids_a_use_comes_before_the_rest() -> None:
 
 
 def test_the_dictionary_is_plain() -> None:
-    found = check_dict(CheckResult((Finding(Severity.ERROR, None, notes.LongGap(0.5, 1.0, 50.0, 1)),)))
+    found = check_dict(CheckResult((Finding(Severity.ERROR, None, channel_notes.LongGap(0.5, 1.0, 50.0, 1)),)))
     assert found["findings"][0]["topic"] == "gap"
     assert found["rank"] is None
     assert [type(found["findings"][0][key]) for key in ("severity", "topic")] == [str, str]

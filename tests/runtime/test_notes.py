@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import notes
+from dynident.checks import channel_notes, file_notes
 from dynident.runtime import Finding, InputError, Messages, Note, Remark, Severity, count, percent, require
 
-STILL = notes.NeverMoves(1, 0.3)
+STILL = channel_notes.NeverMoves(1, 0.3)
 
 
 def test_a_finding_says_its_place_and_ends_its_sentence() -> None:
@@ -24,9 +24,9 @@ def test_messages_are_printed_one_to_a_line_with_their_severity() -> None:
 
 
 def test_require_lists_every_error_and_lets_warnings_pass() -> None:
-    warning = Finding(Severity.WARNING, None, notes.OddTotalMass(6e3))
+    warning = Finding(Severity.WARNING, None, file_notes.OddTotalMass(6e3))
     require([warning], "x.csv")
-    gap, short = notes.LongGap(0.5, 1.0, 50.0, 1), notes.TooFewSamples(4, 30)
+    gap, short = channel_notes.LongGap(0.5, 1.0, 50.0, 1), channel_notes.TooFewSamples(4, 30)
     errors = [Finding(Severity.ERROR, "a", gap), warning, Finding(Severity.ERROR, None, short)]
     with pytest.raises(InputError) as caught:
         require(errors, "x.csv")

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes, robot_notes
+from dynident.checks import file_notes
+from dynident.checks.file_notes import AffectedColumns
 from dynident.checks.misfit import FitCase, misfit
-from dynident.checks.robot_notes import AffectedColumns
 from dynident.checks.suspects import displace_joint
 from dynident.runtime import Finding, Note, Severity, brief
 
@@ -156,7 +156,7 @@ def _swap_columns(case: FitCase) -> Iterator[Alternative]:
         order = np.arange(len(names))
         order[[i, j]] = j, i
         for channel, swapped_case in _transform_columns(case, order=order):
-            note = partial(robot_notes.JointsSwapped, (names[i], names[j]), channel)
+            note = partial(file_notes.JointsSwapped, (names[i], names[j]), channel)
             yield Alternative(swapped_case, None, note)
 
 
@@ -164,7 +164,7 @@ def _reverse_signs(case: FitCase) -> Iterator[Alternative]:
     for j, joint in enumerate(case.model.joints):
         sign = np.where(np.arange(len(case.model.joints)) == j, -1.0, 1.0)
         for channel, reversed_case in _transform_columns(case, sign=sign):
-            yield Alternative(reversed_case, joint.name, partial(robot_notes.ColumnReversed, channel))
+            yield Alternative(reversed_case, joint.name, partial(file_notes.ColumnReversed, channel))
 
 
 def _transform_columns(
@@ -196,7 +196,7 @@ def _turn_axes(case: FitCase) -> Iterator[Alternative]:
                 angle = np.arctan2(np.linalg.norm(turn), given_axis @ axis)
                 displacement = np.concatenate([np.zeros(6), angle * turn / np.linalg.norm(turn)])
                 turned_case = replace(case, model=displace_joint(case.model, joint.name, displacement))
-                note = partial(robot_notes.OtherAxis, tuple(given_axis.tolist()), tuple(axis.tolist()))
+                note = partial(file_notes.OtherAxis, tuple(given_axis.tolist()), tuple(axis.tolist()))
                 yield Alternative(turned_case, joint.name, note)
 
 
@@ -218,4 +218,4 @@ def _turn_gravity(case: FitCase) -> Iterator[Alternative]:
 def _other_gravity_note(
     fitted_gravity: tuple[float, ...], assumed: tuple[float, ...], _before: float, _after: float
 ) -> Note:
-    return notes.OtherGravity(fitted_gravity, assumed)
+    return file_notes.OtherGravity(fitted_gravity, assumed)

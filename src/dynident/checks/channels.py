@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import log_notes, notes, stamps
+from dynident.checks import channel_notes, log_notes, stamps
 from dynident.checks.stamps import MINIMUM_SAMPLES
 from dynident.identification import arm_rests, rest_blocks
 from dynident.identification.dataset import TorqueOutliers, equal_runs
@@ -50,7 +50,7 @@ def jump_findings(log: Log) -> Iterator[Finding]:
         size, row = np.abs(np.diff(q))[jump_rows], int(jump_rows[0])
         place = row, float(log.t[row])
         if size.max() >= MIN_WRAP_SHARE * np.ptp(q) and np.ptp(q) > 1.0:
-            note = log_notes.WrappedPosition(len(jump_rows), float(size.max()), *place)
+            note = channel_notes.WrappedPosition(len(jump_rows), float(size.max()), *place)
             yield Finding(Severity.ERROR, name, note)
         else:
             jump = log_notes.PositionJump(len(jump_rows), float(size[0]), *place)
@@ -241,8 +241,8 @@ def check_log(
     clock = list(stamps.time_unit_findings(log))
     findings = [*stamps.sample_findings(log), *stamps.gap_findings(log), *stamps.jitter_findings(log), *clock]
     jumps = tuple(jump_findings(log)) if jumps is None else jumps
-    findings += [finding for finding in jumps if isinstance(finding.message, log_notes.WrappedPosition)]
-    wrapped = [finding.joint for finding in findings if isinstance(finding.message, log_notes.WrappedPosition)]
+    findings += [finding for finding in jumps if isinstance(finding.message, channel_notes.WrappedPosition)]
+    wrapped = [finding.joint for finding in findings if isinstance(finding.message, channel_notes.WrappedPosition)]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
         # an angle may be in degrees only where the joint neither turns often nor wraps, and the time unit is right
@@ -273,7 +273,7 @@ def check_log_fully(
     """
     jumps = tuple(jump_findings(log))
     quick_findings = check_log(log, kinds, multi_turn, jumps=jumps)
-    findings = [finding for finding in quick_findings if not isinstance(finding.message, notes.UnevenSteps)]
+    findings = [finding for finding in quick_findings if not isinstance(finding.message, channel_notes.UnevenSteps)]
     # a log that is too short has an error already
     if len(log) >= MINIMUM_SAMPLES:
         facts = stamps.timing(log)
@@ -300,7 +300,7 @@ def check_log_fully(
 def _still_findings(q: Array) -> Iterator[Finding]:
     levels = len(np.unique(q))
     if levels <= 3:
-        yield Finding(Severity.WARNING, None, notes.NeverMoves(levels, float(q[0])))
+        yield Finding(Severity.WARNING, None, channel_notes.NeverMoves(levels, float(q[0])))
 
 
 def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
@@ -309,7 +309,7 @@ def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
     clean = repair_log(log, torque=False)  # spikes are no motion
     q = clean.q[:, j]
     if _far_or_fast(clean.t, q):
-        note = notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q))
+        note = channel_notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q))
         yield Finding(Severity.ERROR, None, note)
 
 
@@ -327,13 +327,13 @@ def _quantisation_findings(q: Array) -> Iterator[Finding]:
     resolution = grid_step(q)
     counts = np.abs(np.diff(q)) / resolution
     if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < MIN_RESOLVED_STEPS:
-        yield Finding(Severity.WARNING, None, notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS))
+        yield Finding(Severity.WARNING, None, channel_notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS))
 
 
 def _dead_torque_findings(tau: Array) -> Iterator[Finding]:
     low, high = float(tau.min()), float(tau.max())
     if low == high:
-        yield Finding(Severity.WARNING, None, notes.ConstantTorque(low))
+        yield Finding(Severity.WARNING, None, channel_notes.ConstantTorque(low))
 
 
 def _repeat_share(q: Array, reach: int = 5) -> float:
@@ -353,7 +353,7 @@ def _stale_findings(q: Array) -> Iterator[Finding]:
     share = _repeat_share(q)
     if share > MAX_REPEAT_SHARE:
         update_interval = round(1 / (1 - share)) if share < 1 else 0
-        yield Finding(Severity.WARNING, None, notes.RepeatedPositions(share, update_interval))
+        yield Finding(Severity.WARNING, None, channel_notes.RepeatedPositions(share, update_interval))
 
 
 def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
@@ -362,5 +362,5 @@ def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
     if rests:
         longest = max(rests, key=lambda part: part.stop - part.start)
         start, stop = log.t[longest.start], log.t[longest.stop - 1]
-        note = notes.ArmAtRest(float(start), float(stop), rests_kept)
+        note = channel_notes.ArmAtRest(float(start), float(stop), rests_kept)
         yield Finding(Severity.WARNING if rests_kept else Severity.INFO, None, note)

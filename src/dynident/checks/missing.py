@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.misfit import FOLDS, FitCase, Misfit, ScoreTest, fit_case, measured_case, misfit, steady_mask
+from dynident.checks.motion_notes import OtherPayload
 from dynident.checks.robot_notes import (
     MAX_SIMULATION_COST,
     LeftAtReversals,
     MissingTerm,
-    OtherPayload,
     TermKind,
     TermLeftOut,
     Unexplained,

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import log_notes
+from dynident.checks import log_notes, motion_notes
 from dynident.checks.misfit import FitCase, fit_case
-from dynident.checks.robot_notes import OddLog
+from dynident.checks.motion_notes import OddLog
 from dynident.checks.stamps import joint_errors, rms_error
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.identification import held_joints
@@ -207,7 +207,9 @@ def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> I
         if is_held and joint_excitation.upper > joint_excitation.lower:  # of one that never moves, its log says so
             largest = max(x for x, kind in zip(reach.tolist(), kinds, strict=True) if kind == joint.kind)
             middle = (joint_excitation.lower + joint_excitation.upper) / 2
-            note = log_notes.HardlyMoves(joint_excitation.upper - joint_excitation.lower, largest, middle, joint.unit)
+            note = motion_notes.HardlyMoves(
+                joint_excitation.upper - joint_excitation.lower, largest, middle, joint.unit
+            )
             yield Finding(Severity.WARNING, joint_excitation.joint, note)
 
 
@@ -215,7 +217,7 @@ def limit_findings(joint_excitation: Excitation, limits: RobotJointLimits | None
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
     joint = joint_excitation.joint
     if joint_excitation.reversals < MIN_REVERSALS and joint_excitation.peak_speed > MIN_PEAK_SPEED:
-        yield Finding(Severity.WARNING, joint, log_notes.FewReversals(joint_excitation.reversals))
+        yield Finding(Severity.WARNING, joint, motion_notes.FewReversals(joint_excitation.reversals))
     if limits is not None:
         yield from _position_findings(joint_excitation, limits)
         yield from _speed_findings(joint_excitation, limits)
@@ -228,7 +230,7 @@ def _position_findings(joint_excitation: Excitation, limits: RobotJointLimits) -
     slack = RANGE_TOLERANCE * max(limits.upper - limits.lower, 1.0)
     if joint_excitation.lower < limits.lower - slack or joint_excitation.upper > limits.upper + slack:
         is_far = joint_excitation.upper - joint_excitation.lower > MAX_RANGE_RATIO * (limits.upper - limits.lower)
-        note = log_notes.PositionBeyondLimits(
+        note = motion_notes.PositionBeyondLimits(
             joint_excitation.lower, joint_excitation.upper, limits.lower, limits.upper, is_far
         )
         yield Finding(Severity.WARNING, joint_excitation.joint, note)
@@ -236,7 +238,7 @@ def _position_findings(joint_excitation: Excitation, limits: RobotJointLimits) -
 
 def _speed_findings(joint_excitation: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
     if limits.velocity is not None and 0 < LIMIT_TOLERANCE * limits.velocity < joint_excitation.peak_speed:
-        note = log_notes.VelocityAboveLimit(joint_excitation.peak_speed, limits.velocity)
+        note = motion_notes.VelocityAboveLimit(joint_excitation.peak_speed, limits.velocity)
         yield Finding(Severity.WARNING, joint_excitation.joint, note)
 
 
@@ -245,12 +247,12 @@ def _effort_findings(joint_excitation: Excitation, limits: RobotJointLimits, uni
     if limit is None or limit <= 0:
         return
     if joint_excitation.torque > LIMIT_TOLERANCE * limit:
-        above = log_notes.EffortAboveLimit(
+        above = motion_notes.EffortAboveLimit(
             joint_excitation.torque, limit, unit, far=joint_excitation.torque > 3 * limit
         )
         yield Finding(Severity.WARNING, joint_excitation.joint, above)
     elif 0 < joint_excitation.torque < 1e-3 * limit:  # a torque of zero is a dead channel
-        below = log_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit)
+        below = motion_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit)
         yield Finding(Severity.WARNING, joint_excitation.joint, below)
 
 
@@ -285,7 +287,7 @@ def rank_findings(rank: ExcitedRank) -> Iterator[Finding]:
     for unexcited_parameters in rank.missing:
         yield Finding(Severity.WARNING, None, unexcited_parameters)
     if rank.condition > MAX_CONDITION and not rank.missing:
-        note = log_notes.CorrelatedParameters(rank.on_data, rank.condition)
+        note = motion_notes.CorrelatedParameters(rank.on_data, rank.condition)
         yield Finding(Severity.WARNING, None, note)
 
 

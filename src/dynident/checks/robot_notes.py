@@ -11,21 +11,10 @@ from enum import StrEnum
 from math import degrees
 from typing import ClassVar
 
-from dynident.runtime import Note, Use, WordedEnum, angles, percent, short
+from dynident.runtime import Note, Use, WordedEnum, angles, percent, short, vector
 
-MAX_CONTROL_COST, MAX_JOINT_COST = (
-    10.0,
-    25.0,
-)  # %, of the torque and of one joint's: the verdict's limits of held-out errors
+MAX_CONTROL_COST, MAX_JOINT_COST = 10.0, 25.0  # %, of the torque and of one joint's, as the verdict's limits of errors
 MAX_SIMULATION_COST = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
-
-
-class AffectedColumns(StrEnum):
-    """The columns of a log that are affected."""
-
-    POSITION = "position"
-    TORQUE = "torque"
-    BOTH = "position and torque"
 
 
 class TermKind(StrEnum):
@@ -135,13 +124,9 @@ class Costly(Note):
     @property
     def forbidden(self) -> Use | None:
         """Control where the cost is large, simulation where it is more than a fit of a real robot leaves."""
-        return (
-            Use.CONTROL
-            if self.cost > MAX_CONTROL_COST
-            else Use.SIMULATION
-            if self.cost > MAX_SIMULATION_COST
-            else self.forbids
-        )
+        if self.cost > MAX_CONTROL_COST:
+            return Use.CONTROL
+        return Use.SIMULATION if self.cost > MAX_SIMULATION_COST else self.forbids
 
     @property
     def consequence(self) -> str:
@@ -163,69 +148,6 @@ class WrongValue(Costly):
     def forbidden(self) -> Use | None:
         """Control where a joint's torque is far off, else simulation."""
         return Use.CONTROL if self.joint_cost > MAX_JOINT_COST else self.forbids
-
-
-@dataclass(frozen=True)
-class JointsSwapped(Note):
-    """The columns of two joints fit the other joint better.
-
-    ``before`` and ``after`` are the errors (%) of the torque, mean over the joints.
-    """
-
-    topic = "swapped"
-    forbids: ClassVar[Use | None] = Use.CONTROL
-    joints: tuple[str, str]
-    channel: AffectedColumns
-    before: float
-    after: float
-
-    def __str__(self) -> str:
-        joint, partner = self.joints
-        columns = {
-            AffectedColumns.POSITION: "position columns",
-            AffectedColumns.TORQUE: "torque columns",
-            AffectedColumns.BOTH: "columns of position and torque",
-        }
-        return (
-            f"are the {columns[self.channel]} of {joint} and {partner} exchanged? With them the other way round "
-            f"{_error_change(self.before, self.after)}. Check the columns in the configuration."
-        )
-
-
-@dataclass(frozen=True)
-class ColumnReversed(Note):
-    """The columns of a joint fit with the other sign; errors (%) as above."""
-
-    topic = "sign"
-    forbids: ClassVar[Use | None] = Use.CONTROL
-    channel: AffectedColumns
-    before: float
-    after: float
-
-    def __str__(self) -> str:
-        verb = "have" if self.channel is AffectedColumns.BOTH else "has"
-        return (
-            f"{self.channel.value} {verb} the opposite sign? With it reversed "
-            f"{_error_change(self.before, self.after)}. Set a negative `gain`, or reverse the axis in the robot file."
-        )
-
-
-@dataclass(frozen=True)
-class OtherAxis(Note):
-    """Another axis (3) of a joint, in its own frame, fits better than that of the file; errors (%) as above."""
-
-    topic = "axis"
-    forbids: ClassVar[Use | None] = Use.CONTROL
-    given: tuple[float, ...]
-    fitted: tuple[float, ...]
-    before: float
-    after: float
-
-    def __str__(self) -> str:
-        return (
-            f"is the axis right? With {_vector(self.fitted)} instead of {_vector(self.given)}, in the joint's frame, "
-            f"{_error_change(self.before, self.after)}. Check the axis in the robot file, and the columns."
-        )
 
 
 @dataclass(frozen=True)
@@ -343,7 +265,7 @@ class AxisTilted(WrongValue):
     def __str__(self) -> str:
         return (
             f"its {self._part} seems to be turned by {short(self.angle)} +- {short(self.std, 2)} rad about "
-            f"{_vector(self.axis)} of the joint's frame, which removes {_of_residual(self.share)}. {self.consequence} "
+            f"{vector(self.axis)} of the joint's frame, which removes {_of_residual(self.share)}. {self.consequence} "
             f"Check the rotations in the robot file.{_rivals(self.others)}"
         )
 
@@ -465,51 +387,6 @@ class Unexplained(Note):
         )
 
 
-@dataclass(frozen=True)
-class OtherPayload(Costly):
-    """The last link is ``mass`` (kg) heavier in one log than in training.
-
-    This explains ``share`` of the squared residual of both. A model of one payload is not valid for the other:
-    any forbids simulation, and a large one control. The ``cost`` is the torque of the payload in that log.
-    """
-
-    topic = "payload"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
-    mass: float
-    std: float
-    share: float
-
-    def __str__(self) -> str:
-        heavier = "heavier" if self.mass > 0 else "lighter"
-        return (
-            f"the last link is {short(abs(self.mass))} +- {short(self.std, 2)} kg {heavier} here than in training, "
-            f"which explains {100 * self.share:.0f} % of the squared residual. {self.consequence} Was there another "
-            "payload? Give each payload its own model."
-        )
-
-
-@dataclass(frozen=True)
-class OddLog(Note):
-    """One log does not fit together with the others.
-
-    One fit of all logs leaves ``before`` % of the torque, mean over the joints; with a separate fit of this log
-    ``after`` %. What was modelled has changed between the logs, so that it forbids simulation.
-    """
-
-    topic = "odd log"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
-    before: float
-    after: float
-
-    def __str__(self) -> str:
-        return (
-            f"does not fit together with the other logs: one fit of all leaves {percent(self.before)} of the torque "
-            f"(mean over the joints), with a fit of its own for this log {percent(self.after)}. Have the payload, a "
-            "zero, the mounting or the temperature changed in between, or are columns, signs or units others in this "
-            "file? Correct it, or leave it out."
-        )
-
-
 def _of_residual(share: float) -> str:
     return f"{100 * share:.0f} % of the squared training residual"
 
@@ -520,11 +397,3 @@ def _rivals(rivals: tuple[Rival, ...]) -> str:
         return ""
     listing = "; ".join(map(str, rivals))
     return f" The data cannot tell this from: {listing}. The change of the torque given here is the largest of theirs."
-
-
-def _vector(axis: tuple[float, ...]) -> str:
-    return "(" + ", ".join(map(short, axis)) + ")"
-
-
-def _error_change(before: float, after: float) -> str:
-    return f"the mean torque error then falls from {short(before)} to {percent(after)}"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import log_notes, notes
+from dynident.checks import channel_notes, log_notes
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, thin_motions
@@ -91,7 +91,7 @@ def timing(log: Log) -> Timing:
     )
 
 
-def respace(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpaced | None]:
+def respace(log: Log, *, always: bool = False) -> tuple[Log, channel_notes.EquallySpaced | None]:
     """Return the log with equal spacing where its positions are less noisy on it, and a note of that.
 
     The straight line through the stamps gives the times; lost samples keep their place. Where the stamps leave
@@ -115,7 +115,7 @@ def respace(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpaced
     if not always and ratios[best] >= _MAX_NOISE_RATIO:
         return log, None
     lost *= best == 0
-    note = notes.EquallySpaced(jitter, 1 / ratios[best], (len(t) - 1 + lost) / float(np.ptp(axes[best])), lost)
+    note = channel_notes.EquallySpaced(jitter, 1 / ratios[best], (len(t) - 1 + lost) / float(np.ptp(axes[best])), lost)
     return replace(log, t=axes[best]), note
 
 
@@ -177,7 +177,7 @@ def sample_findings(log: Log) -> Iterator[Finding]:
     """Yield an error where the log is too short."""
     if len(log) < MINIMUM_SAMPLES:
         step = float(np.median(np.diff(log.t))) if len(log) > 1 else 0.0
-        yield Finding(Severity.ERROR, None, notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step))
+        yield Finding(Severity.ERROR, None, channel_notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step))
 
 
 def gap_findings(log: Log) -> Iterator[Finding]:
@@ -186,7 +186,7 @@ def gap_findings(log: Log) -> Iterator[Finding]:
     if len(long_steps):
         steps, first_gap = np.diff(log.t), long_steps[0]
         length = float(steps[first_gap])
-        note = notes.LongGap(length, float(log.t[first_gap]), length / float(np.median(steps)), len(long_steps))
+        note = channel_notes.LongGap(length, float(log.t[first_gap]), length / float(np.median(steps)), len(long_steps))
         yield Finding(Severity.ERROR, None, note)
 
 
@@ -195,7 +195,7 @@ def jitter_findings(log: Log) -> Iterator[Finding]:
     steps = np.diff(log.t)
     median, jitter = float(np.median(steps)), _relative_jitter(steps)
     if jitter > _MAX_JITTER:
-        note = notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max()))
+        note = channel_notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max()))
         yield Finding(Severity.WARNING, None, note)
 
 
@@ -206,9 +206,9 @@ def stamp_findings(facts: Timing) -> Iterator[Finding]:
         # equal spacing would shift all that follows a loss
         rounded = facts.missing > 0 and facts.slots < 0.9 * facts.even
         rate, step = (None, facts.step) if rounded else (facts.rate, None)
-        yield Finding(Severity.WARNING, None, notes.StampsJitter(facts.jitter, 1 / best, rate, step))
+        yield Finding(Severity.WARNING, None, channel_notes.StampsJitter(facts.jitter, 1 / best, rate, step))
     elif facts.jitter > _MAX_JITTER:
-        note = notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None)
+        note = channel_notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None)
         yield Finding(Severity.INFO, None, note)
 
 
@@ -217,7 +217,7 @@ def lost_sample_findings(facts: Timing) -> Iterator[Finding]:
     if facts.missing:
         share = facts.missing / (facts.samples + facts.missing)
         severity = Severity.WARNING if share > _MAX_LOST_SHARE else Severity.INFO
-        note = notes.LostSamples(facts.missing, share, facts.longest / facts.step)
+        note = channel_notes.LostSamples(facts.missing, share, facts.longest / facts.step)
         yield Finding(severity, None, note)
 
 
@@ -242,7 +242,7 @@ def time_unit_findings(log: Log) -> Iterator[Finding]:
             and USUAL_SPEEDS[0] <= speed / factor <= USUAL_SPEEDS[1]
             and not USUAL_SPEEDS[0] * 5 <= speed <= USUAL_SPEEDS[1]
         ):
-            yield Finding(Severity.ERROR, None, log_notes.WrongTimeUnit(1 / step, speed, factor))
+            yield Finding(Severity.ERROR, None, channel_notes.WrongTimeUnit(1 / step, speed, factor))
             return
 
 
@@ -257,7 +257,7 @@ def length_unit_findings(joint: str, t: Array, q: Array) -> Iterator[Finding]:
     """Yield a warning where a sliding joint moves as far, or as fast, as if it were in millimetres."""
     span, speed = float(np.ptp(q)), _percentile_speed(t, q)
     if span > MAX_SPAN or speed > MAX_SPEED:
-        yield Finding(Severity.WARNING, joint, log_notes.PerhapsMillimetres(span, speed))
+        yield Finding(Severity.WARNING, joint, channel_notes.PerhapsMillimetres(span, speed))
 
 
 def radian_findings(regression: Regression) -> Iterator[Finding]:

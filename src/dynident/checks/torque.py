@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes
-from dynident.checks.log_notes import LoopDiffers, LoopGain, LoopVelocity
+from dynident.checks import file_notes
+from dynident.checks.motion_notes import LoopDiffers, LoopGain, LoopVelocity
 from dynident.models import INERTIAL, Model
 from dynident.models.simulation import DifferencingLoop, HasTimes, longest_stretch
 from dynident.motion.log import Controller, HasState, Log, Motion, subsample
@@ -254,12 +254,12 @@ def agreement_findings(joint_agreement: Agreement, unit: str) -> Iterator[Findin
         and joint_agreement.friction < -MIN_DRIVING_SHARE
     )
     if joint_agreement.correlation < -MIN_SIGN_CORRELATION or is_driven:
-        sign = notes.ReversedSign(None if is_driven else joint_agreement.correlation)
+        sign = file_notes.ReversedSign(None if is_driven else joint_agreement.correlation)
         yield Finding(Severity.WARNING, joint_agreement.joint, sign)
     elif joint_agreement.correlation > MIN_SCALE_CORRELATION and not 1 / MAX_SCALE < joint_agreement.scale < MAX_SCALE:
-        yield Finding(Severity.WARNING, joint_agreement.joint, notes.OddScale(joint_agreement.scale, unit))
+        yield Finding(Severity.WARNING, joint_agreement.joint, file_notes.OddScale(joint_agreement.scale, unit))
     elif abs(joint_agreement.correlation) < MAX_UNRELATED_CORRELATION and joint_agreement.asked > MIN_UNRELATED_RATIO:
-        foreign = notes.UnrelatedTorque(joint_agreement.asked, joint_agreement.correlation)
+        foreign = file_notes.UnrelatedTorque(joint_agreement.asked, joint_agreement.correlation)
         yield Finding(Severity.WARNING, joint_agreement.joint, foreign)
 
 

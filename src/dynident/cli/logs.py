@@ -92,7 +92,7 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
 
 def _unusable_result(error: Exception) -> CheckResult:
     from dynident.checks import CheckResult
-    from dynident.checks.notes import Unusable
+    from dynident.checks.file_notes import Unusable
     from dynident.runtime import Finding, Severity
 
     return CheckResult((Finding(Severity.ERROR, None, Unusable(str(error))),))

@@ -18,7 +18,7 @@ from dynident.checks import (
     rest_findings,
     split_gaps,
 )
-from dynident.checks.log_notes import LoopUnused
+from dynident.checks.motion_notes import LoopUnused
 from dynident.files.tables import DataTable, read_columns
 from dynident.models import Joint
 from dynident.models.simulation import HasTimes

@@ -50,6 +50,7 @@ from dynident.runtime.text import (
     settings_text,
     short,
     shorten,
+    vector,
 )
 
 __all__ = [
@@ -98,4 +99,5 @@ __all__ = [
     "short",
     "shorten",
     "shorten_names",
+    "vector",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -46,6 +46,11 @@ def rough(value: float) -> str:
 def instant(t: float) -> str:
     """Format a time (s) to 0.1 ms, in full also for clocks that began long ago."""
     return f"{round(t, 4):.15g}"
+
+
+def vector(values: Iterable[float], digits: int = 3) -> str:
+    """Format numbers in brackets, to ``digits`` significant digits."""
+    return f"({', '.join(short(value, digits) for value in values)})"
 
 
 def angles(x: float, y: float, decimals: int = 1) -> str:

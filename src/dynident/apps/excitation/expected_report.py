@@ -14,7 +14,7 @@ from dynident.apps.excitation.config import NoiseOrigin
 from dynident.apps.excitation.design import ExpectedAccuracy, expected_accuracy
 from dynident.apps.excitation.motion import Program
 from dynident.checks import check_robot
-from dynident.checks.notes import FarCentre, ImpossibleInertia, NoMass
+from dynident.checks.file_notes import FarCentre, ImpossibleInertia, NoMass
 from dynident.models import Floor, RigidBodies, ShapeSource
 from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing

@@ -49,7 +49,7 @@ class OtherGravity(Note):
 
     def __str__(self) -> str:
         return (
-            f"is gravity right? The torques fit a gravity of about {vector(self.fitted, 2)} m/s^2 in the root link's "
+            f"is gravity right? The torques fit a gravity of about {vector(self.fitted)} m/s^2 in the root link's "
             f"frame, not {vector(self.assumed, 4)}. Set `gravity` if the arm is mounted that way; otherwise check the "
             "signs of all torques and positions, and `zero`."
         )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from reprlib import repr as short
+from reprlib import repr as short_repr
 from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, Spline, position_noise, repair_log, smooth_log
 from dynident.motion.splines import stretches
 from dynident.regression import EVERYTHING, ParallelFilter, Selection
-from dynident.runtime import ConfigError, Note, Severity, choices, settings_repr
+from dynident.runtime import ConfigError, Note, Severity, choices, settings_repr, short
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -337,7 +337,7 @@ class Recipe:
                 object.__setattr__(self, name, tuple(value))
         for name, (is_valid, expected) in _FIELDS.items():
             if not is_valid(value := getattr(self, name)):
-                raise ConfigError(f"recipe: {name} is {short(value)}; it must be {expected}.")
+                raise ConfigError(f"recipe: {name} is {short_repr(value)}; it must be {expected}.")
 
     @property
     def smoothers(self) -> tuple[Smoother, ...]:

@@ -126,7 +126,7 @@ def test_notes_say_their_figures_and_what_to_do(note: Note, sentence: str) -> No
 def test_all_kinds_of_notes_are_tried() -> None:
     modules = (channel_notes, file_notes, log_notes, motion_notes, robot_notes)
     kinds = {kind for module in modules for kind in classes_of(module) if issubclass(kind, Note)}
-    bases = {robot_notes.Costly, robot_notes.WrongValue}
+    bases = {robot_notes.Costly, robot_notes.WrongValue, log_notes.Spikes, log_notes.FrozenValue}
     assert {type(note) for note in NOTES} == {kind for kind in kinds - bases if not issubclass(kind, Remark)}
 
 

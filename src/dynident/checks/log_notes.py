@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,30 +11,65 @@ CABLE = "Look for a loose cable, a lost message, or a full buffer where it was r
 
 
 @dataclass(frozen=True)
-class PositionSpikes(Note):
+class Spikes(Note):
+    """``count`` values are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in SI units."""
+
+    count: int
+    rows: tuple[int, ...]
+    times: tuple[float, ...]
+    largest: float
+
+    @property
+    def place(self) -> str:
+        """Indices of the samples, from zero, and their times."""
+        ellipsis = ", ..." if self.count > len(self.rows) else ""
+        rows, times = ", ".join(map(str, self.rows)), ", ".join(map(instant, self.times))
+        return f"sample{'s' if self.count > 1 else ''} {rows}{ellipsis} (t = {times}{ellipsis} s)"
+
+    @property
+    def figures(self) -> str:
+        """Its size and rows."""
+        return f"{self.count} by up to {short(self.largest, 4)}, {self.place}"
+
+
+@dataclass(frozen=True)
+class FrozenValue(Note):
+    """A ``value`` (SI) is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s)."""
+
+    row: int
+    count: int
+    start: float
+    stop: float
+    value: float
+
+    @property
+    def place(self) -> str:
+        """The samples and their times."""
+        first = f"from sample {self.row} (t = {instant(self.start)} s)"
+        return f"for {self.count} samples, {first} to t = {instant(self.stop)} s"
+
+    @property
+    def figures(self) -> str:
+        """Its size and rows."""
+        return f"{self.count} samples at {self.value:.6g} from sample {self.row}"
+
+
+@dataclass(frozen=True)
+class PositionSpikes(Spikes):
     """``count`` positions are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in rad or m.
 
     They are ``replaced`` by what is around them, or kept.
     """
 
     topic = "position spikes"
-    count: int
-    rows: tuple[int, ...]
-    times: tuple[float, ...]
-    largest: float
     replaced: bool
 
     def __str__(self) -> str:
         return (
             f"{count(self.count, 'position')} {'stands' if self.count == 1 else 'stand'} out by up to "
-            f"{short(self.largest)}: {_at(self.rows, self.times, self.count)}. "
+            f"{short(self.largest)}: {self.place}. "
             f"{_replacement_clause(self.replaced, self.count)} {CABLE}"
         )
-
-    @property
-    def figures(self) -> str:
-        """Its size and rows."""
-        return f"{self.count} by up to {short(self.largest, 4)}, {_at(self.rows, self.times, self.count)}"
 
 
 @dataclass(frozen=True)
@@ -47,33 +81,22 @@ class ManyPositionSpikes(PositionSpikes):
     def __str__(self) -> str:
         return (
             f"{self.count} positions stand out by up to {short(self.largest)}, too many to be replaced: "
-            f"{_at(self.rows, self.times, self.count)}. Correct them in the file. {CABLE}"
+            f"{self.place}. Correct them in the file. {CABLE}"
         )
 
 
 @dataclass(frozen=True)
-class FrozenPosition(Note):
+class FrozenPosition(FrozenValue):
     """A position is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s), and jumps."""
 
     topic = "frozen position"
-    row: int
-    count: int
-    start: float
-    stop: float
-    value: float
     replaced: bool
 
     def __str__(self) -> str:
         return (
-            f"the position is {self.value:.6g} for {self.count} samples, from sample {self.row} (t = "
-            f"{instant(self.start)} s) to t = {instant(self.stop)} s, and jumps: it was not read there. "
+            f"the position is {self.value:.6g} {self.place}, and jumps: it was not read there. "
             f"{_replacement_clause(self.replaced)} {CABLE}"
         )
-
-    @property
-    def figures(self) -> str:
-        """Its size and rows."""
-        return f"{self.count} samples at {self.value:.6g} from sample {self.row}"
 
 
 @dataclass(frozen=True)
@@ -118,31 +141,22 @@ class InterpolatedPositions(Note):
 
 
 @dataclass(frozen=True)
-class TorqueSpikes(Note):
+class TorqueSpikes(Spikes):
     """``count`` torques are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in N m or N.
 
     They are ``masked`` in the fit, or kept; those of a ``held_out`` log are judged as measured.
     """
 
     topic = "torque spikes"
-    count: int
-    rows: tuple[int, ...]
-    times: tuple[float, ...]
-    largest: float
     masked: bool
     held_out: bool
 
     def __str__(self) -> str:
         return (
             f"{count(self.count, 'torque')} {'stands' if self.count == 1 else 'stand'} out by up to "
-            f"{short(self.largest, 4)}, unlike the motion: {_at(self.rows, self.times, self.count)}. "
+            f"{short(self.largest, 4)}, unlike the motion: {self.place}. "
             f"{_fit_clause(self.masked, self.held_out, self.count)} {CABLE}"
         )
-
-    @property
-    def figures(self) -> str:
-        """Its size and rows."""
-        return f"{self.count} by up to {short(self.largest, 4)}, {_at(self.rows, self.times, self.count)}"
 
 
 @dataclass(frozen=True)
@@ -167,31 +181,20 @@ class ManyTorqueOutliers(Note):
 
 
 @dataclass(frozen=True)
-class FrozenTorque(Note):
+class FrozenTorque(FrozenValue):
     """A torque is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s), unlike the
     model's; ``masked`` and ``held_out`` as in ``TorqueSpikes``."""
 
     topic = "frozen torque"
-    row: int
-    count: int
-    start: float
-    stop: float
-    value: float
     masked: bool
     held_out: bool
 
     def __str__(self) -> str:
         level = "zero" if self.value == 0 else f"{self.value:.6g}"
         return (
-            f"the torque is {level} for {self.count} samples, from sample {self.row} (t = {instant(self.start)} s) to "
-            f"t = {instant(self.stop)} s, though the motion needs another: it was not read there, or the drive was "
-            f"off. {_fit_clause(self.masked, self.held_out)} {CABLE}"
+            f"the torque is {level} {self.place}, though the motion needs another: it was not read there, or the drive "
+            f"was off. {_fit_clause(self.masked, self.held_out)} {CABLE}"
         )
-
-    @property
-    def figures(self) -> str:
-        """Its size and rows."""
-        return f"{self.count} samples at {self.value:.6g} from sample {self.row}"
 
 
 @dataclass(frozen=True)
@@ -327,13 +330,6 @@ class SlowMotion(Note):
             f"{percent(self.residual, 2)} that the fit leaves: the motion is too slow to show inertias, and faster "
             f"motion would not be predicted. Record one at least {short(self.faster, 2)} times as fast."
         )
-
-
-def _at(rows: Sequence[int], times: Sequence[float], total: int) -> str:
-    """Return the indices of samples, from zero, and their times, as text."""
-    ellipsis = ", ..." if total > len(rows) else ""
-    indices, at = (", ".join(map(str, rows)), ", ".join(map(instant, times)))
-    return f"sample{'s' if total > 1 else ''} {indices}{ellipsis} (t = {at}{ellipsis} s)"
 
 
 def _fit_clause(masked: bool, held_out: bool, total: int = 2) -> str:

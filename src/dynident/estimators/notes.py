@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dynident.runtime import Note, Severity, Use, WordedEnum, percent, short
+from dynident.runtime import Note, Severity, Use, WordedEnum, count, percent, short
 
 MAX_ERROR_PERCENT = 50.0  # %
 
@@ -72,19 +72,22 @@ class NotByData(Undetermined):
     """``count`` parameters are not determined by the data alone."""
 
     count: int
+    how: ClassVar[str] = "not determined by the data alone"
 
     def __str__(self) -> str:
-        return f"{_parameters_are(self.count)} not determined by the data alone"
+        return f"{count(self.count, 'parameter')} {'is' if self.count == 1 else 'are'} {self.how}"
 
 
-@dataclass(frozen=True)
-class DecidedByPrior(Undetermined):
+class DecidedByPrior(NotByData):
     """``count`` parameters are determined by the prior where the data do not determine them."""
 
-    count: int
+    how = "determined by the prior, not by the data"
 
-    def __str__(self) -> str:
-        return f"{_parameters_are(self.count)} determined by the prior, not by the data"
+
+class NotIdentifiable(NotByData):
+    """``count`` parameters are determined by neither data nor prior."""
+
+    how = "determined by neither data nor prior"
 
 
 @dataclass(frozen=True)
@@ -119,16 +122,6 @@ class ErrorsInRegressor(Note):
             f"along one direction, above all of {self.parameter}, {percent(self.percent)} of what the motion shows "
             "are its own errors: the estimate there rests on their stated size"
         )
-
-
-@dataclass(frozen=True)
-class NotIdentifiable(Undetermined):
-    """``count`` parameters are determined by neither data nor prior."""
-
-    count: int
-
-    def __str__(self) -> str:
-        return f"{_parameters_are(self.count)} determined by neither data nor prior"
 
 
 @dataclass(frozen=True)
@@ -402,7 +395,3 @@ class WhiteningCostly(Note):
             f"the fit to whitened rows leaves {short(self.ratio, 3)} times as much of the torque of {self.joint} as "
             f"least squares; {because}"
         )
-
-
-def _parameters_are(number: int) -> str:
-    return f"{number} parameter is" if number == 1 else f"{number} parameters are"

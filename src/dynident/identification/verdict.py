@@ -202,7 +202,7 @@ class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
     """A torque error of the unfiltered torque that is too large, where the fit has a low-pass."""
 
     def __str__(self) -> str:
-        return f"unfiltered, the torque error on {self.log} is {percent(self.error)}, above {self.limit:g} %"
+        return f"unfiltered, {super().__str__()}"
 
 
 @dataclass(frozen=True)
@@ -278,8 +278,7 @@ class PartlyUnexcited(Reason):
     total: int
 
     def __str__(self) -> str:
-        unexcited = f"{self.unexcited} of {self.total} base parameters"
-        return f"the data do not excite {unexcited}: motions that do are not predicted"
+        return f"the data do not excite {self.unexcited} of {self.total} base parameters: motions that do are not predicted"
 
 
 @dataclass(frozen=True)
@@ -291,27 +290,24 @@ class HeldBack(Reason):
     """
 
     usual_remedy = Remedy.CHECK
+    cause: ClassVar[str] = "physical constraints hold"
+    doubt: ClassVar[str] = "the model lacks an effect, or a gain, a unit or a direction is wrong"
     growth: float
     torque_change: float
 
     def __str__(self) -> str:
+        smaller = rough(100 - 100 / (1 + self.growth / 100))
         return (
-            "physical constraints hold the parameters far from what the data say (without them the residual would be "
-            f"{rough(100 - 100 / (1 + self.growth / 100))} smaller, and the torque at twice the speed would differ by "
-            f"{rough(self.torque_change)}): the model lacks an effect, or a gain, a unit or a direction is wrong"
+            f"{self.cause} the parameters far from what the data say (else the residual would be {smaller} smaller, "
+            f"and the torque at twice the speed would differ by {rough(self.torque_change)}): {self.doubt}"
         )
 
 
-@dataclass(frozen=True)
 class DrawnBack(HeldBack):
     """A prior, without any constraint, holds the parameters far from the least-squares estimate."""
 
-    def __str__(self) -> str:
-        return (
-            "the prior holds the parameters far from what the data say (without it the residual would be "
-            f"{rough(100 - 100 / (1 + self.growth / 100))} smaller, and the torque at twice the speed would differ by "
-            f"{rough(self.torque_change)}): the prior is wrong or too strong, or the model lacks an effect"
-        )
+    cause = "the prior holds"
+    doubt = "the prior is wrong or too strong, or the model lacks an effect"
 
 
 @dataclass(frozen=True)

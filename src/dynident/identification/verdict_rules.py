@@ -236,20 +236,12 @@ def _motion_for(identification: Identification, column: int) -> tuple[ExcitingMo
 MAX_TORQUE_ERROR = 10.0  # %, held-out torque error up to which a feedforward helps
 MAX_UNFILTERED_ERROR = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
 MAX_JOINT_ERROR = 25.0  # %, the same of one joint
-HARMLESS_EFFORT_SHARE = (
-    1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
-)
+HARMLESS_EFFORT_SHARE = 1.0  # %, of a joint's effort limit: errors below it are harmless, however small its torque
 MAX_ERROR_RATIO = 2.0  # held-out error over training error, or the other way round
 MAX_UNEXCITED_SHARE = 0.25  # share of the base parameters that the data may leave out
-MAX_LOOP_ERROR, MAX_WINDOW_ERROR = (
-    1.0,
-    25.0,
-)  # %, position error of the free simulation: with the controller; from the measured torque
+MAX_LOOP_ERROR, MAX_WINDOW_ERROR = 1.0, 25.0  # %, of positions simulated with the controller; from the measured torque
 MAX_RESIDUAL_GROWTH = 5.0  # %, by which physical constraints may raise the residual
-MAX_TORQUE_CHANGE = (
-    7.0,
-    1.0,
-)  # %, by which they may change the torque at twice the speed, for control and for simulation
+MAX_TORQUE_CHANGE = 7.0, 1.0  # %, likewise of the torque at twice the speed, for control and for simulation
 MIN_SPEED_SHARE = 0.5  # share of the speed of the training that the fastest held-out motion must have
 
 

@@ -278,7 +278,8 @@ class PartlyUnexcited(Reason):
     total: int
 
     def __str__(self) -> str:
-        return f"the data do not excite {self.unexcited} of {self.total} base parameters: motions that do are not predicted"
+        unexcited = f"{self.unexcited} of {self.total} base parameters"
+        return f"the data do not excite {unexcited}: motions that do are not predicted"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
-MAX_NAMES = 8
 USE_ORDER = {Use.CONTROL: 0, Use.SIMULATION: 1, None: 2}  # what forbids a use comes first
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import channel_facts, check_log, check_log_fully, notes, split_gaps
+from dynident.checks import channel_facts, channel_notes, check_log, check_log_fully, split_gaps
 from dynident.motion.log import Log
 from dynident.runtime import InputError, Note
 
@@ -35,13 +35,13 @@ def jittered() -> np.ndarray:
 T = np.arange(N) * 0.002
 COARSE = np.round(np.sin(2 * T) / 0.001)[:, None] * 0.001
 CASES = {
-    "gap": ({"t": stretched(500, 0.1)}, "error", None, notes.LongGap(0.102, 0.998, 51.0, 1)),
-    "jitter": ({"t": jittered()}, "warning", None, notes.UnevenSteps(0.29, 0.002, 0.001, 0.003)),
-    "still": ({"q": np.full((N, 1), 0.3)}, "warning", "elbow", notes.NeverMoves(1, 0.3)),
-    "dead torque": ({"tau": np.zeros((N, 1))}, "warning", "elbow", notes.ConstantTorque(0.0)),
-    "degrees": ({"q": 90 * np.sin(2 * T)[:, None]}, "error", "elbow", notes.PerhapsDegrees(180.0, 180.0)),
-    "fast": ({"q": 4 * np.sin(12 * T)[:, None]}, "error", "elbow", notes.PerhapsDegrees(8.0, 47.88)),
-    "quantised": ({"q": COARSE}, "warning", "elbow", notes.QuantisedPosition(0.001, 10.0)),
+    "gap": ({"t": stretched(500, 0.1)}, "error", None, channel_notes.LongGap(0.102, 0.998, 51.0, 1)),
+    "jitter": ({"t": jittered()}, "warning", None, channel_notes.UnevenSteps(0.29, 0.002, 0.001, 0.003)),
+    "still": ({"q": np.full((N, 1), 0.3)}, "warning", "elbow", channel_notes.NeverMoves(1, 0.3)),
+    "dead torque": ({"tau": np.zeros((N, 1))}, "warning", "elbow", channel_notes.ConstantTorque(0.0)),
+    "degrees": ({"q": 90 * np.sin(2 * T)[:, None]}, "error", "elbow", channel_notes.PerhapsDegrees(180.0, 180.0)),
+    "fast": ({"q": 4 * np.sin(12 * T)[:, None]}, "error", "elbow", channel_notes.PerhapsDegrees(8.0, 47.88)),
+    "quantised": ({"q": COARSE}, "warning", "elbow", channel_notes.QuantisedPosition(0.001, 10.0)),
 }
 
 
@@ -76,7 +76,7 @@ def test_torques_in_steps_are_only_coarse(step):
 def test_too_few_samples(count, errors):
     found = check_log(log().window(stop=T[count - 1]), {"elbow": "revolute"})
     assert [finding.message for finding in found if finding.topic == "samples"] == [
-        notes.TooFewSamples(count, 30, pytest.approx(T[1]))
+        channel_notes.TooFewSamples(count, 30, pytest.approx(T[1]))
     ] * errors
 
 
@@ -88,7 +88,7 @@ def test_a_joint_without_a_kind_is_refused():
 def test_findings_name_the_joint_at_fault():
     two = replace(log(), q=np.column_stack([np.sin(T), np.ones(N)]), tau=np.tile(log().tau, 2), joints=("a", "b"))
     (finding,) = check_log(two, {"a": "revolute", "b": "revolute"})
-    assert (finding.joint, finding.message) == ("b", notes.NeverMoves(1, 1.0))
+    assert (finding.joint, finding.message) == ("b", channel_notes.NeverMoves(1, 1.0))
 
 
 def test_split_gaps_keeps_all_long_pieces_and_all_channels():
@@ -117,7 +117,7 @@ def test_positions_that_are_read_less_often_than_logged(hold):
     q = np.sin(2 * T)[np.arange(N) // hold * hold]
     one = log(q=q[:, None])
     assert channel_facts(one)[0].repeats == pytest.approx(1 - 1 / hold, abs=0.05)
-    assert told(one)["stale"] == notes.RepeatedPositions(channel_facts(one)[0].repeats, hold)
+    assert told(one)["stale"] == channel_notes.RepeatedPositions(channel_facts(one)[0].repeats, hold)
 
 
 def test_an_encoder_in_slow_motion_is_not_stale():
@@ -129,7 +129,7 @@ def test_an_encoder_in_slow_motion_is_not_stale():
 def test_a_rest_of_the_whole_arm_is_named_with_its_time():
     q = np.sin(2 * np.minimum(T, 2.5)) + np.random.default_rng(6).normal(0, 1e-6, N)
     rest = told(log(q=q[:, None]))["rest"]
-    assert isinstance(rest, notes.ArmAtRest)
+    assert isinstance(rest, channel_notes.ArmAtRest)
     assert (rest.start, rest.stop) == pytest.approx((2.5, 4.0), rel=0.01)
     assert channel_facts(log(q=q[:, None]))[0].still == pytest.approx(1.5 / 4, abs=0.05)
 

@@ -71,7 +71,7 @@ def test_what_a_term_removes_is_what_the_fit_with_it_leaves_less(kind: str) -> N
     """Of the joint's mean squared residual: that of a model with the term at all joints leaves only noise."""
     without, whole = misfit(case(MOVED, arm(without=kind))), misfit(case(MOVED))
     found = list(explain_residual(case(MOVED, arm(without=kind))))
-    removed = dict(pair for one in found for pair in one.removed)
+    removed = dict(pair for one in found for pair in one.message.removed)
     less = mean_square(without) - mean_square(whole)
     names = [joint.name for joint in arm().joints]
     assert removed == pytest.approx(dict(zip(names, less, strict=True)), rel=0.1)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import Topic
 from dynident.checks.explain import explain_residual
 from dynident.checks.robot_notes import TorqueGain
 from dynident.checks.suspects import gain_suspects
@@ -20,7 +19,7 @@ def test_a_gain_is_found_with_its_joint(joint: int, gain: float) -> None:
     moved, factor = motion(), np.ones(3)
     factor[joint] = gain
     (found,) = explain_residual(case(replace(moved, tau=factor * moved.tau)))
-    assert (found.topic, found.joint) == (Topic.GAIN, f"j{joint + 1}")
+    assert (found.topic, found.joint) == ("gain", f"j{joint + 1}")
     assert isinstance(found.message, TorqueGain)
     assert found.message.factor == pytest.approx(gain, abs=4 * found.message.std)
     assert found.message.std < 0.05 * gain

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import Topic, run_checks
-from dynident.checks.notes import OtherGravity
+from dynident.checks import run_checks
+from dynident.checks.file_notes import OtherGravity
 from dynident.checks.robot import gravity_findings
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Viscous
@@ -123,4 +123,4 @@ def test_a_planar_arm_that_lies_flat_is_asked_nothing(given) -> None:
     moved, rng = swung(NONE), np.random.default_rng(4)
     log = Log(T, moved.q + 1e-5 * rng.standard_normal(moved.q.shape), moved.tau, moved.joints)
     topics = {one.topic for one in run_checks(planar(given), {"train": {"log": log}}).findings}
-    assert not topics & {Topic.GRAVITY, Topic.COMPENSATED, Topic.BASE_TILT, Topic.MISSING_TERM, Topic.SLOW}
+    assert not topics & {"gravity", "gravity compensated", "base tilt", "missing term", "slow"}

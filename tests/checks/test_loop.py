@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import Topic, loop_findings
-from dynident.checks.log_notes import LoopDiffers, LoopGain, LoopVelocity
+from dynident.checks import loop_findings
+from dynident.checks.motion_notes import LoopDiffers, LoopGain, LoopVelocity
 from dynident.models.simulation import PD, PID, CascadePD, DifferencingLoop, Function
 from dynident.motion.log import Controller, Log
 from dynident.runtime import Finding, ModelError, Severity
@@ -51,7 +51,7 @@ T = np.arange(4001) * STEP
 
 def notes(log: Log) -> list[tuple[str | None, object]]:
     found = list(loop_findings([log]))
-    assert all(one.severity is Severity.WARNING and one.topic is Topic.LOOP and one.source == "monday" for one in found)
+    assert all(one.severity is Severity.WARNING and one.topic == "loop" and one.source == "monday" for one in found)
     return [(one.joint, one.message) for one in found]
 
 

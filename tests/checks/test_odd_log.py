@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynident.checks.motion import odd_log_findings
-from dynident.checks.robot_notes import OddLog
+from dynident.checks.motion_notes import OddLog
 from dynident.motion.log import Motion
 from dynident.runtime import Severity, Use
 from tests.checks.moving_arm import arm, motion, truth

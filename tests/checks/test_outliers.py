@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.checks import check_log, check_log_fully, log_notes, run_checks
+from dynident.checks import channel_notes, check_log, check_log_fully, log_notes, run_checks
 from dynident.identification import Recipe
 from dynident.models.lagrangian import pendulum
 from dynident.models.simulation import record, simulate
@@ -98,7 +98,7 @@ def test_a_wrap_is_an_error_and_a_jump_is_not() -> None:
     turning = 4 * T + 0.3 * np.sin(3 * T)
     wrapped = Log(T, ((turning + np.pi) % (2 * np.pi) - np.pi)[:, None], ONE.tau, ("pivot",))
     (one,) = check_log(wrapped, {"pivot": "revolute"})
-    assert isinstance(one.message, log_notes.WrappedPosition)
+    assert isinstance(one.message, channel_notes.WrappedPosition)
     assert one.severity is Severity.ERROR
     assert one.message.period == pytest.approx(2 * np.pi, rel=0.02)
     assert one.message.count == 6

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks.missing import payload_findings
-from dynident.checks.robot_notes import OtherPayload
+from dynident.checks.motion_notes import OtherPayload
 from dynident.models.lagrangian import slider
 from dynident.runtime import Use
 from tests.checks.moving_arm import arm, motion, truth

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import check_robot, joint_facts, link_facts
-from dynident.checks import notes as file_notes
+from dynident.checks import check_robot, file_notes, joint_facts, link_facts
 from dynident.models.rigid_bodies import read_robot_file
 from dynident.runtime import Finding, Note, Severity
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import Topic, robot_notes
+from dynident.checks import robot_notes
 from dynident.checks.misfit import misfit
 from dynident.checks.suspects import estimate_suspect, geometry_suspects, promising_suspects
 from tests.checks.moving_arm import arm, case, motion
 
-(ZERO,) = (one for one in geometry_suspects(arm()) if (one.joint, one.topic) == ("j2", Topic.ZERO))
+(ZERO,) = (one for one in geometry_suspects(arm()) if (one.joint, one.quantity) == ("j2", "zero"))
 OFF = np.array([0.0, 0.1, 0.0])
 
 

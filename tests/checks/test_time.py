@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import check_log_fully, notes, respace, timing
+from dynident.checks import channel_notes, check_log_fully, respace, timing
 from dynident.motion.log import Log
 from dynident.runtime import Note, Severity
 
@@ -32,16 +32,16 @@ def test_stamps_that_jitter_are_distinguished_from_sampling_that_jitters() -> No
     assert timing(true).even > 20
     assert topics(noisy).keys() == {"stamps"}
     rate = pytest.approx(200, rel=1e-5)
-    better = notes.StampsJitter(timing(noisy).jitter, 1 / timing(noisy).even, rate, None)
+    better = channel_notes.StampsJitter(timing(noisy).jitter, 1 / timing(noisy).even, rate, None)
     assert topics(noisy)["stamps"] == ("warning", better)
     assert topics(true).keys() == {"jitter"}
-    assert topics(true)["jitter"] == ("info", notes.SamplingJitter(timing(true).jitter, timing(true).even))
+    assert topics(true)["jitter"] == ("info", channel_notes.SamplingJitter(timing(true).jitter, timing(true).even))
 
 
 def test_where_position_noise_hides_it_nothing_is_claimed() -> None:
     hidden = log(EVEN + JITTER, EVEN, noise=0.1)
     assert timing(hidden).even == pytest.approx(1, abs=0.05)
-    assert topics(hidden)["jitter"] == ("info", notes.SamplingJitter(timing(hidden).jitter, None))
+    assert topics(hidden)["jitter"] == ("info", channel_notes.SamplingJitter(timing(hidden).jitter, None))
 
 
 def test_an_even_time_axis_has_no_findings() -> None:
@@ -61,14 +61,14 @@ def test_lost_samples_are_counted(lost: int, severity: str) -> None:
     assert found.missing == lost
     assert found.rate == pytest.approx(200)
     told = topics(log(kept, kept))["lost"]
-    assert told == (severity, notes.LostSamples(lost, lost / N, pytest.approx(round(found.longest / STEP))))
+    assert told == (severity, channel_notes.LostSamples(lost, lost / N, pytest.approx(round(found.longest / STEP))))
 
 
 def test_noisy_stamps_with_lost_samples_are_not_to_be_replaced_by_a_rate() -> None:
     kept = np.delete(np.arange(N), np.arange(50, N, 37))
     told = topics(log(EVEN[kept] + 0.2 * JITTER[kept], EVEN[kept]))
     severity, note = told["stamps"]
-    assert isinstance(note, notes.StampsJitter)
+    assert isinstance(note, channel_notes.StampsJitter)
     assert (severity, note.rate, note.step) == ("warning", None, pytest.approx(STEP, rel=0.01))
 
 

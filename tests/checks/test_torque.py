@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import notes
+from dynident.checks import file_notes
 from dynident.checks.torque import agreement, agreement_findings
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Offset, Viscous
@@ -54,7 +54,7 @@ def test_a_turned_sign_is_asked_about_for_that_joint_alone(joint: int) -> None:
     turned = replace(moved, tau=gain * moved.tau)
     assert topics(turned) == [("sign", JOINTS[joint].name)]
     (note,) = notes_on(turned)
-    assert isinstance(note, notes.ReversedSign)
+    assert isinstance(note, file_notes.ReversedSign)
     assert note.correlation is None or note.correlation == pytest.approx(-1.0, abs=0.01)
 
 
@@ -64,7 +64,7 @@ def test_a_missing_gear_or_unit_is_asked_about(gain: float) -> None:
     told = topics(replace(moved, tau=gain * moved.tau))
     assert told
     assert {topic for topic, _ in told} == {"scale"}
-    right = notes.OddScale(pytest.approx(gain, rel=0.01), "N m")
+    right = file_notes.OddScale(pytest.approx(gain, rel=0.01), "N m")
     assert all(note == right for note in notes_on(replace(moved, tau=gain * moved.tau)))
 
 
@@ -75,7 +75,7 @@ def test_a_torque_of_another_joint_is_asked_about() -> None:
     swapped = moved.tau.copy()
     swapped[:, strong] = moved.tau[:, weak]
     assert ("foreign", JOINTS[strong].name) in topics(replace(moved, tau=swapped))
-    (note,) = (one for one in notes_on(replace(moved, tau=swapped)) if isinstance(one, notes.UnrelatedTorque))
+    (note,) = (one for one in notes_on(replace(moved, tau=swapped)) if isinstance(one, file_notes.UnrelatedTorque))
     assert note.ratio > 2
     assert abs(note.correlation) < 0.3
 
@@ -85,7 +85,7 @@ def test_without_a_robot_file_friction_and_inertia_tell_the_sign() -> None:
     moved = motion(model, np.array([5.0, 8.0, 3.0, 0.5]))
     assert topics(moved, model) == []
     assert topics(replace(moved, tau=-moved.tau), model) == [("sign", model.joints[0].name)]
-    assert notes_on(replace(moved, tau=-moved.tau), model) == [notes.ReversedSign(None)]
+    assert notes_on(replace(moved, tau=-moved.tau), model) == [file_notes.ReversedSign(None)]
 
 
 def test_what_the_file_does_not_say_is_not_compared() -> None:

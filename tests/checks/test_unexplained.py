@@ -10,7 +10,8 @@ import pytest
 from dynident.checks.explain import explain_residual, robot_findings
 from dynident.checks.misfit import fit_case, misfit
 from dynident.checks.missing import reversal_findings, unexplained_findings
-from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, OddLog, TermKind, Unexplained
+from dynident.checks.motion_notes import OddLog
+from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, TermKind, Unexplained
 from dynident.motion.log import Motion
 from dynident.runtime import Severity, Use
 from tests.checks.moving_arm import T, arm, case, motion

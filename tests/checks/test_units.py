@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import check_log, log_notes
+from dynident.checks import channel_notes, check_log
 from dynident.checks.stamps import length_unit_findings, radian_findings, thin_regression
 from dynident.models.lagrangian import pendulum
 from dynident.models.simulation import record, simulate
@@ -24,7 +24,7 @@ def log(t: np.ndarray, q: np.ndarray | None = None) -> Log:
 @pytest.mark.parametrize(("scale", "factor"), [(1e3, 1e-3), (1e6, 1e-6), (1e9, 1e-9), (1e-3, 1e3), (1e-6, 1e6)])
 def test_the_unit_of_time_is_said(scale: float, factor: float) -> None:
     (found,) = check_log(log(scale * T), {"elbow": "revolute"})
-    assert isinstance(found.message, log_notes.WrongTimeUnit)
+    assert isinstance(found.message, channel_notes.WrongTimeUnit)
     assert found.message.factor == factor
 
 
@@ -32,7 +32,7 @@ def test_the_unit_of_time_is_said(scale: float, factor: float) -> None:
 def test_usual_rates_are_usual(rate: float) -> None:
     t = np.arange(3000) / rate
     found = check_log(log(t, np.sin(2 * t)), {"elbow": "revolute"})
-    assert not any(isinstance(one.message, log_notes.WrongTimeUnit) for one in found)
+    assert not any(isinstance(one.message, channel_notes.WrongTimeUnit) for one in found)
 
 
 def test_a_slow_recording_of_a_fast_motion_is_no_wrong_unit() -> None:
@@ -43,7 +43,7 @@ def test_a_slow_recording_of_a_fast_motion_is_no_wrong_unit() -> None:
 def test_millimetres_are_said() -> None:
     assert list(length_unit_findings("rail", T, 0.4 * np.sin(3 * T))) == []
     (found,) = length_unit_findings("rail", T, 400 * np.sin(3 * T))
-    assert (found.joint, type(found.message)) == ("rail", log_notes.PerhapsMillimetres)
+    assert (found.joint, type(found.message)) == ("rail", channel_notes.PerhapsMillimetres)
 
 
 def test_radians_declared_as_degrees_are_said() -> None:

@@ -21,7 +21,7 @@ from dynident.models.simulation import RunsAway
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Difference
 from dynident.regression import repeat_of
-from dynident.runtime import Finding, Note, Severity, Use
+from dynident.runtime import Finding, Note, Remark, Severity, Use
 from dynident.validation import Driver, LogValidation, Signals, relative_error
 from tests.robots import joint, link, urdf
 
@@ -84,8 +84,8 @@ class NoSimulation(Note):
 
 
 def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification) -> None:
-    wrong = Finding(Severity.ERROR, "slider", "the torque is in another unit")
-    odd = Finding(Severity.WARNING, None, "the file has no limits")
+    wrong = Finding(Severity.ERROR, "slider", Remark("the torque is in another unit"))
+    odd = Finding(Severity.WARNING, None, Remark("the file has no limits"))
     mild = [Finding(Severity.WARNING, joint, NoSimulation()) for joint in ("slider", "other")]
     for findings, use in (((odd,), Use.SIMULATION), ((odd, *mild), Use.CONTROL), ((*mild, wrong), Use.DO_NOT_USE)):
         assert judge(replace(good, warnings=findings)).use is use
@@ -102,7 +102,7 @@ def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> No
 
 def test_what_forbids_use_is_advised_first(good: Identification) -> None:
     """Only then what to record next, and a simulation last."""
-    wrong = (Finding(Severity.ERROR, "slider", "a fault"),)
+    wrong = (Finding(Severity.ERROR, "slider", Remark("a fault")),)
     alone = replace(good, validations=tuple(replace(one, free_run=None) for one in good.validations))
     unsure = replace(alone, errors=replace(good.errors, std_hac=np.array([4.0, 6.0, 0.01, np.inf])))
     for found, first in ((replace(unsure, warnings=wrong), Remedy.CORRECT), (unexcited(unsure), Remedy.EXCITE)):

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.checks.log_notes import LoopUnused
+from dynident.checks.motion_notes import LoopUnused
 from dynident.models import Joint
 from dynident.project import logs
 from dynident.project.config import parse_config

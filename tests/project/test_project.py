@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
+from dynident.checks.file_notes import ReversedSign
 from dynident.checks.log_notes import SameData
-from dynident.checks.notes import ReversedSign
 from dynident.identification import SourceFile, judge
 from dynident.identification.verdict import ForbiddingFindings
 from dynident.models.lagrangian import slider
@@ -63,7 +63,7 @@ def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
     project = read_project(config)
     (doubt,) = project.warnings
     assert Remark(doubt) in project.bound().identification.warnings
-    assert doubt in [finding.message for finding in project.examine().findings]
+    assert Remark(doubt) in [finding.message for finding in project.examine().findings]
 
 
 def test_a_configuration_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -156,7 +156,12 @@ def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> 
     assert '"NaN"' in text
     assert '"-Infinity"' in text
     assert json.loads(text)["report"] == {"verdict": "of no use"}
-    assert_same(odd, load(tmp_path / "r.json", model))
+    again = load(tmp_path / "r.json", model)
+    assert_same(odd, again)
+    assert str(again.warnings) == str(odd.warnings)
+    assert str(odd.warnings).startswith(
+        "Warning: 3 parameters are determined by neither data nor prior\nNote: a: 1 s at its start, where the arm is at"
+    )
 
 
 def test_a_configuration_builds_the_model_again(tmp_path: Path) -> None:

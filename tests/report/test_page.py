@@ -20,11 +20,11 @@ from dynident.report.page import (
     Gallery,
     PageSection,
     PageTable,
-    number,
     pair_table,
     relative_link,
     render,
 )
+from dynident.runtime import number
 
 EVIL = "</script><script>alert(1)</script><b>\u2028&"
 VOID = {"meta", "br", "hr", "img", "link", "input", "wbr"}

@@ -26,7 +26,7 @@ from dynident.motion.smoothers import (
 )
 from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation
 from dynident.regression import ParallelFilter
-from dynident.report.words import part_words, value_words
+from dynident.runtime import part_text, setting_text
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 
 
@@ -85,7 +85,7 @@ class Own:
     ],
 )  # fmt: skip
 def test_parts_in_words(part, words):
-    assert part_words(part) == words
+    assert part_text(part) == words
 
 
 def test_no_part_of_the_package_is_a_repr():
@@ -93,11 +93,11 @@ def test_no_part_of_the_package_is_a_repr():
         for kind in family.table:
             cls = family.get(kind)
             part = cls(Spline(), 0.1) if cls is TimeShifted else cls()
-            assert "(" not in part_words(part)
-            assert not any(f"{one.name}=" in part_words(part) for one in fields(part))
+            assert "(" not in part_text(part)
+            assert not any(f"{one.name}=" in part_text(part) for one in fields(part))
 
 
 def test_values():
-    assert value_words({"a": (None, 0.5)}) == "(a (none, 0.5))"
-    assert value_words(list(range(12))) == "(0, 1, 2, 3, 4, 5, 6, 7, ...)"
-    assert value_words(Own()) == "Own"
+    assert setting_text({"a": (None, 0.5)}) == "(a (none, 0.5))"
+    assert setting_text(list(range(12))) == "(0, 1, 2, 3, 4, 5, 6, 7, ...)"
+    assert setting_text(Own()) == "Own"

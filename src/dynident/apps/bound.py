@@ -10,21 +10,10 @@ import numpy as np
 
 from dynident.identification import Measure, Origin
 from dynident.report import Drawing
-from dynident.report.calibration_words import settings_of
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, mark_rows, panels, plain
-from dynident.report.note_words import words
-from dynident.report.page import (
-    UNIT,
-    Column,
-    Facts,
-    Figure,
-    PageBlock,
-    PageSection,
-    PageTable,
-    number,
-    pair_table,
-    render,
-)
+from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
+from dynident.report.words import settings_of
+from dynident.runtime import number
 
 if TYPE_CHECKING:
     from dynident.identification import AccuracyBound
@@ -113,7 +102,7 @@ def noise_table(bound: AccuracyBound) -> PageTable:
 
 
 def _noise_origins(bound: AccuracyBound) -> dict[str, str]:
-    return {"positions": words(bound.noise.positions), "torques": words(bound.noise.torques)}
+    return {"positions": str(bound.noise.positions), "torques": str(bound.noise.torques)}
 
 
 def bound_findings(bound: AccuracyBound) -> list[str]:
@@ -264,7 +253,7 @@ def bound_page(bound: AccuracyBound) -> str:
             (_BOUND_NOTE, bound_table(bound), *_formula_table(bound), Figure(bound_figure(bound, labels), caption)),
         ),
         PageSection("Noise", (noise_table(bound),)),
-        PageSection("Warnings", (tuple(map(words, identification.notes)) or "None.",)),
+        PageSection("Warnings", (tuple(map(str, identification.notes)) or "None.",)),
         PageSection("Settings and versions", tuple(_settings(bound))),
     ]
     logs = ", ".join(log.name for log in identification.validations)
@@ -319,6 +308,6 @@ def bound_dict(bound: AccuracyBound) -> dict[str, Any]:
         "noise": {**noise, "from": _noise_origins(bound)},
         "samples": bound.samples,
         "findings": bound_findings(bound),
-        "warnings": [words(note) for note in bound.identification.notes],
+        "warnings": [str(note) for note in bound.identification.notes],
         "provenance": asdict(bound.identification.provenance),
     }

@@ -7,7 +7,6 @@ would give wrong numbers, a warning should be looked at."""
 
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log, check_log_fully, rest_findings
 from dynident.checks.check import CheckResult, run_checks, with_findings
-from dynident.checks.finding import Topic, reading_line, reading_words, require
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, joint_facts, link_facts
 from dynident.checks.stamps import MAX_GAP_STEPS, MINIMUM_SAMPLES, Timing, respace, split_gaps, timing
@@ -24,7 +23,6 @@ __all__ = [
     "LinkFacts",
     "RobotJointFacts",
     "Timing",
-    "Topic",
     "channel_facts",
     "check_log",
     "check_log_fully",
@@ -32,10 +30,7 @@ __all__ = [
     "joint_facts",
     "link_facts",
     "loop_findings",
-    "reading_line",
-    "reading_words",
     "relative_gains",
-    "require",
     "respace",
     "rest_findings",
     "run_checks",

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes, robot_notes
-from dynident.checks.finding import Topic
+from dynident.checks import file_notes
+from dynident.checks.file_notes import AffectedColumns
 from dynident.checks.misfit import FitCase, misfit
-from dynident.checks.robot_notes import AffectedColumns
 from dynident.checks.suspects import displace_joint
 from dynident.runtime import Finding, Note, Severity, brief
 
@@ -36,13 +35,11 @@ MIN_AXIS_SINE = 0.1  # sine of the angle between axes that count as different
 class Alternative:
     """A case in which one thing is changed.
 
-    ``joint`` and ``topic`` say what the finding is about; ``note`` makes its message from the errors (%) before
-    and after.
+    ``joint`` is the one that the finding is about; ``note`` makes its message from the errors (%) before and after.
     """
 
     case: FitCase
     joint: str | None
-    topic: Topic
     note: Callable[[float, float], Note]
 
     __repr__ = brief
@@ -67,7 +64,7 @@ def better_alternative(case: FitCase) -> Iterator[Finding]:
     if min_error < MAX_ERROR_RATIO * before and min_error < _relative_error(_with_plain_terms(case)):
         after, best = next(pair for pair in trials if pair[0] < MAX_TIE_RATIO * min_error)
         note = best.note(100.0 * before, 100.0 * after)
-        yield Finding(Severity.WARNING, best.joint, note, best.topic)
+        yield Finding(Severity.WARNING, best.joint, note)
 
 
 def _relative_error(case: FitCase) -> float:
@@ -159,15 +156,15 @@ def _swap_columns(case: FitCase) -> Iterator[Alternative]:
         order = np.arange(len(names))
         order[[i, j]] = j, i
         for channel, swapped_case in _transform_columns(case, order=order):
-            note = partial(robot_notes.JointsSwapped, (names[i], names[j]), channel)
-            yield Alternative(swapped_case, None, Topic.SWAPPED, note)
+            note = partial(file_notes.JointsSwapped, (names[i], names[j]), channel)
+            yield Alternative(swapped_case, None, note)
 
 
 def _reverse_signs(case: FitCase) -> Iterator[Alternative]:
     for j, joint in enumerate(case.model.joints):
         sign = np.where(np.arange(len(case.model.joints)) == j, -1.0, 1.0)
         for channel, reversed_case in _transform_columns(case, sign=sign):
-            yield Alternative(reversed_case, joint.name, Topic.SIGN, partial(robot_notes.ColumnReversed, channel))
+            yield Alternative(reversed_case, joint.name, partial(file_notes.ColumnReversed, channel))
 
 
 def _transform_columns(
@@ -199,8 +196,8 @@ def _turn_axes(case: FitCase) -> Iterator[Alternative]:
                 angle = np.arctan2(np.linalg.norm(turn), given_axis @ axis)
                 displacement = np.concatenate([np.zeros(6), angle * turn / np.linalg.norm(turn)])
                 turned_case = replace(case, model=displace_joint(case.model, joint.name, displacement))
-                note = partial(robot_notes.OtherAxis, tuple(given_axis.tolist()), tuple(axis.tolist()))
-                yield Alternative(turned_case, joint.name, Topic.AXIS, note)
+                note = partial(file_notes.OtherAxis, tuple(given_axis.tolist()), tuple(axis.tolist()))
+                yield Alternative(turned_case, joint.name, note)
 
 
 def _turn_gravity(case: FitCase) -> Iterator[Alternative]:
@@ -215,10 +212,10 @@ def _turn_gravity(case: FitCase) -> Iterator[Alternative]:
             )
             x, y, z = (size * down).tolist()
             model = replace(case.model, terms=tuple(term.with_gravity((x, y, z)) for term in case.model.terms))
-            yield Alternative(replace(case, model=model), None, Topic.GRAVITY, note)
+            yield Alternative(replace(case, model=model), None, note)
 
 
 def _other_gravity_note(
     fitted_gravity: tuple[float, ...], assumed: tuple[float, ...], _before: float, _after: float
 ) -> Note:
-    return notes.OtherGravity(fitted_gravity, assumed)
+    return file_notes.OtherGravity(fitted_gravity, assumed)

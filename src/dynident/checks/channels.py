@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import log_notes, notes, stamps
-from dynident.checks.finding import Topic
+from dynident.checks import channel_notes, log_notes, stamps
 from dynident.checks.stamps import MINIMUM_SAMPLES
 from dynident.identification import arm_rests, rest_blocks
 from dynident.identification.dataset import TorqueOutliers, equal_runs
@@ -51,11 +50,11 @@ def jump_findings(log: Log) -> Iterator[Finding]:
         size, row = np.abs(np.diff(q))[jump_rows], int(jump_rows[0])
         place = row, float(log.t[row])
         if size.max() >= MIN_WRAP_SHARE * np.ptp(q) and np.ptp(q) > 1.0:
-            note = log_notes.WrappedPosition(len(jump_rows), float(size.max()), *place)
-            yield Finding(Severity.ERROR, name, note, Topic.WRAPPED)
+            note = channel_notes.WrappedPosition(len(jump_rows), float(size.max()), *place)
+            yield Finding(Severity.ERROR, name, note)
         else:
             jump = log_notes.PositionJump(len(jump_rows), float(size[0]), *place)
-            yield Finding(Severity.WARNING, name, jump, Topic.JUMP)
+            yield Finding(Severity.WARNING, name, jump)
 
 
 def _jump_rows(t: Array, q: Array) -> NDArray[np.intp]:
@@ -91,13 +90,13 @@ def position_outlier_findings(log: Log, *, replaced: bool = True) -> Iterator[Fi
             )
             is_replaced = replaced and kind is log_notes.PositionSpikes
             note = kind(*_describe_spikes(log.t, log.q[:, j], spike), replaced=is_replaced)
-            yield Finding(Severity.WARNING, name, note, Topic.POSITION_SPIKES)
+            yield Finding(Severity.WARNING, name, note)
         for start, stop in equal_runs(outliers.position_frozen[:, j], log.q[:, j])[:MAX_NAMED_ROWS]:
             is_replaced = replaced and bool(outliers.positions[start, j])
             span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(log.q[start, j])
-            yield Finding(Severity.WARNING, name, log_notes.FrozenPosition(*span, replaced=is_replaced), Topic.FROZEN)
+            yield Finding(Severity.WARNING, name, log_notes.FrozenPosition(*span, replaced=is_replaced))
         if (share := _interpolated_share(log.q[:, j])) > MAX_STRAIGHT_SHARE:
-            yield Finding(Severity.WARNING, name, log_notes.InterpolatedPositions(share), Topic.INTERPOLATED)
+            yield Finding(Severity.WARNING, name, log_notes.InterpolatedPositions(share))
 
 
 def _describe_spikes(t: Array, x: Array, mask: Mask) -> tuple[int, tuple[int, ...], tuple[float, ...], float]:
@@ -146,20 +145,20 @@ def _log_torque_findings(log: Log, outliers: TorqueOutliers, masked: bool, held_
         if (wrong & ~left_out[:, j]).any() and not held_out:
             row = int(np.argmax(wrong))
             note = log_notes.ManyTorqueOutliers(float(wrong.mean()), row, float(log.t[row]))
-            yield Finding(Severity.WARNING, name, note, Topic.MANY_OUTLIERS)
+            yield Finding(Severity.WARNING, name, note)
             continue
         if outliers.spikes[:, j].any():
             spikes = log_notes.TorqueSpikes(*_describe_spikes(log.t, tau, outliers.spikes[:, j]), masked, held_out)
-            yield Finding(Severity.WARNING, name, spikes, Topic.TORQUE_SPIKES)
+            yield Finding(Severity.WARNING, name, spikes)
         for start, stop in equal_runs(outliers.frozen[:, j], tau)[:MAX_NAMED_ROWS]:
             span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(tau[start])
-            yield Finding(Severity.WARNING, name, log_notes.FrozenTorque(*span, masked, held_out), Topic.FROZEN_TORQUE)
+            yield Finding(Severity.WARNING, name, log_notes.FrozenTorque(*span, masked, held_out))
         for value in np.unique(tau[outliers.clipped[:, j]]):
             rows = np.flatnonzero(outliers.clipped[:, j] & (tau == value))
             clipped = log_notes.ClippedTorque(
                 len(rows), float(value), int(rows[0]), float(log.t[rows[0]]), masked, held_out
             )
-            yield Finding(Severity.WARNING, name, clipped, Topic.CLIPPED)
+            yield Finding(Severity.WARNING, name, clipped)
 
 
 @dataclass(frozen=True)
@@ -242,8 +241,8 @@ def check_log(
     clock = list(stamps.time_unit_findings(log))
     findings = [*stamps.sample_findings(log), *stamps.gap_findings(log), *stamps.jitter_findings(log), *clock]
     jumps = tuple(jump_findings(log)) if jumps is None else jumps
-    findings += [finding for finding in jumps if finding.topic is Topic.WRAPPED]
-    wrapped = [finding.joint for finding in findings if finding.topic is Topic.WRAPPED]
+    findings += [finding for finding in jumps if isinstance(finding.message, channel_notes.WrappedPosition)]
+    wrapped = [finding.joint for finding in findings if isinstance(finding.message, channel_notes.WrappedPosition)]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
         # an angle may be in degrees only where the joint neither turns often nor wraps, and the time unit is right
@@ -274,7 +273,7 @@ def check_log_fully(
     """
     jumps = tuple(jump_findings(log))
     quick_findings = check_log(log, kinds, multi_turn, jumps=jumps)
-    findings = [finding for finding in quick_findings if finding.topic is not Topic.JITTER]
+    findings = [finding for finding in quick_findings if not isinstance(finding.message, channel_notes.UnevenSteps)]
     # a log that is too short has an error already
     if len(log) >= MINIMUM_SAMPLES:
         facts = stamps.timing(log)
@@ -284,7 +283,7 @@ def check_log_fully(
             *rest_findings(log, rests_kept=rests_kept),
             *position_outlier_findings(log, replaced=replaced),
         ]
-        findings += [finding for finding in jumps if finding.topic is Topic.JUMP]
+        findings += [finding for finding in jumps if isinstance(finding.message, log_notes.PositionJump)]
         # spikes would pass for motion of a joint in millimetres
         clean = repair_log(log, torque=False)
         for j, name in enumerate(log.joints):
@@ -301,7 +300,7 @@ def check_log_fully(
 def _still_findings(q: Array) -> Iterator[Finding]:
     levels = len(np.unique(q))
     if levels <= 3:
-        yield Finding(Severity.WARNING, None, notes.NeverMoves(levels, float(q[0])), Topic.STILL)
+        yield Finding(Severity.WARNING, None, channel_notes.NeverMoves(levels, float(q[0])))
 
 
 def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
@@ -310,8 +309,8 @@ def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
     clean = repair_log(log, torque=False)  # spikes are no motion
     q = clean.q[:, j]
     if _far_or_fast(clean.t, q):
-        note = notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q))
-        yield Finding(Severity.ERROR, None, note, Topic.DEGREES)
+        note = channel_notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q))
+        yield Finding(Severity.ERROR, None, note)
 
 
 def _far_or_fast(t: Array, q: Array) -> bool:
@@ -328,13 +327,13 @@ def _quantisation_findings(q: Array) -> Iterator[Finding]:
     resolution = grid_step(q)
     counts = np.abs(np.diff(q)) / resolution
     if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < MIN_RESOLVED_STEPS:
-        yield Finding(Severity.WARNING, None, notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS), Topic.QUANTISED)
+        yield Finding(Severity.WARNING, None, channel_notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS))
 
 
 def _dead_torque_findings(tau: Array) -> Iterator[Finding]:
     low, high = float(tau.min()), float(tau.max())
     if low == high:
-        yield Finding(Severity.WARNING, None, notes.ConstantTorque(low), Topic.DEAD)
+        yield Finding(Severity.WARNING, None, channel_notes.ConstantTorque(low))
 
 
 def _repeat_share(q: Array, reach: int = 5) -> float:
@@ -354,7 +353,7 @@ def _stale_findings(q: Array) -> Iterator[Finding]:
     share = _repeat_share(q)
     if share > MAX_REPEAT_SHARE:
         update_interval = round(1 / (1 - share)) if share < 1 else 0
-        yield Finding(Severity.WARNING, None, notes.RepeatedPositions(share, update_interval), Topic.STALE)
+        yield Finding(Severity.WARNING, None, channel_notes.RepeatedPositions(share, update_interval))
 
 
 def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
@@ -363,5 +362,5 @@ def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
     if rests:
         longest = max(rests, key=lambda part: part.stop - part.start)
         start, stop = log.t[longest.start], log.t[longest.stop - 1]
-        note = notes.ArmAtRest(float(start), float(stop), rests_kept)
-        yield Finding(Severity.WARNING if rests_kept else Severity.INFO, None, note, Topic.REST)
+        note = channel_notes.ArmAtRest(float(start), float(stop), rests_kept)
+        yield Finding(Severity.WARNING if rests_kept else Severity.INFO, None, note)

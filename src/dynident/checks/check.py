@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynident.checks import notes
+from dynident.checks import channel_notes, file_notes, motion_notes
 from dynident.checks.alternatives import MAX_JOINTS_ALL_PAIRS
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log_fully, torque_findings
 from dynident.checks.explain import robot_findings
-from dynident.checks.finding import Topic
-from dynident.checks.log_notes import SearchKind, SearchLeftOut
+from dynident.checks.file_notes import ColumnReversed, JointsSwapped
+from dynident.checks.log_notes import FrozenTorque
 from dynident.checks.missing import is_tried_effect
 from dynident.checks.motion import (
     Excitation,
@@ -27,8 +27,9 @@ from dynident.checks.motion import (
     repeat_findings,
     slow_findings,
 )
+from dynident.checks.motion_notes import HardlyMoves, SearchKind, SearchLeftOut
 from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, gravity_findings, link_facts
-from dynident.checks.robot_notes import MissingTerm
+from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, Unexplained
 from dynident.checks.stamps import MINIMUM_SAMPLES, Timing, radian_findings, thin_regression, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings, loop_findings
 from dynident.estimators import LeastSquares
@@ -44,8 +45,11 @@ from dynident.runtime import DynidentError, Finding, Severity, Step, report_prog
 from dynident.runtime.families import action
 
 PLAIN_ESTIMATOR = LeastSquares()
-COLUMN_TOPICS = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
-SILENT_TORQUE_TOPICS = (Topic.DEAD, Topic.FROZEN_TORQUE)  # explain by themselves what a fit leaves of a joint's torque
+COLUMN_FAULTS = (JointsSwapped, ColumnReversed)  # found by trying other columns
+SILENT_TORQUES = (
+    channel_notes.ConstantTorque,
+    FrozenTorque,
+)  # explain by themselves what a fit leaves of a joint's torque
 TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
 MAX_FACTOR_NUMBERS = (
     1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
@@ -129,7 +133,7 @@ def run_checks(
         try:
             result = run.check_motion(result, valid_logs, motions) if valid_logs["train"] else result
         except DynidentError as error:
-            findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
+            findings.append(Finding(Severity.ERROR, None, motion_notes.NotSmoothed(str(error))))
     # effects that the choice of terms will try by itself are no findings
     if recipe.terms is not None:
         findings = [finding for finding in findings if not is_tried_effect(finding)]
@@ -166,7 +170,9 @@ def with_findings(
     ).findings
     if choice is not None:
         findings = tuple(finding for finding in findings if not is_tried_effect(finding, choice))
-    warnings = tuple(finding for finding in findings if finding.severity is not Severity.INFO or finding.removed)
+    warnings = tuple(
+        finding for finding in findings if finding.severity is not Severity.INFO or finding.message.removed
+    )
     return replace(identification, warnings=(*identification.warnings, *warnings))
 
 
@@ -274,7 +280,7 @@ class _CheckRun:
             self.model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN_ESTIMATOR, self.selection
         )
         if alignment.time_offset is not None:
-            self.findings.append(Finding(Severity.INFO, None, alignment.time_offset, Topic.TIME_OFFSET))
+            self.findings.append(Finding(Severity.INFO, None, alignment.time_offset))
         return {
             role: {log.source: smooth_log(alignment.smoother, log, judge_only=role != "train") for log in part}
             for role, part in clean.items()
@@ -283,9 +289,7 @@ class _CheckRun:
     def find_robot_faults(self, motions: tuple[Motion, ...], held_out: Mapping[str, Motion]) -> None:
         """Add the findings on the robot and its model, which cannot be found where gravity is wrong."""
         model, plain, recipe, findings = self.model, self.plain, self.recipe, self.findings
-        if any(
-            isinstance(finding.message, notes.OtherGravity) for finding in findings if finding.topic is Topic.GRAVITY
-        ):
+        if any(isinstance(finding.message, file_notes.OtherGravity) for finding in findings):
             return
         if _factor_size(model) > MAX_SEARCH_NUMBERS:
             findings.append(_skipped_search_finding(SearchKind.CAUSES, model))
@@ -300,16 +304,20 @@ class _CheckRun:
             plain = None if plain is None else tilt_base(plain, x, y)
         faults = list(robot_findings(model, motions, held_out, recipe.filter, self.selection.min_speed, tilt, plain))
         # a fault explains others: the torque of the file's inertias was that of other columns
-        if any(finding.topic in COLUMN_TOPICS for finding in faults):
-            following = (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)
-            findings[:] = [finding for finding in findings if finding.topic not in following]
+        if any(isinstance(finding.message, COLUMN_FAULTS) for finding in faults):
+            following = (file_notes.ReversedSign, file_notes.UnrelatedTorque, file_notes.OddScale)
+            findings[:] = [finding for finding in findings if not isinstance(finding.message, following)]
         # a silent torque explains by itself what is left of that joint; what a wobble shows is no term
-        silent = {finding.joint for finding in findings if finding.topic in SILENT_TORQUE_TOPICS}
-        still = {finding.joint for finding in findings if finding.topic is Topic.STILL}
+        silent = {finding.joint for finding in findings if isinstance(finding.message, SILENT_TORQUES)}
+        still = {
+            finding.joint
+            for finding in findings
+            if isinstance(finding.message, (channel_notes.NeverMoves, HardlyMoves))
+        }
         findings += [
             finding
             for finding in faults
-            if not (finding.topic is Topic.UNEXPLAINED and finding.joint in silent)
+            if not (isinstance(finding.message, (Unexplained, LeftAtReversals)) and finding.joint in silent)
             and not (isinstance(finding.message, MissingTerm) and finding.joint in still)
         ]
         findings += pairs
@@ -334,8 +342,8 @@ def _file_findings(model: Model, joints: tuple[str, ...]) -> list[Finding]:
             continue
         findings += check_robot(term.file, joints, inconsistent=Severity.WARNING)
         if term.gravity is not None and term.file.gravity not in (None, term.gravity):
-            note = notes.GravityIgnored(term.file.gravity, term.gravity)
-            findings.append(Finding(Severity.WARNING, None, note, Topic.GRAVITY, source=term.file.source))
+            note = file_notes.GravityIgnored(term.file.gravity, term.gravity)
+            findings.append(Finding(Severity.WARNING, None, note, source=term.file.source))
     return findings
 
 
@@ -374,7 +382,7 @@ def _factor_size(model: Model) -> int:
 def _skipped_search_finding(search: SearchKind, model: Model) -> Finding:
     severity = Severity.INFO if search is SearchKind.PAIRS else Severity.WARNING
     note = SearchLeftOut(search, len(model.joints), len(model.parameters))
-    return Finding(severity, None, note, Topic.LEFT_OUT)
+    return Finding(severity, None, note)
 
 
 def _memoryless(model: Model) -> Model:

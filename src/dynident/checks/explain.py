@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.alternatives import better_alternative
-from dynident.checks.finding import Topic
 from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, fit_cases, measured_case, misfit
 from dynident.checks.missing import (
     Cost,
@@ -25,7 +24,7 @@ from dynident.checks.missing import (
     with_missing,
 )
 from dynident.checks.motion import odd_log_findings
-from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase, Unexplained
+from dynident.checks.robot_notes import MissingTerm, SuspectQuantity, TermKind, TiltedBase, Unexplained
 from dynident.checks.suspects import (
     MIN_STANDARD_ERRORS,
     Suspect,
@@ -82,7 +81,7 @@ def delay_findings(
         figures = float(delay[j]), float(error[j]), float(share[j])
         name, removed = model.joints[j].name, float(share[j] * size[j])
         note = MissingTerm(TermKind.DELAY, *figures, cost=cost(fit, corrected_fit).all, removed=((name, removed),))
-        yield Finding(Severity.WARNING, name, note, Topic.MISSING_TERM)
+        yield Finding(Severity.WARNING, name, note)
 
 
 def _measured_delays(
@@ -286,10 +285,12 @@ def _likeliest_suspect(
         candidate for candidate, score in ranked_suspects[:MAX_TRIED_SUSPECTS] if score.share > reference_share
     ]
     if any(
-        candidate.topic is Topic.GAIN for candidate in tried_suspects
+        candidate.quantity is SuspectQuantity.GAIN for candidate in tried_suspects
     ):  # a small gain looks like large ones of the others at first
         tried_suspects += [
-            candidate for candidate in suspects if candidate.topic is Topic.GAIN and candidate not in tried_suspects
+            candidate
+            for candidate in suspects
+            if candidate.quantity is SuspectQuantity.GAIN and candidate not in tried_suspects
         ]
     estimates = [candidate for suspect in tried_suspects if (candidate := estimate_suspect(fit, suspect)) is not None]
     reference_share = max((candidate.share for candidate in estimates), default=0.0)
@@ -303,7 +304,7 @@ def _likeliest_suspect(
 def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:
     figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
     note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed)
-    return Finding(Severity.WARNING, None, note, Topic.BASE_TILT)
+    return Finding(Severity.WARNING, None, note)
 
 
 def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[SuspectEstimate]) -> Finding:
@@ -311,7 +312,7 @@ def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[Suspec
     note = suspect.note(best.value, best.std, best.share, tuple(estimate.rival for estimate in rivals))
     max_costs = max(x.all for x in prices), max(x.joint for x in prices)
     note = replace(note, cost=max_costs[0], joint_cost=max_costs[1], removed=prices[0].removed)
-    return Finding(Severity.WARNING, suspect.joint, note, suspect.topic)
+    return Finding(Severity.WARNING, suspect.joint, note)
 
 
 def _suspect_cost(fit: Misfit, estimate: SuspectEstimate) -> Cost:

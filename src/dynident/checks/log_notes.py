@@ -1,58 +1,75 @@
-"""Notes on a log beyond its time stamps: outliers, units, repeats, and what a motion cannot show."""
+"""Notes on outliers, units and repeats of a log; each is the message of a ``Finding``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import ClassVar
 
-from dynident.checks.notes import ReadingNote
-from dynident.runtime import Note, Use
+from dynident.runtime import Note, Use, count, instant, percent, short
+
+CABLE = "Look for a loose cable, a lost message, or a full buffer where it was recorded."
 
 
 @dataclass(frozen=True)
-class WrappedPosition(ReadingNote):
-    """A position jumps ``count`` times by its whole range ``period`` (rad, m), first after sample ``row`` at ``time``
-    (s)."""
-
-    count: int
-    period: float
-    row: int
-    time: float
-
-
-@dataclass(frozen=True)
-class WrongTimeUnit(ReadingNote):
-    """A rate (Hz) and speed (rad/s, m/s) that no recording has.
-
-    With the stamps multiplied by ``factor`` both would be plausible.
-    """
-
-    rate: float
-    speed: float
-    factor: float
-
-
-@dataclass(frozen=True)
-class PerhapsMillimetres(ReadingNote):
-    """A sliding joint whose span (m) or speed (m/s) is larger than usual."""
-
-    span: float
-    speed: float
-
-
-@dataclass(frozen=True)
-class PositionSpikes(Note):
-    """``count`` positions are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in rad or m.
-
-    They are ``replaced`` by what is around them, or kept.
-    """
+class Spikes(Note):
+    """``count`` values are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in SI units."""
 
     count: int
     rows: tuple[int, ...]
     times: tuple[float, ...]
     largest: float
+
+    @property
+    def place(self) -> str:
+        """Indices of the samples, from zero, and their times."""
+        ellipsis = ", ..." if self.count > len(self.rows) else ""
+        rows, times = ", ".join(map(str, self.rows)), ", ".join(map(instant, self.times))
+        return f"sample{'s' if self.count > 1 else ''} {rows}{ellipsis} (t = {times}{ellipsis} s)"
+
+    @property
+    def figures(self) -> str:
+        """Its size and rows."""
+        return f"{self.count} by up to {short(self.largest, 4)}, {self.place}"
+
+
+@dataclass(frozen=True)
+class FrozenValue(Note):
+    """A ``value`` (SI) is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s)."""
+
+    row: int
+    count: int
+    start: float
+    stop: float
+    value: float
+
+    @property
+    def place(self) -> str:
+        """The samples and their times."""
+        first = f"from sample {self.row} (t = {instant(self.start)} s)"
+        return f"for {self.count} samples, {first} to t = {instant(self.stop)} s"
+
+    @property
+    def figures(self) -> str:
+        """Its size and rows."""
+        return f"{self.count} samples at {self.value:.6g} from sample {self.row}"
+
+
+@dataclass(frozen=True)
+class PositionSpikes(Spikes):
+    """``count`` positions are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in rad or m.
+
+    They are ``replaced`` by what is around them, or kept.
+    """
+
+    topic = "position spikes"
     replaced: bool
+
+    def __str__(self) -> str:
+        return (
+            f"{count(self.count, 'position')} {'stands' if self.count == 1 else 'stand'} out by up to "
+            f"{short(self.largest)}: {self.place}. "
+            f"{_replacement_clause(self.replaced, self.count)} {CABLE}"
+        )
 
 
 @dataclass(frozen=True)
@@ -61,50 +78,85 @@ class ManyPositionSpikes(PositionSpikes):
 
     forbids: ClassVar[Use | None] = Use.CONTROL
 
+    def __str__(self) -> str:
+        return (
+            f"{self.count} positions stand out by up to {short(self.largest)}, too many to be replaced: "
+            f"{self.place}. Correct them in the file. {CABLE}"
+        )
+
 
 @dataclass(frozen=True)
-class FrozenPosition(Note):
+class FrozenPosition(FrozenValue):
     """A position is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s), and jumps."""
 
-    row: int
-    count: int
-    start: float
-    stop: float
-    value: float
+    topic = "frozen position"
     replaced: bool
+
+    def __str__(self) -> str:
+        return (
+            f"the position is {self.value:.6g} {self.place}, and jumps: it was not read there. "
+            f"{_replacement_clause(self.replaced)} {CABLE}"
+        )
 
 
 @dataclass(frozen=True)
 class PositionJump(Note):
     """A position jumps by ``size`` (rad, m) after sample ``row`` at ``time`` (s), and stays; ``count`` times in all."""
 
+    topic = "jump"
     forbids: ClassVar[Use | None] = Use.CONTROL
     count: int
     size: float
     row: int
     time: float
 
+    def __str__(self) -> str:
+        repeats = "once more" if self.count == 2 else f"{self.count - 1} more times"
+        suffix = f", and {repeats}" if self.count > 1 else ""
+        return (
+            f"the position jumps by {short(self.size, 4)} after sample {self.row} (t = {instant(self.time)} "
+            f"s){suffix}: are two recordings joined, or did the encoder lose counts? Give the pieces as separate "
+            "logs, by windows."
+        )
+
+    @property
+    def figures(self) -> str:
+        """Its size and rows."""
+        return f"by {short(self.size, 4)} after sample {self.row}"
+
 
 @dataclass(frozen=True)
 class InterpolatedPositions(Note):
     """This ``share`` of the positions lies exactly on the line between their neighbours, while the joint moves."""
 
+    topic = "interpolated"
     share: float
+
+    def __str__(self) -> str:
+        return (
+            f"{percent(100 * self.share, 2)} of the positions lie exactly on the line between their neighbours: they "
+            "were interpolated from fewer samples, which adds no knowledge and spoils accelerations. Log at the rate "
+            "of the encoder, or keep only its own samples."
+        )
 
 
 @dataclass(frozen=True)
-class TorqueSpikes(Note):
+class TorqueSpikes(Spikes):
     """``count`` torques are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in N m or N.
 
     They are ``masked`` in the fit, or kept; those of a ``held_out`` log are judged as measured.
     """
 
-    count: int
-    rows: tuple[int, ...]
-    times: tuple[float, ...]
-    largest: float
+    topic = "torque spikes"
     masked: bool
     held_out: bool
+
+    def __str__(self) -> str:
+        return (
+            f"{count(self.count, 'torque')} {'stands' if self.count == 1 else 'stand'} out by up to "
+            f"{short(self.largest, 4)}, unlike the motion: {self.place}. "
+            f"{_fit_clause(self.masked, self.held_out, self.count)} {CABLE}"
+        )
 
 
 @dataclass(frozen=True)
@@ -114,24 +166,35 @@ class ManyTorqueOutliers(Note):
     The first is sample ``row`` at ``time`` (s).
     """
 
+    topic = "many outliers"
     forbids: ClassVar[Use | None] = Use.CONTROL
     share: float
     row: int
     time: float
 
+    def __str__(self) -> str:
+        return (
+            f"{percent(100 * self.share, 2)} of the torques look like outliers, first sample {self.row} (t = "
+            f"{instant(self.time)} s): too many to be left out, so that none is. Is it the right column, or was it "
+            "recorded badly?"
+        )
+
 
 @dataclass(frozen=True)
-class FrozenTorque(Note):
+class FrozenTorque(FrozenValue):
     """A torque is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s), unlike the
     model's; ``masked`` and ``held_out`` as in ``TorqueSpikes``."""
 
-    row: int
-    count: int
-    start: float
-    stop: float
-    value: float
+    topic = "frozen torque"
     masked: bool
     held_out: bool
+
+    def __str__(self) -> str:
+        level = "zero" if self.value == 0 else f"{self.value:.6g}"
+        return (
+            f"the torque is {level} {self.place}, though the motion needs another: it was not read there, or the drive "
+            f"was off. {_fit_clause(self.masked, self.held_out)} {CABLE}"
+        )
 
 
 @dataclass(frozen=True)
@@ -139,6 +202,7 @@ class ClippedTorque(Note):
     """``count`` torques are exactly ``value``, where the model's is beyond it, first at sample ``row`` at ``time`` (s);
     ``masked`` and ``held_out`` as in ``TorqueSpikes``."""
 
+    topic = "clipped"
     count: int
     value: float
     row: int
@@ -146,33 +210,68 @@ class ClippedTorque(Note):
     masked: bool
     held_out: bool
 
+    def __str__(self) -> str:
+        return (
+            f"{self.count} torques are exactly {self.value:.6g}, first sample {self.row} (t = {instant(self.time)} "
+            "s), where the motion needs more: the sensor or the signal is at its limit. "
+            f"{_fit_clause(self.masked, self.held_out)} Record with a larger range, or a gentler motion."
+        )
+
+    @property
+    def figures(self) -> str:
+        """Its size and rows."""
+        return f"{self.count} at {self.value:.6g}, first sample {self.row}"
+
 
 @dataclass(frozen=True)
 class SameData(Note):
     """Two logs hold the same samples, in the ``other`` one ``lag`` (s) later, so that nothing is held out."""
 
+    topic = "repeat"
     forbids: ClassVar[Use | None] = Use.CONTROL
     other: str
     lag: float
+
+    def __str__(self) -> str:
+        return (
+            f"holds the same samples as {self.other!r} of the training{_lag_clause(self.lag, 1e-6)}: nothing is held "
+            "out, and its error says nothing. Give another recording for validation."
+        )
 
 
 @dataclass(frozen=True)
 class RepeatedMotion(Note):
     """A held-out log repeats the motion of the ``other`` one, ``lag`` (s) later, with a difference of ``error`` %."""
 
+    topic = "repeat"
     other: str
     lag: float
     error: float
+
+    def __str__(self) -> str:
+        return (
+            f"repeats the motion of {self.other!r}{_lag_clause(self.lag, 1e-3)}, to {percent(self.error, 2)}: its "
+            "error shows repeatability, not how the model does on another motion. Hold out a different motion. "
+            "(Repeats at another speed are not looked for.)"
+        )
 
 
 @dataclass(frozen=True)
 class PerhapsRadians(Note):
     """All positions multiplied by 180/pi explain the torque with an error of ``after`` % instead of ``before`` %."""
 
+    topic = "radians"
     forbids: ClassVar[Use | None] = Use.CONTROL
     span: float
     before: float
     after: float
+
+    def __str__(self) -> str:
+        return (
+            f"no joint moves more than {short(self.span, 2)} rad; as degrees that should have been radians, the "
+            f"positions leave {percent(self.after)} of the torque unexplained instead of {percent(self.before)}. Are "
+            "they in rad? Set `unit: rad`."
+        )
 
 
 @dataclass(frozen=True)
@@ -182,18 +281,35 @@ class GravityCompensated(Note):
     ``before`` and ``after`` are the errors (%) of the fit with gravity and without.
     """
 
+    topic = "gravity compensated"
     forbids: ClassVar[Use | None] = Use.CONTROL
     factor: float
     std: float
     before: float
     after: float
 
+    def __str__(self) -> str:
+        return (
+            f"the torque shows {self.factor:z.2f} +- {short(self.std, 2)} times the gravity of the arm: without it "
+            f"the plain fit leaves {percent(self.after)} instead of {percent(self.before)}. Was it logged after "
+            "gravity compensation, or is the arm mounted so that gravity does not act? Log the whole torque, add the "
+            "compensation to it by `sum`, or set `gravity: [0, 0, 0]` for a model without gravity."
+        )
+
 
 @dataclass(frozen=True)
 class NoFriction(Note):
     """Friction is at most ``share`` (%) of the torque of any joint."""
 
+    topic = "friction"
     share: float
+
+    def __str__(self) -> str:
+        return (
+            f"the torque shows almost no friction: at most {percent(self.share, 2)} of any joint's. Was it logged "
+            "after friction compensation, measured behind the gears, or simulated without friction? The model then "
+            "gives the torque of the links: for feedforward, add the friction of the drives."
+        )
 
 
 @dataclass(frozen=True)
@@ -201,137 +317,40 @@ class SlowMotion(Note):
     """Accelerations explain only this ``share`` of the torque (%, of its rms), less than the ``residual`` of the fit
     (%); a motion ``faster`` by this factor would show inertias."""
 
+    topic = "slow"
     advises: ClassVar[bool] = True
     forbids: ClassVar[Use | None] = Use.SIMULATION
     share: float
     residual: float
     faster: float
 
-
-@dataclass(frozen=True)
-class FewReversals(Note):
-    """The number of reversals of a joint."""
-
-    count: int
-
-
-@dataclass(frozen=True)
-class HardlyMoves(Note):
-    """The span of a joint in all of the training, and that of the joint that moves the most (rad or m).
-
-    ``near`` is the middle of its positions.
-    """
-
-    span: float
-    largest: float
-    near: float
-    unit: str
+    def __str__(self) -> str:
+        return (
+            f"accelerations explain only {percent(self.share, 2)} of the torque, less than the "
+            f"{percent(self.residual, 2)} that the fit leaves: the motion is too slow to show inertias, and faster "
+            f"motion would not be predicted. Record one at least {short(self.faster, 2)} times as fast."
+        )
 
 
-@dataclass(frozen=True)
-class LoopDiffers(Note):
-    """The share of a joint's torque by which its controller, at the measured motion, commands another one."""
-
-    error: float
-
-
-@dataclass(frozen=True)
-class LoopGain(Note):
-    """The measured torque is ``factor`` times what the controller commands.
-
-    ``error`` and ``left`` are the differences between both without and with the factor, as shares of the torque.
-    """
-
-    factor: float
-    error: float
-    left: float
+def _fit_clause(masked: bool, held_out: bool, total: int = 2) -> str:
+    subject, whom = ("It is", "it") if total == 1 else ("They are", "them")
+    if held_out:
+        return (
+            f"The error on this log counts {whom} as measured; correct {whom} in the file, or leave {whom} out with a "
+            "window."
+        )
+    return f"{subject} left out of the fit." if masked else f"{subject} in the fit: `outliers: mask` leaves {whom} out."
 
 
-@dataclass(frozen=True)
-class LoopUnused(Note):
-    """Columns that are named as reference positions but used by no controller."""
-
-    columns: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class LoopVelocity(Note):
-    """The number of steps over which drives difference positions: as ``given``, and as it fits the measured torque.
-
-    ``error`` and ``left`` are the shares of the torque that do not fit with the given and with the fitted number;
-    zero steps where the drives are faster than they are said to be.
-    """
-
-    given: int
-    steps: int
-    error: float
-    left: float
+def _replacement_clause(replaced: bool, total: int = 2) -> str:
+    subject, whom = ("It is", "it") if total == 1 else ("They are", "them")
+    if replaced:
+        return f"{subject} replaced by what is around {whom}, and left out of the fit."
+    return f"{subject} used as measured: `outliers: mask` replaces {whom}."
 
 
-@dataclass(frozen=True)
-class PositionBeyondLimits(Note):
-    """The range of a position, and the one that the robot file allows (rad or m).
-
-    ``far`` beyond it the position is a motor's.
-    """
-
-    lower: float
-    upper: float
-    least: float
-    most: float
-    far: bool = False
-
-
-@dataclass(frozen=True)
-class VelocityAboveLimit(Note):
-    """A peak velocity and its limit in the robot file (rad/s or m/s)."""
-
-    peak: float
-    limit: float
-
-
-@dataclass(frozen=True)
-class EffortAboveLimit(Note):
-    """A peak torque and its limit in the robot file, in ``unit``.
-
-    ``far`` above it the torque is another quantity or unit.
-    """
-
-    peak: float
-    limit: float
-    unit: str
-    far: bool
-
-
-@dataclass(frozen=True)
-class EffortFarBelowLimit(Note):
-    """A peak torque below a thousandth of its limit in the robot file, in ``unit``."""
-
-    peak: float
-    limit: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class CorrelatedParameters(Note):
-    """The number of base parameters, and their condition number in these motions."""
-
-    rank: int
-    condition: float
-
-
-class SearchKind(StrEnum):
-    """Kinds of searches that are skipped in a model of many joints."""
-
-    FITS = "whatever needs a fit"
-    CAUSES = "what explains the residual"
-    PAIRS = "exchanged columns of joints that are no neighbours"
-
-
-@dataclass(frozen=True)
-class SearchLeftOut(Note):
-    """A search that was skipped because the model has so many joints and parameters."""
-
-    search: SearchKind
-    joints: int
-    parameters: int
+def _lag_clause(lag: float, min_lag: float) -> str:
+    """Return where in the other log a repeat begins, if it is more than ``min_lag`` (s) from its start."""
+    if abs(lag) <= min_lag:
+        return ""
+    return f", {short(lag, 4)} s later in it" if lag > 0 else f", begun {short(-lag, 4)} s before it"

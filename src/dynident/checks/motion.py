@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import log_notes
-from dynident.checks.finding import Topic
+from dynident.checks import log_notes, motion_notes
 from dynident.checks.misfit import FitCase, fit_case
-from dynident.checks.robot_notes import OddLog
+from dynident.checks.motion_notes import OddLog
 from dynident.checks.stamps import joint_errors, rms_error
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.identification import held_joints
@@ -72,7 +71,7 @@ def compensation_findings(regression: Regression) -> Iterator[Finding]:
     count = sum(int(motion.mask.sum()) for motion in regression.motions) * len(regression.model.joints)
     std = float(np.sqrt(2 * middle / (count * curvature)))
     note = log_notes.GravityCompensated(factor, std, before, after)
-    yield Finding(Severity.WARNING, None, note, Topic.COMPENSATED)
+    yield Finding(Severity.WARNING, None, note)
 
 
 def friction_findings(regression: Regression) -> Iterator[Finding]:
@@ -89,7 +88,7 @@ def friction_findings(regression: Regression) -> Iterator[Finding]:
     torque = factors[:, :, :-1] @ np.where(np.isin(roles, FRICTION_ROLES), theta, 0.0)
     share = 100.0 * np.sqrt(np.square(torque).sum(axis=1) / size)
     if (share < MIN_FRICTION_SHARE).all():
-        yield Finding(Severity.WARNING, None, log_notes.NoFriction(float(share.max())), Topic.FRICTION)
+        yield Finding(Severity.WARNING, None, log_notes.NoFriction(float(share.max())))
 
 
 def slow_findings(regression: Regression) -> Iterator[Finding]:
@@ -111,7 +110,6 @@ def slow_findings(regression: Regression) -> Iterator[Finding]:
             Severity.WARNING,
             None,
             log_notes.SlowMotion(float(share[k]), float(full_error[k]), speed_factor),
-            Topic.SLOW,
         )
 
 
@@ -122,11 +120,11 @@ def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
             repeat = repeat_of(held_out_log, log.select(held_out_log.joints))
             if repeat.error < MAX_SAME_DATA_ERROR:
                 note = log_notes.SameData(train_name, repeat.lag)
-                yield Finding(Severity.WARNING, None, note, Topic.REPEAT, source=name)
+                yield Finding(Severity.WARNING, None, note, source=name)
                 break
             if repeat.error < MAX_REPEAT_DIFFERENCE:
                 alike = log_notes.RepeatedMotion(train_name, repeat.lag, repeat.error)
-                yield Finding(Severity.WARNING, None, alike, Topic.REPEAT, source=name)
+                yield Finding(Severity.WARNING, None, alike, source=name)
                 break
 
 
@@ -209,15 +207,17 @@ def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> I
         if is_held and joint_excitation.upper > joint_excitation.lower:  # of one that never moves, its log says so
             largest = max(x for x, kind in zip(reach.tolist(), kinds, strict=True) if kind == joint.kind)
             middle = (joint_excitation.lower + joint_excitation.upper) / 2
-            note = log_notes.HardlyMoves(joint_excitation.upper - joint_excitation.lower, largest, middle, joint.unit)
-            yield Finding(Severity.WARNING, joint_excitation.joint, note, Topic.STILL)
+            note = motion_notes.HardlyMoves(
+                joint_excitation.upper - joint_excitation.lower, largest, middle, joint.unit
+            )
+            yield Finding(Severity.WARNING, joint_excitation.joint, note)
 
 
 def limit_findings(joint_excitation: Excitation, limits: RobotJointLimits | None, effort: str) -> Iterator[Finding]:
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
     joint = joint_excitation.joint
     if joint_excitation.reversals < MIN_REVERSALS and joint_excitation.peak_speed > MIN_PEAK_SPEED:
-        yield Finding(Severity.WARNING, joint, log_notes.FewReversals(joint_excitation.reversals), Topic.REVERSALS)
+        yield Finding(Severity.WARNING, joint, motion_notes.FewReversals(joint_excitation.reversals))
     if limits is not None:
         yield from _position_findings(joint_excitation, limits)
         yield from _speed_findings(joint_excitation, limits)
@@ -230,16 +230,16 @@ def _position_findings(joint_excitation: Excitation, limits: RobotJointLimits) -
     slack = RANGE_TOLERANCE * max(limits.upper - limits.lower, 1.0)
     if joint_excitation.lower < limits.lower - slack or joint_excitation.upper > limits.upper + slack:
         is_far = joint_excitation.upper - joint_excitation.lower > MAX_RANGE_RATIO * (limits.upper - limits.lower)
-        note = log_notes.PositionBeyondLimits(
+        note = motion_notes.PositionBeyondLimits(
             joint_excitation.lower, joint_excitation.upper, limits.lower, limits.upper, is_far
         )
-        yield Finding(Severity.WARNING, joint_excitation.joint, note, Topic.POSITION_LIMIT)
+        yield Finding(Severity.WARNING, joint_excitation.joint, note)
 
 
 def _speed_findings(joint_excitation: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
     if limits.velocity is not None and 0 < LIMIT_TOLERANCE * limits.velocity < joint_excitation.peak_speed:
-        note = log_notes.VelocityAboveLimit(joint_excitation.peak_speed, limits.velocity)
-        yield Finding(Severity.WARNING, joint_excitation.joint, note, Topic.VELOCITY_LIMIT)
+        note = motion_notes.VelocityAboveLimit(joint_excitation.peak_speed, limits.velocity)
+        yield Finding(Severity.WARNING, joint_excitation.joint, note)
 
 
 def _effort_findings(joint_excitation: Excitation, limits: RobotJointLimits, unit: str) -> Iterator[Finding]:
@@ -247,13 +247,13 @@ def _effort_findings(joint_excitation: Excitation, limits: RobotJointLimits, uni
     if limit is None or limit <= 0:
         return
     if joint_excitation.torque > LIMIT_TOLERANCE * limit:
-        above = log_notes.EffortAboveLimit(
+        above = motion_notes.EffortAboveLimit(
             joint_excitation.torque, limit, unit, far=joint_excitation.torque > 3 * limit
         )
-        yield Finding(Severity.WARNING, joint_excitation.joint, above, Topic.EFFORT_LIMIT)
+        yield Finding(Severity.WARNING, joint_excitation.joint, above)
     elif 0 < joint_excitation.torque < 1e-3 * limit:  # a torque of zero is a dead channel
-        below = log_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit)
-        yield Finding(Severity.WARNING, joint_excitation.joint, below, Topic.EFFORT_LIMIT)
+        below = motion_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit)
+        yield Finding(Severity.WARNING, joint_excitation.joint, below)
 
 
 @dataclass(frozen=True)
@@ -285,10 +285,10 @@ def excited_rank(model: Model, regression: Regression, unfitted: Collection[str]
 def rank_findings(rank: ExcitedRank) -> Iterator[Finding]:
     """Yield the base parameters that the motions do not excite, and the joints to move."""
     for unexcited_parameters in rank.missing:
-        yield Finding(Severity.WARNING, None, unexcited_parameters, Topic.NOT_EXCITED)
+        yield Finding(Severity.WARNING, None, unexcited_parameters)
     if rank.condition > MAX_CONDITION and not rank.missing:
-        note = log_notes.CorrelatedParameters(rank.on_data, rank.condition)
-        yield Finding(Severity.WARNING, None, note, Topic.CONDITION)
+        note = motion_notes.CorrelatedParameters(rank.on_data, rank.condition)
+        yield Finding(Severity.WARNING, None, note)
 
 
 ODD_LOG_SAMPLES = 1000  # of all motions, up to twice as many
@@ -338,7 +338,7 @@ def odd_log_findings(
     odd = int(np.argmin(separate_errors)) if len(logs) > 2 else 1
     after = 100.0 * float(separate_errors[odd]) / torque
     if after < MAX_ODD_ERROR_RATIO * before:
-        yield Finding(Severity.WARNING, None, OddLog(before, after), Topic.ODD_LOG, source=logs[odd].source)
+        yield Finding(Severity.WARNING, None, OddLog(before, after), source=logs[odd].source)
 
 
 def _log_factors(case: FitCase) -> list[Array]:

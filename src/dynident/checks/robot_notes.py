@@ -1,62 +1,100 @@
 """Notes on the robot or its model, as data: each is the message of a ``Finding``.
 
 ``share`` is the share of the squared training residual, with each joint weighted by its own noise, that the
-correction removes; ``std`` are standard errors robust to correlated residuals. ``report/robot_words.py`` puts
-them into words.
+correction removes; ``std`` are standard errors robust to correlated residuals.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import degrees
 from typing import ClassVar
 
-from dynident.runtime import Note, Use
+from dynident.runtime import Note, Use, WordedEnum, angles, percent, short, vector
 
-MAX_CONTROL_COST, MAX_JOINT_COST = (
-    10.0,
-    25.0,
-)  # %, of the torque and of one joint's: the verdict's limits of held-out errors
+MAX_CONTROL_COST, MAX_JOINT_COST = 10.0, 25.0  # %, of the torque and of one joint's, as the verdict's limits of errors
 MAX_SIMULATION_COST = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
 
 
-class AffectedColumns(StrEnum):
-    """The columns of a log that are affected."""
-
-    POSITION = "position"
-    TORQUE = "torque"
-    BOTH = "position and torque"
-
-
 class TermKind(StrEnum):
-    """An effect that a model may lack."""
+    """An effect that a model may lack, with its ``effect`` in words and its ``remedy``."""
 
-    VISCOUS = "viscous"
-    COULOMB = "coulomb"
-    SMOOTH = "smooth sign of Coulomb friction"
-    OFFSET = "offset"
-    ROTOR = "rotor"
-    SPRING = "spring"
-    ASYMMETRIC = "asymmetric viscous friction"
-    QUADRATIC = "quadratic friction"
-    STRIBECK = "Stribeck friction"
-    LOAD = "load-dependent friction"
-    DRIFT = "friction that drifts"
-    DELAY = "delay of the torque"
-    SATURATION = "torque that saturates"
-    COUPLED = "coupled motor"
-    NEIGHBOUR = "torque of a neighbour"
-    RIPPLE = "ripple"
+    effect: str
+    remedy: str
+
+    def __new__(cls, value: str, effect: str, remedy: str) -> TermKind:
+        """Make a text that has both."""
+        kind = str.__new__(cls, value)
+        kind._value_, kind.effect, kind.remedy = value, effect, remedy
+        return kind
+
+    VISCOUS = "viscous", "viscous friction", "Add `viscous` to `terms` of the model."
+    COULOMB = "coulomb", "Coulomb friction", "Add `coulomb` to `terms` of the model."
+    SMOOTH = (
+        "smooth sign of Coulomb friction",
+        "Coulomb friction whose sign changes gradually",
+        "Set `coulomb_width` of the model (rad/s), or `min_speed`, which leaves slow samples out.",
+    )
+    OFFSET = "offset", "a constant torque", "Add `offset` to `terms` of the model."
+    ROTOR = "rotor", "rotor inertia", "Add `rotor` to `terms` of the model."
+    SPRING = "spring", "a spring, or a cable that pulls back,", "Add `spring` to `terms` of the model."
+    ASYMMETRIC = (
+        "asymmetric viscous friction",
+        "friction that differs between the two directions",
+        "Add `asymmetric_viscous` to `terms` of the model.",
+    )
+    QUADRATIC = (
+        "quadratic friction",
+        "friction that is not proportional to the velocity",
+        "Add `power` to `terms` of the model, with its `exponent`.",
+    )
+    STRIBECK = (
+        "Stribeck friction",
+        "friction that is different at low speed",
+        "Add `stribeck` to `terms` of the model, with the `velocity` at which it has fallen.",
+    )
+    LOAD = (
+        "load-dependent friction",
+        "friction that grows with the load",
+        "Add `load_coulomb` to `terms` of the model.",
+    )
+    DRIFT = (
+        "friction that drifts",
+        "friction that changes over the recording",
+        "Let the robot warm up, and record training and validation in the same state.",
+    )
+    DELAY = (
+        "delay of the torque",
+        "a torque that is stamped late, by these seconds,",
+        "Set `delay: estimate` where all joints are late alike; else shift this torque in the file.",
+    )
+    SATURATION = (
+        "torque that saturates",
+        "a torque that grows less than in proportion, by this share at its rms,",
+        "Check whether the drive saturates, and how torque was computed from current.",
+    )
+    COUPLED = "coupled motor", "a motor that turns with both joints", "Add it to `couplings` of the model."
+    NEIGHBOUR = (
+        "torque of a neighbour",
+        "so many times the torque of a neighbour",
+        "Are these torques of motors that drive both joints, as in a differential? Convert them to joint torques.",
+    )
+    RIPPLE = (
+        "ripple",
+        "a ripple, of cogging or of the gear, with this amplitude",
+        "Add `ripple` to `terms` of the model, with its `cycles`, 2 pi by the period.",
+    )
 
 
-class SuspectQuantity(StrEnum):
-    """The kinds of unknowns, which say what their values mean."""
+class SuspectQuantity(WordedEnum):
+    """The kinds of unknowns, with what their values mean."""
 
-    GAIN = "gain"
-    ZERO = "zero"
-    LENGTH = "length"
-    AXIS = "axis"
-    CLOCK = "clock"
+    GAIN = "gain", "a torque {:.3g} times as large"
+    ZERO = "zero", "a zero that is off by {:.3g}"
+    LENGTH = "length", "an origin moved by {:.3g} m"
+    AXIS = "axis", "an axis or frame turned by {:.3g} rad"
+    CLOCK = "clock", "time stamps whose second is {:.3g} s"
 
 
 @dataclass(frozen=True)
@@ -66,6 +104,10 @@ class Rival:
     joint: str
     quantity: SuspectQuantity
     value: float
+
+    def __str__(self) -> str:
+        change = self.quantity.words.format(self.value)
+        return f"joint {self.joint}: {change}" if self.joint else change
 
 
 @dataclass(frozen=True)
@@ -82,13 +124,14 @@ class Costly(Note):
     @property
     def forbidden(self) -> Use | None:
         """Control where the cost is large, simulation where it is more than a fit of a real robot leaves."""
-        return (
-            Use.CONTROL
-            if self.cost > MAX_CONTROL_COST
-            else Use.SIMULATION
-            if self.cost > MAX_SIMULATION_COST
-            else self.forbids
-        )
+        if self.cost > MAX_CONTROL_COST:
+            return Use.CONTROL
+        return Use.SIMULATION if self.cost > MAX_SIMULATION_COST else self.forbids
+
+    @property
+    def consequence(self) -> str:
+        """What the fault changes, as a sentence."""
+        return f"On this path at twice the speed it changes the torque by {percent(self.cost, 2)}."
 
 
 @dataclass(frozen=True)
@@ -108,77 +151,82 @@ class WrongValue(Costly):
 
 
 @dataclass(frozen=True)
-class JointsSwapped(Note):
-    """The columns of two joints fit the other joint better.
-
-    ``before`` and ``after`` are the errors (%) of the torque, mean over the joints.
-    """
-
-    forbids: ClassVar[Use | None] = Use.CONTROL
-    joints: tuple[str, str]
-    channel: AffectedColumns
-    before: float
-    after: float
-
-
-@dataclass(frozen=True)
-class ColumnReversed(Note):
-    """The columns of a joint fit with the other sign; errors (%) as above."""
-
-    forbids: ClassVar[Use | None] = Use.CONTROL
-    channel: AffectedColumns
-    before: float
-    after: float
-
-
-@dataclass(frozen=True)
-class OtherAxis(Note):
-    """Another axis (3) of a joint, in its own frame, fits better than that of the file; errors (%) as above."""
-
-    forbids: ClassVar[Use | None] = Use.CONTROL
-    given: tuple[float, ...]
-    fitted: tuple[float, ...]
-    before: float
-    after: float
-
-
-@dataclass(frozen=True)
 class TorqueGain(WrongValue):
     """The torque of a joint is ``factor`` times what the other joints require.
 
     ``others`` explain the residual as well.
     """
 
+    topic = "gain"
     factor: float
     std: float
     share: float
     others: tuple[Rival, ...] = ()
+
+    def __str__(self) -> str:
+        return (
+            f"the torque is {short(self.factor)} +- {short(self.std, 2)} times what the coupling with the other "
+            f"joints asks for; setting it right removes {_of_residual(self.share)}. {self.consequence} Check its "
+            f"`gain`: gear ratio, torque constant, unit.{_rivals(self.others)}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"check its `gain`: the torque is {short(self.factor)} times what the other joints ask for."
 
 
 @dataclass(frozen=True)
 class ClockWrong(WrongValue):
     """A second of the stamps is ``factor`` seconds; ``others`` explain the residual as well."""
 
+    topic = "clock"
     factor: float
     std: float
     share: float
     others: tuple[Rival, ...] = ()
+
+    def __str__(self) -> str:
+        return (
+            f"by the torque, a second of the time stamps is {short(self.factor)} +- {short(self.std, 2)} s, which "
+            f"removes {_of_residual(self.share)}. {self.consequence} Check the sampling rate, and the unit of the "
+            f"time.{_rivals(self.others)}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"check the sampling rate and the unit of the time: a second seems to be {short(self.factor)} s."
 
 
 @dataclass(frozen=True)
 class ZeroOff(WrongValue):
     """The robot's joint stands at the logged position plus ``offset`` (rad or m)."""
 
+    topic = "zero"
     offset: float
     std: float
     share: float
     others: tuple[Rival, ...] = ()
+
+    def __str__(self) -> str:
+        return (
+            f"the robot's joint seems to be at the logged position {self.offset:+.4g} +- {short(self.std, 2)} (rad or "
+            f"m), which removes {_of_residual(self.share)}. {self.consequence} Set `zero`, or correct the robot "
+            f"file.{_rivals(self.others)}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"set `zero`: the joint seems to be at the logged position {self.offset:+.3g} (rad or m)."
 
 
 @dataclass(frozen=True)
 class LengthWrong(WrongValue):
     """A component ("x", "y" or "z", in the parent link's frame) of a joint's origin: in the file and as fitted (m)."""
 
+    topic = "length"
     component: str
     given: float
     fitted: float
@@ -186,11 +234,27 @@ class LengthWrong(WrongValue):
     share: float
     others: tuple[Rival, ...] = ()
 
+    def __str__(self) -> str:
+        return (
+            f"its origin has {self.component} = {short(self.given, 4)} m in the robot file, the torques ask for "
+            f"{short(self.fitted, 4)} +- {short(self.std, 2)} m, which removes {_of_residual(self.share)}. "
+            f"{self.consequence} Measure the link, and correct the file.{_rivals(self.others)}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return (
+            f"measure {self.component} of its origin: {short(self.fitted, 4)} m fit better than "
+            f"{short(self.given, 4)} m."
+        )
+
 
 @dataclass(frozen=True)
 class AxisTilted(WrongValue):
     """A joint's frame, or its axis ``alone``, is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
 
+    topic = "axis"
     axis: tuple[float, ...]
     angle: float
     alone: bool
@@ -198,16 +262,46 @@ class AxisTilted(WrongValue):
     share: float
     others: tuple[Rival, ...] = ()
 
+    def __str__(self) -> str:
+        return (
+            f"its {self._part} seems to be turned by {short(self.angle)} +- {short(self.std, 2)} rad about "
+            f"{vector(self.axis)} of the joint's frame, which removes {_of_residual(self.share)}. {self.consequence} "
+            f"Check the rotations in the robot file.{_rivals(self.others)}"
+        )
+
+    @property
+    def _part(self) -> str:
+        return "axis" if self.alone else "frame"
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"check its {self._part} in the robot file, which seems to be turned by {short(self.angle, 2)} rad."
+
 
 @dataclass(frozen=True)
 class TiltedBase(WrongValue):
     """The base is turned by ``x`` and then ``y`` (rad) about these axes; ``std`` of both; errors (%) of the torque."""
 
+    topic = "base tilt"
     x: float
     y: float
     std: tuple[float, float]
     before: float
     after: float
+
+    def __str__(self) -> str:
+        std = [degrees(x) for x in self.std]
+        return (
+            f"The base is tilted by {angles(self.x, self.y, 2)} (+- {std[0]:.2f} and {std[1]:.2f}); with it, the "
+            f"training error is {percent(self.after)} instead of {percent(self.before)}. {self.consequence} If it is, "
+            "set `base_tilt: estimate` in the model."
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"set `base_tilt: estimate`: the base seems to be tilted by {angles(self.x, self.y, 2)}."
 
 
 @dataclass(frozen=True)
@@ -219,12 +313,28 @@ class MissingTerm(Costly):
     torque that is lost at its rms.
     """
 
+    topic = "missing term"
     effect: TermKind
     value: float
     std: float
     share: float
     partner: str = ""
     period: float = 0.0
+
+    def __str__(self) -> str:
+        partner = f" together with {self.partner}" if self.partner else ""
+        period = f" that repeats every {short(self.period)} rad or m" if self.period else ""
+        return (
+            f"{self.effect.effect}{partner}{period} ({short(self.value)} +- {short(self.std, 2)}, SI units) would "
+            f"explain {100 * self.share:.0f} % of the joint's squared residual. {self.consequence} "
+            f"{self.effect.remedy}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        partner = f" together with {self.partner}" if self.partner else ""
+        return f"the model lacks {self.effect.effect.removesuffix(',')}{partner}. {self.effect.remedy}"
 
 
 @dataclass(frozen=True)
@@ -243,8 +353,17 @@ class LeftAtReversals(Note):
     gradually, which the torque alone does not tell.
     """
 
+    topic = "unexplained"
     left: float
     share: float
+
+    def __str__(self) -> str:
+        return (
+            f"{percent(self.left, 2)} of its torque is left near its reversals (50 ms), beyond what is left "
+            f"elsewhere: {100 * self.share:.0f} % of the joint's squared residual. Has the gear backlash, or is the "
+            "position that of a motor behind an elastic joint? Friction that builds up gradually looks alike. "
+            "`min_speed` leaves slow samples out."
+        )
 
 
 @dataclass(frozen=True)
@@ -255,33 +374,26 @@ class Unexplained(Note):
     unless the sensors' noise is slow: that forbids simulation.
     """
 
+    topic = "unexplained"
     forbids: ClassVar[Use | None] = Use.SIMULATION
     left: float
     joint_left: float
 
-
-@dataclass(frozen=True)
-class OtherPayload(Costly):
-    """The last link is ``mass`` (kg) heavier in one log than in training.
-
-    This explains ``share`` of the squared residual of both. A model of one payload is not valid for the other:
-    any forbids simulation, and a large one control. The ``cost`` is the torque of the payload in that log.
-    """
-
-    forbids: ClassVar[Use | None] = Use.SIMULATION
-    mass: float
-    std: float
-    share: float
+    def __str__(self) -> str:
+        return (
+            f"{percent(self.left, 2)} of all torque is left that is not white noise, the most at this joint "
+            f"({percent(self.joint_left, 2)} of its own), and no cause that was tried explains it. The model lacks "
+            "something, unless the noise of the sensors is slow: look at the residual in the report."
+        )
 
 
-@dataclass(frozen=True)
-class OddLog(Note):
-    """One log does not fit together with the others.
+def _of_residual(share: float) -> str:
+    return f"{100 * share:.0f} % of the squared training residual"
 
-    One fit of all logs leaves ``before`` % of the torque, mean over the joints; with a separate fit of this log
-    ``after`` %. What was modelled has changed between the logs, so that it forbids simulation.
-    """
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
-    before: float
-    after: float
+def _rivals(rivals: tuple[Rival, ...]) -> str:
+    """Return the rival explanations that explain as much, as a sentence."""
+    if not rivals:
+        return ""
+    listing = "; ".join(map(str, rivals))
+    return f" The data cannot tell this from: {listing}. The change of the torque given here is the largest of theirs."

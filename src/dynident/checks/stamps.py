@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import log_notes, notes
-from dynident.checks.finding import Topic
+from dynident.checks import channel_notes, log_notes
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, thin_motions
@@ -92,7 +91,7 @@ def timing(log: Log) -> Timing:
     )
 
 
-def respace(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpaced | None]:
+def respace(log: Log, *, always: bool = False) -> tuple[Log, channel_notes.EquallySpaced | None]:
     """Return the log with equal spacing where its positions are less noisy on it, and a note of that.
 
     The straight line through the stamps gives the times; lost samples keep their place. Where the stamps leave
@@ -116,7 +115,7 @@ def respace(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpaced
     if not always and ratios[best] >= _MAX_NOISE_RATIO:
         return log, None
     lost *= best == 0
-    note = notes.EquallySpaced(jitter, 1 / ratios[best], (len(t) - 1 + lost) / float(np.ptp(axes[best])), lost)
+    note = channel_notes.EquallySpaced(jitter, 1 / ratios[best], (len(t) - 1 + lost) / float(np.ptp(axes[best])), lost)
     return replace(log, t=axes[best]), note
 
 
@@ -178,7 +177,7 @@ def sample_findings(log: Log) -> Iterator[Finding]:
     """Yield an error where the log is too short."""
     if len(log) < MINIMUM_SAMPLES:
         step = float(np.median(np.diff(log.t))) if len(log) > 1 else 0.0
-        yield Finding(Severity.ERROR, None, notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step), Topic.SAMPLES)
+        yield Finding(Severity.ERROR, None, channel_notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step))
 
 
 def gap_findings(log: Log) -> Iterator[Finding]:
@@ -187,8 +186,8 @@ def gap_findings(log: Log) -> Iterator[Finding]:
     if len(long_steps):
         steps, first_gap = np.diff(log.t), long_steps[0]
         length = float(steps[first_gap])
-        note = notes.LongGap(length, float(log.t[first_gap]), length / float(np.median(steps)), len(long_steps))
-        yield Finding(Severity.ERROR, None, note, Topic.GAP)
+        note = channel_notes.LongGap(length, float(log.t[first_gap]), length / float(np.median(steps)), len(long_steps))
+        yield Finding(Severity.ERROR, None, note)
 
 
 def jitter_findings(log: Log) -> Iterator[Finding]:
@@ -196,8 +195,8 @@ def jitter_findings(log: Log) -> Iterator[Finding]:
     steps = np.diff(log.t)
     median, jitter = float(np.median(steps)), _relative_jitter(steps)
     if jitter > _MAX_JITTER:
-        note = notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max()))
-        yield Finding(Severity.WARNING, None, note, Topic.JITTER)
+        note = channel_notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max()))
+        yield Finding(Severity.WARNING, None, note)
 
 
 def stamp_findings(facts: Timing) -> Iterator[Finding]:
@@ -207,10 +206,10 @@ def stamp_findings(facts: Timing) -> Iterator[Finding]:
         # equal spacing would shift all that follows a loss
         rounded = facts.missing > 0 and facts.slots < 0.9 * facts.even
         rate, step = (None, facts.step) if rounded else (facts.rate, None)
-        yield Finding(Severity.WARNING, None, notes.StampsJitter(facts.jitter, 1 / best, rate, step), Topic.STAMPS)
+        yield Finding(Severity.WARNING, None, channel_notes.StampsJitter(facts.jitter, 1 / best, rate, step))
     elif facts.jitter > _MAX_JITTER:
-        note = notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None)
-        yield Finding(Severity.INFO, None, note, Topic.JITTER)
+        note = channel_notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None)
+        yield Finding(Severity.INFO, None, note)
 
 
 def lost_sample_findings(facts: Timing) -> Iterator[Finding]:
@@ -218,8 +217,8 @@ def lost_sample_findings(facts: Timing) -> Iterator[Finding]:
     if facts.missing:
         share = facts.missing / (facts.samples + facts.missing)
         severity = Severity.WARNING if share > _MAX_LOST_SHARE else Severity.INFO
-        note = notes.LostSamples(facts.missing, share, facts.longest / facts.step)
-        yield Finding(severity, None, note, Topic.LOST)
+        note = channel_notes.LostSamples(facts.missing, share, facts.longest / facts.step)
+        yield Finding(severity, None, note)
 
 
 TIME_FACTORS = (1e-3, 1e-6, 1e-9, 1e3, 1e6, 1e9)
@@ -243,7 +242,7 @@ def time_unit_findings(log: Log) -> Iterator[Finding]:
             and USUAL_SPEEDS[0] <= speed / factor <= USUAL_SPEEDS[1]
             and not USUAL_SPEEDS[0] * 5 <= speed <= USUAL_SPEEDS[1]
         ):
-            yield Finding(Severity.ERROR, None, log_notes.WrongTimeUnit(1 / step, speed, factor), Topic.TIME_UNIT)
+            yield Finding(Severity.ERROR, None, channel_notes.WrongTimeUnit(1 / step, speed, factor))
             return
 
 
@@ -258,7 +257,7 @@ def length_unit_findings(joint: str, t: Array, q: Array) -> Iterator[Finding]:
     """Yield a warning where a sliding joint moves as far, or as fast, as if it were in millimetres."""
     span, speed = float(np.ptp(q)), _percentile_speed(t, q)
     if span > MAX_SPAN or speed > MAX_SPEED:
-        yield Finding(Severity.WARNING, joint, log_notes.PerhapsMillimetres(span, speed), Topic.MILLIMETRES)
+        yield Finding(Severity.WARNING, joint, channel_notes.PerhapsMillimetres(span, speed))
 
 
 def radian_findings(regression: Regression) -> Iterator[Finding]:
@@ -276,7 +275,7 @@ def radian_findings(regression: Regression) -> Iterator[Finding]:
     before, after = rms_error(regression), rms_error(replace(regression, motions=large))
     if after < MAX_DEGREE_ERROR_RATIO * before:
         note = log_notes.PerhapsRadians(float(spans[angles].max()), before, after)
-        yield Finding(Severity.WARNING, None, note, Topic.RADIANS)
+        yield Finding(Severity.WARNING, None, note)
 
 
 def thin_regression(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> Regression:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import robot_notes
-from dynident.checks.finding import Topic
 from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, misfit
 from dynident.checks.robot_notes import Rival, SuspectQuantity, WrongValue
 from dynident.models import Joint, Model
@@ -42,7 +41,7 @@ class Suspect:
     """
 
     joint: str | None
-    topic: Topic
+    quantity: SuspectQuantity
     derivative: Callable[[Misfit], Array]
     correct_case: Callable[[FitCase, float], FitCase]
     note: Callable[[float, float, float, Rivals], WrongValue]
@@ -68,7 +67,7 @@ class SuspectEstimate:
     @property
     def rival(self) -> Rival:
         """The estimate in short, for the note of another suspect."""
-        quantity = SuspectQuantity(self.suspect.topic.value)
+        quantity = self.suspect.quantity
         value = float(np.exp(self.value)) if quantity in ("gain", "clock") else self.value
         return Rival(self.suspect.joint or "", quantity, value)
 
@@ -139,7 +138,7 @@ def _gain_suspect(model: Model, j: int, name: str) -> Suspect:
         factor = float(np.exp(value))
         return robot_notes.TorqueGain(factor, factor * std, share, rivals)
 
-    return Suspect(name, Topic.GAIN, derivative, correct_case, note, MAX_LOG_GAIN, GAIN_ORDER)
+    return Suspect(name, SuspectQuantity.GAIN, derivative, correct_case, note, MAX_LOG_GAIN, GAIN_ORDER)
 
 
 LOG_STEP = 1e-5  # of the logarithm, of the difference
@@ -165,7 +164,9 @@ def clock_suspect() -> Suspect:
         factor = float(np.exp(value))
         return robot_notes.ClockWrong(factor, factor * std, share, rivals)
 
-    return Suspect(None, Topic.CLOCK, derivative, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, correct_case)
+    return Suspect(
+        None, SuspectQuantity.CLOCK, derivative, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, correct_case
+    )
 
 
 DIFFERENCE_STEP = 1e-5  # rad or m, of the differences
@@ -208,7 +209,7 @@ def _zero_suspect(j: int, joint: Joint) -> Suspect:
     limit = MAX_ANGLE if joint.kind == "revolute" else MAX_LENGTH
     return Suspect(
         joint.name,
-        Topic.ZERO,
+        SuspectQuantity.ZERO,
         _difference_derivative(correct_case),
         correct_case,
         robot_notes.ZeroOff,
@@ -228,7 +229,7 @@ def _origin_suspect(joint: RobotJoint, k: int) -> Suspect:
 
     order = ORIGIN_ORDER if abs(nominal) > DIFFERENCE_STEP else NEW_ORIGIN_ORDER
     return Suspect(
-        joint.name, Topic.LENGTH, _difference_derivative(correct_case), correct_case, note, MAX_LENGTH, order
+        joint.name, SuspectQuantity.LENGTH, _difference_derivative(correct_case), correct_case, note, MAX_LENGTH, order
     )
 
 
@@ -244,7 +245,13 @@ def _axis_suspect(joint: RobotJoint, across: Array, alone: bool) -> Suspect:
         return robot_notes.AxisTilted(tuple(np.round(across, 6).tolist()), value, alone, std, share, rivals)
 
     return Suspect(
-        joint.name, Topic.AXIS, _difference_derivative(correct_case), correct_case, note, MAX_ANGLE, AXIS_ORDER
+        joint.name,
+        SuspectQuantity.AXIS,
+        _difference_derivative(correct_case),
+        correct_case,
+        note,
+        MAX_ANGLE,
+        AXIS_ORDER,
     )
 
 

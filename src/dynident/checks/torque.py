@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes
-from dynident.checks.finding import Topic
-from dynident.checks.log_notes import LoopDiffers, LoopGain, LoopVelocity
+from dynident.checks import file_notes
+from dynident.checks.motion_notes import LoopDiffers, LoopGain, LoopVelocity
 from dynident.models import INERTIAL, Model
 from dynident.models.simulation import DifferencingLoop, HasTimes, longest_stretch
 from dynident.motion.log import Controller, HasState, Log, Motion, subsample
@@ -83,7 +82,7 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
         best = configured_steps
     else:
         velocity = LoopVelocity(configured_steps, best, total[configured_steps], total[best])
-        yield Finding(Severity.WARNING, None, velocity, Topic.LOOP, source=log.source)
+        yield Finding(Severity.WARNING, None, velocity, source=log.source)
     # then fit a factor of each joint's command: the least squares slope
     commanded, error = torques.by_steps[best], torques.error(best)
     power = np.sum(commanded**2, axis=0)
@@ -95,9 +94,9 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
             MAX_SCALED_ERROR_RATIO * error[j], MAX_SCALED_SHARE * size[j]
         ):
             gain_note = LoopGain(float(factor[j]), share, float(scaled_error[j] / size[j]))
-            yield Finding(Severity.WARNING, name, gain_note, Topic.LOOP, source=log.source)
+            yield Finding(Severity.WARNING, name, gain_note, source=log.source)
         elif share > MIN_DIFFERENCE_SHARE and error[j] > MIN_NOISE_RATIO * torques.noise[j]:
-            yield Finding(Severity.WARNING, name, LoopDiffers(share), Topic.LOOP, source=log.source)
+            yield Finding(Severity.WARNING, name, LoopDiffers(share), source=log.source)
 
 
 def _rms_share(shares: Array) -> float:
@@ -255,13 +254,13 @@ def agreement_findings(joint_agreement: Agreement, unit: str) -> Iterator[Findin
         and joint_agreement.friction < -MIN_DRIVING_SHARE
     )
     if joint_agreement.correlation < -MIN_SIGN_CORRELATION or is_driven:
-        sign = notes.ReversedSign(None if is_driven else joint_agreement.correlation)
-        yield Finding(Severity.WARNING, joint_agreement.joint, sign, Topic.SIGN)
+        sign = file_notes.ReversedSign(None if is_driven else joint_agreement.correlation)
+        yield Finding(Severity.WARNING, joint_agreement.joint, sign)
     elif joint_agreement.correlation > MIN_SCALE_CORRELATION and not 1 / MAX_SCALE < joint_agreement.scale < MAX_SCALE:
-        yield Finding(Severity.WARNING, joint_agreement.joint, notes.OddScale(joint_agreement.scale, unit), Topic.SCALE)
+        yield Finding(Severity.WARNING, joint_agreement.joint, file_notes.OddScale(joint_agreement.scale, unit))
     elif abs(joint_agreement.correlation) < MAX_UNRELATED_CORRELATION and joint_agreement.asked > MIN_UNRELATED_RATIO:
-        foreign = notes.UnrelatedTorque(joint_agreement.asked, joint_agreement.correlation)
-        yield Finding(Severity.WARNING, joint_agreement.joint, foreign, Topic.FOREIGN)
+        foreign = file_notes.UnrelatedTorque(joint_agreement.asked, joint_agreement.correlation)
+        yield Finding(Severity.WARNING, joint_agreement.joint, foreign)
 
 
 JACKKNIFE_BLOCKS = 10  # of the time, left out in turn for the standard error

@@ -94,7 +94,6 @@ def _check_config(screen: Screen, out: Path, text: str) -> None:
     """Check the drafted configuration and print the findings."""
     from dynident.project.project import parse_project
     from dynident.report.check import check_summary
-    from dynident.report.finding_words import finding_words
     from dynident.runtime import Severity
 
     config = out / "robot.yaml"
@@ -104,7 +103,7 @@ def _check_config(screen: Screen, out: Path, text: str) -> None:
     screen.say(check_summary(check_result))
     for finding in check_result.findings:
         if finding.severity is not Severity.INFO:
-            screen.say(finding_words(finding))
+            screen.say(finding.text)
 
 
 def _run_identify(screen: Screen, out: Path) -> Identification:
@@ -131,7 +130,8 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
 
 
 def _show_comparison(screen: Screen, comparison: Comparison) -> None:
-    from dynident.report.page import Column, PageTable, number
+    from dynident.report.page import Column, PageTable
+    from dynident.runtime import number
 
     _print_heading(screen, "How far that is from the truth, which only a simulation knows")
     screen.say(

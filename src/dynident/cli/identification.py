@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.project.export import Export
     from dynident.project.project import Project
-    from dynident.report.note_words import Line
+    from dynident.report.words import Line
     from dynident.validation import LogValidation
 
 
@@ -145,7 +145,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     from dynident.report.identification.report import STYLES, verdict_text
     from dynident.report.identification.robot import export_notes
     from dynident.report.identification.terms import choice_comments
-    from dynident.report.note_words import Line
+    from dynident.report.words import Line
     from dynident.runtime.kernel import kernel
 
     with result_folder(out) if out else nullcontext() as folder:
@@ -283,7 +283,7 @@ def _predict_logs(
     """Return the prediction of every log, with whether its torques are known, and the warnings of reading."""
     from dynident.identification import substitute_notes
     from dynident.project.saved import read_log_like
-    from dynident.report.note_words import Line, note_lines
+    from dynident.report.words import Line, note_lines
     from dynident.runtime import Severity
 
     predictions, warnings = [], []

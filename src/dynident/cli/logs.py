@@ -91,10 +91,11 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
 
 
 def _unusable_result(error: Exception) -> CheckResult:
-    from dynident.checks import CheckResult, Topic
+    from dynident.checks import CheckResult
+    from dynident.checks.file_notes import Unusable
     from dynident.runtime import Finding, Severity
 
-    return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
+    return CheckResult((Finding(Severity.ERROR, None, Unusable(str(error))),))
 
 
 def _check_robot_file(path: Path) -> CheckResult:
@@ -128,7 +129,7 @@ def bound(
     from dynident.files.opener import refuse_inputs
     from dynident.files.results import check_json, json_text, probe_folder, write_text
     from dynident.project.project import read_project
-    from dynident.report.note_words import Line, note_lines
+    from dynident.report.words import Line, note_lines
 
     if json_file:
         check_json(json_file)

@@ -172,7 +172,7 @@ def payload(
     from dynident.apps.payload.report import gains_table, payload_table, payload_words, shares_table, torque_table
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs, remember_inputs
-    from dynident.report.note_words import note_lines
+    from dynident.report.words import note_lines
 
     check_places(loaded, unloaded, out)
     for file in (result, *([gains] if gains else [])):
@@ -214,10 +214,9 @@ def _write_payload(
     from dynident.apps.payload.config import payload_data, payload_name, payload_urdf
     from dynident.apps.payload.report import payload_page
     from dynident.files.results import json_text
-    from dynident.report.note_words import words
     from dynident.runtime import ModelError
 
-    notes = [words(note) for note in estimate.notes]
+    notes = [str(note) for note in estimate.notes]
     files = {"payload.json": json_text(payload_data(estimate, saved.provenance, notes))}
     files["report.html"] = payload_page(estimate, saved)
     urdf_notes: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ from dynident.runtime import Severity, progress_to
 
 if TYPE_CHECKING:
     from dynident.cli.screen import Screen
-    from dynident.report.note_words import Line
+    from dynident.report.words import Line
 
 
 def print_path(screen: Screen, label: str, path: Path) -> None:

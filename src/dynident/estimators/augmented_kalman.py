@@ -45,6 +45,7 @@ from dynident.runtime import (
     choices,
     report_progress,
     settings_repr,
+    settings_text,
 )
 
 Array = NDArray[np.float64]
@@ -171,6 +172,10 @@ class AugmentedKalman(Estimator):
     def quick(self) -> LeastSquares:
         """Return least squares: a filter takes too long for a search."""
         return LeastSquares()
+
+    def __str__(self) -> str:
+        name = {"extended": "extended Kalman filter", "sigma_point": "sigma-point Kalman filter"}[self.method]
+        return settings_text(f"{name} of motion and parameters", self, ("method",))
 
 
 @dataclass(frozen=True, eq=False)

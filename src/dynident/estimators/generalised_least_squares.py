@@ -30,7 +30,7 @@ from dynident.estimators.noise import HausmanTest, Residuals, ResidualSeries
 from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
 from dynident.models import Parameter
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
-from dynident.runtime import ConfigError, Note, Step, report_progress, settings_repr
+from dynident.runtime import ConfigError, Note, Step, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_ORDER = 200  # order
@@ -94,6 +94,9 @@ class GeneralisedLeastSquares(LinearEstimator):
         """Return least squares with one weight for each joint."""
         return LeastSquares(self.tolerance, "per_joint")
 
+    def __str__(self) -> str:
+        return settings_text("generalised least squares, with autoregressive noise", self)
+
 
 @dataclass(frozen=True)
 class WeightedLeastSquares(LinearEstimator):
@@ -134,6 +137,9 @@ class WeightedLeastSquares(LinearEstimator):
     def quick(self) -> LeastSquares:
         """Return least squares with one weight for each joint."""
         return LeastSquares(self.tolerance, "per_joint")
+
+    def __str__(self) -> str:
+        return settings_text("least squares, weighted by the noise of all joints", self)
 
 
 def _check_settings(tolerance: float | None, iterations: int) -> None:

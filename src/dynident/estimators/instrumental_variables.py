@@ -44,7 +44,7 @@ from dynident.estimators.simulated_recordings import controller_of, find_first_m
 from dynident.models.simulation import Failure
 from dynident.motion.log import Motion
 from dynident.regression import Rank, Regression
-from dynident.runtime import ConfigError, Note, Step, choices, report_progress, settings_repr
+from dynident.runtime import ConfigError, Note, Step, choices, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 InstrumentSource = Literal["auto", "simulated", "repeated", "lagged"]
@@ -262,3 +262,6 @@ class InstrumentalVariables(LinearEstimator):
     def quick(self) -> LeastSquares:
         """Return least squares: what a search varies matters more than noise in the regressor."""
         return LeastSquares(weights=self.weights)
+
+    def __str__(self) -> str:
+        return settings_text("instrumental variables", self)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import ClassVar
 
 import numpy as np
@@ -19,15 +18,15 @@ from dynident.motion.filters import frequency_response
 from dynident.motion.log import Log, Motion
 from dynident.regression import ParallelFilter, Regression, Selection, fitted_rows
 from dynident.regression.groups import repeated_rows
-from dynident.runtime import ConfigError, InputError, MissingInputError, Note, Severity, brief
+from dynident.runtime import ConfigError, InputError, MissingInputError, Note, Severity, WordedEnum, brief, short
 
 
-class InstrumentKind(StrEnum):
+class InstrumentKind(WordedEnum):
     """The origin of instruments: a simulation, another pass of the same motion, or other samples of the same motion."""
 
-    SIMULATED = "simulated"
-    REPEATED = "repeated"
-    LAGGED = "lagged"
+    SIMULATED = "simulated", "the motion that the model makes in the loop of the controller"
+    REPEATED = "repeated", "another pass of the same motion"
+    LAGGED = "lagged", "the motion before and after each sample"
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,17 @@ class InstrumentsUsed(Note):
     parameter: str | None = None
     moved: float = 0.0
 
+    def __str__(self) -> str:
+        kinds = ", and ".join(kind.words for kind in self.kinds)
+        change = ""
+        if self.parameter is not None:
+            change = f"; least squares differs most in {self.parameter}, by {short(self.moved, 2)} standard errors"
+        noise = ""
+        if self.lag is not None:
+            noise = f". That holds where noise of the positions is not correlated over {short(self.lag, 2)} s"
+        correlation = f"(least correlation with the regressor {short(self.correlation, 3)})"
+        return f"instruments are {kinds} {correlation}{change}{noise}"
+
 
 @dataclass(frozen=True)
 class WeakInstruments(Note):
@@ -55,12 +65,24 @@ class WeakInstruments(Note):
     correlation: float
     statistic: float
 
+    def __str__(self) -> str:
+        return (
+            f"weak instruments: they hardly show {self.parameter} (correlation {short(self.correlation, 2)}, F = "
+            f"{short(self.statistic, 2)}, 10 would do); values and standard errors are not reliable there"
+        )
+
 
 @dataclass(frozen=True)
 class NotSimulated(Note):
     """Instruments are not simulated, since the first model fails in the controller's loop, for a ``reason``."""
 
     reason: str
+
+    def __str__(self) -> str:
+        return (
+            "instruments were not simulated, as neither least squares nor the physically consistent model can be "
+            f"simulated in the loop of the controller: {self.reason}"
+        )
 
 
 @dataclass(frozen=True)
@@ -71,6 +93,13 @@ class MotionMovesOn(Unsettled):
     iterations: int
     moved: float
     reason: str = ""
+
+    def __str__(self) -> str:
+        why = f": {self.reason}" if self.reason else ""
+        return (
+            f"instruments have not settled after {self.iterations} simulations (the last one moved the value by "
+            f"{short(self.moved, 2)} standard errors){why}"
+        )
 
 
 @dataclass(frozen=True, eq=False)

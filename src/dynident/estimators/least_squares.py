@@ -18,7 +18,7 @@ from dynident.estimators.estimator import DataRank, Estimate, Estimator, Problem
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, Whitening, rank_of
-from dynident.runtime import ConfigError, Note, brief, choices, settings_repr
+from dynident.runtime import ConfigError, Note, brief, choices, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
@@ -290,3 +290,7 @@ class LeastSquares(LinearEstimator):
         weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.tolerance)
         factor, rank = weight_joints(triangular, weights, parameters, self.tolerance)
         return LinearFit(factor, rank, triangular.total, None if self.weights == "equal" else weights)
+
+    def __str__(self) -> str:
+        name = "least squares" + ", weighted by joint" * (self.weights == "per_joint")
+        return settings_text(name, self, ("weights",))

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import ClassVar
 
-from dynident.runtime import Note, Severity, Use
+from dynident.runtime import Note, Severity, Use, WordedEnum, count, percent, short
 
 MAX_ERROR_PERCENT = 50.0  # %
 
 
-class FirstModel(StrEnum):
-    """The first model of a simulation or a filter.
+class FirstModel(WordedEnum):
+    """The first model of a simulation or a filter."""
 
-    Least squares of a smoothing spline or of a Kalman smoother, instrumental variables, the physically consistent
-    fit, values of the robot file, or least squares with a positive definite mass matrix.
-    """
-
-    SMOOTHED = "smoothed"
-    KALMAN = "kalman"
-    CONSISTENT = "consistent"
-    INSTRUMENTS = "instruments"
-    NOMINAL = "nominal"
-    MASS = "mass"
+    SMOOTHED = "smoothed", "least squares of a smoothing spline"
+    KALMAN = "kalman", "least squares of a Kalman smoother"
+    CONSISTENT = "consistent", "the physically consistent fit"
+    INSTRUMENTS = "instruments", "instrumental variables"
+    NOMINAL = "nominal", "the values of the robot file"
+    MASS = "mass", "least squares with a positive definite mass matrix"
 
 
 @dataclass(frozen=True)
@@ -49,6 +44,18 @@ class RankDeficient(Undetermined):
     without_effect: tuple[str, ...] = ()
     tied: tuple[tuple[str, ...], ...] = ()
 
+    def __str__(self) -> str:
+        parts = [f"rank {self.rank} of {self.parameters}"]
+        if self.without_effect:
+            listed = ", ".join(self.without_effect)
+            parts.append(f"no effect on the torque in these data: {listed} (move the joints that excite them)")
+        parts += [
+            f"only combinations are identifiable: {', '.join(names)} (remove or fix all but one, or excite them "
+            "differently)"
+            for names in self.tied
+        ]
+        return "; ".join(parts)
+
 
 @dataclass(frozen=True)
 class NotAlone(Undetermined):
@@ -56,19 +63,31 @@ class NotAlone(Undetermined):
 
     names: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return f"not determined individually: {', '.join(self.names)}"
+
 
 @dataclass(frozen=True)
 class NotByData(Undetermined):
     """``count`` parameters are not determined by the data alone."""
 
     count: int
+    how: ClassVar[str] = "not determined by the data alone"
+
+    def __str__(self) -> str:
+        return f"{count(self.count, 'parameter')} {'is' if self.count == 1 else 'are'} {self.how}"
 
 
-@dataclass(frozen=True)
-class DecidedByPrior(Undetermined):
+class DecidedByPrior(NotByData):
     """``count`` parameters are determined by the prior where the data do not determine them."""
 
-    count: int
+    how = "determined by the prior, not by the data"
+
+
+class NotIdentifiable(NotByData):
+    """``count`` parameters are determined by neither data nor prior."""
+
+    how = "determined by neither data nor prior"
 
 
 @dataclass(frozen=True)
@@ -77,6 +96,9 @@ class DrawnToPrior(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     strength: float
+
+    def __str__(self) -> str:
+        return f"drawn to the prior with a strength of {short(self.strength, 2)}, by cross-validation"
 
 
 @dataclass(frozen=True)
@@ -95,12 +117,11 @@ class ErrorsInRegressor(Note):
         """Any use, where there is more error than motion."""
         return Use.CONTROL if self.percent > MAX_ERROR_PERCENT else None
 
-
-@dataclass(frozen=True)
-class NotIdentifiable(Undetermined):
-    """``count`` parameters are determined by neither data nor prior."""
-
-    count: int
+    def __str__(self) -> str:
+        return (
+            f"along one direction, above all of {self.parameter}, {percent(self.percent)} of what the motion shows "
+            "are its own errors: the estimate there rests on their stated size"
+        )
 
 
 @dataclass(frozen=True)
@@ -109,6 +130,14 @@ class HeldByConstraints(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     moved: tuple[tuple[str, float], ...]
+
+    def __str__(self) -> str:
+        listed = ", ".join(f"{name} ({size:.1f})" for name, size in self.moved)
+        return (
+            "constraints hold these base parameters more than 3 standard errors (in brackets) from least squares: "
+            f"{listed}; the model lacks an effect, a sensor or a gain is off, or a limit is wrong. Their standard "
+            "errors count this"
+        )
 
 
 @dataclass(frozen=True)
@@ -119,6 +148,13 @@ class ConstraintsCostly(Note):
     error: float
     free: float
 
+    def __str__(self) -> str:
+        return (
+            f"the constraints, most of all {self.family}, raise the training error to {percent(self.error)}, where "
+            f"without them it is {percent(self.free)}; look for a wrong sign, gain or axis, or a term that the model "
+            "lacks"
+        )
+
 
 @dataclass(frozen=True)
 class MotionCorrected(Note):
@@ -127,6 +163,13 @@ class MotionCorrected(Note):
     severity: ClassVar[Severity] = Severity.INFO
     parameter: str
     size: float
+
+    def __str__(self) -> str:
+        return (
+            f"smoothing and the noise left in the motion bias least squares, {self.parameter} by "
+            f"{short(self.size, 2)} standard errors; predicted by a second smoothing with noise, this bias was "
+            "subtracted"
+        )
 
 
 @dataclass(frozen=True)
@@ -141,6 +184,13 @@ class LimitedByMotion(Note):
     limited: int
     all: int
 
+    def __str__(self) -> str:
+        return (
+            f"a longer recording does not help {self.limited} of {self.all} base parameters, {self.parameter} above "
+            "all: most of their standard errors is what errors of the smoothed motion leave; positions with less "
+            "noise help"
+        )
+
 
 @dataclass(frozen=True)
 class MotionTooNoisy(Note):
@@ -149,12 +199,21 @@ class MotionTooNoisy(Note):
     parameter: str
     size: float
 
+    def __str__(self) -> str:
+        return (
+            f"standard errors are too small: smoothing and the noise left in the motion bias {self.parameter} by "
+            f"about {short(self.size, 2)} of them, too much to be corrected; use the estimator maximum_likelihood"
+        )
+
 
 @dataclass(frozen=True)
 class PriorApproached(Undetermined):
     """The barrier method stopped at a duality ``gap`` before the parameters nearest to the prior."""
 
     gap: float
+
+    def __str__(self) -> str:
+        return f"the prior was not reached exactly: the barrier method stopped at a duality gap of {self.gap:.1e}"
 
 
 @dataclass(frozen=True)
@@ -164,6 +223,10 @@ class NotConverged(Unsettled):
     iterations: int
     gain: float
 
+    def __str__(self) -> str:
+        hint = f"the likelihood may still increase by a factor of exp({short(self.gain, 2)})"
+        return f"not converged after {self.iterations} steps: {hint}"
+
 
 @dataclass(frozen=True)
 class StillMoving(Unsettled):
@@ -171,6 +234,12 @@ class StillMoving(Unsettled):
 
     iterations: int
     change: float
+
+    def __str__(self) -> str:
+        return (
+            f"not settled after {self.iterations} steps: the last one moved the parameters by {short(self.change, 2)} "
+            "standard errors"
+        )
 
 
 @dataclass(frozen=True)
@@ -180,6 +249,12 @@ class StillSimulating(Unsettled):
     iterations: int
     moved: float
 
+    def __str__(self) -> str:
+        return (
+            f"not converged: after {self.iterations} simulations the parameters still move, by {short(self.moved, 2)} "
+            "standard errors"
+        )
+
 
 @dataclass(frozen=True)
 class Downweighted(Note):
@@ -188,6 +263,10 @@ class Downweighted(Note):
     severity: ClassVar[Severity] = Severity.INFO
     joints: tuple[tuple[str, float], ...]
 
+    def __str__(self) -> str:
+        listed = ", ".join(f"{name} {percent(100 * share)}" for name, share in self.joints)
+        return f"torques that look wrong count less than half: {listed} of them"
+
 
 @dataclass(frozen=True)
 class Failed(Unsettled):
@@ -195,12 +274,21 @@ class Failed(Unsettled):
 
     reason: str
 
+    def __str__(self) -> str:
+        return f"maximum likelihood failed, so this is its least-squares start: {self.reason}"
+
 
 @dataclass(frozen=True)
 class NotWhite(Note):
     """The torque residuals have a ``correlation`` between neighbouring samples: they are more than noise."""
 
     correlation: float
+
+    def __str__(self) -> str:
+        return (
+            f"the torque residuals are not white (correlation between neighbouring samples {self.correlation:z.2f}): "
+            "they are more than noise, so compare with least squares on held-out motion"
+        )
 
 
 @dataclass(frozen=True)
@@ -210,6 +298,12 @@ class ScatterLarger(Note):
     parameter: str
     ratio: float
 
+    def __str__(self) -> str:
+        return (
+            "standard errors assume white residuals; from the scatter of the residuals over time, that of "
+            f"{self.parameter} is {short(self.ratio, 2)} times as large"
+        )
+
 
 @dataclass(frozen=True)
 class MovingStart(Note):
@@ -217,6 +311,9 @@ class MovingStart(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     p_value: float
+
+    def __str__(self) -> str:
+        return f"the recordings do not start from rest (likelihood ratio test, p = {self.p_value:.1e})"
 
 
 @dataclass(frozen=True)
@@ -226,6 +323,9 @@ class Averaged(Note):
     severity: ClassVar[Severity] = Severity.INFO
     group: int
 
+    def __str__(self) -> str:
+        return f"each {self.group} neighbouring samples were averaged"
+
 
 @dataclass(frozen=True)
 class SmoothSigns(Note):
@@ -233,6 +333,10 @@ class SmoothSigns(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     widths: tuple[float, ...]
+
+    def __str__(self) -> str:
+        listed = ", ".join(f"{short(x, 2)}" for x in self.widths)
+        return f"the sign of the velocity in friction was replaced by tanh(dq / width), with widths {listed}"
 
 
 @dataclass(frozen=True)
@@ -242,6 +346,9 @@ class StartedElsewhere(Note):
     severity: ClassVar[Severity] = Severity.INFO
     start: FirstModel
 
+    def __str__(self) -> str:
+        return f"simulated, least squares fails or is farther off: the iteration began with {self.start.words}"
+
 
 @dataclass(frozen=True)
 class StillColoured(Note):
@@ -249,6 +356,13 @@ class StillColoured(Note):
 
     joint: str
     correlation: float
+
+    def __str__(self) -> str:
+        return (
+            f"after whitening, the torque residual of {self.joint} is still correlated over time "
+            f"({self.correlation:z.2f}): it is more than autoregressive noise, so compare with least squares on "
+            "held-out motion"
+        )
 
 
 @dataclass(frozen=True)
@@ -267,3 +381,17 @@ class WhiteningCostly(Note):
     def forbidden(self) -> Use | None:
         """Simulation, where chance does not explain it."""
         return None if self.chance else Use.SIMULATION
+
+    def __str__(self) -> str:
+        because = (
+            "such noise alone does not: it is what the model lacks, so that parameters may be many standard errors "
+            "off, and least squares predicts better"
+        )
+        if self.chance:
+            because = (
+                "slow noise may do that, and so may what the model lacks: compare with least squares on held-out motion"
+            )
+        return (
+            f"the fit to whitened rows leaves {short(self.ratio, 3)} times as much of the torque of {self.joint} as "
+            f"least squares; {because}"
+        )

@@ -43,6 +43,7 @@ from dynident.runtime import (
     format_bytes,
     memory_budget,
     settings_repr,
+    settings_text,
 )
 
 Array = NDArray[np.float64]
@@ -169,6 +170,9 @@ class Didim(LinearEstimator):
             shots.append(torque_shots(problem, k, controller))
         return fit_output(problem, tuple(shots), self.iterations)
 
+    def __str__(self) -> str:
+        return settings_text("DIDIM, the torque of the simulated loop", self)
+
 
 LoopMode = Literal["auto", "closed", "open"]
 TorqueSource = Literal["measured", "commanded"]
@@ -268,3 +272,7 @@ class OutputError(LinearEstimator):
                 "have it (Log.command). Give it, or leave `torque` at measured."
             )
         return open_shots(problem, k, self.segment or COMMANDED_SEGMENT, log.command)
+
+    def __str__(self) -> str:
+        where = {"auto": "", "closed": " in the loop", "open": ", driven by the torque"}[self.loop]
+        return settings_text("output error of simulated positions" + where, self, ("loop",))

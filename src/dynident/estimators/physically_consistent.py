@@ -57,7 +57,7 @@ from dynident.estimators.programs import (
 )
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, Note, call_part, choices, settings_repr
+from dynident.runtime import ConfigError, Note, call_part, choices, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_GAP = 1e-6  # duality gap above which the prior was not reached
@@ -361,6 +361,9 @@ class PhysicallyConsistent(Estimator):
         free = [body for body in constraints.bodies if information.directions.undetermined_mask[body.columns].any()]
         bodies_with_prior = [body for body in free if not np.isnan(prior[body.columns]).any()]
         return [body for body in bodies_with_prior if np.linalg.eigvalsh(body.scaled_inertia(prior))[0] > self.margin]
+
+    def __str__(self) -> str:
+        return settings_text("physically consistent least squares", self)
 
 
 def _to_tuples(value: Any) -> Any:

@@ -24,7 +24,7 @@ from dynident.regression import (
     merge_factors,
     rank_of,
 )
-from dynident.runtime import ConfigError, Note, choices, report_progress, settings_repr
+from dynident.runtime import ConfigError, Note, choices, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 NamedPrior = Literal["nominal", "none"]
@@ -156,6 +156,9 @@ class Ridge(LinearEstimator):
     @property
     def _prior_values(self) -> dict[str, float]:
         return {} if isinstance(self.prior, str) else dict(self.prior)
+
+    def __str__(self) -> str:
+        return settings_text("ridge regression", self)
 
 
 def _usual_sizes(model: Model, triangular: TriangularFactors, weights: Array) -> Array:

@@ -22,7 +22,7 @@ from dynident.estimators.least_squares import (
 )
 from dynident.estimators.notes import Downweighted, StillMoving
 from dynident.regression import Rank, Regression, one_thread, rank_of
-from dynident.runtime import ConfigError, Note, Step, brief, choices, report_progress, settings_repr
+from dynident.runtime import ConfigError, Note, Step, brief, choices, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -253,6 +253,10 @@ class RobustLeastSquares(LinearEstimator):
             if step_size <= tolerance:
                 break
         return _RobustSolution(z, errors, scale, step_size)
+
+    def __str__(self) -> str:
+        name = {"huber": "Huber's", "tukey": "Tukey's"}[self.loss]
+        return settings_text(f"robust least squares, {name} weights", self, ("loss",))
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
 from dynident.regression import Rank, Regression, Selection, one_thread
-from dynident.runtime import ConfigError, InputError, Note, brief, choices, settings_repr
+from dynident.runtime import ConfigError, InputError, Note, brief, choices, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_WINDOW = 1024  # samples of a spectrum, at most
@@ -218,6 +218,9 @@ class TotalLeastSquares(LinearEstimator):
         size = np.array([self._stated_errors.get(name, 0.0) for name in model.names])
         rows = (triangular.rows * np.square(w)) @ model.support
         return np.diag(np.square(size) * rows)
+
+    def __str__(self) -> str:
+        return settings_text("total least squares", self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,6 +49,13 @@ class Origin:
     measured: Measure | None = Measure.SCATTER
     given_joints: tuple[str, ...] = ()
 
+    def __str__(self) -> str:
+        kinds = {Measure.RESIDUAL: "residual of the fit", Measure.SCATTER: "scatter between neighbouring samples"}
+        if self.measured is None:
+            return "as given"
+        measured = kinds[self.measured]
+        return f"as given for {', '.join(self.given_joints)}; else {measured}" if self.given_joints else measured
+
 
 @dataclass(frozen=True, eq=False)
 class Noise:

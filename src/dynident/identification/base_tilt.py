@@ -30,7 +30,7 @@ from dynident.regression import (
     merge_factors,
     rank_of,
 )
-from dynident.runtime import ConfigError, Note, Severity
+from dynident.runtime import ConfigError, Note, Severity, angles, percent
 
 Array = NDArray[np.float64]
 MAX_TILT = 0.2  # rad: a larger tilt is intended mounting
@@ -59,6 +59,17 @@ class BaseTilt(Note):
     gain: Gain | None = None
     steep: tuple[float, float] | None = None
 
+    def __str__(self) -> str:
+        dx, dy = np.rad2deg(self.std)
+        if not (self.x or self.y):
+            why = "" if self.gain is None else f": the best tilt would gain {self.gain}"
+            if self.steep:
+                why += f", but is {angles(*self.steep)}, more than a mounting error"
+            uncertainty = f" (+- {dx:.2f} and {dy:.2f} deg about x and y)" if np.isfinite(dx + dy) else ""
+            return f"the base is taken as level{uncertainty}{why}"
+        change = f"with it, the training error is {percent(self.after)} instead of {percent(self.before)}"
+        return f"the base is tilted by {angles(self.x, self.y, 2)} (+- {dx:.2f} and {dy:.2f}); {change}"
+
 
 @dataclass(frozen=True)
 class SteepBase(Note):
@@ -66,6 +77,13 @@ class SteepBase(Note):
 
     x: float
     y: float
+
+    def __str__(self) -> str:
+        return (
+            f"the torques ask for a base that is tilted by {angles(self.x, self.y)}, more than a mounting error; it "
+            "is taken as level. If the robot is mounted so, set `gravity` of the model; if not, check the zeros and "
+            "axes of its joints, the signs of its torques, and what it carries"
+        )
 
 
 def tilt_base(model: Model, x: float, y: float) -> Model:

@@ -79,6 +79,11 @@ class PriorStrength(Note):
     strength: float
     gain: Gain
 
+    def __str__(self) -> str:
+        if not self.strength:
+            return f"the robot file's inertias count only where the data show nothing: else {self.gain} gained"
+        return f"the robot file's inertias count with a strength of {self.strength:g}, which gains {self.gain}"
+
 
 def find_prior_strength(
     model: Model, motions: Sequence[Motion], estimator: Estimator, selection: Selection = EVERYTHING

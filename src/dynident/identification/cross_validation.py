@@ -14,7 +14,7 @@ from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion, spread_pieces, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log
 from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, factorise, fitted_rows, rank_of
-from dynident.runtime import ConfigError, InputError, Step, brief, report_progress
+from dynident.runtime import ConfigError, InputError, Step, brief, part_text, percent, report_progress, short
 from dynident.runtime.jobs import run_jobs
 
 Array = NDArray[np.float64]
@@ -35,6 +35,9 @@ class Gain:
     def sure(self) -> bool:
         """Whether the error falls by more than one standard error."""
         return self.share > self.std
+
+    def __str__(self) -> str:
+        return f"{short(self.share, 2)} +- {short(self.std, 2)} % of the squared cross-validated error"
 
 
 def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion], folds: int = FOLDS) -> Gain:
@@ -144,6 +147,14 @@ class SmootherChoice:
     errors: tuple[float, ...]
 
     __repr__ = brief
+
+    def __str__(self) -> str:
+        pairs = zip(self.candidates, self.errors, strict=True)
+        trials = "; ".join(
+            f"{part_text(candidate)}: {percent(error) if np.isfinite(error) else 'cannot smooth these logs'}"
+            for candidate, error in pairs
+        )
+        return f"{part_text(self.smoother)}, by the cross-validated torque error on the training logs ({trials})"
 
 
 def choose_smoother(

@@ -17,7 +17,7 @@ from dynident.motion.smoothers import SUBSTITUTE, Smoother, smooth_log
 from dynident.motion.smoothers.smoother import MAX_SPIKE_SHARE, MAX_WRONG_TORQUE_SHARE, Suspects, select_rare, suspects
 from dynident.motion.splines import bridge_gaps, median_sigma
 from dynident.regression import BLOCK, EVERYTHING, Regression, Selection
-from dynident.runtime import ConfigError, InputError, Note, Severity, Step, brief, report_progress
+from dynident.runtime import ConfigError, InputError, Note, Severity, Step, brief, count, percent, report_progress
 from dynident.validation import LogValidation, relative_error
 
 Array = NDArray[np.float64]
@@ -43,6 +43,13 @@ class HeldOutOutliers(Note):
     count: int
     error: float
     without: float
+
+    def __str__(self) -> str:
+        outliers = "is an outlier" if self.count == 1 else "are outliers"
+        return (
+            f"{self.log}: {count(self.count, 'torque')} of {', '.join(self.joints)} {outliers}, with which the error "
+            f"on this held-out log is {percent(self.error)}, and {percent(self.without)} without"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,6 +307,9 @@ class NotFitted(Note):
     severity: ClassVar[Severity] = Severity.INFO
     joints: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return f"torques that are not fitted, only predicted and judged, by `unfitted`: {', '.join(self.joints)}"
+
 
 @dataclass(frozen=True)
 class NotJudged(Note):
@@ -307,6 +317,12 @@ class NotJudged(Note):
 
     log: str
     share: float
+
+    def __str__(self) -> str:
+        return (
+            f"{percent(self.share)} of {self.log}, which is held out, are not judged, by `exclude`: its torque error "
+            "is that of the rest. Exclude only what the robot is not to blame for, such as a collision"
+        )
 
 
 def exclusion_notes(validations: Sequence[LogValidation]) -> Iterator[NotJudged]:
@@ -326,6 +342,13 @@ class SubstituteUsed(Note):
     log: str
     smoother: str
     method: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.log} has not the motion that {self.smoother} is made for; as it is only judged, another smooths "
+            f"it: {self.method}. Its torque error also holds what that leaves of the noise or takes of the motion: "
+            "compare it with that of other models on this recording, not with the error on training"
+        )
 
 
 def substitute_notes(validations: Sequence[LogValidation]) -> Iterator[SubstituteUsed]:

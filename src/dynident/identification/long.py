@@ -47,7 +47,17 @@ from dynident.regression import (
     one_thread,
     unpack_factors,
 )
-from dynident.runtime import ConfigError, InputError, ModelError, Note, Severity, brief, call_part, report_progress
+from dynident.runtime import (
+    ConfigError,
+    InputError,
+    ModelError,
+    Note,
+    Severity,
+    brief,
+    call_part,
+    percent,
+    report_progress,
+)
 from dynident.validation import clustered_std
 
 Array = NDArray[np.float64]
@@ -69,6 +79,14 @@ class InPieces(Note):
     excerpts: int
     joint: str
     error: float
+
+    def __str__(self) -> str:
+        length = f"{self.seconds / 3600:.3g} h" if self.seconds >= 3600 else f"{self.seconds:.3g} s"
+        return (
+            f"all {self.samples:,} samples ({length}) are fitted, in {self.pieces} pieces; what was chosen before the "
+            f"fit, and errors and figures of the training, are of {self.excerpts} excerpts. Over all samples the "
+            f"largest error is that of {self.joint}, {percent(self.error)}"
+        )
 
 
 @dataclass(frozen=True, eq=False)

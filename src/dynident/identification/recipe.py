@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from reprlib import repr as short
+from reprlib import repr as short_repr
 from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, Spline, position_noise, repair_log, smooth_log
 from dynident.motion.splines import stretches
 from dynident.regression import EVERYTHING, ParallelFilter, Selection
-from dynident.runtime import ConfigError, Note, Severity, choices, settings_repr
+from dynident.runtime import ConfigError, Note, Severity, choices, settings_repr, short
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -61,6 +61,19 @@ class Rests(Note):
     def left_out(self) -> bool:
         """Whether the rests within are left out of the fit."""
         return self.gain is not None and self.gain.sure
+
+    def __str__(self) -> str:
+        lengths = {"start": self.start, "end": self.end}
+        ends = [f"{short(length)} s at its {end}" for end, length in lengths.items() if length]
+        parts = [f"{' and '.join(ends)}, where the arm is at rest, are left out of fit and errors"] if ends else []
+        if self.within:
+            use = f"fitted: without them {self.gain} in motion would be gained"
+            if self.gain is None or self.left_out:
+                use = (
+                    f"left out of the fit, which gains {self.gain} in motion" if self.gain else "counted in its errors"
+                )
+            parts.append(f"rests of {short(self.within)} s within are {use}")
+        return f"{self.log}: {'; '.join(parts)}"
 
 
 def rest_blocks(log: Log) -> Mask:
@@ -324,7 +337,7 @@ class Recipe:
                 object.__setattr__(self, name, tuple(value))
         for name, (is_valid, expected) in _FIELDS.items():
             if not is_valid(value := getattr(self, name)):
-                raise ConfigError(f"recipe: {name} is {short(value)}; it must be {expected}.")
+                raise ConfigError(f"recipe: {name} is {short_repr(value)}; it must be {expected}.")
 
     @property
     def smoothers(self) -> tuple[Smoother, ...]:

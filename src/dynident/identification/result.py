@@ -19,7 +19,7 @@ from dynident.identification.recipe import Recipe
 from dynident.models import MassMatrixCheck, Model
 from dynident.motion.log import Log
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import Finding, InputError, KeepsFacts, Note, brief
+from dynident.runtime import Finding, InputError, KeepsFacts, Messages, Note, brief
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
 from dynident.validation import SEED, FreeRun, LogValidation, validate
@@ -123,7 +123,8 @@ class Identification(KeepsFacts):
 
     ``model`` and ``recipe`` are as used: the model on its base as it is tilted, one smoother, numbers where something
     was sought, so that ``recipe.motion`` makes of a new log what the fit has seen. ``mass`` is the mass matrix over all
-    logs and random poses. ``warnings`` are notes, and the findings of the checks, where these were run beside the fit.
+    logs and random poses. ``warnings`` are notes, and the findings of the checks, where these were run
+    beside the fit; printed, each is a line.
     """
 
     model: Model
@@ -136,6 +137,9 @@ class Identification(KeepsFacts):
     calibration: Calibration = field(default_factory=Calibration)
     provenance: Sources = Sources()
     warnings: tuple[Note | Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "warnings", Messages(self.warnings))
 
     def __repr__(self) -> str:
         return str(action("summary")(self))
@@ -171,14 +175,14 @@ class Identification(KeepsFacts):
         )
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> Messages[Finding]:
         """The findings of the checks among the warnings: errors, warnings and advice."""
-        return tuple(warning for warning in self.warnings if isinstance(warning, Finding))
+        return Messages(warning for warning in self.warnings if isinstance(warning, Finding))
 
     @property
-    def notes(self) -> tuple[Note, ...]:
+    def notes(self) -> Messages[Note]:
         """The notes among the warnings."""
-        return tuple(warning for warning in self.warnings if isinstance(warning, Note))
+        return Messages(warning for warning in self.warnings if isinstance(warning, Note))
 
     @property
     def runs(self) -> tuple[FreeRun, ...]:

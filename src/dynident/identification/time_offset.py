@@ -31,7 +31,7 @@ from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
 from dynident.regression import EVERYTHING, Regression, Selection, fitted_rows
 from dynident.regression.whitening import long_run
-from dynident.runtime import Note, Severity, Step, call_part, report_progress
+from dynident.runtime import Note, Severity, Step, call_part, percent, report_progress, short
 
 Array = NDArray[np.float64]
 MAX_ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
@@ -61,12 +61,28 @@ class TimeOffset(Note):
     ``gain`` is that of the best offset in cross-validation, None where another reason refused it.
     """
 
+    topic = "time offset"
     severity: ClassVar[Severity] = Severity.INFO
     seconds: float
     before: float
     after: float
     std: float | None = None
     gain: Gain | None = None
+
+    def __str__(self) -> str:
+        error = np.inf if self.std is None else 1e3 * self.std
+        has_error = bool(np.isfinite(error))
+        if not self.seconds:
+            if self.gain is not None:
+                return f"no time offset, as the best one does not predict left-out stretches better: {self.gain}"
+            uncertainty = f" significantly; its standard error would be {short(error, 2)} ms" if has_error else ""
+            return f"no time offset, as none lowers the training error ({percent(self.before)}){uncertainty}"
+        lagging, leading = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
+        size = f"{short(1e3 * abs(self.seconds), 2)}" + (f" +- {short(error, 1)}" if has_error else "")
+        return (
+            f"{lagging} are stamped {size} ms later than {leading}; with it, the training error is "
+            f"{percent(self.after)} instead of {percent(self.before)}"
+        )
 
 
 @dataclass(frozen=True)

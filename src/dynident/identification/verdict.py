@@ -13,12 +13,21 @@ from dynident.identification.result import Identification
 from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
 from dynident.models.simulation import Failure
 from dynident.regression import UnexcitedParameters
-from dynident.runtime import Finding, Use
-from dynident.validation import Cause, Driver, NoiseFloor
+from dynident.runtime import Finding, Use, join_names, number, percent, place_and_text, rough, shorten
+from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
 
+MAX_NAMES = 5  # names of negative parameters that a sentence lists
+NAMED_REASONS = 2  # reasons that the second sentence names
 MIN_STATES, ZERO_SHIFT = 50, 0.3  # random states; rad or m by which a zero is moved
 MOTION_SCALE = 1.3  # times a motion
 MAX_TORQUE_DIFFERENCE = 1e-6  # relative difference of torques below which other parameters give the same ones
+
+
+_USE_SENTENCES = {
+    Use.DO_NOT_USE: "Do not use this model yet",
+    Use.CONTROL: "Good for control (feedforward, gravity compensation) on motions like these",
+    Use.SIMULATION: "Good for simulation and control on motions like these",
+}
 
 
 @dataclass(frozen=True)
@@ -33,6 +42,9 @@ class CommonGain(Unobservable):
     A known total mass does not show it: the bodies that the torque shows grow, those at the base shrink.
     """
 
+    def __str__(self) -> str:
+        return "a factor that all torques share (wrong gains), which masses and friction take up"
+
 
 @dataclass(frozen=True)
 class Zeros(Unobservable):
@@ -40,12 +52,18 @@ class Zeros(Unobservable):
 
     joints: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return f"a wrong zero of {', '.join(self.joints)}"
+
 
 @dataclass(frozen=True)
 class MotionRatios(Unobservable):
     """The gear ratios, leads or units of the positions of these ``joints``, which the parameters take up."""
 
     joints: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"a wrong gear ratio, lead or unit of the position of {', '.join(self.joints)}"
 
 
 def unknowns(identification: Identification) -> Iterator[Unobservable]:
@@ -113,6 +131,9 @@ class NoHoldOut(Reason):
 
     usual_remedy = Remedy.HOLD_OUT
 
+    def __str__(self) -> str:
+        return "no log was held out, so the error on unseen motion is not known"
+
 
 @dataclass(frozen=True)
 class ForbiddingFindings(Reason):
@@ -121,6 +142,9 @@ class ForbiddingFindings(Reason):
     usual_remedy = Remedy.CORRECT
     findings: tuple[Finding, ...]
 
+    def __str__(self) -> str:
+        return ": ".join(filter(None, place_and_text(self.findings))).removesuffix(".")
+
 
 @dataclass(frozen=True)
 class Repeats(Reason):
@@ -128,6 +152,10 @@ class Repeats(Reason):
 
     usual_remedy = Remedy.ANOTHER_MOTION
     pairs: tuple[tuple[str, str], ...]
+
+    def __str__(self) -> str:
+        repeats = ", ".join(f"{name} repeats the motion of {original}" for name, original in self.pairs)
+        return f"{repeats}: the error on another motion is not known"
 
 
 @dataclass(frozen=True)
@@ -141,6 +169,9 @@ class SlowHoldOut(Reason):
         """A motion as fast as the training; any other where the held-out one does not move."""
         return HoldOutFaster(1.0 / self.share) if self.share > 0 else None
 
+    def __str__(self) -> str:
+        return f"the held-out motion has only {rough(100 * self.share)} of the speed of the training"
+
 
 @dataclass(frozen=True)
 class SilentTorque(Reason):
@@ -148,6 +179,9 @@ class SilentTorque(Reason):
 
     usual_remedy = Remedy.TORQUE_COLUMN
     joints: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"the torque of {', '.join(self.joints)} does not change in any training log"
 
 
 @dataclass(frozen=True)
@@ -159,10 +193,16 @@ class TorqueErrorTooLarge(Reason):
     error: float
     limit: float
 
+    def __str__(self) -> str:
+        return f"the torque error on {self.log} is {percent(self.error)}, above {self.limit:g} %"
+
 
 @dataclass(frozen=True)
 class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
     """A torque error of the unfiltered torque that is too large, where the fit has a low-pass."""
+
+    def __str__(self) -> str:
+        return f"unfiltered, {super().__str__()}"
 
 
 @dataclass(frozen=True)
@@ -174,6 +214,10 @@ class JointErrorsTooLarge(Reason):
     errors: tuple[tuple[str, float], ...]
     limit: float
 
+    def __str__(self) -> str:
+        bad = ", ".join(f"{joint} {percent(size)}" for joint, size in self.errors)
+        return f"on {self.log} some joints have a torque error above {self.limit:g} %: {bad}"
+
 
 @dataclass(frozen=True)
 class NotCarriedOver(Reason):
@@ -182,6 +226,9 @@ class NotCarriedOver(Reason):
     usual_remedy = Remedy.LONGER_TRAINING
     log: str
     ratio: float
+
+    def __str__(self) -> str:
+        return f"the error on {self.log} is {self.ratio:.2g} times the training error: the model does not generalise"
 
 
 @dataclass(frozen=True)
@@ -193,6 +240,12 @@ class TrainedWorse(Reason):
     error: float
     ratio: float
 
+    def __str__(self) -> str:
+        return (
+            f"the error on {self.log}, which was fitted, is {percent(self.error)}, {self.ratio:.2g} times the "
+            "held-out error: outliers or a fault are in the fit"
+        )
+
 
 @dataclass(frozen=True)
 class MassMatrixNotPositive(Reason):
@@ -200,6 +253,9 @@ class MassMatrixNotPositive(Reason):
 
     usual_remedy = Remedy.CONSISTENT_FIT
     eigenvalue: float
+
+    def __str__(self) -> str:
+        return f"the mass matrix is not positive definite (eigenvalue {self.eigenvalue:.3g})"
 
 
 @dataclass(frozen=True)
@@ -210,6 +266,9 @@ class MostlyUnexcited(Reason):
     unexcited: int
     total: int
 
+    def __str__(self) -> str:
+        return f"the data do not excite {self.unexcited} of {self.total} base parameters"
+
 
 @dataclass(frozen=True)
 class PartlyUnexcited(Reason):
@@ -217,6 +276,10 @@ class PartlyUnexcited(Reason):
 
     unexcited: int
     total: int
+
+    def __str__(self) -> str:
+        unexcited = f"{self.unexcited} of {self.total} base parameters"
+        return f"the data do not excite {unexcited}: motions that do are not predicted"
 
 
 @dataclass(frozen=True)
@@ -228,13 +291,24 @@ class HeldBack(Reason):
     """
 
     usual_remedy = Remedy.CHECK
+    cause: ClassVar[str] = "physical constraints hold"
+    doubt: ClassVar[str] = "the model lacks an effect, or a gain, a unit or a direction is wrong"
     growth: float
     torque_change: float
 
+    def __str__(self) -> str:
+        smaller = rough(100 - 100 / (1 + self.growth / 100))
+        return (
+            f"{self.cause} the parameters far from what the data say (else the residual would be {smaller} smaller, "
+            f"and the torque at twice the speed would differ by {rough(self.torque_change)}): {self.doubt}"
+        )
 
-@dataclass(frozen=True)
+
 class DrawnBack(HeldBack):
     """A prior, without any constraint, holds the parameters far from the least-squares estimate."""
+
+    cause = "the prior holds"
+    doubt = "the prior is wrong or too strong, or the model lacks an effect"
 
 
 @dataclass(frozen=True)
@@ -244,12 +318,18 @@ class NegativeValues(Reason):
     usual_remedy = Remedy.CONSISTENT_FIT
     names: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return f"negative values, which are not physical: {join_names(self.names, MAX_NAMES)}"
+
 
 @dataclass(frozen=True)
 class InertiasFree(Reason):
     """The bodies' inertias were not constrained to be physically consistent."""
 
     usual_remedy = Remedy.CONSISTENT_FIT
+
+    def __str__(self) -> str:
+        return "the bodies' inertias were not constrained to be physically consistent"
 
 
 @dataclass(frozen=True)
@@ -258,6 +338,9 @@ class NoFreeRun(Reason):
 
     usual_remedy = Remedy.SIMULATE
 
+    def __str__(self) -> str:
+        return "no free simulation was run"
+
 
 @dataclass(frozen=True)
 class FreeRunFails(Reason):
@@ -265,6 +348,9 @@ class FreeRunFails(Reason):
 
     logs: tuple[str, ...]
     failure: Failure
+
+    def __str__(self) -> str:
+        return f"the free simulation of {', '.join(self.logs)} fails: {self.failure}"
 
 
 @dataclass(frozen=True)
@@ -285,6 +371,12 @@ class FreeRunAstray(Reason):
         """Closed-loop simulation where the torque alone drove the arm, which drifts; else no single remedy."""
         return None if self.driver is Driver.CONTROLLER else Remedy.CONTROLLER_LOOP
 
+    def __str__(self) -> str:
+        looped = self.driver is Driver.CONTROLLER
+        way = "in the controller's loop" if looped else f"within {self.restart:g} s of the measured torque"
+        error = f"{rough(self.error)} of the motion of {self.joint}"
+        return f"the free simulation of {self.log} has an error of {error} {way}"
+
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -297,6 +389,16 @@ class HeldOut:
     error: float
     training: float
     unfiltered: tuple[float, float] | None
+
+    def __str__(self) -> str:
+        left = f"on held-out motion it leaves {percent(self.error)} of the torque unexplained"
+        if self.unfiltered is None:
+            return f"{left}, in training {percent(self.training)}"
+        measured, trained = self.unfiltered
+        return (
+            f"{left} after the low-pass of the fit (training {percent(self.training)}), and {percent(measured)} of it "
+            f"as measured ({percent(trained)})"
+        )
 
 
 @dataclass(frozen=True)
@@ -323,6 +425,21 @@ class LargestResidual:
     over: float | None = None
     all_at_floor: bool = False
 
+    def __str__(self) -> str:
+        if self.all_at_floor and self.over is not None:
+            return (
+                f"The torque residual is at the noise floor: on {self.log} it is {self.over:.2f} times what the "
+                f"sensors allow, and at each joint at most {AT_FLOOR:g} times with 95 % confidence."
+            )
+        place = f"The torque residual is largest in {self.joint} ({self.log})"
+        if self.floor is not None and self.floor.is_reached:
+            return f"{place}, where it is at the noise floor, {self.floor.ratio:.2f} times what the sensors allow."
+        causes = f"points to {causes_text(self.causes, self.floor)}" if self.causes else "has no clear cause"
+        if self.floor is None:
+            return f"{place} and {causes}."
+        noise = "white noise of the sensors allows" if self.floor.origin is FloorOrigin.WHITE else "the sensors allow"
+        return f"{place}, {number(self.floor.ratio, 2)} times what {noise}, and {causes}."
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -340,3 +457,34 @@ class Verdict:
     run: WorstRun | None
     residual: LargestResidual | None
     unknown: tuple[Unobservable, ...] = ()
+
+    def __str__(self) -> str:
+        return " ".join(self.sentences())
+
+    def sentences(self, max_length: int | None = None) -> tuple[str, ...]:
+        """Return the verdict in sentences: use and errors, reasons against more use, residual, what stays unknown.
+
+        Reasons of more than ``max_length`` characters are cut.
+        """
+        use = _USE_SENTENCES[self.use]
+        opening = f"{use}: {'no log was held out' if self.held_out is None else self.held_out}."
+        residual = "The torque residual could not be tested." if self.residual is None else str(self.residual)
+        unknown = f"No data can show {', or '.join(map(str, self.unknown))}: make sure of that by other means."
+        return opening, self._reasons_sentence(max_length), residual, *((unknown,) if self.unknown else ())
+
+    def _reasons_sentence(self, max_length: int | None) -> str:
+        if not self.reasons and self.run is not None:
+            return (
+                "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is "
+                f"at most {rough(self.run.error)} of the motion ({self.run.joint}, {self.run.log})."
+            )
+        clauses = [shorten(str(reason), max_length) for reason in self.reasons[:NAMED_REASONS]]
+        clauses += [f"and {len(self.reasons) - NAMED_REASONS} more"] if len(self.reasons) > NAMED_REASONS else []
+        text = "Against its use: " if self.use is Use.DO_NOT_USE else "Not for simulation: "
+        for k, clause in enumerate(clauses):
+            # A reason that ends with a question mark closes its sentence, so the next one begins another
+            if text.endswith("?"):
+                text += f" And {clause.removeprefix('and ')}"
+            else:
+                text += f"; {clause}" if k else clause
+        return text if text.endswith("?") else f"{text}."

@@ -31,7 +31,7 @@ from dynident.identification.verdict_steps import (
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import MAX_REPEAT_DIFFERENCE, UnexcitedParameters, repeat_of
-from dynident.runtime import Finding, Note, Use
+from dynident.runtime import Finding, Remark, Use
 from dynident.validation import SLOW_SPEED_SHARE, Cause, Driver, FreeRun, LogValidation, ResidualRipple, Reversals
 
 MAX_SAMPLES = 2000  # of all training motions
@@ -111,9 +111,9 @@ def _correction_steps(identification: Identification) -> Iterator[SetRight]:
     """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
     log = judged_log(identification)
     for finding in identification.findings:
-        gain = gain_points(log, dict(finding.removed))
+        gain = gain_points(log, dict(finding.message.removed))
         is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error
-        if is_worthwhile or (isinstance(finding.message, Note) and finding.message.advises):
+        if is_worthwhile or finding.message.advises:
             yield SetRight(finding, gain=gain)
 
 
@@ -236,20 +236,12 @@ def _motion_for(identification: Identification, column: int) -> tuple[ExcitingMo
 MAX_TORQUE_ERROR = 10.0  # %, held-out torque error up to which a feedforward helps
 MAX_UNFILTERED_ERROR = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
 MAX_JOINT_ERROR = 25.0  # %, the same of one joint
-HARMLESS_EFFORT_SHARE = (
-    1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
-)
+HARMLESS_EFFORT_SHARE = 1.0  # %, of a joint's effort limit: errors below it are harmless, however small its torque
 MAX_ERROR_RATIO = 2.0  # held-out error over training error, or the other way round
 MAX_UNEXCITED_SHARE = 0.25  # share of the base parameters that the data may leave out
-MAX_LOOP_ERROR, MAX_WINDOW_ERROR = (
-    1.0,
-    25.0,
-)  # %, position error of the free simulation: with the controller; from the measured torque
+MAX_LOOP_ERROR, MAX_WINDOW_ERROR = 1.0, 25.0  # %, of positions simulated with the controller; from the measured torque
 MAX_RESIDUAL_GROWTH = 5.0  # %, by which physical constraints may raise the residual
-MAX_TORQUE_CHANGE = (
-    7.0,
-    1.0,
-)  # %, by which they may change the torque at twice the speed, for control and for simulation
+MAX_TORQUE_CHANGE = 7.0, 1.0  # %, likewise of the torque at twice the speed, for control and for simulation
 MIN_SPEED_SHARE = 0.5  # share of the speed of the training that the fastest held-out motion must have
 
 
@@ -304,9 +296,8 @@ def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reaso
     kinds: dict[object, list[Finding]] = {}
     for finding in (*identification.findings, *notes):
         if finding.forbids is use:
-            kinds.setdefault(finding.message if isinstance(finding.message, str) else type(finding.message), []).append(
-                finding
-            )
+            kind = finding.message if isinstance(finding.message, Remark) else type(finding.message)
+            kinds.setdefault(kind, []).append(finding)
     yield from (verdict.ForbiddingFindings(tuple(group)) for group in kinds.values())
 
 

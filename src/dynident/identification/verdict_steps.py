@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import Enum, auto
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -13,31 +13,45 @@ from numpy.typing import NDArray
 from dynident.identification.cross_validation import fitted_mask
 from dynident.identification.result import Identification
 from dynident.motion.log import stack_states, subsample
-from dynident.runtime import Finding, brief
+from dynident.runtime import Finding, brief, number, rough
 from dynident.validation import LogValidation
 
 
-class Remedy(Enum):
+class Remedy(StrEnum):
     """What to do about a reason against a use."""
 
-    CORRECT = auto()
-    HOLD_OUT = auto()
-    ANOTHER_MOTION = auto()
-    CHECK = auto()
-    TORQUE_COLUMN = auto()
-    LONGER_TRAINING = auto()
-    EXCITE = auto()
-    CONSISTENT_FIT = auto()
-    SIMULATE = auto()
-    CONTROLLER_LOOP = auto()
+    CORRECT = "Correct what was found, as the reasons say, and identify again."
+    HOLD_OUT = (
+        "Record another motion and name it under `validation`; windows of one recording are enough for a first check."
+    )
+    ANOTHER_MOTION = (
+        "Record a held-out motion with other paths and speeds; a repeated motion only shows the robot's repeatability."
+    )
+    CHECK = (
+        "Run `dynident check` on the configuration: it checks signs, gains, units and gravity. Then look at the "
+        "largest residuals in the report; other friction terms or less noise in the motion may help."
+    )
+    TORQUE_COLUMN = "Check that the right torque column is named, and was recorded."
+    LONGER_TRAINING = "Record a longer training motion that covers the speeds and accelerations of the held-out one."
+    EXCITE = "Record a training motion in which every joint moves: at several speeds, and in many poses of the others."
+    CONSISTENT_FIT = (
+        "Fit with `estimator: {kind: consistent}`: bodies and friction are then physically consistent, and the "
+        "mass matrix is positive definite."
+    )
+    SIMULATE = (
+        "Add `simulation:` to the configuration, with the controller where it is known, else `kind: measured_torque`."
+    )
+    CONTROLLER_LOOP = (
+        "Simulate in closed loop with the controller, where it is known: driven by torque alone, any model drifts."
+    )
 
 
-class ExcitingMotion(Enum):
+class ExcitingMotion(StrEnum):
     """How a joint should move to excite a parameter, which acts through velocity, position or acceleration."""
 
-    CONSTANT_SPEEDS = auto()
-    MANY_POSES = auto()
-    ACCELERATE = auto()
+    CONSTANT_SPEEDS = "move {joint} at several constant speeds in both directions"
+    MANY_POSES = "move {joint} slowly to and fro in many poses"
+    ACCELERATE = "accelerate {joint} harder, in several poses of the others"
 
 
 @dataclass(frozen=True)
@@ -49,6 +63,13 @@ class NextStep:
     """
 
     gain: float | None = field(default=None, kw_only=True)
+
+    def gain_text(self, how: str = "about") -> str:
+        """Return what the step may gain as a sentence, an empty text where that is unknown."""
+        if self.gain is None:
+            return ""
+        size = f"{how} {self.gain:.2g}" if self.gain >= MIN_REPORTED_GAIN else f"less than {MIN_REPORTED_GAIN:g}"
+        return f" May gain {size} points of the torque error."
 
 
 @dataclass(frozen=True)
@@ -68,6 +89,14 @@ class Sharpen(NextStep):
     joint: str | None
     faster: float | None = None
 
+    def __str__(self) -> str:
+        motion = self.excitation.format(joint=self.joint or "the joints")
+        speed = f", up to {self.faster:.2g} times the speed" if self.faster is not None and self.faster > 1.05 else ""
+        return (
+            f"{self.parameter} is {self.value:.3g} +- {self.std:.2g} (one standard error, {rough(self.share)} of the "
+            f"torque): {motion}{speed}.{self.gain_text('at most')}"
+        )
+
 
 @dataclass(frozen=True)
 class SlowReversals(NextStep):
@@ -82,6 +111,12 @@ class SlowReversals(NextStep):
     speeds: tuple[float, ...] = ()
     terms_chosen: bool = False
 
+    def __str__(self) -> str:
+        below = f" (below {', '.join(f'{speed:.2g}' for speed in self.speeds)} rad/s or m/s)" if self.speeds else ""
+        alternative = "" if self.terms_chosen else ", or try `coulomb_width` or `min_speed`"
+        advice = f"{', '.join(self.joints)}: record slow motion through zero speed{alternative}"
+        return f"{advice}{below}." + self.gain_text("at most")
+
 
 @dataclass(frozen=True)
 class CheckRipple(NextStep):
@@ -92,6 +127,10 @@ class CheckRipple(NextStep):
 
     joints: tuple[str, ...]
 
+    def __str__(self) -> str:
+        advice = f"{', '.join(self.joints)}: record constant speeds to see whether the ripple follows the position."
+        return advice + self.gain_text("at most")
+
 
 @dataclass(frozen=True)
 class SetRight(NextStep):
@@ -99,12 +138,23 @@ class SetRight(NextStep):
 
     finding: Finding
 
+    def __str__(self) -> str:
+        finding = self.finding
+        where = ": ".join(filter(None, (finding.source, finding.joint)))
+        return f"{where}: {finding.message.remedy}".removeprefix(": ") + self.gain_text()
+
 
 @dataclass(frozen=True)
 class HoldOutFaster(NextStep):
     """Record a held-out motion ``times`` as fast as the fastest one, as fast as the training, for a better verdict."""
 
     times: float
+
+    def __str__(self) -> str:
+        return (
+            f"Record a held-out motion {self.times:.2g} times as fast, on other paths: little is seen of the inertias "
+            "in a slow one."
+        )
 
 
 @dataclass(frozen=True)
@@ -119,6 +169,13 @@ class LeaveOut(NextStep):
     start: float
     stop: float
     ratio: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.log}: leave {_stretch(self)} out of the training (`window`): predicted from the rest, their "
+            f"squared residual is {self.ratio:.2g} times that of the rest. Did the robot touch something "
+            f"there?{self.gain_text()}"
+        )
 
 
 @dataclass(frozen=True)
@@ -136,7 +193,18 @@ class Cover(NextStep):
     faster: float
     speed: float
 
+    def __str__(self) -> str:
+        return (
+            f"{self.joint}: record a training motion {self.faster:.2g} times as fast, up to {self.speed:.2g} rad/s or "
+            f"m/s: {self.log} is beyond what was trained, above all at {_stretch(self)}.{self.gain_text()}"
+        )
 
+
+def _stretch(step: LeaveOut | Cover) -> str:
+    return f"{number(step.start, 3)} to {number(step.stop, 3)} s"
+
+
+MIN_REPORTED_GAIN = 0.01  # points: smaller gains are not given
 MIN_GAIN_SHARE = 0.01  # share of the error that a step must gain
 
 

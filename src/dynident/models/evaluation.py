@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.models.structure import term_support
 from dynident.models.term import Joint, Past, Term
-from dynident.runtime import DynidentError, ModelError, brief
+from dynident.runtime import DynidentError, ModelError, brief, short, vector
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
@@ -60,8 +60,7 @@ def check_output(
         q, dq, ddq = (state[sample].tolist() for state in states[:3])
         raise ModelError(
             f"{model.name}: term {term_kind(term)} returned {array[index]} at sample {sample} in its "
-            f"{quantity}{joint_text}, "
-            f"where q = {q}, dq = {dq}, ddq = {ddq}; check both."
+            f"{quantity}{joint_text}, where q = {q}, dq = {dq}, ddq = {ddq}; check both."
         )
     return array
 
@@ -151,8 +150,8 @@ def check_memory(model: Model, memory: ArrayLike | None, rows: int) -> tuple[Arr
     kinds = ", ".join(kinds_that_remember(model.terms))
     if memory is None:
         raise ModelError(
-            f"{model.name}: its torque depends on the motion before ({kinds}), and no memory of it is given; "
-            "use a motion that `Model.remembering` returns, or the argument 'memory'."
+            f"{model.name}: its torque depends on the motion before ({kinds}), and no memory of it is given; use a "
+            "motion that `Model.remembering` returns, or the argument 'memory'."
         )
     array = np.asarray(memory, dtype=float)
     if array.shape != (rows, model.memory):
@@ -196,6 +195,16 @@ class MassMatrixCheck:
     positive: bool
 
     __repr__ = brief
+
+    def __str__(self) -> str:
+        if self.positive:
+            smallest, pose = short(self.smallest, 4), vector(self.q, 4)
+            return f"The mass matrix is positive definite: smallest eigenvalue {smallest}, at q = {pose}."
+        return (
+            f"The mass matrix is not positive definite: eigenvalue {short(self.smallest, 4)} at q = "
+            f"{vector(self.q, 4)}. These parameters are not physically consistent and cannot be simulated; excite the "
+            "robot more, or constrain the fit."
+        )
 
 
 def accelerations(model: Model, q: Array, tau: Array, theta: Array, mass: Array, bias: Array) -> Array:

@@ -13,16 +13,12 @@ from numpy.typing import NDArray
 
 from dynident.checks import (
     MINIMUM_SAMPLES,
-    Topic,
     check_log,
-    reading_line,
-    reading_words,
-    require,
     respace,
     rest_findings,
     split_gaps,
 )
-from dynident.checks.log_notes import LoopUnused
+from dynident.checks.motion_notes import LoopUnused
 from dynident.files.tables import DataTable, read_columns
 from dynident.models import Joint
 from dynident.models.simulation import HasTimes
@@ -31,7 +27,18 @@ from dynident.project.columns import is_reference
 from dynident.project.fields import Interval, interval_words
 from dynident.project.settings import Config, LogSpec, LoopSettings, check_joints
 from dynident.project.signals import RecordedSignals, bad_values, column_names, controller, has_torques, signals
-from dynident.runtime import ConfigError, Finding, InputError, Note, Severity, brief, choices, report_progress
+from dynident.runtime import (
+    ConfigError,
+    Finding,
+    InputError,
+    Note,
+    Remark,
+    Severity,
+    brief,
+    choices,
+    report_progress,
+    require,
+)
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -96,7 +103,7 @@ def read_logs(
     for piece in reading.logs:
         findings = _findings_of_log(piece, config, joints, ", ".join(map(str, spec.file.values())), reading.measured)
         warnings += [
-            f"{piece.source}: {reading_line(finding)}" for finding in findings if finding.severity is Severity.WARNING
+            str(replace(finding, source=piece.source)) for finding in findings if finding.severity is Severity.WARNING
         ]
     return replace(reading, warnings=tuple(warnings))
 
@@ -139,14 +146,14 @@ def read_with_findings(
             try:
                 reading = _read_unchecked(spec, config, joints, read)
             except InputError as error:
-                findings.append(Finding(Severity.ERROR, None, str(error), source=spec.label))
+                findings.append(Finding(Severity.ERROR, None, Remark(str(error)), source=spec.label))
                 continue
             role_logs.update({log.source: log for log in reading.logs})
-            findings += [Finding(Severity.WARNING, None, words) for words in reading.warnings]
+            findings += [Finding(Severity.WARNING, None, Remark(text)) for text in reading.warnings]
             references += [name for name in reading.unused if is_reference(name, config.position)]
     # columns that look like references, left unused, mean that the loop could be simulated but is not
     if references and not isinstance(config.simulation, LoopSettings):
-        findings.append(Finding(Severity.INFO, None, LoopUnused(tuple(dict.fromkeys(references))), Topic.LOOP))
+        findings.append(Finding(Severity.INFO, None, LoopUnused(tuple(dict.fromkeys(references)))))
     return logs, tuple(findings)
 
 
@@ -175,7 +182,7 @@ def _read_unchecked(
             # spacing is judged in each piece, once gaps are out
             spaced, note = _respace_log(piece, config.time.spacing)
             logs.append(without_excluded(spaced, spec))
-            warnings += [] if note is None else [f"{piece.source}: {reading_words(note)}"]
+            warnings += [] if note is None else [f"{piece.source}: {note}"]
     warnings += _exclusion_warnings(spec, logs)
     unused = tuple(name for name in (*table.columns, *table.unread) if name not in column_names(config, spec))
     return Reading(tuple(logs), tuple(warnings), recording.measured, unused)

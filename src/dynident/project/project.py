@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 
-from dynident.checks import CheckResult, notes, reading_line, run_checks, with_findings
+from dynident.checks import CheckResult, run_checks, with_findings
 from dynident.files.opener import real_path
 from dynident.files.results import as_path
 from dynident.files.tables import recording_parts
@@ -163,7 +163,7 @@ class Project:
         """Examine the robot file and all recordings; one that cannot be read is an error among the findings."""
         logs, reading_findings = read_with_findings(self.config, self.model.joints)
         config_findings = tuple(
-            Finding(Severity.WARNING, None, words, source=self.path.name) for words in self.warnings
+            Finding(Severity.WARNING, None, Remark(text), source=self.path.name) for text in self.warnings
         )
         turning = turning_joints(self.config)
         return run_checks(
@@ -244,20 +244,9 @@ def run(path: str | Path, *, executor: Executor | None = None) -> Identification
 
 def _merge_remarks(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
     """Return findings and remarks of reading, each said once: as a finding where it forbids a use, else as a remark."""
-    findings_by_line = {
-        f"{entry.source}: {reading_line(entry)}": entry
-        for entry in findings
-        if isinstance(entry.message, notes.ReadingNote)
-    }
-    duplicates = [
-        findings_by_line[entry]
-        for entry in remarks
-        if entry in findings_by_line and findings_by_line[entry].forbids is None
-    ]
-    remaining_remarks = tuple(
-        entry for entry in remarks if entry not in findings_by_line or findings_by_line[entry].forbids is None
-    )
-    return tuple(entry for entry in findings if entry not in duplicates), remaining_remarks
+    forbidding = {str(finding) for finding in findings if finding.forbids is not None}
+    repeated = set(remarks) - forbidding
+    return tuple(x for x in findings if str(x) not in repeated), tuple(x for x in remarks if x not in forbidding)
 
 
 def log_files(config: Config) -> tuple[SourceFile, ...]:

@@ -259,8 +259,7 @@ class FindingPart(ResultPart):
 
     severity: Severity
     joint: str | None
-    message: str | TaggedPart
-    topic: str | None
+    message: TaggedPart
     source: str
     link: str
 

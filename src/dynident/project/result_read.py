@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from dynident.checks import Topic
 from dynident.estimators import Consistency, DataRank, Estimate, Pieces, Residual
 from dynident.identification import (
     Calibration,
@@ -321,9 +320,8 @@ def _build_validation(part: ValidationPart, source: str) -> LogValidation:
 
 
 def _build_finding(part: FindingPart, source: str) -> Finding:
-    message = part.message if isinstance(part.message, str) else _build_noun(Note, part.message, source)
-    topic = Topic(part.topic) if part.topic in list(Topic) else None  # of a later version
-    return Finding(part.severity, part.joint, message, topic, part.source, part.link)
+    message = _build_noun(Note, part.message, source)
+    return Finding(part.severity, part.joint, message, part.source, part.link)
 
 
 def _build_noun(base: type[Noun], part: TaggedPart, source: str) -> Noun:

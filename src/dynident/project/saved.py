@@ -201,8 +201,7 @@ def _validation_values(log: LogValidation) -> dict[str, Any]:
 
 
 def _finding_values(finding: Finding) -> dict[str, Any]:
-    message = finding.message if isinstance(finding.message, str) else _tagged_values(finding.message)
-    return {**vars(finding), "message": message}
+    return {**vars(finding), "message": _tagged_values(finding.message)}
 
 
 def _tagged_values(noun: Note | Failure) -> dict[str, Any]:

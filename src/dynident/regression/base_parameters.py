@@ -216,10 +216,16 @@ class UnexcitedParameters(Note):
     the data.
     """
 
+    topic = "not excited"
     groupings: tuple[str, ...]
     joints: tuple[str, ...]
     together: bool = False
     still: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        how = "" if len(self.joints) == 1 else " at the same time" if self.together else " each by itself"
+        still = f" (at rest in these data: {', '.join(self.still)})" if self.still else ""
+        return f"{'; '.join(self.groupings)}: not excited by these data; move {', '.join(self.joints)}{how}{still}."
 
 
 def find_unexcited(

@@ -142,6 +142,11 @@ class ParallelFilter:
         """Return x filtered at all N samples of an axis, the first, not yet decimated; fastest along the last one."""
         return zero_phase(sections, x, min(3 * self.order, x.shape[axis] - 1), axis)
 
+    def __str__(self) -> str:
+        cutoff = "0.8 of half the decimated rate" if self.cutoff is None else f"{self.cutoff:g} Hz"
+        decimation = f", one of {self.decimate} samples kept" if self.decimate > 1 else ""
+        return f"low-pass of order {self.order} at {cutoff}{decimation}"
+
 
 def _rate(motion: Motion) -> float:
     return 1.0 / float(np.diff(motion.t).mean())

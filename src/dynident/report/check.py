@@ -1,4 +1,4 @@
-"""Tables of ``dynident check``: findings grouped by topic, and the facts behind them."""
+"""Tables of ``dynident check``: findings grouped by kind, and the facts behind them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.report import calibration_words  # noqa: F401 -- with it the words of time offset and base tilt are there
-from dynident.report.finding_words import finding_words
-from dynident.report.log_words import figures_words
-from dynident.report.note_words import words
-from dynident.report.page import Column, PageTable, number
-from dynident.report.words import count
-from dynident.runtime import Note, Severity, Use
+from dynident.report.page import Column, PageTable
+from dynident.runtime import Remark, Severity, Use, count, number, place_and_text
 
 if TYPE_CHECKING:
     from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, RobotJointFacts, Timing
@@ -23,7 +18,6 @@ if TYPE_CHECKING:
 
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
-MAX_NAMES = 8
 USE_ORDER = {Use.CONTROL: 0, Use.SIMULATION: 1, None: 2}  # what forbids a use comes first
 
 
@@ -79,78 +73,38 @@ def _finding_dict(finding: Finding) -> dict[str, Any]:
     return {
         **vars(finding),
         "severity": finding.severity.value,
-        "topic": finding.topic.value if finding.topic else "",
-        "message": finding_words(finding),
+        "topic": finding.topic,
+        "message": finding.text,
     }
 
 
 def _rank_dict(rank: ExcitedRank) -> dict[str, Any]:
-    return {**asdict(rank), "missing": [{**asdict(note), "words": words(note)} for note in rank.missing]}
+    return {**asdict(rank), "missing": [{**asdict(note), "words": str(note)} for note in rank.missing]}
 
 
 def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
-    """Group findings on one topic across joints, links and logs.
+    """Group findings of one kind across joints, links and logs.
 
     Two findings at the same place go into different groups.
     """
     groups: dict[tuple[object, ...], list[Finding]] = {}
     place_counts: Counter[tuple[object, ...]] = Counter()
     for finding in findings:
-        kind = (finding.severity, finding.topic, type(finding.message), _boolean_fields(finding.message))
+        note = finding.message
+        # Notes that differ in what was done are not alike; remarks are alike only where their text is the same
+        flags = tuple(value for value in vars(note).values() if isinstance(value, bool))
+        kind = (finding.severity, type(note), flags, finding.text if isinstance(note, Remark) else "")
         # A second finding at the same place starts a group of its own
         place = (*kind, finding.source, finding.joint, finding.link)
-        # Findings without a topic are grouped only where their text is the same
-        key = (*kind, place_counts[place], finding_words(finding) if not finding.topic else "")
+        groups.setdefault((*kind, place_counts[place]), []).append(finding)
         place_counts[place] += 1
-        groups.setdefault(key, []).append(finding)
     return list(groups.values())
 
 
 def finding_table(groups: Sequence[Sequence[Finding]], title: str) -> PageTable:
     """Return groups of findings as a table of places and messages."""
     columns = Column("where", numeric=False), Column("what, and what to do", numeric=False, prose=True)
-    return PageTable(columns, tuple(map(finding_row, groups)), title)
-
-
-def finding_row(group: Sequence[Finding]) -> tuple[str, str]:
-    """Return the place and the message of the first finding of a group; the places of the others follow the message."""
-    main, *similar = group
-    part = main.link or main.joint or ""
-    same_source = [
-        _name_with_figures(finding.link or finding.joint or "", finding)
-        for finding in similar
-        if finding.source == main.source
-    ]
-    other_sources = list(
-        dict.fromkeys(
-            _name_with_figures(finding.source, finding, finding.joint)
-            for finding in similar
-            if finding.source != main.source
-        )
-    )
-    message = finding_words(main)
-    if same_source:
-        message += f" Likewise {_list_names(same_source)}."
-    if other_sources:
-        message += f" Also in {_list_names(other_sources)}."
-    return " ".join(filter(None, (f"{main.source}:" if main.source and part else main.source, part))), message
-
-
-def _boolean_fields(message: str | Note) -> tuple[bool, ...]:
-    """Return the boolean fields of a note, such as what was done about it: notes that differ in them are not alike."""
-    fields = vars(message).values() if isinstance(message, Note) else ()
-    return tuple(value for value in fields if isinstance(value, bool))
-
-
-def _name_with_figures(name: str, finding: Finding, joint: str | None = None) -> str:
-    """Return a name, followed by the rows and sizes that differ from one finding to the next."""
-    figures = figures_words(finding.message)
-    return f"{name} ({': '.join(filter(None, (joint, figures)))})" if figures else name
-
-
-def _list_names(names: Sequence[str]) -> str:
-    suffix = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return ", ".join(names[:MAX_NAMES]) + suffix
+    return PageTable(columns, tuple(map(place_and_text, groups)), title)
 
 
 def _time_table(timings: Mapping[str, Timing]) -> PageTable:

@@ -25,8 +25,7 @@ from dynident.report.mathml import (
     with_symbol,
 )
 from dynident.report.page import MEANING, PageBlock, PageSection, PageTable, unit_text
-from dynident.report.words import count
-from dynident.runtime import join_names
+from dynident.runtime import count, join_names
 from dynident.runtime.families import TERMS
 
 if TYPE_CHECKING:

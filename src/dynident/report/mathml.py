@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from html import escape
 from typing import TYPE_CHECKING
 
-from dynident.report.page import number
+from dynident.runtime import number
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -6,7 +6,6 @@ and the styles are part of the page, which needs no network.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -223,21 +222,6 @@ class Beside:
 
 
 PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
-
-
-def number(value: float | None, digits: int = 4) -> str:
-    """Format to ``digits`` significant digits, without an exponent from 1e-4 to 1e5; "-" for None and NaN.
-
-    Digits before the decimal point are never rounded away: 12345.6 becomes "12346".
-    """
-    if value is None or math.isnan(value):
-        return "-"
-    if value == 0 or math.isinf(value):
-        return "0" if value == 0 else ("∞" if value > 0 else "-∞")
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    if 1e-4 <= abs(value) < 1e5:
-        return f"{value:.{max(digits - 1 - int(exponent), 0)}f}"
-    return f"{mantissa}e{int(exponent)}"
 
 
 def relative_link(path: str) -> str:

@@ -26,10 +26,9 @@ from dynident.report.identification import (
 from dynident.report.identification.parameters import terminal_parameters
 from dynident.report.identification.report import verdict_text
 from dynident.report.identification.validation import error_table
-from dynident.report.note_words import words
-from dynident.report.page import Column, PageTable, number
+from dynident.report.page import Column, PageTable
 from dynident.report.words import ROLES, logs_of
-from dynident.runtime import InputError, Use, choices, join_names, shorten_names
+from dynident.runtime import InputError, Use, choices, join_names, number, shorten_names
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -210,7 +209,7 @@ def _summary_lines(identification: Identification) -> Iterator[str]:
     verdict = judge(identification) if _has_signals(identification) else None
     yield f"<Identification of {identification.model.name!r}" + (f": {verdict.use.value}" if verdict else "")
     if verdict and verdict.use is Use.DO_NOT_USE:
-        yield f"  {_shorten(words(verdict.reasons[0]))}"
+        yield f"  {_shorten(str(verdict.reasons[0]))}"
     for role, word in ROLES.items():
         if logs := logs_of(identification, role):
             errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)

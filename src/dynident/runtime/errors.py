@@ -13,8 +13,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, dataclass, field, fields
 from difflib import get_close_matches
-from enum import StrEnum
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 
@@ -126,12 +125,13 @@ def brief(noun: Any) -> str:
 def settings_repr(noun: Any) -> str:
     """Return the text of settings for display: the fields that differ from their defaults."""
     field_texts = (
-        f"{field.name}={_field_text(getattr(noun, field.name))}" for field in fields(noun) if _is_changed(noun, field)
+        f"{field.name}={_field_text(getattr(noun, field.name))}" for field in fields(noun) if is_changed(noun, field)
     )
     return _truncate(f"{type(noun).__name__}({', '.join(field_texts)})", MAX_TEXT_LENGTH)
 
 
-def _is_changed(noun: Any, field: Field[Any]) -> bool:
+def is_changed(noun: Any, field: Field[Any]) -> bool:
+    """Return whether a setting differs from its default."""
     default = field.default if field.default_factory is MISSING else field.default_factory()
     return bool(getattr(noun, field.name) != default)
 
@@ -151,85 +151,6 @@ def _field_text(value: Any) -> str:
 
 def _truncate(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[:longest]}..."
-
-
-class Severity(StrEnum):
-    """How serious a finding or a note is: it gives wrong numbers, should be looked at, or is for information."""
-
-    ERROR = "error"
-    WARNING = "warning"
-    INFO = "info"
-
-
-class Use(StrEnum):
-    """What a model is good for; simulation includes control."""
-
-    SIMULATION = "good for simulation"
-    CONTROL = "good for control"
-    DO_NOT_USE = "do not use"
-
-
-@dataclass(frozen=True)
-class Note:
-    """Base of all notes; the type determines severity and bearing, the fields hold the figures.
-
-    ``forbids`` is the use for which a model with such a note is no good: simulation, or control and with it any use.
-    ``advises``: whether it is a next step, though it does not say what that gains.
-    """
-
-    severity: ClassVar[Severity] = Severity.WARNING
-    forbids: ClassVar[Use | None] = None
-    advises: ClassVar[bool] = False
-
-    @property
-    def forbidden(self) -> Use | None:
-        """The use that this note forbids: that of its type, unless its figures decide."""
-        return self.forbids
-
-    @property
-    def removed(self) -> tuple[tuple[str, float], ...]:
-        """By how much the mean squared residual ((N m)^2, N^2) of joints in training falls when the cause is corrected.
-
-        Empty where the note does not say.
-        """
-        return ()
-
-
-@dataclass(frozen=True)
-class Remark(Note):
-    """A warning given as text, from reading a file or a configuration."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and what was found.
-
-    ``message`` is a note with the figures, of ``checks`` or of the stage that made it, which ``report`` puts
-    into words with the remedy; it is a string where it comes from below, from reading a file or an error caught.
-    ``topic`` groups findings of the same kind, None where there is no group; ``source`` is the log or file and ``link``
-    the link concerned, each empty where there is none.
-    """
-
-    severity: Severity
-    joint: str | None
-    message: str | Note
-    topic: StrEnum | None = None
-    source: str = ""
-    link: str = ""
-
-    @property
-    def forbids(self) -> Use | None:
-        """The use that the finding forbids: any where it is an error, else what its note forbids."""
-        if self.severity is Severity.ERROR:
-            return Use.CONTROL
-        return self.message.forbidden if isinstance(self.message, Note) else None
-
-    @property
-    def removed(self) -> tuple[tuple[str, float], ...]:
-        """By how much correcting the finding reduces the mean squared residual, by joint, as its note says."""
-        return self.message.removed if isinstance(self.message, Note) else ()
 
 
 @contextmanager

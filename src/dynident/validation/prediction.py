@@ -15,7 +15,7 @@ from dynident.motion.splines import steady_noise, stretches
 from dynident.regression import BLOCK, EVERYTHING, Selection, fitted_rows
 from dynident.runtime import InputError, brief, join_names
 from dynident.validation.free_run import FreeRun
-from dynident.validation.residuals import NoiseFloor, ResidualTest, residual_test
+from dynident.validation.residuals import NoiseFloor, ResidualTest, causes_text, residual_test
 
 if TYPE_CHECKING:
     import polars as pl
@@ -379,3 +379,9 @@ def check_mass(
     return model.check_mass_matrix(
         np.concatenate([*poses_in_motion, rng.uniform(lower, upper, (poses, len(lower)))]), theta
     )
+
+
+def residual_text(log: LogValidation, joint: str) -> str:
+    """Return what the residual of a joint points to: noise of the sensors alone, its likely causes, or nothing."""
+    floor = log.floors.get(joint)
+    return "at the noise floor" if floor and floor.is_reached else causes_text(log.residuals[joint].causes, floor)

@@ -14,7 +14,7 @@ from dynident.motion.filters import autocorrelation, ljung_box, welch
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import Fixed, coloured_noise, smooth
 from dynident.regression.groups import repeated_rows
-from dynident.runtime import Note
+from dynident.runtime import Note, join_names, percent
 
 if TYPE_CHECKING:
     from dynident.validation.prediction import LogValidation
@@ -33,10 +33,16 @@ class Cause:
 class Reversals(Cause):
     """Friction around the reversals of the motion."""
 
+    def __str__(self) -> str:
+        return "friction around reversals"
+
 
 @dataclass(frozen=True)
 class FrictionLevel(Cause):
     """Friction whose level differs from that of the fit: the residual correlates with the sign of the velocity."""
+
+    def __str__(self) -> str:
+        return "a wrong level of friction (it follows the sign of the velocity)"
 
 
 @dataclass(frozen=True)
@@ -45,15 +51,24 @@ class ResidualRipple(Cause):
 
     frequency: float
 
+    def __str__(self) -> str:
+        return f"a ripple at {self.frequency:.3g} Hz"
+
 
 @dataclass(frozen=True)
 class LowFrequency(Cause):
     """Residual mostly below ``LOW_FREQUENCY`` Hz: an error of the model or its parameters."""
 
+    def __str__(self) -> str:
+        return f"an error of the model or its parameters (mostly below {LOW_FREQUENCY:g} Hz)"
+
 
 @dataclass(frozen=True)
 class HighFrequency(Cause):
     """Residual mostly above ``LOW_FREQUENCY`` Hz: noise, ripple, elasticity or a time offset."""
+
+    def __str__(self) -> str:
+        return f"noise, ripple, elasticity or a time offset (mostly above {LOW_FREQUENCY:g} Hz)"
 
 
 @dataclass(frozen=True)
@@ -185,6 +200,14 @@ class SmoothedAway(Note):
     joints: tuple[str, ...]
     share: float
     lost: float
+
+    def __str__(self) -> str:
+        tail = f" (the most; likewise {join_names(self.joints[1:])})" if self.joints[1:] else ""
+        return (
+            f"{self.log}: what the smoothing took away follows the motion: {percent(self.share, 2)} of it, and with "
+            f"it {percent(self.lost, 2)} of the acceleration of {self.joints[0]}{tail}; smooth less, by a smaller "
+            "`factor` of the smoother, if the torque of held-out motion is then predicted better"
+        )
 
 
 def smoothing_losses(validations: Sequence[LogValidation]) -> Iterator[SmoothedAway]:
@@ -398,3 +421,16 @@ def _standard_error(parts: Array) -> float | None:
 
 def _joint_residual(log: LogValidation, j: int) -> Array:
     return np.asarray(log.motion.tau[:, j] - log.predicted_torque[:, j])
+
+
+def causes_text(causes: Sequence[Cause], floor: NoiseFloor | None = None) -> str:
+    """Return the likely causes of a residual, an empty text where there are none.
+
+    What lies above a known noise ``floor`` is not noise of the sensors; above a white one it may be coloured noise.
+    """
+    texts = list(map(str, causes))
+    if floor is not None:
+        coloured = ", or coloured noise" if floor.origin is FloorOrigin.WHITE else ""
+        above = f"ripple, elasticity or a time offset{coloured} (mostly above {LOW_FREQUENCY:g} Hz)"
+        texts = [above if isinstance(cause, HighFrequency) else str(cause) for cause in causes]
+    return " and ".join(texts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynident.apps.ranking.page import ranking_page
-from dynident.runtime import Finding, Severity
+from dynident.runtime import Finding, Remark, Severity
 from tests.report.rankings import ranking, untold
 
 HOSTILE = "<script>alert('x')</script>"
@@ -22,7 +22,7 @@ def test_the_page_has_all_parts_and_escapes_names() -> None:
 
 def test_the_badge_tells_what_comes_before_any_ranking() -> None:
     assert "yours is among the best" in ranking_page(ranking())
-    finding = Finding(Severity.ERROR, None, HOSTILE)
+    finding = Finding(Severity.ERROR, None, Remark(HOSTILE))
     text = ranking_page(replace(ranking(), findings=(finding,)))
     assert "correct first what was found" in text
     assert "yours is among the best" not in text

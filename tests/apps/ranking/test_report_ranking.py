@@ -9,10 +9,10 @@ from rich.console import Console
 
 from dynident.apps.ranking import CombinationOutcome, RankedCombination
 from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
-from dynident.checks.log_notes import LoopDiffers
+from dynident.checks.motion_notes import LoopDiffers
 from dynident.files.results import json_text
 from dynident.report.terminal import terminal_table
-from dynident.runtime import Finding, Severity
+from dynident.runtime import Finding, Remark, Severity
 from tests.report.rankings import ranking, untold
 
 
@@ -141,9 +141,9 @@ def test_a_best_that_cross_validation_contradicts_is_not_recommended() -> None:
 
 
 def test_what_forbids_any_model_comes_first() -> None:
-    finding = Finding(Severity.ERROR, "elbow", "turns <b>the other way</b>", source="monday")
+    finding = Finding(Severity.ERROR, "elbow", Remark("turns <b>the other way</b>"), source="monday")
     first = ranking_findings(replace(ranking(), findings=(finding,)))[0]
-    assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>"
+    assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>."
     loop = replace(finding, severity=Severity.WARNING, message=LoopDiffers(0.7))
     first = ranking_findings(replace(ranking(), findings=(loop,)))[0]
     assert first.startswith("What simulates is as right as its controller: monday: elbow: ")

@@ -12,7 +12,6 @@ import pytest
 import dynident as dy
 from dynident.apps.ranking import CombinationOutcome, Ranking, compare
 from dynident.apps.ranking.report import ranking_findings
-from dynident.checks import Topic
 from dynident.runtime import ConfigError, InputError, Step, progress_to
 from tests.apps.ranking.made import Greedy, Halved, Lacking, OnMonday, Raising, Stuck, Whole, make_project
 
@@ -66,7 +65,7 @@ def test_each_smoother_has_its_own_time_offset(tmp_path: Path) -> None:
 def test_a_controller_that_did_not_run_is_said(tmp_path: Path) -> None:
     loop = "simulation: { kind: pd, joints: { slider: { reference: { column: x, unit: m }, kp: 10, kd: 1 } } }\n"
     found = compare(make_project(tmp_path, more=loop), smoothers=[], estimators=[], folds=0)
-    assert [(one.source, one.joint, one.topic) for one in found.findings] == [("monday", "slider", Topic.LOOP)]
+    assert [(one.source, one.joint, one.topic) for one in found.findings] == [("monday", "slider", "loop")]
     assert found.forbidding_findings == ()
 
 

@@ -11,9 +11,7 @@ from dynident.identification import SourceFile, judge
 from dynident.report.identification import identification_page
 from dynident.report.identification.report import head_numbers, worst_joint
 from dynident.report.identification.validation import floor_ratio_text
-from dynident.report.note_words import residual_words
-from dynident.report.verdict_words import verdict_sentences
-from dynident.validation import FloorOrigin, HighFrequency, NoiseFloor
+from dynident.validation import FloorOrigin, HighFrequency, NoiseFloor, residual_text
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL
 
@@ -50,12 +48,12 @@ def test_where_it_is_not_known_the_relative_error_does():
 
 def test_a_residual_at_the_noise_floor_has_no_other_cause():
     found = at_floor({"shoulder": AT, "elbow": AT})
-    said = verdict_sentences(judge(found))[2]
+    said = judge(found).sentences()[2]
     assert said == (
         "The torque residual is at the noise floor: on reach.csv it is 1.02 times what the sensors allow, and at each "
         "joint at most 1.15 times with 95 % confidence."
     )
-    assert residual_words(found.validations[1], "elbow") == "at the noise floor"
+    assert residual_text(found.validations[1], "elbow") == "at the noise floor"
     assert "elasticity" not in identification_page(found).partition("<main>")[2]
     assert floor_ratio_text(found.validations[1], "elbow") == "1.02"
 
@@ -63,20 +61,17 @@ def test_a_residual_at_the_noise_floor_has_no_other_cause():
 def test_of_one_joint_at_the_floor_it_is_said_where():
     found = at_floor({"elbow": AT})
     found.validations[1].at_floor = False
-    assert "in elbow (reach.csv), where it is at the noise floor, 1.02 times" in verdict_sentences(judge(found))[2]
+    assert "in elbow (reach.csv), where it is at the noise floor, 1.02 times" in judge(found).sentences()[2]
 
 
 def test_what_is_above_the_floor_is_not_its_noise():
     found = at_floor({"shoulder": ABOVE, "elbow": ABOVE})
     found.validations[1].residuals = {"elbow": SimpleNamespace(causes=(HighFrequency(),), lag1=0.1)}
     words = "ripple, elasticity or a time offset, or coloured noise (mostly above 5 Hz)"
-    assert residual_words(found.validations[1], "elbow") == words
-    assert (
-        f"2.0 times what white noise of the sensors allows, and points to {words}."
-        in verdict_sentences(judge(found))[2]
-    )
+    assert residual_text(found.validations[1], "elbow") == words
+    assert f"2.0 times what white noise of the sensors allows, and points to {words}." in judge(found).sentences()[2]
     found.validations[1].floors = {}
-    assert residual_words(found.validations[1], "elbow").startswith("noise, ripple")
+    assert residual_text(found.validations[1], "elbow").startswith("noise, ripple")
     assert floor_ratio_text(found.validations[1], "elbow") == "-"
 
 

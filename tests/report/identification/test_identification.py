@@ -9,7 +9,7 @@ import pytest
 import rich.console
 from plotly.offline import get_plotlyjs
 
-from dynident.checks import Topic, log_notes
+from dynident.checks import log_notes
 from dynident.estimators import Consistency, DataRank, Provenance
 from dynident.estimators.notes import RankDeficient, WhiteningCostly
 from dynident.identification import Identifiability, SourceFile, Sources, StandardErrors
@@ -22,9 +22,9 @@ from dynident.report.identification import (
     identification_tables,
     result_words,
 )
-from dynident.report.note_words import Line
 from dynident.report.terminal import terminal_table
-from dynident.runtime import Finding, Severity
+from dynident.report.words import Line
+from dynident.runtime import Finding, Remark, Severity
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL, Outline
 
@@ -278,14 +278,14 @@ def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
 
 def test_what_the_checks_found_besides_is_said(identification):
     spikes = log_notes.TorqueSpikes(1, (3000,), (6.0,), 5000.0, True, False)
-    found = [Finding(Severity.WARNING, "elbow", spikes, Topic.TORQUE_SPIKES, "swing")]
+    found = [Finding(Severity.WARNING, "elbow", spikes, "swing")]
     identification.findings = tuple(found)
     said = "1 torque stands out by up to 5000, unlike the motion: sample 3000 (t = 6 s). It is left out of the fit."
     assert identification_notes(identification)[-1].text.startswith(f"Warning: swing: elbow: {said}")
     page = body(identification)
     assert '<td class="words">swing: elbow</td>' in page
     assert said in page
-    found += [Finding(Severity.WARNING, None, f"odd {k}.", source="swing") for k in range(6)]
+    found += [Finding(Severity.WARNING, None, Remark(f"odd {k}."), source="swing") for k in range(6)]
     identification.findings = tuple(found)
     assert identification_notes(identification)[-1].text == "Note: `dynident check` has 2 more warnings."
     assert "odd 5." in body(identification)

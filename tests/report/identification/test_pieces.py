@@ -3,9 +3,7 @@
 import numpy as np
 
 from dynident.estimators import Pieces
-from dynident.identification import InPieces
 from dynident.report.identification import pieces_figure
-from dynident.report.note_words import words
 
 
 def pieces(length: float, names: tuple[str, ...] = ("day",) * 4) -> Pieces:
@@ -36,9 +34,3 @@ def test_a_joint_without_torque_has_no_curve() -> None:
     given = pieces(100.0)
     none = Pieces(given.recording, given.begins, given.ends, given.rows, given.torque * [1, 0], given.residual)
     assert len(pieces_figure(none, ("one", "two")).data) == 1
-
-
-def test_what_was_fitted_is_said() -> None:
-    said = words(InPieces(100_000_000, 100_000.0, 1000, 6, "elbow", 7.321))
-    assert said.startswith("all 100,000,000 samples (27.8 h) are fitted, in 1000 pieces;")
-    assert said.endswith("the largest error is that of elbow, 7.32 %")

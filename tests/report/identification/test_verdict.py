@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dynident.identification import NextStep, Remedy, judge
+from dynident.identification import Remedy, judge
+from dynident.identification.verdict_steps import HoldOutFaster
 from dynident.models.simulation import Broken
-from dynident.report.identification import identification_page
-from dynident.report.identification import report as verdict_words
+from dynident.report.identification import identification_page, report
 from dynident.report.identification.report import verdict_text
 from dynident.validation import Driver
 from tests.report.conftest import identification_of
@@ -49,12 +49,12 @@ def test_the_terminal_says_it_in_one_paragraph():
 
 
 def test_the_terminal_gives_remedies_and_the_largest_gains(monkeypatch):
-    steps = [NextStep(gain=float(k)) for k in range(9, 1, -1)]
+    steps = [HoldOutFaster(float(k)) for k in range(9, 1, -1)]
     found = judge(identification_of(logs=("swing.csv",)))
-    monkeypatch.setattr(verdict_words, "judge", lambda _: replace(found, next=(Remedy.HOLD_OUT, *steps)))
-    monkeypatch.setattr(verdict_words, "words", lambda one: str(getattr(one, "gain", one)))
+    monkeypatch.setattr(report, "judge", lambda _: replace(found, next=(Remedy.HOLD_OUT, *steps)))
+
     _, said = verdict_text(identification_of())
-    assert said == (str(Remedy.HOLD_OUT), "9.0", "8.0", "7.0", "6.0", "5.0", "3 more, which the report lists.")
+    assert said == (Remedy.HOLD_OUT, *map(str, steps[:5]), "3 more, which the report lists.")
 
 
 def test_free_simulations_are_shown_with_their_failures(identification):

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from dynident.apps.article.figures import efficiency_figure, spread_figure, trace_figure
 from dynident.report import Array, method_name, scientific
 from dynident.report.mathml import formula
-from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number, pair_table, render, typeset
+from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, pair_table, render, typeset
 from dynident.report.terminal import terminal_table
+from dynident.runtime import number
 
 if TYPE_CHECKING:
     import rich.console

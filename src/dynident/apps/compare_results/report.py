@@ -11,9 +11,9 @@ import numpy as np
 
 from dynident.report import Drawing
 from dynident.report.figures import BLUE, GRID, RED, Trace, panels, plain, trace
-from dynident.report.page import Badge, Column, Figure, Fold, PageBlock, PageSection, PageTable, number, render
-from dynident.report.words import ROLES, count, percent
-from dynident.runtime import Use, join_names
+from dynident.report.page import Badge, Column, Figure, Fold, PageBlock, PageSection, PageTable, render
+from dynident.report.words import ROLES
+from dynident.runtime import Use, count, join_names, number, percent
 
 if TYPE_CHECKING:
     from dynident.apps.compare_results.comparison import BaseDifference, ComparedResult, LogDifference, ResultComparison

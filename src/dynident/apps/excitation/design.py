@@ -182,6 +182,9 @@ class Interrupted(Note):
 
     severity = Severity.INFO
 
+    def __str__(self) -> str:
+        return "The search was stopped before its end: the motion is the best until then, and keeps to all limits."
+
 
 @dataclass(frozen=True, eq=False)
 class Design:

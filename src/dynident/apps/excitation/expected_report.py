@@ -11,24 +11,23 @@ from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import CapsuleSpace, obstacle_name
 from dynident.apps.excitation.config import NoiseOrigin
-from dynident.apps.excitation.design import ExpectedAccuracy, Interrupted, expected_accuracy
-from dynident.apps.excitation.motion import LeftOut, Program
-from dynident.checks import Topic, check_robot
+from dynident.apps.excitation.design import ExpectedAccuracy, expected_accuracy
+from dynident.apps.excitation.motion import Program
+from dynident.checks import check_robot
+from dynident.checks.file_notes import FarCentre, ImpossibleInertia, NoMass
 from dynident.models import Floor, RigidBodies, ShapeSource
 from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
-from dynident.report.note_words import words
-from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, number
-from dynident.report.words import count
-from dynident.runtime import brief, install_command, join_names
+from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable
+from dynident.runtime import brief, count, install_command, join_names, number
 
 if TYPE_CHECKING:
     from dynident.apps.excitation.design import Design
     from dynident.apps.excitation.robot import ExcitationProject
 
 MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
-DOUBTFUL_TOPICS = (Topic.IMPOSSIBLE, Topic.MASSLESS, Topic.FAR)
+DOUBTFUL_LINKS = (ImpossibleInertia, NoMass, FarCentre)
 PACKAGED = "package://"
 LOWEST_POINT_RATE, MAX_LOWEST_POINT_SAMPLES = 50.0, 5000  # Hz and samples of the lowest point
 _ORIGINS = {
@@ -82,7 +81,7 @@ def body_words(project: ExcitationProject) -> Iterator[str]:
     for bodies in (term for term in project.prior.model.terms if isinstance(term, RigidBodies)):
         findings = check_robot(bodies.file, [joint.name for joint in bodies.joints])
         if links := dict.fromkeys(
-            finding.link for finding in findings if finding.topic in DOUBTFUL_TOPICS and finding.link
+            finding.link for finding in findings if isinstance(finding.message, DOUBTFUL_LINKS) and finding.link
         ):
             yield (
                 f"Torques are by the robot file, where mass or inertia of {join_names(links, MAX_JOINTS)} cannot be "
@@ -148,19 +147,6 @@ def limit_words(design: Design) -> Iterator[str]:
         yield f"Limits of {name} of {whose} are by rule{size}: give your robot's own, if they are known."
     for joint, names in design.limits.beyond.items():
         yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
-
-
-@words.register
-def _(note: Interrupted) -> str:  # noqa: ARG001
-    return "The search was stopped before its end: the motion is the best until then, and keeps to all limits."
-
-
-@words.register
-def _(note: LeftOut) -> str:
-    return (
-        f"Terms that remember the motion ({', '.join(note.terms)}) are left out of the design: what it tells of them "
-        "is not known."
-    )
 
 
 @dataclass(frozen=True, eq=False)

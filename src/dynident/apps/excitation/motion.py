@@ -82,6 +82,12 @@ class LeftOut(Note):
 
     terms: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return (
+            f"Terms that remember the motion ({', '.join(self.terms)}) are left out of the design: what it tells of "
+            "them is not known."
+        )
+
 
 def without_memory(
     model: Model, theta: Array, request: MotionRequest

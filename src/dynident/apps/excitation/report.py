@@ -44,7 +44,6 @@ from dynident.report import (
     surface,
 )
 from dynident.report.identification.parameters import missing_mesh_notes
-from dynident.report.note_words import words
 from dynident.report.page import (
     UNIT,
     Column,
@@ -54,12 +53,11 @@ from dynident.report.page import (
     PageBlock,
     PageSection,
     PageTable,
-    number,
     pair_table,
     relative_link,
     render,
 )
-from dynident.report.words import value_words
+from dynident.runtime import number, setting_text
 
 if TYPE_CHECKING:
     from dynident.apps.excitation.design import Design
@@ -210,7 +208,7 @@ def _shape_sentences(geometry: Geometry) -> Iterator[str]:
 
 def excitation_findings(project: ExcitationProject, design: Design) -> list[str]:
     """Return plain sentences: what the motion will tell, what stays open, what was assumed, and the notes."""
-    notes = (words(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
+    notes = (str(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
     around = (*body_words(project), *shape_words(project), *floor_words(project, design))
     return [*expected_findings(design), *around, *noise_words(project), *limit_words(design), *notes]
 
@@ -341,7 +339,7 @@ def _given_settings(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the settings that are given, as text."""
     for key, value in settings.items():
         if value is not None and value not in ([], {}):
-            yield key.replace("_", " "), value_words(value)
+            yield key.replace("_", " "), setting_text(value)
 
 
 def _settings_tables(project: ExcitationProject) -> Iterator[PageBlock]:

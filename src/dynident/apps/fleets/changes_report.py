@@ -15,9 +15,9 @@ from dynident.apps.fleets.figures import Mark, ParameterTrend, pooled_figure
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.report import Array
-from dynident.report.page import UNIT, Column, Figure, Fold, PageBlock, PageSection, PageTable, number
-from dynident.report.words import count, kind_words, signed_text
-from dynident.runtime import join_names
+from dynident.report.page import UNIT, Column, Figure, Fold, PageBlock, PageSection, PageTable
+from dynident.report.words import kind_words, signed_text
+from dynident.runtime import count, join_names, number
 
 if TYPE_CHECKING:
     from dynident.apps.fleets.changes import Change

@@ -30,13 +30,11 @@ from dynident.report.page import (
     PageBlock,
     PageSection,
     PageTable,
-    number,
     pair_table,
     relative_link,
     render,
 )
-from dynident.report.words import count, percent
-from dynident.runtime import Use, join_names
+from dynident.runtime import Use, count, join_names, number, percent
 from dynident.runtime.jobs import Status
 
 if TYPE_CHECKING:

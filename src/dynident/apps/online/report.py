@@ -29,10 +29,8 @@ from dynident.apps.online.detector import (
 )
 from dynident.apps.online.watcher import Watcher, WatchSettings
 from dynident.regression import GroupKind
-from dynident.report.note_words import Line
-from dynident.report.page import number
-from dynident.report.words import kind_words, signed_text
-from dynident.runtime import Severity, join_names
+from dynident.report.words import Line, kind_words, signed_text
+from dynident.runtime import Severity, join_names, number
 
 FAULTS = {
     FaultKind.MISSING: "gives no number",

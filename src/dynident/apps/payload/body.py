@@ -14,7 +14,7 @@ from dynident.estimators import BodyConstraint, Constraints
 from dynident.estimators.cone import minimise
 from dynident.models import INERTIAL, Model, RigidBodies, change_frame, to_physical
 from dynident.models.robot_files import ArmBody
-from dynident.runtime import ModelError, Note, Severity, brief, choices
+from dynident.runtime import ModelError, Note, Severity, brief, choices, percent, short
 
 Array = NDArray[np.float64]
 TYPICAL_LENGTH, MIN_MASS = 0.1, 0.05  # m, kg: the size of a payload, for the scale of its pseudo-inertia
@@ -48,6 +48,12 @@ class Component(StrEnum):
         if self is Component.MASS:
             return "kg"
         return "m" if self in (Component.X, Component.Y, Component.Z) else "kg m^2"
+
+    @property
+    def meaning(self) -> str:
+        """What it is, in words."""
+        names = {"kg": "mass", "m": f"centre of mass, {self}"}
+        return names.get(self.unit, f"inertia about the centre of mass, {self[1:]}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,6 +280,23 @@ class NotShown(Note):
     unit: str = "rad/s"
     then: tuple[float, ...] = ()
 
+    def __str__(self) -> str:
+        components = ", ".join(
+            f"{name.meaning} (± {short(std, 2)} {name.unit})"
+            for name, std in zip(self.components, self.std, strict=True)
+        )
+        text = f"the motion does not show {components} of the payload; "
+        if not self.joint:
+            return (
+                f"{text}no single joint would by itself: turn the last joints together, fast, in several postures, as "
+                "`dynident excite` designs it"
+            )
+        then = ", ".join(f"{short(std, 2)} {name.unit}" for name, std in zip(self.components, self.then, strict=True))
+        return (
+            f"{text}10 s of turning {self.joint} back and forth at up to {short(self.speed, 2)} {self.unit} would "
+            f"lower that to ± {then}; `dynident excite` designs a motion of all joints"
+        )
+
 
 @dataclass(frozen=True)
 class PayloadOrDrift(Note):
@@ -284,6 +307,15 @@ class PayloadOrDrift(Note):
     component: Component
     share: float
     unloaded: bool
+
+    def __str__(self) -> str:
+        text = (
+            f"{percent(100 * self.share, 2)} of the variance of the {self.component.meaning} is due to friction and "
+            "offsets that may have changed since the arm was identified: the data do not tell that from the payload; "
+        )
+        if self.unloaded:
+            return f"{text}move the arm through more postures, each joint in both directions"
+        return f"{text}record the same motion without the payload on the same day (--unloaded)"
 
 
 @dataclass(frozen=True)
@@ -296,6 +328,13 @@ class GainsUnknown(Note):
     data: float
     common: float
 
+    def __str__(self) -> str:
+        return (
+            f"the mass is known to ± {short(self.std, 2)} kg because the gains of the drives are taken as known to "
+            f"{self.common:g} %; with known gains it would be ± {short(self.data, 2)} kg. A common error of all gains "
+            "is only seen with a payload that was weighed (--known-mass, then --gains)"
+        )
+
 
 @dataclass(frozen=True)
 class NoPayload(Note):
@@ -303,6 +342,9 @@ class NoPayload(Note):
 
     mass: float
     std: float
+
+    def __str__(self) -> str:
+        return f"no payload is seen: {mass_bound(self.mass, self.std)}"
 
 
 @dataclass(frozen=True)
@@ -312,6 +354,12 @@ class OtherArm(Note):
 
     factor: float
 
+    def __str__(self) -> str:
+        return (
+            f"payload, drift and gains leave {short(self.factor, 2)} times what the standard errors allow, which are "
+            "made larger by that: is this the arm that was identified, with the same tool, zeros and terms?"
+        )
+
 
 @dataclass(frozen=True)
 class SameRecording(Note):
@@ -319,3 +367,11 @@ class SameRecording(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     source: str
+
+    def __str__(self) -> str:
+        return f"{self.source}: the result was made from it, so it counts there and is left out here"
+
+
+def mass_bound(mass: float, std: float) -> str:
+    """Return a mass (kg) with its standard error (kg), and what it is below, in words."""
+    return f"its mass is {short(mass, 2)} ± {short(std, 2)} kg, so it is below {short(max(mass, 0.0) + 3 * std, 2)} kg"

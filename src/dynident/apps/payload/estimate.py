@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +20,7 @@ from dynident.apps.payload.body import Mount
 from dynident.identification import Identification
 from dynident.models import Model
 from dynident.regression import BaseParameters, GroupKind, groups_of
-from dynident.runtime import ConfigError, InputError, brief
+from dynident.runtime import ConfigError, InputError, WordedEnum, brief
 
 Array = NDArray[np.float64]
 MAX_PERCENT = 100.0  # %
@@ -146,20 +145,16 @@ class ArmEvidence:
         return np.asarray(np.linalg.inv(half) / scale)
 
 
-class ErrorSource(StrEnum):
-    """What an error of the payload comes from.
+class ErrorSource(WordedEnum):
+    """What an error of the payload comes from: drift is that of friction and offsets between recordings."""
 
-    It is the arm's result, the recordings with and without the payload, drift of friction and offsets between
-    recordings, change of the friction by the load, or gains of the drives.
-    """
-
-    ARM = "arm"
-    LOADED = "loaded"
-    UNLOADED = "unloaded"
-    DRIFT = "drift"
-    FRICTION = "friction"
-    GAINS = "gains"
-    PRIOR = "prior"
+    ARM = "arm", "result of the arm"
+    LOADED = "loaded", "recordings with the payload"
+    UNLOADED = "unloaded", "recordings without"
+    DRIFT = "drift", "drift"
+    FRICTION = "friction", "friction by the load"
+    GAINS = "gains", "gains"
+    PRIOR = "prior", "what is known of it"
 
 
 @dataclass(frozen=True, eq=False)

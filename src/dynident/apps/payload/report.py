@@ -7,25 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.apps.payload import body
-from dynident.apps.payload.body import Component
+from dynident.apps.payload.body import Component, mass_bound
 from dynident.apps.payload.estimate import ErrorSource
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, panels, trace
-from dynident.report.note_words import words
-from dynident.report.page import (
-    UNIT,
-    Column,
-    Facts,
-    Figure,
-    PageBlock,
-    PageSection,
-    PageTable,
-    number,
-    pair_table,
-    render,
-)
-from dynident.report.words import percent, short
+from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
+from dynident.runtime import number, short
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,21 +25,6 @@ SOURCE_COLOURS = {
     ErrorSource.FRICTION: RED, ErrorSource.GAINS: VIOLET, ErrorSource.PRIOR: INK,
 }  # fmt: skip
 HATCHED_SOURCES = (ErrorSource.UNLOADED,)
-SOURCES = {
-    ErrorSource.ARM: "result of the arm",
-    ErrorSource.LOADED: "recordings with the payload",
-    ErrorSource.UNLOADED: "recordings without",
-    ErrorSource.DRIFT: "drift",
-    ErrorSource.FRICTION: "friction by the load",
-    ErrorSource.GAINS: "gains",
-    ErrorSource.PRIOR: "what is known of it",
-}
-MEANINGS = {
-    Component.MASS: "mass",
-    **{axis: f"centre of mass, {axis}" for axis in (Component.X, Component.Y, Component.Z)},
-    **{entry: f"inertia about the centre of mass, {entry[1:]}" for entry in list(Component)[4:]},
-}
-_TOGETHER = "turn the last joints together, fast, in several postures, as `dynident excite` designs it"
 MIN_SHOWN_SHARE = 0.005  # share of the variance, below which a source is not named
 
 _METHOD_NOTE = (
@@ -80,7 +52,9 @@ def payload_figure(payload: Payload, titles: Mapping[str, str]) -> Drawing:
 def payload_words(payload: Payload) -> str:
     """Return mass and centre of mass in a sentence, or that no payload is seen."""
     if not payload.is_significant:
-        return f"No payload is seen on {payload.mount.frame}: {_bound(payload.body.mass, float(payload.body.std[0]))}."
+        return (
+            f"No payload is seen on {payload.mount.frame}: {mass_bound(payload.body.mass, float(payload.body.std[0]))}."
+        )
     body, (x, y, z) = payload.body, 1e3 * payload.body.centre
     dx, dy, dz = 1e3 * body.std[1:4]
     verb = "carried" if payload.request.removed else "carries"
@@ -90,15 +64,11 @@ def payload_words(payload: Payload) -> str:
     )
 
 
-def _bound(mass: float, std: float) -> str:
-    return f"its mass is {short(mass, 2)} ± {short(std, 2)} kg, so it is below {short(max(mass, 0.0) + 3 * std, 2)} kg"
-
-
 def payload_table(payload: Payload) -> PageTable:
     """Return the ten components with their standard errors, or the mass alone where no payload is seen."""
     body, components = payload.body, list(Component) if payload.is_significant else [Component.MASS]
     rows = tuple(
-        (MEANINGS[name], number(float(value)), number(float(std), 2), name.unit)
+        (name.meaning, number(float(value)), number(float(std), 2), name.unit)
         for name, value, std in zip(components, body.values, body.std, strict=False)
     )
     columns = (Column("payload", numeric=False), Column("value"), Column("std"), UNIT)
@@ -113,7 +83,7 @@ def shares_table(payload: Payload) -> PageTable:
         for source, share in payload.shares.items()
         if (share[:component_count] > MIN_SHOWN_SHARE).any()
     ]
-    rows = tuple((SOURCES[source], *(f"{100 * float(x):.0f}" for x in share)) for source, share in shares)
+    rows = tuple((source.words, *(f"{100 * float(x):.0f}" for x in share)) for source, share in shares)
     columns = (Column("error by", numeric=False), *(Column(f"{name}, %") for name in list(Component)[:component_count]))
     return PageTable(columns, rows, "What the errors come from, in % of the variance")
 
@@ -150,10 +120,10 @@ def payload_page(payload: Payload, arm: Identification) -> str:
             (f"{number(1e3 * float(np.linalg.norm(body.centre)))} mm", f"centre of mass from {payload.mount.frame}"),
             (f"{number(1e3 * float(body.std[1:4].max()), 2)} mm", "largest standard error of the centre"),
         ]
-    notes = tuple(f"{words(note)}." for note in payload.notes)
+    notes = tuple(f"{note}." for note in payload.notes)
     error_blocks: list[PageBlock] = [shares_table(payload)]
     if payload.is_significant:
-        drawing = payload_figure(payload, {source.value: name for source, name in SOURCES.items()})
+        drawing = payload_figure(payload, {source.value: source.words for source in ErrorSource})
         error_blocks.append(Figure(drawing, "Shares of the variance of each component."))
     sections = [
         PageSection(
@@ -188,57 +158,3 @@ def _settings(payload: Payload, arm: Identification) -> Iterator[PageBlock]:
     if sources.configuration:
         yield pair_table("configuration", [("file", sources.configuration.path)])
     yield pair_table("program", list(sources.versions.items()))
-
-
-@words.register
-def _(note: body.NotShown) -> str:
-    components = ", ".join(
-        f"{MEANINGS[name]} (± {short(std, 2)} {name.unit})" for name, std in zip(note.components, note.std, strict=True)
-    )
-    text = f"the motion does not show {components} of the payload; "
-    if not note.joint:
-        return f"{text}no single joint would by itself: {_TOGETHER}"
-    then = ", ".join(f"{short(std, 2)} {name.unit}" for name, std in zip(note.components, note.then, strict=True))
-    return (
-        f"{text}10 s of turning {note.joint} back and forth at up to {short(note.speed, 2)} {note.unit} would "
-        "lower that to "
-        f"± {then}; `dynident excite` designs a motion of all joints"
-    )
-
-
-@words.register
-def _(note: body.PayloadOrDrift) -> str:
-    text = f"{percent(100 * note.share, 2)} of the variance of the {MEANINGS[note.component]} is due to friction and "
-    text += "offsets that may have changed since the arm was identified: the data do not tell that from the payload; "
-    if note.unloaded:
-        return f"{text}move the arm through more postures, each joint in both directions"
-    return f"{text}record the same motion without the payload on the same day (--unloaded)"
-
-
-@words.register
-def _(note: body.GainsUnknown) -> str:
-    return (
-        f"the mass is known to ± {short(note.std, 2)} kg because the gains of the drives are taken as known to "
-        f"{note.common:g} %; with known gains it would be ± {short(note.data, 2)} kg. A common error of all gains "
-        "is only "
-        "seen with a payload that was weighed (--known-mass, then --gains)"
-    )
-
-
-@words.register
-def _(note: body.NoPayload) -> str:
-    return f"no payload is seen: {_bound(note.mass, note.std)}"
-
-
-@words.register
-def _(note: body.OtherArm) -> str:
-    return (
-        f"payload, drift and gains leave {short(note.factor, 2)} times what the standard errors allow, which are "
-        "made larger "
-        "by that: is this the arm that was identified, with the same tool, zeros and terms?"
-    )
-
-
-@words.register
-def _(note: body.SameRecording) -> str:
-    return f"{note.source}: the result was made from it, so it counts there and is left out here"

@@ -18,9 +18,9 @@ from dynident.apps.ranking.report import (
 )
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, Trace, panels, plain, trace
-from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number, render
-from dynident.report.words import count, huge, part_words, percent, short
-from dynident.runtime import shorten_names
+from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
+from dynident.report.words import huge
+from dynident.runtime import count, number, part_text, percent, short, shorten_names
 
 if TYPE_CHECKING:
     from dynident.apps.ranking.ranking import RankedCombination, Ranking
@@ -379,8 +379,8 @@ def _parts_table(ranking: Ranking) -> PageTable:
         name: f"; time offset {short(1000 * seconds, 3)} ms" for name, seconds in ranking.offsets.items() if seconds
     }
     rows = [
-        ("smoother", part.name, part_words(part.part) + time_offsets.get(part.name, "")) for part in ranking.smoothers
+        ("smoother", part.name, part_text(part.part) + time_offsets.get(part.name, "")) for part in ranking.smoothers
     ]
-    rows += [("estimator", part.name, part_words(part.part)) for part in ranking.estimators]
+    rows += [("estimator", part.name, part_text(part.part)) for part in ranking.estimators]
     columns = (Column("", numeric=False), Column("name", numeric=False), Column("settings", numeric=False, prose=True))
     return PageTable(columns, tuple(rows), "What was compared")

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dynident.apps.ranking.ranking import CombinationOutcome, geometric_mean
-from dynident.report.check import finding_groups, finding_row
-from dynident.report.page import Column, PageTable, number
-from dynident.report.words import count, part_words, percent, short
-from dynident.runtime import join_names
+from dynident.report.check import finding_groups
+from dynident.report.page import Column, PageTable
+from dynident.runtime import count, join_names, number, part_text, percent, place_and_text, short
 
 if TYPE_CHECKING:
     from dynident.apps.ranking.config import Combination
@@ -63,7 +62,7 @@ def _check_lines(ranking: Ranking) -> Iterator[str]:
 
 
 def _finding_text(group: Sequence[Finding]) -> str:
-    return ": ".join(filter(None, finding_row(group)))
+    return ": ".join(filter(None, place_and_text(group)))
 
 
 def _basis_lines(ranking: Ranking) -> Iterator[str]:
@@ -311,7 +310,7 @@ def ranking_dict(ranking: Ranking) -> dict[str, Any]:
         "as_good": [_name_pair(row) for row in ranking.as_good],
         "parts": {
             family: [
-                {"name": member.name, "own": member.is_configured, "settings": part_words(member.part)}
+                {"name": member.name, "own": member.is_configured, "settings": part_text(member.part)}
                 for member in parts
             ]
             for family, parts in (("smoothers", ranking.smoothers), ("estimators", ranking.estimators))

@@ -16,8 +16,8 @@ from dynident.apps.tuning.readout import parameter_table
 from dynident.apps.tuning.session import Stale, tuned_paths
 from dynident.apps.tuning.view import View
 from dynident.report.figures import time_origin
-from dynident.report.page import number, typeset
-from dynident.runtime import DynidentError
+from dynident.report.page import typeset
+from dynident.runtime import DynidentError, number
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.bench import Bench

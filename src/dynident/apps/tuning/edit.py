@@ -7,9 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from dynident.regression import ParallelFilter
-from dynident.report.page import number
-from dynident.report.words import part_words, percent
-from dynident.runtime import ConfigError, choices
+from dynident.runtime import ConfigError, choices, number, part_text, percent
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.bench import Bench
@@ -164,7 +162,7 @@ def error_words(value: float | None) -> str:
 
 SHARED_SETTINGS: Mapping[str, Callable[[Tuning], str]] = {
     "joints not fitted": lambda tuning: ", ".join(tuning.unfitted) or "none",
-    "parallel filter": lambda tuning: "none" if tuning.filter is None else part_words(tuning.filter),
+    "parallel filter": lambda tuning: "none" if tuning.filter is None else part_text(tuning.filter),
     "estimator": lambda tuning: estimator_words(tuning.estimator),
     "time offset": lambda tuning: f"{number(1e3 * tuning.time_offset, 4)} ms",
 }

@@ -15,9 +15,8 @@ from dynident.models import INERTIAL
 from dynident.motion.splines import NORMAL_95
 from dynident.report import Array
 from dynident.report.identification.report import TONES
-from dynident.report.page import cell, number, unit_text
-from dynident.report.verdict_words import verdict_sentences
-from dynident.runtime import shorten_names
+from dynident.report.page import cell, unit_text
+from dynident.runtime import number, shorten_names
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.edit import Change
@@ -114,7 +113,7 @@ def unsaved_settings(changes: Sequence[Change]) -> Any:
 def verdict(result: Identification) -> Any:
     """Return the verdict on a whole identification, in words and colour."""
     judgement = judge(result)
-    words = list(verdict_sentences(judgement))
+    words = list(judgement.sentences())
     badge = html.Span(judgement.use.value, className=f"badge {TONES[judgement.use]}")
     details = html.Details([html.Summary("why"), *(html.P(text) for text in words[1:])]) if words[1:] else None
     return [html.H2(["Verdict ", badge]), html.P(words[0]), *([details] if details else [])]

@@ -41,7 +41,7 @@ from dynident.models import Model, to_pseudo
 from dynident.motion.log import Log
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Rank, rank_of
-from dynident.runtime import ConfigError, InputError, ModelError, Note, choices, settings_repr
+from dynident.runtime import ConfigError, InputError, ModelError, Note, choices, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MIN_PRIOR_EIGENVALUE = 0.01  # least eigenvalue of a prior, relative to its diagonal
@@ -149,6 +149,9 @@ class MaximumLikelihood(Estimator):
     def quick(self) -> LeastSquares:
         """Return least squares: fitting the trajectory takes too long for a search."""
         return LeastSquares()
+
+    def __str__(self) -> str:
+        return settings_text("maximum likelihood", self)
 
 
 def _range_text(lower: float, upper: float) -> str:

@@ -172,12 +172,24 @@ class PlainTerms(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
 
+    def __str__(self) -> str:
+        return (
+            "the terms of the joints are rotor inertia, viscous and Coulomb friction and offset: there are too few "
+            "samples to choose others by; record longer, or name them by `terms` of the model"
+        )
+
 
 @dataclass(frozen=True)
 class NotChosen(Note):
     """Parameters that settings of the estimator name, and that the model with the terms chosen does not have."""
 
     names: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return (
+            f"the estimator's settings name {', '.join(self.names)}, which the model with the terms chosen does not "
+            "have; what they say of these is ignored. Name the terms by `terms` of the model to have them"
+        )
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dynident.models.friction import Offset
 from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
 from dynident.motion.log import Controller, HasState, Motion
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, brief, short
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,16 @@ class RunsAway(Failure):
 
     after: float
 
+    def __str__(self) -> str:
+        return f"the simulated position diverges after {short(self.after)} s"
+
 
 @dataclass(frozen=True)
 class Singular(Failure):
     """The mass matrix is singular."""
+
+    def __str__(self) -> str:
+        return "the mass matrix is singular"
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,9 @@ class Broken(Failure):
     """The model cannot be evaluated, for a ``reason`` (the error's message)."""
 
     reason: str
+
+    def __str__(self) -> str:
+        return self.reason
 
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.motion.filters import butterworth, slowest_pole, zero_phase
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import Smoother, ends_mask
-from dynident.runtime import ConfigError, InputError, choices
+from dynident.runtime import ConfigError, InputError, choices, settings_text
 
 Array = NDArray[np.float64]
 
@@ -77,6 +77,9 @@ class Difference(Smoother):
         out[1:-1] = 2 * np.diff(slope, axis=0) / (h[1:] + h[:-1])
         out[0], out[-1] = out[1], out[-2]
         return out
+
+    def __str__(self) -> str:
+        return self.method
 
 
 MAX_JITTER = 0.05
@@ -160,6 +163,9 @@ class Butterworth(Smoother):
             if complaint := cutoff_complaint("a cut-off of", cutoff, log.t):
                 raise InputError(f"{log.source}: {complaint}")
         return 1.0 / mean
+
+    def __str__(self) -> str:
+        return settings_text(self.method, self, ("orders", "cutoffs"))
 
 
 def cutoff_complaint(subject: str, cutoff: float, t: NDArray[np.float64]) -> str:

@@ -25,7 +25,7 @@ from dynident.motion.smoothers.periodic_fit import (
 )
 from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, position_noise, with_rest
 from dynident.motion.smoothers.spline import Spline
-from dynident.runtime import ConfigError, InputError, MissingInputError, choices
+from dynident.runtime import ConfigError, InputError, MissingInputError, choices, settings_text
 
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0)]
@@ -211,6 +211,9 @@ class FourierSeries(Smoother):
             "or leave it out "
             "to have it found."
         )
+
+    def __str__(self) -> str:
+        return settings_text(self.method, self, ("period",))
 
 
 def _no_period(t: Array) -> str:

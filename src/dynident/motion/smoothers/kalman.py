@@ -19,7 +19,7 @@ from dynident.motion.splines.quintic import QuinticSolution, QuinticSystem
 from dynident.motion.splines.search import SplineSearch, likelihood_criterion, reml_criterion, search_minimum
 from dynident.motion.splines.series import CHUNK_SAMPLES, ScaledSeries
 from dynident.motion.splines.spline import prepare_data
-from dynident.runtime import ConfigError, InputError, brief, choices
+from dynident.runtime import ConfigError, InputError, brief, choices, setting_text, settings_text
 
 Array = NDArray[np.float64]
 Order = Literal[2, 3]
@@ -443,3 +443,12 @@ class KalmanSmoother(Smoother):
             if name not in log.joints:
                 raise ConfigError(f"{key} names the joint {name!r}; the log has others; {choices(name, log.joints)}")
         return [setting.get(name) for name in log.joints]
+
+    def __str__(self) -> str:
+        how = ["by maximum likelihood"]
+        if self.sigma is not None:
+            how = [f"noise {setting_text(self.sigma)} rad or m"]
+            is_given = self.intensity is not None
+            how += [f"intensity {setting_text(self.intensity)}" if is_given else "the rest by maximum likelihood"]
+        name = ", ".join([f"Kalman smoother of order {self.order}", *how])
+        return settings_text(name, self, ("order", "sigma", "intensity"))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, with_rest
-from dynident.runtime import ConfigError, InputError, choices
+from dynident.runtime import ConfigError, InputError, choices, setting_text
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -356,6 +356,13 @@ class SavitzkyGolay(Smoother):
         if not mask.any():
             raise InputError(f"{log.source}: every window of {2 * half + 1} samples has a gap in it; smooth less.")
         return mask
+
+    def __str__(self) -> str:
+        words = f"Savitzky-Golay polynomials of order {self.order}"
+        if self.window is not None:
+            return f"{words}, window{'s' * isinstance(self.window, Mapping)} {setting_text(self.window)} s"
+        times = f", {setting_text(self.factor)} times the window best for ddq"
+        return words + times * (self.factor != 1.0)
 
 
 def _first_minimum(widths: Array, squares: Array) -> int:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import bridge_gaps, frozen_samples, noise_sigma, spikes, stretches, torn_ends
-from dynident.runtime import ConfigError, InputError, MissingInputError, brief, call_part
+from dynident.runtime import ConfigError, InputError, MissingInputError, brief, call_part, part_text, short
 
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
@@ -151,6 +151,9 @@ class TimeShifted(Smoother):
         """Return the same shift of what stands in for the smoother, where it has something."""
         replacement = self.smoother.substitute()
         return None if replacement is None else TimeShifted(replacement, self.time_offset)
+
+    def __str__(self) -> str:
+        return f"{part_text(self.smoother)}, shifted by {short(1e3 * self.time_offset)} ms"
 
 
 def strip_time_offset(smoother: Smoother) -> Smoother:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, position_noise, with_rest
 from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, smooth
-from dynident.runtime import ConfigError, InputError, choices
+from dynident.runtime import ConfigError, InputError, choices, setting_text, settings_text, short
 
 Array = NDArray[np.float64]
 
@@ -193,6 +193,26 @@ class Spline(Smoother):
             _joint_setting(self.factor, name, 1.0) * _joint_setting(self.sigma, name, noise) for name, noise in pairs
         ]
 
+    def __str__(self) -> str:
+        rule, extras = self.rule, [f"noise {setting_text(self.sigma)} rad or m"] if self.sigma is not None else []
+        ends = [] if self.ends == 6.0 else [f"{self.ends:g} bandwidths left out at the ends"]
+        if isinstance(rule, Constraint):
+            how = _smoothing_degree(rule, self.factor)
+        else:
+            names = {GCV: "by generalised cross-validation", REML: "by restricted maximum likelihood"}
+            how = names.get(type(rule), settings_text(type(rule).__name__, rule))
+            extras += (
+                []
+                if self.factor == 1.0 or isinstance(rule, Fixed)
+                else [f"{setting_text(self.factor)} times the noise"]
+            )
+        if isinstance(rule, Interpolation):
+            return ", ".join(["interpolating spline", *ends])
+        if isinstance(rule, Fixed):
+            how = "p" if rule.p is not None else "lam"
+            how = f"{how} {setting_text(getattr(rule, how))}"
+        return ", ".join([f"smoothing spline, {how}", *extras, *ends])
+
 
 def _joint_setting(setting: float | Mapping[str, float] | None, joint: str, default: float) -> float:
     """Return a setting at a joint, ``default`` where it is not given."""
@@ -214,3 +234,13 @@ def _rule_text(rule: Rule) -> str:
 
 
 Spline.Settings = SplineSettings
+
+
+def _smoothing_degree(rule: Constraint, factor: object) -> str:
+    """Return how much a spline smooths: S by the number of samples and the noise of the positions."""
+    if rule.S is not None:
+        times = "" if factor == 1.0 else f", {setting_text(factor)} times the noise"
+        return f"S = {setting_text(rule.S)}{times}"
+    if isinstance(factor, int | float):
+        return "S = n" if factor == 1.0 else f"S = {short(factor**2)} n ({short(factor)} times the noise)"
+    return f"S = n at {setting_text(factor)} times the noise"

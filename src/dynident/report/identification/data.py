@@ -9,11 +9,8 @@ import numpy as np
 
 from dynident.checks import Excitation
 from dynident.checks.motion import excitation
-from dynident.identification import InPieces
-from dynident.report.calibration_words import settings_of
 from dynident.report.figures import clock
 from dynident.report.identification.figures import motion_figure, pieces_figure
-from dynident.report.note_words import words
 from dynident.report.page import (
     UNIT,
     Code,
@@ -24,12 +21,11 @@ from dynident.report.page import (
     PageBlock,
     PageSection,
     PageTable,
-    number,
     pair_table,
     typeset,
 )
-from dynident.report.words import ROLES, count, day, log_labels, logs_of, percent, points, short
-from dynident.runtime import join_names
+from dynident.report.words import ROLES, day, log_labels, logs_of, points, settings_of
+from dynident.runtime import count, join_names, number, percent, short
 from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, follow_tests
 
 if TYPE_CHECKING:
@@ -304,15 +300,6 @@ def _smoothing_cell(motion: Motion, key: str, j: int) -> str:
     return number(float(motion.smoothing[key][j])) if _per_joint(motion, key) else "-"
 
 
-@words.register
-def _(note: InPieces) -> str:
-    return (
-        f"all {note.samples:,} samples ({_time(note.seconds)}) are fitted, in {note.pieces} pieces; what was chosen "
-        f"before the fit, and errors and figures of the training, are of {note.excerpts} excerpts. Over all samples "
-        f"the largest error is that of {note.joint}, {percent(note.error)}"
-    )
-
-
 def pieces_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the pieces, where there are any."""
     pieces = identification.estimate.residual.pieces
@@ -336,10 +323,6 @@ def pieces_section(identification: Identification) -> Iterator[PageSection]:
         rows.append((joint.name, *cells, joint.effort))
     table = PageTable(columns, tuple(rows), "Torque error over all samples, unfiltered where the fit has no low-pass")
     yield PageSection("The whole recording", (_PIECES, table, figure))
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds:.3g} s"
 
 
 def repeat_section(identification: Identification) -> PageSection:

@@ -12,9 +12,9 @@ from dynident.identification.links import DeterminedBy, LinkInertia, determined_
 from dynident.models import INERTIAL, Geometry, ShapeSource
 from dynident.report.equations import with_formulas
 from dynident.report.identification.figures import has_nominal_values, interval_figure, relative_std
-from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
-from dynident.report.words import count, motion_known
-from dynident.runtime import join_names
+from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable
+from dynident.report.words import motion_known
+from dynident.runtime import count, join_names, number
 
 if TYPE_CHECKING:
     from dynident.identification import Identification

@@ -10,9 +10,11 @@ import numpy as np
 from dynident.files.meshes import result_geometry
 from dynident.files.results import json_text
 from dynident.identification import Remedy, judge
-from dynident.identification.verdict import ForbiddingFindings
+from dynident.identification.verdict import NAMED_REASONS, ForbiddingFindings
+from dynident.identification.verdict_steps import CheckRipple, Cover, Sharpen, SlowReversals
 from dynident.project.saved import result_data
-from dynident.report.check import finding_groups, finding_row, finding_table
+from dynident.regression import UnexcitedParameters
+from dynident.report.check import finding_groups, finding_table
 from dynident.report.equations import model_section
 from dynident.report.figures import clock
 from dynident.report.identification.data import data_section, pieces_section, repeat_section, smoothing_section
@@ -40,12 +42,10 @@ from dynident.report.identification.validation import (
     torque_section,
     unknown_noise,
 )
-from dynident.report.note_words import Line, note_lines, residual_words, status_words, words
-from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number, render
-from dynident.report.verdict_words import NAMED_REASONS, design_options, verdict_sentences
-from dynident.report.words import ROLES, count, day, label_of, logs_of
-from dynident.runtime import Severity, Use, join_names
-from dynident.validation import FloorOrigin
+from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
+from dynident.report.words import ROLES, Line, day, label_of, logs_of, note_lines
+from dynident.runtime import Severity, Use, count, join_names, number, place_and_text
+from dynident.validation import FloorOrigin, residual_text
 
 if TYPE_CHECKING:
     from dynident.identification import Identification, Verdict
@@ -129,7 +129,7 @@ def _torque_error(held_out: list[LogValidation], train: list[LogValidation]) -> 
 def _simulation_error(identification: Identification) -> tuple[str, ...]:
     title = "position error, free simulation"
     if failed := [run for run in identification.runs if run.failure]:
-        return "fails", title, f"{failed[0].name}: {words(failed[0].failure)}"
+        return "fails", title, f"{failed[0].name}: {failed[0].failure}"
     errors = [((run, joint), size) for run in identification.runs for joint, size in run.motion_error.items()]
     worst = _largest(errors)
     if worst is None:
@@ -184,7 +184,7 @@ def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
     omitted = [step for step in verdict.next if not isinstance(step, Remedy)][MAX_TERMINAL_STEPS:]
     steps = tuple(text for step, text in zip(verdict.next, _step_texts(verdict), strict=True) if step not in omitted)
     hint = (f"{len(omitted)} more, which the report lists.",) if omitted else ()
-    return f"Verdict: {' '.join(verdict_sentences(verdict))}", (*steps, *hint)
+    return f"Verdict: {verdict}", (*steps, *hint)
 
 
 def verdict_section(
@@ -193,8 +193,8 @@ def verdict_section(
     """Return the verdict in three sentences and its numbers, beside them the ``arm``, where there is one, and the
     torque of the worst joint; what to do next, links to the files beside the report, and all reasons behind a fold."""
     verdict = judge(identification)
-    steps, reasons = _step_texts(verdict), tuple(map(words, verdict.reasons))
-    texts = verdict_sentences(verdict, MAX_REASON_LENGTH)
+    steps, reasons = _step_texts(verdict), tuple(map(str, verdict.reasons))
+    texts = verdict.sentences(MAX_REASON_LENGTH)
     numbers = Facts(tuple(head_numbers(identification)), large=True)
     pictures: tuple[PageBlock, ...] = (*filter(None, (arm,)), *_worst_joint_figure(identification))
     head: tuple[PageBlock, ...] = (*texts[:HEAD_SENTENCES], numbers, *export_links(exports))
@@ -215,8 +215,8 @@ def verdict_results(identification: Identification) -> dict[str, Any]:
     return {
         "verdict": {
             "word": verdict.use.value,
-            "sentences": list(verdict_sentences(verdict)),
-            "reasons": [words(reason) for reason in verdict.reasons],
+            "sentences": list(verdict.sentences()),
+            "reasons": list(map(str, verdict.reasons)),
             "next_steps": list(_step_texts(verdict)),
         }
     }
@@ -226,7 +226,7 @@ def _step_texts(verdict: Verdict) -> tuple[str, ...]:
     """Return what to do next; the first step that needs a kind of motion names the command that designs it."""
     texts, named_options = [], set[str]()
     for step in verdict.next:
-        options, text = design_options(step), words(step)
+        options, text = design_options(step), str(step)
         if options is not None and options not in named_options:
             text += f" `dynident excite RESULT.json{options} -o FOLDER` designs such a motion."
             named_options.add(options)
@@ -304,11 +304,11 @@ def _date_words(identification: Identification) -> str:
 def _warning_blocks(identification: Identification) -> Iterator[PageBlock]:
     groups = _other_findings(identification)
     if identification.notes or not groups:
-        yield tuple(words(note) for note in identification.notes) or "None."
+        yield tuple(map(str, identification.notes)) or "None."
     if groups:
         yield finding_table(groups, "What the checks found besides (`dynident check`)")
     notes = [note for note in identification.estimate.notes if note not in identification.notes]
-    if status := "; ".join(map(words, notes)):
+    if status := "; ".join(map(str, notes)):
         yield (
             Fold("Status of the fit", (f"{status}.",))
             if len(status) > MAX_WARNING_LENGTH
@@ -324,6 +324,21 @@ def identification_tables(identification: Identification) -> list[PageTable]:
     return [parameters, *terms, error_table(identification), joint_table(identification)]
 
 
+# what designs the motion of a step, by the options of `dynident excite`
+_DESIGNED_STEPS = {
+    "": (Sharpen, Cover, UnexcitedParameters),
+    " --program friction": (SlowReversals, CheckRipple),
+}
+_DESIGNED_REMEDIES = (Remedy.EXCITE, Remedy.LONGER_TRAINING, Remedy.ANOTHER_MOTION)
+
+
+def design_options(step: object) -> str | None:
+    """Return the options of ``dynident excite`` that design the motion a step asks for, None for other steps."""
+    if step in _DESIGNED_REMEDIES:
+        return ""
+    return next((options for options, kinds in _DESIGNED_STEPS.items() if isinstance(step, kinds)), None)
+
+
 def identification_notes(identification: Identification) -> list[Line]:
     """Return the lines below the tables of a terminal: on the parameters, then warnings, long ones cut."""
     _, notes = terminal_parameters(identification)
@@ -334,7 +349,7 @@ def identification_notes(identification: Identification) -> list[Line]:
     reasons = [
         reason for reason in reasons if not all(finding.message in identification.notes for finding in reason.findings)
     ]
-    reason_lines = [Line(f"Warning: {words(reason)}.", Severity.WARNING) for reason in reasons]
+    reason_lines = [Line(f"Warning: {reason}.", Severity.WARNING) for reason in reasons]
     other_lines = [*note_lines(identification.notes), *_check_lines(_other_findings(identification))]
     return [
         *map(Line, (*notes, *unknown_noise(identification))),
@@ -354,7 +369,7 @@ def _other_findings(identification: Identification) -> list[list[Finding]]:
 
 def _check_lines(groups: Sequence[Sequence[Finding]]) -> Iterator[Line]:
     for group in groups[:MAX_FINDINGS]:
-        yield Line(f"Warning: {': '.join(filter(None, finding_row(group)))}", Severity.WARNING)
+        yield Line(f"Warning: {': '.join(filter(None, place_and_text(group)))}", Severity.WARNING)
     if len(groups) > MAX_FINDINGS:
         yield Line(f"Note: `dynident check` has {count(len(groups) - MAX_FINDINGS, 'more warning')}.")
 
@@ -363,10 +378,10 @@ def result_words(identification: Identification, exports: Sequence[Export] = ())
     """Return what a report adds to a result file: verdict, status and warnings as text, and the model's files."""
     return {
         **verdict_results(identification),
-        "status": status_words(identification.estimate),
-        "warnings": [words(note) for note in identification.notes],
+        "status": "; ".join(map(str, identification.estimate.notes)) or "ok",
+        "warnings": list(map(str, identification.notes)),
         "residuals": {
-            log.name: {joint: text for joint in log.residuals if (text := residual_words(log, joint))}
+            log.name: {joint: text for joint in log.residuals if (text := residual_text(log, joint))}
             for log in identification.validations
         },
         "exports": export_results(exports),

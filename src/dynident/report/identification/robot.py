@@ -15,7 +15,7 @@ from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia
 from dynident.models import Geometry, Outline, outlines, rod_geometry
 from dynident.report.figures import AMBER, BLUE, GREEN, RED, VIOLET, Trace, plain, time_origin
 from dynident.report.identification.parameters import SOURCE_WORDS, link_title
-from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number, relative_link
+from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, relative_link
 from dynident.report.scene import (
     STILL,
     Ellipsoid,
@@ -31,7 +31,8 @@ from dynident.report.scene import (
     solid_ellipsoids,
     surface,
 )
-from dynident.report.words import count, log_labels, percent, tiny
+from dynident.report.words import log_labels, tiny
+from dynident.runtime import count, number, percent
 
 if TYPE_CHECKING:
     from dynident.identification import Identification

@@ -13,9 +13,9 @@ from dynident.identification.terms.search import MIN_GAIN, MIN_GAIN_ERRORS, MIN_
 from dynident.report.figures import Array
 from dynident.report.identification.data import excitation_table
 from dynident.report.identification.figures import interval_figure, relative_std, singular_figure, trial_figure
-from dynident.report.note_words import words
-from dynident.report.page import UNIT, Column, Facts, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
+from dynident.report.page import UNIT, Column, Facts, Figure, Fold, Gallery, PageBlock, PageSection, PageTable
 from dynident.report.words import huge, motion_known, tiny
+from dynident.runtime import number
 from dynident.runtime.families import TERMS
 
 if TYPE_CHECKING:
@@ -111,11 +111,11 @@ def choice_comments(identification: Identification, source: str) -> dict[str, li
         if recipe.min_speed is not None:
             comments["min_speed"] = ["rad/s or m/s: slower samples are left out of the fit of that joint"]
     if calibration.base_tilt is not None:
-        comments["model.base_tilt"] = [f"rad, about x and y: {words(calibration.base_tilt)}"]
+        comments["model.base_tilt"] = [f"rad, about x and y: {calibration.base_tilt}"]
     if calibration.time_offset is not None:
-        comments["delay"] = [f"s: {words(calibration.time_offset)}"]
+        comments["delay"] = [f"s: {calibration.time_offset}"]
     if calibration.prior_strength is not None:
-        comments["estimator"] = [f"strength of the prior: {words(calibration.prior_strength)}"]
+        comments["estimator"] = [f"strength of the prior: {calibration.prior_strength}"]
     if calibration.smoother is not None:
         comments["smoother"] = [
             f"{len(calibration.smoother.candidates)} were compared by the cross-validated torque error"
@@ -234,7 +234,7 @@ def condition_section(identification: Identification) -> PageSection:
         facts += [(number(condition, 3), "condition of the base parameters, columns scaled")]
         facts += [(huge(basis.gap), "gap in the singular values at the rank")]
         blocks.append(Figure(singular_figure(basis), _SINGULAR))
-    missing = tuple(words(note) for note in identification.base.unexcited)
+    missing = tuple(map(str, identification.base.unexcited))
     if missing:
         blocks.append(PageSection("What these data do not show", (missing,)))
     return PageSection("Excitation and condition", (Facts(tuple(facts)), meaning, table, *blocks))
@@ -244,7 +244,7 @@ def consistency_section(identification: Identification) -> Iterator[PageSection]
     """Yield the section on physical consistency: the mass matrix, the bodies, and what the constraints cost."""
     consistency = identification.estimate.consistency or Consistency()
     eigenvalues, costs = consistency.eigenvalues, consistency.costs
-    blocks: list[PageBlock] = [words(identification.mass)] if identification.mass else []
+    blocks: list[PageBlock] = [str(identification.mass)] if identification.mass else []
     if eigenvalues:
         columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))
         rows = tuple((body, tiny(float(value), 3)) for body, value in eigenvalues.items())

@@ -12,23 +12,10 @@ from dynident.models import Joint
 from dynident.motion.splines import Rule, SmoothingSpline, smooth
 from dynident.report.figures import Array
 from dynident.report.identification.figures import error_figure, run_figure, smoothing_figure, torque_figure
-from dynident.report.note_words import residual_words, words
-from dynident.report.page import (
-    UNIT,
-    Beside,
-    Column,
-    Figure,
-    Fold,
-    Gallery,
-    PageBlock,
-    PageSection,
-    PageTable,
-    number,
-    render,
-)
+from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES, log_labels, points
-from dynident.runtime import ConfigError, InputError, join_names
-from dynident.validation import FloorOrigin
+from dynident.runtime import ConfigError, InputError, join_names, number
+from dynident.validation import FloorOrigin, residual_text
 
 if TYPE_CHECKING:
     import polars as pl
@@ -170,7 +157,7 @@ def _residual_table(identification: Identification) -> PageTable:
             number(100 * test.low_share, 2),
             number(test.peak, 3),
             number(100 * test.reversal_share, 2),
-            residual_words(log, joint) or "-",
+            residual_text(log, joint) or "-",
         )
         for log in identification.validations
         for joint, test in log.residuals.items()
@@ -222,7 +209,7 @@ def simulation_section(identification: Identification) -> Iterator[PageSection]:
         for run in identification.runs
         for joint in run.joints
     ]
-    failures = tuple(f"{run.name}: {words(run.failure)}" for run in identification.runs if run.failure)
+    failures = tuple(f"{run.name}: {run.failure}" for run in identification.runs if run.failure)
     table = PageTable(columns, tuple(rows), "Free simulation beside the measured position")
     yield PageSection(
         "Free simulation", (_RUNS, *((failures,) if failures else ()), table, *_run_galleries(identification))

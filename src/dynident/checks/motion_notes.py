@@ -1,0 +1,300 @@
+"""Notes on what motions and control loops show, and on what is not looked for; each is the message of a ``Finding``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dynident.checks.robot_notes import Costly
+from dynident.runtime import Note, Remark, Use, WordedEnum, count, join_names, percent, short
+
+ASTRAY = "What is found by simulating the loop is wrong by more than its errors say."
+
+
+class NotSmoothed(Remark):
+    """Why the motion of the recordings could not be found or fitted."""
+
+    topic = "motion"
+
+
+@dataclass(frozen=True)
+class FewReversals(Note):
+    """The number of reversals of a joint."""
+
+    topic = "reversals"
+    count: int
+
+    def __str__(self) -> str:
+        often = {0: "never reverses", 1: "reverses only once"}.get(self.count, f"reverses only {self.count} times")
+        return (
+            f"the joint {often}: friction, offset and gravity are then strongly correlated. Record a motion that goes "
+            "back and forth."
+        )
+
+
+@dataclass(frozen=True)
+class HardlyMoves(Note):
+    """The span of a joint in all of the training, and that of the joint that moves the most (rad or m).
+
+    ``near`` is the middle of its positions.
+    """
+
+    topic = "still"
+    span: float
+    largest: float
+    near: float
+    unit: str
+
+    def __str__(self) -> str:
+        return (
+            f"the joint hardly moves in training, by {short(self.span, 2)} {self.unit} where others move by up to "
+            f"{short(self.largest, 2)}: nothing is seen of its friction and rotor, and where it does move its torque "
+            "is not to be relied on. Record a motion of it, or hold it in the model: `lock` it at "
+            f"{short(self.near, 4)}, and leave it out of `joints`, `position` and `torque`."
+        )
+
+
+@dataclass(frozen=True)
+class LoopDiffers(Note):
+    """The share of a joint's torque by which its controller, at the measured motion, commands another one."""
+
+    topic = "loop"
+    error: float
+
+    def __str__(self) -> str:
+        return (
+            f"the controller asks for a torque that differs from the measured one by {percent(100 * self.error)}. "
+            f"Check its gains and its reference; or something else drives this joint, too. {ASTRAY}"
+        )
+
+
+@dataclass(frozen=True)
+class LoopGain(Note):
+    """The measured torque is ``factor`` times what the controller commands.
+
+    ``error`` and ``left`` are the differences between both without and with the factor, as shares of the torque.
+    """
+
+    topic = "loop"
+    factor: float
+    error: float
+    left: float
+
+    def __str__(self) -> str:
+        return (
+            f"the measured torque is {short(self.factor, 3)} times what the controller asks for (they differ by "
+            f"{percent(100 * self.error)}, with this factor by {percent(100 * self.left)}). Check its gains and that "
+            f"of the torque. {ASTRAY}"
+        )
+
+
+@dataclass(frozen=True)
+class LoopUnused(Note):
+    """Columns that are named as reference positions but used by no controller."""
+
+    topic = "loop"
+    columns: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return (
+            f"columns are named as reference positions ({join_names(map(repr, self.columns), 2)}). With the gains of "
+            "the drives, in the section `simulation`, estimators that simulate the loop apply as well, and the model "
+            "is judged in it."
+        )
+
+
+@dataclass(frozen=True)
+class LoopVelocity(Note):
+    """The number of steps over which drives difference positions: as ``given``, and as it fits the measured torque.
+
+    ``error`` and ``left`` are the shares of the torque that do not fit with the given and with the fitted number;
+    zero steps where the drives are faster than they are said to be.
+    """
+
+    topic = "loop"
+    given: int
+    steps: int
+    error: float
+    left: float
+
+    def __str__(self) -> str:
+        better = f"over {self.steps}" if self.steps else "with the velocity of the moment"
+        setting = f"`velocity_steps: {self.steps}`, or the drive's `period`" if self.steps else "the drive's `period`"
+        return (
+            f"with its velocity over {count(self.given, 'step')}, the controller asks for a torque that differs from "
+            f"the measured one by {percent(100 * self.error)}, {better} by {percent(100 * self.left)}. Give "
+            f"{setting}. {ASTRAY}"
+        )
+
+
+@dataclass(frozen=True)
+class PositionBeyondLimits(Note):
+    """The range of a position, and the one that the robot file allows (rad or m).
+
+    ``far`` beyond it the position is a motor's.
+    """
+
+    topic = "position limit"
+    lower: float
+    upper: float
+    least: float
+    most: float
+    far: bool = False
+
+    def __str__(self) -> str:
+        return (
+            f"the position runs from {short(self.lower, 4)} to {short(self.upper, 4)}, the file allows "
+            f"{short(self.least, 4)} to {short(self.most, 4)}. "
+            + (
+                "Is it in another unit, or of a motor before its gear (see `transmission`)?"
+                if self.far
+                else "Check the unit, the sign and `zero`, or the file's limits."
+            )
+        )
+
+
+@dataclass(frozen=True)
+class VelocityAboveLimit(Note):
+    """A peak velocity and its limit in the robot file (rad/s or m/s)."""
+
+    topic = "velocity limit"
+    peak: float
+    limit: float
+
+    def __str__(self) -> str:
+        return (
+            f"the velocity reaches {short(self.peak, 4)}, the robot file allows {short(self.limit, 4)} (rad/s or "
+            "m/s). Check the units of position and time; or the positions are too noisy for this smoother."
+        )
+
+
+@dataclass(frozen=True)
+class EffortAboveLimit(Note):
+    """A peak torque and its limit in the robot file, in ``unit``.
+
+    ``far`` above it the torque is another quantity or unit.
+    """
+
+    topic = "effort limit"
+    peak: float
+    limit: float
+    unit: str
+    far: bool
+
+    def __str__(self) -> str:
+        remedy = "Is it a motor current, or in another unit?" if self.far else "Check the unit and gain, or the file."
+        return (
+            f"the torque reaches {short(self.peak, 4)} {self.unit}, the robot file allows {short(self.limit, 4)}. "
+            f"{remedy}"
+        )
+
+
+@dataclass(frozen=True)
+class EffortFarBelowLimit(Note):
+    """A peak torque below a thousandth of its limit in the robot file, in ``unit``."""
+
+    topic = "effort limit"
+    peak: float
+    limit: float
+    unit: str
+
+    def __str__(self) -> str:
+        return (
+            f"the torque stays below {short(self.peak)} {self.unit}, a thousandth of the robot file's limit "
+            f"{short(self.limit, 4)}. Is it on the motor side of the gear, in another unit, or is the limit a "
+            "placeholder?"
+        )
+
+
+@dataclass(frozen=True)
+class CorrelatedParameters(Note):
+    """The number of base parameters, and their condition number in these motions."""
+
+    topic = "condition"
+    rank: int
+    condition: float
+
+    def __str__(self) -> str:
+        return (
+            f"the {self.rank} base parameters are strongly correlated in these motions (condition number "
+            f"{short(self.condition, 2)}): move more joints at the same time, faster, and over more of their range."
+        )
+
+
+class SearchKind(WordedEnum):
+    """Kinds of searches that are skipped in a model of many joints."""
+
+    FITS = (
+        "fits",
+        (
+            "nothing was fitted: excitation, outliers of the torques, gravity, units and what explains the residual "
+            "were not checked. Give joints that are not needed a position in `lock` of `model`."
+        ),
+    )
+    CAUSES = (
+        "causes",
+        (
+            "what explains the residual was not looked for: wrong gains, zeros, lengths and axes, missing terms, "
+            "exchanged columns. Check a part of the joints, with the others in `lock` of `model`."
+        ),
+    )
+    PAIRS = "pairs", "exchanged columns were looked for only among joints that follow each other."
+
+
+@dataclass(frozen=True)
+class SearchLeftOut(Note):
+    """A search that was skipped because the model has so many joints and parameters."""
+
+    topic = "left out"
+    search: SearchKind
+    joints: int
+    parameters: int
+
+    def __str__(self) -> str:
+        size = f"{count(self.parameters, 'parameter')} of {count(self.joints, 'joint')}"
+        return f"the model has {size}, so that {self.search.words}"
+
+
+@dataclass(frozen=True)
+class OtherPayload(Costly):
+    """The last link is ``mass`` (kg) heavier in one log than in training.
+
+    This explains ``share`` of the squared residual of both. A model of one payload is not valid for the other:
+    any forbids simulation, and a large one control. The ``cost`` is the torque of the payload in that log.
+    """
+
+    topic = "payload"
+    forbids: ClassVar[Use | None] = Use.SIMULATION
+    mass: float
+    std: float
+    share: float
+
+    def __str__(self) -> str:
+        heavier = "heavier" if self.mass > 0 else "lighter"
+        return (
+            f"the last link is {short(abs(self.mass))} +- {short(self.std, 2)} kg {heavier} here than in training, "
+            f"which explains {100 * self.share:.0f} % of the squared residual. {self.consequence} Was there another "
+            "payload? Give each payload its own model."
+        )
+
+
+@dataclass(frozen=True)
+class OddLog(Note):
+    """One log does not fit together with the others.
+
+    One fit of all logs leaves ``before`` % of the torque, mean over the joints; with a separate fit of this log
+    ``after`` %. What was modelled has changed between the logs, so that it forbids simulation.
+    """
+
+    topic = "odd log"
+    forbids: ClassVar[Use | None] = Use.SIMULATION
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        return (
+            f"does not fit together with the other logs: one fit of all leaves {percent(self.before)} of the torque "
+            f"(mean over the joints), with a fit of its own for this log {percent(self.after)}. Have the payload, a "
+            "zero, the mounting or the temperature changed in between, or are columns, signs or units others in this "
+            "file? Correct it, or leave it out."
+        )

@@ -112,7 +112,7 @@ ESTIMATING = [
     RobustLeastSquares("tukey", tuning=6.0),
     Ridge({"J": 0.1}, 0.3),
     TotalLeastSquares({"J": 0.1}, torque=0.2),
-    AugmentedKalman("sigma_point", samples=500),
+    AugmentedKalman(samples=500),
 ]
 ON_JOINTS = [
     RotorInertia(JOINTS),

@@ -312,8 +312,7 @@ def _(part: TotalLeastSquares) -> str:
 
 @part_words.register
 def _(part: AugmentedKalman) -> str:
-    name = {"extended": "extended Kalman filter", "sigma_point": "sigma-point Kalman filter"}[part.method]
-    return settings_words(f"{name} of motion and parameters", part, ("method",))
+    return settings_words("extended Kalman filter of motion and parameters", part)
 
 
 @part_words.register

@@ -67,13 +67,13 @@ class AugmentedKalman(Estimator):
 
     The dynamics are linearised along the smoothed motion (along that of the noisy torque, as some do, it is sure of too
     much). The state is what the motion differs from the smoothed one by, so that friction cannot make a prediction run
-    away. It runs in square-root form. The noise of the torque, that of the residual of least squares, enters through the inverse
-    mass matrix; that of the positions is found in the logs. Each recording is taken in ``samples`` steps at most: of
-    longer ones groups of samples make one step. Recordings are cut into pieces of 125 steps that run side by side, each
-    with a start of its own; what each tells beyond the start's covariance is added. So nothing depends on the order of
-    the logs, and least squares, where the filter starts, counts nothing. ``passes`` at most repeat it from what it
-    found, until that moves by less than a tenth of a standard error. For parameters, which are constant, the smoothed
-    (Rauch-Tung-Striebel) estimate is that of the last step, so that no backward pass is needed.
+    away; its covariance is kept as a square root. The noise of the torque, that of the residual of least squares, enters
+    through the inverse mass matrix; that of the positions is found in the logs. Each recording is taken in ``samples``
+    steps at most: of longer ones groups of samples make one step. Recordings are cut into pieces of 125 steps that run
+    side by side, each with a start of its own; what each tells beyond the start's covariance is added. So nothing
+    depends on the order of the logs, and least squares, where the filter starts, counts nothing. ``passes`` at most
+    repeat it from what it found, until that moves by less than a tenth of a standard error. For parameters, which are
+    constant, the smoothed (Rauch-Tung-Striebel) estimate is that of the last step, so that no backward pass is needed.
 
     A recording of 2000 samples takes about a second for one or two joints; it grows with ``passes`` and with the
     size of the arm. It is no better than maximum likelihood, which has the same noise model

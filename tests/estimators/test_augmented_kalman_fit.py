@@ -84,12 +84,3 @@ def test_terms_that_remember_are_refused():
     motion = model.remembering(multisine_motion(ARM, samples=100))
     with pytest.raises(ConfigError, match="remember"):
         AugmentedKalman()(make_problem(model, motion))
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [({"samples": 1}, "samples = 1"), ({"passes": 0}, "0")],
-)
-def test_wrong_settings(settings, words):
-    with pytest.raises(ConfigError, match=words):
-        AugmentedKalman(**settings)

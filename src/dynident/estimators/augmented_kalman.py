@@ -67,7 +67,7 @@ class AugmentedKalman(Estimator):
 
     The dynamics are linearised along the smoothed motion (along that of the noisy torque, as some do, it is sure of too
     much). The state is what the motion differs from the smoothed one by, so that friction cannot make a prediction run
-    away; its covariance is kept as a square root. The noise of the torque, that of the residual of least squares, enters
+    away; its covariance is kept as a square root. The noise of the torque, that of the residual of least squares, acts
     through the inverse mass matrix; that of the positions is found in the logs. Each recording is taken in ``samples``
     steps at most: of longer ones groups of samples make one step. Recordings are cut into pieces of 125 steps that run
     side by side, each with a start of its own; what each tells beyond the start's covariance is added. So nothing
@@ -102,12 +102,6 @@ class AugmentedKalman(Estimator):
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        if not 100 <= self.samples <= MAX_SAMPLES or not 1 <= self.passes <= 20:
-            raise ConfigError(
-                f"samples = {self.samples} must be from 100 to {MAX_SAMPLES}, passes = {self.passes} from 1 to 20."
-            )
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on what was averaged and smoothed.

@@ -21,7 +21,6 @@ from dynident.estimators.least_squares import (
     LeastSquares,
     LinearEstimator,
     LinearFit,
-    check_tolerance,
     joint_weights,
     solve_least_squares,
     weight_joints,
@@ -81,11 +80,6 @@ class GeneralisedLeastSquares(LinearEstimator):
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __post_init__(self) -> None:
-        _check_settings(self.tolerance, self.iterations)
-        if not 1 <= self.max_order <= MAX_ORDER:
-            raise ConfigError(f"max_order = {self.max_order} of the noise; give a whole number from 1 to {MAX_ORDER}.")
-
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the whitened rows; notes tell where the residual is more than noise."""
         return fit_whitened(problem, self.max_order, self.iterations, self.tolerance)
@@ -121,9 +115,6 @@ class WeightedLeastSquares(LinearEstimator):
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __post_init__(self) -> None:
-        _check_settings(self.tolerance, self.iterations)
-
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows, mixed so that their noise is independent.
 
@@ -134,13 +125,6 @@ class WeightedLeastSquares(LinearEstimator):
     def quick(self) -> LeastSquares:
         """Return least squares with one weight for each joint."""
         return LeastSquares(self.tolerance, "per_joint")
-
-
-def _check_settings(tolerance: float | None, iterations: int) -> None:
-    """Raise ConfigError for invalid settings of ``fit_whitened``."""
-    check_tolerance(tolerance)
-    if not 1 <= iterations <= MAX_ITERATIONS:
-        raise ConfigError(f"iterations = {iterations} of the noise; give a whole number from 1 to {MAX_ITERATIONS}.")
 
 
 def fit_whitened(problem: Problem, max_order: int, iterations: int, tolerance: float | None = None) -> LinearFit:

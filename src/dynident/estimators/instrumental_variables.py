@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -33,7 +33,6 @@ from dynident.estimators.least_squares import (
     LinearEstimator,
     LinearFit,
     Weights,
-    check_weights,
     fit_from_information,
     joint_weights,
     solve_least_squares,
@@ -44,7 +43,7 @@ from dynident.estimators.simulated_recordings import controller_of, find_first_m
 from dynident.models.simulation import Failure
 from dynident.motion.log import Motion
 from dynident.regression import Rank, Regression
-from dynident.runtime import ConfigError, Note, Step, choices, report_progress, settings_repr
+from dynident.runtime import Note, Step, report_progress, settings_repr
 
 Array = NDArray[np.float64]
 InstrumentSource = Literal["auto", "simulated", "repeated", "lagged"]
@@ -238,15 +237,6 @@ class InstrumentalVariables(LinearEstimator):
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        if self.instruments not in get_args(InstrumentSource):
-            raise ConfigError(
-                f"instruments = {self.instruments!r}; {choices(self.instruments, get_args(InstrumentSource))}"
-            )
-        check_weights(self.weights, self.iterations)
-        if self.lag is not None and not 0 < self.lag <= MAX_LAG:
-            raise ConfigError(f"lag = {self.lag} of the instruments; give a time (s) of at most {MAX_LAG:g}, or null.")
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the value with its information, as rows to which constraints can be added."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -75,13 +75,10 @@ class Ridge(LinearEstimator):
     def __post_init__(self) -> None:
         if isinstance(self.prior, Mapping):
             object.__setattr__(self, "prior", tuple(self.prior.items()))
-        if isinstance(self.prior, str) and self.prior not in get_args(NamedPrior):
-            raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, get_args(NamedPrior))}")
+        super().__post_init__()
         for name, value in self._prior_values.items():
             if not abs(value) <= MAX_PRIOR:
                 raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_PRIOR:g} in size.")
-        if self.strength != "auto" and not 0 <= self.strength <= MAX_STRENGTH:
-            raise ConfigError(f"strength = {self.strength}; give a number from 0 to {MAX_STRENGTH:g}, or 'auto'.")
 
     @property
     def named(self) -> tuple[str, ...]:

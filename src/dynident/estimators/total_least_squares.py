@@ -153,15 +153,12 @@ class TotalLeastSquares(LinearEstimator):
     def __post_init__(self) -> None:
         if isinstance(self.errors, Mapping):
             object.__setattr__(self, "errors", tuple(self.errors.items()))
-        if isinstance(self.errors, str) and self.errors != "motion":
-            raise ConfigError(f"errors = {self.errors!r}; {choices(self.errors, ['motion'])}, or sizes by parameter.")
+        super().__post_init__()
         for name, value in self._stated_errors.items():
             if not 0 <= value <= MAX_ERROR:
                 raise ConfigError(
                     f"errors: {name} = {value}; give a standard deviation, a number from 0 to {MAX_ERROR:g}."
                 )
-        if self.torque is not None and not 0 < self.torque <= MAX_ERROR:
-            raise ConfigError(f"torque = {self.torque}; give the standard deviation of its error, a positive number.")
 
     @property
     def named(self) -> tuple[str, ...]:

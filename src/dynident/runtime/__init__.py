@@ -30,6 +30,7 @@ from dynident.runtime.errors import (
     settings_repr,
     shorten_names,
 )
+from dynident.runtime.settings import check_settings
 
 __all__ = [
     "GIGABYTE",
@@ -50,6 +51,7 @@ __all__ = [
     "brief",
     "budget_scope",
     "call_part",
+    "check_settings",
     "choices",
     "format_bytes",
     "install_command",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -41,7 +41,7 @@ from dynident.models import Model, to_pseudo
 from dynident.motion.log import Log
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Rank, rank_of
-from dynident.runtime import ConfigError, InputError, ModelError, Note, choices, settings_repr
+from dynident.runtime import InputError, ModelError, Note, settings_repr
 
 Array = NDArray[np.float64]
 MIN_PRIOR_EIGENVALUE = 0.01  # least eigenvalue of a prior, relative to its diagonal
@@ -114,26 +114,6 @@ class MaximumLikelihood(Estimator):
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __post_init__(self) -> None:
-        if self.start not in get_args(StartMode):
-            raise ConfigError(f"start = {self.start!r}; {choices(self.start, get_args(StartMode))}")
-        for name, lower, upper in (
-            ("spacing", MIN_SPACING, np.inf),
-            ("huber", 0.0, MAX_SETTING),
-            ("profile", 0.0, MAX_SETTING),
-            ("rate", MIN_RATE, np.inf),
-        ):
-            value = getattr(self, name)
-            if value is not None and not (0 < value < np.inf and lower <= value <= upper):
-                limits = _range_text(lower, upper)
-                raise ConfigError(f"{name} = {value}; give a positive number{limits}, or leave it out.")
-        for name, upper in (("rounds", MAX_ROUNDS), ("iterations", MAX_ITERATIONS)):
-            if not 1 <= getattr(self, name) <= upper:
-                raise ConfigError(f"{name} = {getattr(self, name)}; give a whole number from 1 to {upper}.")
-        for name in ("weight", "tolerance"):
-            if not 0 < getattr(self, name) < 1:
-                raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-3.")
-
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on the iteration. Raises ConfigError, InputError and ModelError as the start does."""
         model = problem.model
@@ -149,11 +129,6 @@ class MaximumLikelihood(Estimator):
     def quick(self) -> LeastSquares:
         """Return least squares: fitting the trajectory takes too long for a search."""
         return LeastSquares()
-
-
-def _range_text(lower: float, upper: float) -> str:
-    """Return the limits of a setting as text, where there are any."""
-    return (f" of at least {lower:g}" if lower else "") + (f" of at most {upper:g}" if upper < np.inf else "")
 
 
 @dataclass(eq=False)

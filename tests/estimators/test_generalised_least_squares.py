@@ -90,7 +90,3 @@ def test_constraints_take_the_whitened_rows() -> None:
     np.testing.assert_allclose(found.std, free.std, rtol=1e-3)
     assert found.residual.whitening is not None
     assert found.needs_samples
-
-
-def test_a_search_keeps_the_tolerance() -> None:
-    assert GeneralisedLeastSquares(tolerance=1e-6).quick() == LeastSquares(tolerance=1e-6, weights="per_joint")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Consistency, Estimate, Problem, Provenance
@@ -68,7 +68,6 @@ class Ridge(LinearEstimator):
 
     prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     strength: Annotated[float, Ge(0), Le(MAX_STRENGTH)] | Literal["auto"] = "auto"
-    tolerance: Annotated[float, Gt(0), Le(0.01)] | None = None
 
     __repr__ = settings_repr
 
@@ -125,14 +124,14 @@ class Ridge(LinearEstimator):
     def _fit(self, problem: Problem) -> tuple[Information, Information, LinearFit]:
         """Return the information of the data, the same with the prior, and its rows."""
         parameters, triangular = problem.model.parameters, problem.regression.triangular_factors
-        weights = joint_weights(triangular, "per_joint", 3, parameters, self.tolerance)
+        weights = joint_weights(triangular, "per_joint", 3, parameters)
         prior = self._prior(problem.model)
         scale = _usual_sizes(problem.model, triangular, weights)
-        information = _information(triangular, weights, scale, problem.model, self.tolerance)
+        information = _information(triangular, weights, scale, problem.model)
         strength = self.strength
         notes: tuple[Note, ...] = ()
         if strength == "auto":
-            strength = _choose_strength(problem, prior, weights, scale, self.tolerance)
+            strength = _choose_strength(problem, prior, weights, scale)
             notes = (DrawnToPrior(strength),) if strength else ()
         posterior = add_prior(information, prior, strength)
         plain = _rows_from_information(information, problem, triangular.total, weights)
@@ -162,11 +161,9 @@ def _usual_sizes(model: Model, triangular: TriangularFactors, weights: Array) ->
     return parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
 
 
-def _information(
-    triangular: TriangularFactors, weights: Array, scale: Array, model: Model, tolerance: float | None
-) -> Information:
+def _information(triangular: TriangularFactors, weights: Array, scale: Array, model: Model) -> Information:
     """Return the information of the rows with these weights (n)."""
-    factor, rank = weight_joints(triangular, weights, model.parameters, tolerance)
+    factor, rank = weight_joints(triangular, weights, model.parameters)
     return information_from_factor(factor, scale, rank, triangular.total)
 
 
@@ -185,7 +182,7 @@ def _rows_from_information(information: Information, problem: Problem, total: in
     return LinearFit(factor, rank, total, weights)
 
 
-def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Array, tolerance: float | None) -> float:
+def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Array) -> float:
     """Return the strength that best predicts blocks of the data from the others, 0 where none is clearly better."""
     parts = _time_blocks(problem.regression)
     if len(parts) < 3 or sum(part.total for part in parts) < MIN_ROWS_PER_PARAMETER * len(scale):
@@ -196,7 +193,7 @@ def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Arra
         [
             _prediction_errors(
                 part,
-                _information(merge_factors([*parts[:k], *parts[k + 1 :]]), weights, scale, problem.model, tolerance),
+                _information(merge_factors([*parts[:k], *parts[k + 1 :]]), weights, scale, problem.model),
                 prior,
             )
             for k, part in enumerate(parts)

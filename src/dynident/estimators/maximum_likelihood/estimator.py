@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from dynident.estimators.barrier import Barrier
@@ -44,6 +44,8 @@ from dynident.regression import Rank, rank_of
 from dynident.runtime import InputError, ModelError, Note, settings_repr
 
 Array = NDArray[np.float64]
+BARRIER_WEIGHT = 1e-3  # of the barrier that keeps inertia and friction physical, in half squared standard deviations
+TOLERANCE = 1e-5  # expected decrease of the cost that ends the iteration, in the same unit
 MIN_PRIOR_EIGENVALUE = 0.01  # least eigenvalue of a prior, relative to its diagonal
 POSES = 16  # configurations of the recordings at which the mass matrix must be positive definite
 START_SLACK = 0.3  # slack of the start, relative to the usual size
@@ -81,9 +83,7 @@ class MaximumLikelihood(Estimator):
 
     The iteration starts from least squares, or from the physically consistent fit for bodies, moved into the feasible
     set; where it fails, the start is returned, with a note. The discontinuous sign of Coulomb friction is smoothed over
-    the uncertainty of the velocity. The ``weight`` of the barrier that keeps inertia and friction physical is in units
-    of half a squared standard deviation. ``iterations`` and ``tolerance`` (expected decrease of the cost, in the same
-    units) end the iteration.
+    the uncertainty of the velocity. ``iterations`` at most.
 
     Calling it with a ``Problem`` gives an ``Estimate``. Raises ConfigError for bad settings.
 
@@ -106,8 +106,6 @@ class MaximumLikelihood(Estimator):
     huber: Annotated[float, Gt(0), Le(MAX_SETTING)] | None = None
     rounds: Annotated[int, Ge(1), Le(MAX_ROUNDS)] = 2
     profile: Annotated[float, Gt(0), Le(MAX_SETTING)] | None = 0.4
-    weight: Annotated[float, Gt(0), Lt(1)] = 1e-3
-    tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-5
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 60
     rate: Annotated[float, Ge(MIN_RATE)] | None = 1100.0
 
@@ -150,14 +148,14 @@ class _LikelihoodRun:
         measurements, notes = recordings(problem, settings.rate, steps=find_steps)
         # theta moves only where the data or a prior determine it
         barrier, directions = movable_directions(
-            Barrier(psd_constraints(model, measurements.logs, start.value), settings.weight),
+            Barrier(psd_constraints(model, measurements.logs, start.value), BARRIER_WEIGHT),
             rank_of(problem.regression.triangular_factors.stack(), model.parameters),
         )
         theta = move_into_constraints(start.value, problem, barrier.psd_constraints)
         sigma_q, sigma_tau = estimate_noise(measurements.logs)
         sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # the misfit of the model counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
-        newton_settings = NewtonSettings(settings.tolerance, settings.iterations, newton=not bodies)
+        newton_settings = NewtonSettings(TOLERANCE, settings.iterations, newton=not bodies)
         sigma = Sigma(sigma_q, sigma_tau)
         search = LikelihoodSearch(model, measurements, barrier, newton_settings, directions, theta, sigma)
         return cls(settings, problem, start, search, notes)

@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-READERS = "hdf5,ros,ui,xacro"  # extras for the files that a user may bring, and for the page of `tune`
+READERS = "hdf5,mujoco,ros,ui,xacro"  # extras for the files that a user may bring, and for the page of `tune`
 PEER = "figaroh==1.0.2"  # with twenty packages of its own
 MUTANTS = "cosmic-ray==8.7.0"
 ZIG = "ziglang==0.17.1"  # a C compiler for all systems; the bytes of the libraries depend on its version
@@ -250,7 +250,7 @@ TASKS: dict[str, tuple[str, Callable[[list[str]], None]]] = {
     "docs": ("docs", docs),
     "bench": ("bench", bench),
     "mutate": ("dev", mutate),
-    "robots": ("dev,mujoco,xacro", robots),
+    "robots": ("dev,xacro", robots),
     "wheels": ("dev", wheels),
     "release": ("dev", release),
 }

@@ -30,7 +30,6 @@ LACKS = MissingInputError.__name__
 # kinds that are methods of their own by a setting
 VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "robust": ("loss", ("huber", "tukey")),
-    "augmented_kalman": ("method", ("extended", "sigma_point")),
     "instrumental_variables": ("instruments", ("simulated", "lagged")),
 }
 Row = dict[str, Any]

@@ -55,7 +55,9 @@ ARM_MJCF = """<mujoco model="test"><compiler angle="radian" eulerseq="XYZ"/>
 <worldbody><geom type="plane" size="1 1 1"/>
 <body name="base"><inertial mass="4" pos="0 0 0" diaginertia="0.4 0.4 0.4"/>
 <body name="upper" pos="0 0.1 0.3" euler="0.1 0.2 0.3"><geom type="mesh" mesh="shell"/>
-<inertial mass="2" pos="0.1 -0.05 0.2" euler="0.3 -0.4 0.5" fullinertia="0.03 0.025 0.02 0.002 0.001 -0.003"/>
+<inertial mass="2" pos="0.1 -0.05 0.2"
+fullinertia="0.025370055342652652 0.028070781531189696 0.021559163126157604
+ 0.0014174657172840099 0.004657401264586104 0.0021439228345019193"/>
 <joint name="shoulder" axis="0 0.6 0.8" range="-1 1" actuatorfrcrange="-10 10" frictionloss="0.2"/>
 <body name="slide" pos="0.2 0 0.1" axisangle="0 2 0 0.5" childclass="thin">
 <inertial mass="1" pos="0 0.02 0.1" diaginertia="0.01 0.012 0.008"/>

@@ -19,7 +19,6 @@ from dynident.runtime import ConfigError, InputError
 from dynident.testing.estimator import make_problem, multisine_motion, truth
 
 ARM = two_link_arm()
-METHODS = ("extended", "sigma_point")
 
 
 def noisy(seed: int, samples: int = 800) -> Problem:
@@ -34,10 +33,9 @@ def recorded(seed: int, samples: int = 801) -> Problem:
     return Problem(arm, (smooth,), Regression(arm, (smooth,)), (log,))
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_as_maximum_likelihood(method):
+def test_as_maximum_likelihood():
     problem = recorded(0)
-    found, best = AugmentedKalman(method)(problem), MaximumLikelihood()(problem)
+    found, best = AugmentedKalman()(problem), MaximumLikelihood()(problem)
     assert (np.abs(found.value - best.value) < 3 * found.std).all()
     assert (found.std > 0.7 * best.std).all()
     assert found.information is not None
@@ -86,12 +84,3 @@ def test_terms_that_remember_are_refused():
     motion = model.remembering(multisine_motion(ARM, samples=100))
     with pytest.raises(ConfigError, match="remember"):
         AugmentedKalman()(make_problem(model, motion))
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [({"method": "extend"}, "did you mean"), ({"samples": 1}, "samples = 1"), ({"passes": 0}, "0")],
-)
-def test_wrong_settings(settings, words):
-    with pytest.raises(ConfigError, match=words):
-        AugmentedKalman(**settings)

@@ -47,15 +47,6 @@ def test_derivatives_are_those_of_the_motion():
         np.testing.assert_allclose(G[0, :4, k], by, atol=5e-3 * np.abs(by).max())
 
 
-def test_points_move_as_the_linear_step_says():
-    one = Dynamics(ARM, THETA, np.eye(7) * 1e-3, 0.0)
-    motion, left = RNG.standard_normal((3, 1, 2)), RNG.standard_normal((1, 2))
-    x = 1e-5 * RNG.standard_normal((1, 5, 11))
-    F, _, c = one.linearise(step_of(STEP, motion, left))
-    moved = one.propagate(step_of(STEP, motion, left), x)
-    np.testing.assert_allclose(moved, x @ np.swapaxes(F, 1, 2) + c, atol=1e-6)  # of 1e-2
-
-
 @pytest.mark.parametrize("step", [0.01, 10.0])
 def test_stiff_friction_is_no_trouble(step):
     """A mass of 1 mg with viscous friction: a velocity is gone after a step, and nothing overflows."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from dynident.estimators import GeneralisedLeastSquares, LeastSquares, PhysicallyConsistent, Problem
 from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
 from dynident.project.parts import build
 from dynident.regression import ParallelFilter, Regression, Selection
-from dynident.runtime import ConfigError, Use
+from dynident.runtime import Use
 from dynident.runtime.families import ESTIMATORS
 from dynident.testing.estimator import make_problem, multisine_motion
 from tests.estimators.coloured import ARM, COLOURED, bound, noisy, repeated
@@ -91,9 +90,3 @@ def test_constraints_take_the_whitened_rows() -> None:
     np.testing.assert_allclose(found.std, free.std, rtol=1e-3)
     assert found.residual.whitening is not None
     assert found.needs_samples
-
-
-def test_settings_are_checked() -> None:
-    with pytest.raises(ConfigError, match="max_order = 0 of the noise"):
-        GeneralisedLeastSquares(max_order=0)
-    assert GeneralisedLeastSquares(tolerance=1e-6).quick() == LeastSquares(tolerance=1e-6, weights="per_joint")

@@ -15,7 +15,6 @@ from dynident.models.friction import Offset
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.motion.log import Motion
 from dynident.regression import ParallelFilter, Regression, Selection
-from dynident.runtime import ConfigError
 from dynident.testing.estimator import make_problem, multisine_motion, truth
 
 LOSSES = ("huber", "tukey")
@@ -154,12 +153,3 @@ def test_nothing_moves(size):
     """A joint at rest whose torque is zero, or constant."""
     found = RobustLeastSquares()(location(np.full(20, size)))
     np.testing.assert_allclose(found.value, size, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [({"loss": "hubert"}, "did you mean"), ({"tuning": -1.0}, "1.345"), ({"iterations": 0}, "from 1 to")],
-)
-def test_wrong_settings(settings, words):
-    with pytest.raises(ConfigError, match=words):
-        RobustLeastSquares(**settings)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynident.estimators.augmented_kalman_steps import correct_state, cubature_points, lower_root
+from dynident.estimators.augmented_kalman_steps import correct_state, lower_root
 
 
 def test_linear_case_is_least_squares():
@@ -28,12 +28,3 @@ def test_linear_case_is_least_squares():
     found = np.linalg.lstsq(X, np.concatenate(right), rcond=None)[0]
     np.testing.assert_allclose(x[0], state @ found, rtol=1e-9)
     np.testing.assert_allclose(S[0] @ S[0].T, state @ np.linalg.inv(X.T @ X) @ state.T, rtol=1e-9)
-
-
-def test_points_have_mean_and_covariance():
-    rng = np.random.default_rng(1)
-    x, S = rng.standard_normal((2, 4)), lower_root(rng.standard_normal((2, 4, 6)))
-    some = cubature_points(x, S)
-    np.testing.assert_allclose(some.mean(axis=1), x, atol=1e-12)
-    off = some - x[:, None]
-    np.testing.assert_allclose(np.swapaxes(off, 1, 2) @ off / 8, S @ np.swapaxes(S, 1, 2), atol=1e-12)

@@ -144,17 +144,9 @@ def test_no_solution():
         _solve_total(factor, np.diag([1e6, 0.0]), rank_of(factor), 100, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"errors": "motions"}, "did you mean"),
-        ({"errors": {"J": -1.0}}, "J = -1"),
-        ({"torque": 0.0}, "positive"),
-    ],
-)
-def test_wrong_settings(settings, words):
-    with pytest.raises(ConfigError, match=words):
-        TotalLeastSquares(**settings)
+def test_an_error_is_no_negative_number():
+    with pytest.raises(ConfigError, match="J = -1"):
+        TotalLeastSquares({"J": -1.0})
 
 
 def test_unknown_parameter():

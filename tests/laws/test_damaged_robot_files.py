@@ -32,7 +32,7 @@ RICH_MJCF = """<mujoco><compiler angle="degree" eulerseq="zyx" autolimits="true"
 <inertial mass="1" pos="0 0 0" fullinertia="1 1 1 0 0 0"/></body></body></frame></body></worldbody>
 <equality><joint joint1="b" joint2="a" polycoef="0.1 2"/>
 <connect active="false" body1="base" anchor="0 0 0"/></equality>
-<tendon><fixed name="t"><joint joint="a" coef="1"/></fixed><spatial name="s"/></tendon></mujoco>"""
+<tendon><fixed name="t"><joint joint="a" coef="1"/></fixed></tendon></mujoco>"""
 FILES = [ARM, ARM_MJCF, RICH_URDF, RICH_MJCF]
 VALUES = ["", "0", "-1", "nan", "inf", "1e300", "1e-300", "0 0 0", "1 2 3 4 5 6", "x", "true", "fixed", "mesh", "None"]
 

@@ -198,7 +198,8 @@ def test_merged_inertias_are_exact_even_where_masses_cancel():
 def test_what_an_mjcf_holds_besides_is_noted():
     text = ARM_MJCF.replace("<default>", '<option gravity="0 0 -1.62" density="1.2"/><default>', 1)
     text = text.replace('<body name="slide"', '<body gravcomp="1" name="slide"')
-    text = text.replace("</worldbody>", '</worldbody><tendon><spatial name="belt"/></tendon>')
+    belt = '<tendon><spatial name="belt"><site site="a"/><site site="b"/></spatial></tendon>'
+    text = text.replace("</worldbody>", f'<site name="a"/><site name="b" pos="0 0 1"/></worldbody>{belt}')
     notes = " ".join(RigidBodies(text).notes)
     for words in ("density = '1.2'", "compensation of slide", "'belt'", "(0.0, 0.0, -1.62)"):
         assert words in notes
@@ -209,13 +210,13 @@ def test_constraints_among_locked_joints_are_no_loops():
     text = ARM_MJCF.replace(
         "</worldbody>",
         '</worldbody><equality><joint joint1="rail" joint2="twist"/><weld body1="upper" body2="wrist"/>'
-        '<connect active="false" body1="base" body2="wrist"/></equality>',
+        '<connect active="false" body1="base" body2="wrist" anchor="0 0 0"/></equality>',
     )
     assert [j.name for j in RigidBodies(text, joints_used=("shoulder",)).joints] == ["shoulder"]
 
 
 def test_a_joint_that_is_locked_may_be_of_any_kind():
-    text = ARM_MJCF.replace('<joint name="rail" type="slide"', '<joint name="rail" type="ball"')
+    text = ARM_MJCF.replace('type="slide" axis="1 0 0" range="-1 1"', 'type="ball"')
     assert len(RigidBodies(text, joints_used=("shoulder", "twist")).joints) == 2
 
 

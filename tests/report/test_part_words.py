@@ -76,7 +76,7 @@ class Own:
         (RobustLeastSquares("tukey", tuning=6.0), "robust least squares, Tukey's weights, tuning 6"),
         (Ridge(strength=0.1), "ridge regression, strength 0.1"),
         (TotalLeastSquares({"J": 0.1}), "total least squares, errors ((J, 0.1))"),
-        (AugmentedKalman("sigma_point"), "sigma-point Kalman filter of motion and parameters"),
+        (AugmentedKalman(), "extended Kalman filter of motion and parameters"),
         (ParallelFilter(50), "low-pass of order 4 at 0.8 of half the decimated rate, one of 50 samples kept"),
         (ParallelFilter(cutoff=20.0), "low-pass of order 4 at 20 Hz"),
         (Own(), "Own"),

@@ -92,8 +92,8 @@ SMOOTHING = [
 ESTIMATING = [
     LeastSquares(),
     LeastSquares(1e-9, "per_joint", 5),
-    WeightedLeastSquares(1e-9, 5),
-    GeneralisedLeastSquares(5, 1e-9, 4),
+    WeightedLeastSquares(5),
+    GeneralisedLeastSquares(5, 4),
     PhysicallyConsistent(fit=GeneralisedLeastSquares(5)),
     PhysicallyConsistent(),
     PhysicallyConsistent(total_mass=12.0, bounds={"Fv_a": (None, 3.0), "Fc_a": (0.1, math.inf)}, prior={"a.mass": 2.0}),
@@ -102,7 +102,7 @@ ESTIMATING = [
     ),
     PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
     InstrumentalVariables(),
-    InstrumentalVariables("lagged", 3, 0.05, "equal"),
+    InstrumentalVariables("lagged", 3, 0.05),
     Didim(),
     Didim(5),
     OutputError(),
@@ -112,7 +112,7 @@ ESTIMATING = [
     RobustLeastSquares("tukey", tuning=6.0),
     Ridge({"J": 0.1}, 0.3),
     TotalLeastSquares({"J": 0.1}, torque=0.2),
-    AugmentedKalman("sigma_point", samples=500),
+    AugmentedKalman(samples=500),
 ]
 ON_JOINTS = [
     RotorInertia(JOINTS),

@@ -1,10 +1,10 @@
-"""Kalman filtering with the parameters as states: the textbooks' comparison, extended or with sigma points."""
+"""Extended Kalman filtering with the parameters as states: the textbooks' comparison."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -15,8 +15,7 @@ from dynident.estimators.augmented_kalman_steps import (
     FilterSeries,
     correct_state,
     group_size,
-    predict_by_cubature,
-    predict_linearised,
+    predict_state,
     series_of,
     smooth_model,
 )
@@ -42,7 +41,6 @@ from dynident.runtime import (
     Note,
     Step,
     brief,
-    choices,
     report_progress,
     settings_repr,
     settings_text,
@@ -50,8 +48,6 @@ from dynident.runtime import (
 
 Array = NDArray[np.float64]
 
-
-Method = Literal["extended", "sigma_point"]
 MAX_SAMPLES = 1_000_000  # samples
 PRIOR_STD, PRIOR_PIECES = 2.0, 16  # standard errors of least squares, of so many pieces, that the filter starts with
 INITIAL_DEVIATIONS = 10.0, 0.1  # of a first position, in its noise, and of a first velocity, in the usual one
@@ -70,19 +66,18 @@ PROGRESS_INTERVAL = 25  # steps between two reports
 class AugmentedKalman(Estimator):
     """A Kalman filter whose state is (q, dq, theta): driven by the measured torque, it measures the positions.
 
-    ``method``: "extended" linearises the dynamics along the smoothed motion (along that of the noisy torque, as some
-    do, it is sure of too much); "sigma_point" takes the 2 L points of the cubature rule through them, L = 2 n + rank.
-    The state is what the motion differs from the smoothed one by, so that friction cannot make a prediction run away.
-    Both in square-root form. The noise of the torque, that of the residual of least squares, enters through the inverse
-    mass matrix; that of the positions is found in the logs. Each recording is taken in ``samples`` steps at most: of
-    longer ones groups of samples make one step. Recordings are cut into pieces of 125 steps that run side by side, each
-    with a start of its own; what each tells beyond the start's covariance is added. So nothing depends on the order of
-    the logs, and least squares, where the filter starts, counts nothing. ``passes`` at most repeat it from what it
-    found, until that moves by less than a tenth of a standard error. For parameters, which are constant, the smoothed
-    (Rauch-Tung-Striebel) estimate is that of the last step, so that no backward pass is needed.
+    The dynamics are linearised along the smoothed motion (along that of the noisy torque, as some do, it is sure of too
+    much). The state is what the motion differs from the smoothed one by, so that friction cannot make a prediction run
+    away; its covariance is kept as a square root. The noise of the torque, that of the residual of least squares, acts
+    through the inverse mass matrix; that of the positions is found in the logs. Each recording is taken in ``samples``
+    steps at most: of longer ones groups of samples make one step. Recordings are cut into pieces of 125 steps that run
+    side by side, each with a start of its own; what each tells beyond the start's covariance is added. So nothing
+    depends on the order of the logs, and least squares, where the filter starts, counts nothing. ``passes`` at most
+    repeat it from what it found, until that moves by less than a tenth of a standard error. For parameters, which are
+    constant, the smoothed (Rauch-Tung-Striebel) estimate is that of the last step, so that no backward pass is needed.
 
-    A recording of 2000 samples takes about a second for one or two joints, by sigma points two; it grows with
-    ``passes`` and with the size of the arm. It is no better than maximum likelihood, which has the same noise model
+    A recording of 2000 samples takes about a second for one or two joints; it grows with ``passes`` and with the
+    size of the arm. It is no better than maximum likelihood, which has the same noise model
     without linearising step by step, and worse where the model lacks something: all that the torque does not explain
     is taken as white noise of the torque, and its covariance is too small where that is correlated. Coulomb friction
     is a smooth function of the velocity here, and its change over a reversal counts as noise, so that reversals tell
@@ -103,20 +98,11 @@ class AugmentedKalman(Estimator):
     h = 0.2499 +- 0.00021
     """
 
-    method: Method = "extended"
     samples: Annotated[int, Ge(100), Le(MAX_SAMPLES)] = 4000
     passes: Annotated[int, Ge(1), Le(20)] = 4
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        if self.method not in get_args(Method):
-            raise ConfigError(f"method = {self.method!r}; {choices(self.method, get_args(Method))}")
-        if not 100 <= self.samples <= MAX_SAMPLES or not 1 <= self.passes <= 20:
-            raise ConfigError(
-                f"samples = {self.samples} must be from 100 to {MAX_SAMPLES}, passes = {self.passes} from 1 to 20."
-            )
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on what was averaged and smoothed.
@@ -174,8 +160,7 @@ class AugmentedKalman(Estimator):
         return LeastSquares()
 
     def __str__(self) -> str:
-        name = {"extended": "extended Kalman filter", "sigma_point": "sigma-point Kalman filter"}[self.method]
-        return settings_text(f"{name} of motion and parameters", self, ("method",))
+        return settings_text("extended Kalman filter of motion and parameters", self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +260,6 @@ class _KalmanRun:
         n, r = dynamics.joint_count, dynamics.directions.shape[1]
         x, S = self._initial_state(r)
         innovation_square, count = 0.0, 0
-        predict = predict_linearised if self.settings.method == "extended" else predict_by_cubature
         for k in range(series.mean.shape[1]):
             if k % PROGRESS_INTERVAL == 0:
                 text = f"Kalman filter, pass {number + 1} of {self.settings.passes} at most"
@@ -284,7 +268,7 @@ class _KalmanRun:
             on = series.active[:, k]
             try:
                 with np.errstate(all="ignore"):
-                    prediction = predict(dynamics, series.filter_step(k), x[on], S[on])
+                    prediction = predict_state(dynamics, series.filter_step(k), x[on], S[on])
                     x[on], S[on], innovation = correct_state(*prediction, series.offset[on, k + 1], series.sigma)
             except (ModelError, np.linalg.LinAlgError):
                 raise _divergence_error(k) from None
@@ -371,6 +355,6 @@ def _divergence_error(k: int | None) -> InputError:
     where = "" if k is None else f" at step {k + 1} of a piece"
     return InputError(
         f"the Kalman filter diverged{where}: a mass matrix of its parameters is singular, or its motion left the "
-        "measured one. Give a model whose bodies have mass (terms, rotor inertias), more steps (samples), the method "
-        "extended, or an estimator that needs no mass matrix, such as consistent."
+        "measured one. Give a model whose bodies have mass (terms, rotor inertias), more steps (samples), "
+        "or an estimator that needs no mass matrix, such as consistent."
     )

@@ -226,44 +226,12 @@ class Dynamics:
         moment[:, :n] = self.moment_noise * np.square(step.step)[:, None, None] * solution[:, :, 2 * n + r : -1]
         return F, np.concatenate([torque_response[:, :, :n], moment], axis=2), torque_response[:, :, n]
 
-    def propagate(self, step: FilterStep, x: Array) -> Array:
-        """Return the states (B, C, L) after one step of the nonlinear model, by the exponential Euler method."""
-        n, motion, (size, count, _) = self.joint_count, step.motion, x.shape
-        flat = x.reshape(size * count, -1)
-        q, dq, ddq, torque = (
-            np.repeat(quantity, count, axis=0)
-            for quantity in (*motion, step.residual + self.model.torque(motion[0], motion[1], motion[2], self.theta))
-        )
-        # exponential Euler: the nonlinear rate at each point, integrated with the linear part at the smoothed motion
-        mass, bias = self.model.mass_and_bias(
-            q + flat[:, :n], dq + flat[:, n : 2 * n], self.theta + flat[:, 2 * n :] @ self.directions.T
-        )
-        acceleration_error = np.linalg.solve(mass, (torque - bias)[..., None])[..., 0] - ddq
-        partials = self.model.partials(motion[0], motion[1], motion[2], self.theta)
-        rates = np.linalg.solve(
-            self.model.mass_matrix(motion[0], self.theta), -np.concatenate([partials.q, partials.dq], axis=2)
-        )
-        _, integral = _matrix_exponential(step.step, np.asarray(rates, dtype=np.float64))
-        derivative = np.concatenate([flat[:, n : 2 * n], acceleration_error], axis=1).reshape(size, count, 2 * n)
-        out = x.copy()
-        out[:, :, : 2 * n] += derivative @ np.swapaxes(integral, 1, 2)
-        return out
 
-
-def predict_linearised(dynamics: Dynamics, step: FilterStep, x: Array, S: Array) -> tuple[Array, Array]:
+def predict_state(dynamics: Dynamics, step: FilterStep, x: Array, S: Array) -> tuple[Array, Array]:
     """Return the state and S after a step, linearised at the smoothed motion."""
     F, G, c = dynamics.linearise(step)
     noise = G * np.tile(step.noise, 2)[:, None]
     return (F @ x[..., None])[..., 0] + c, lower_root(np.concatenate([F @ S, noise], axis=2))
-
-
-def predict_by_cubature(dynamics: Dynamics, step: FilterStep, x: Array, S: Array) -> tuple[Array, Array]:
-    """Return the state and S after a step, by the points of the cubature rule."""
-    propagated = dynamics.propagate(step, cubature_points(x, S))
-    mean = propagated.mean(axis=1)
-    spread = np.swapaxes(propagated - mean[:, None], 1, 2) / np.sqrt(propagated.shape[1])
-    noise = dynamics.linearise(step)[1] * np.tile(step.noise, 2)[:, None]
-    return mean, lower_root(np.concatenate([spread, noise], axis=2))
 
 
 def lower_root(rows: Array) -> Array:
@@ -286,12 +254,6 @@ def correct_state(x: Array, S: Array, y: Array, sigma: Array) -> tuple[Array, Ar
     post_array = lower_root(pre_array)
     innovations: Array = np.asarray(np.linalg.solve(post_array[:, :n, :n], (y - x[:, :n])[..., None]), dtype=np.float64)
     return x + (post_array[:, n:, :n] @ innovations)[..., 0], post_array[:, n:, n:], innovations[..., 0]
-
-
-def cubature_points(x: Array, S: Array) -> Array:
-    """Return the 2 L points (B, 2 L, L) of the cubature rule, all of equal weight (Arasaratnam and Haykin, 2009)."""
-    columns = np.sqrt(x.shape[1]) * np.swapaxes(S, 1, 2)
-    return np.concatenate([x[:, None] + columns, x[:, None] - columns], axis=1)
 
 
 def _matrix_exponential(step: Array, rates: Array) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from dynident.estimators.notes import Unsettled
 from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
-from dynident.runtime import Note, brief, join_names
+from dynident.runtime import Note, brief, check_settings, join_names
 
 Array = NDArray[np.float64]
 
@@ -229,8 +229,12 @@ class Estimate:
 class Estimator(ABC):
     """Base of the estimators: a frozen dataclass of settings, which maps a problem to an estimate.
 
-    All but the call has a default, which an estimator overrides where it differs.
+    All but the call has a default, which an estimator overrides where it differs. Settings outside the limits of their
+    types raise ConfigError.
     """
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
     @abstractmethod
     def __call__(self, problem: Problem) -> Estimate:

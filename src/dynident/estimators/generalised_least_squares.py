@@ -11,17 +11,15 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
-    MAX_RANK_TOLERANCE,
     LeastSquares,
     LinearEstimator,
     LinearFit,
-    check_tolerance,
     joint_weights,
     solve_least_squares,
     weight_joints,
@@ -49,8 +47,7 @@ class GeneralisedLeastSquares(LinearEstimator):
     The noise of each joint is an autoregression, of the order with the least Bayesian information criterion up to
     ``max_order``; rows are prewhitened by it, and mixed by the covariance of the innovations of all joints. The noise
     is that of the residual of the fit itself, which is repeated until the parameters stand still, at most
-    ``iterations`` times (Cochrane and Orcutt, 1949). ``tolerance`` is that of ``LeastSquares``. The covariance is
-    s^2 (X' V^-1 X)^-1.
+    ``iterations`` times (Cochrane and Orcutt, 1949). The covariance is s^2 (X' V^-1 X)^-1.
 
     It is the best linear fit where the residual is noise. Where it is what the model lacks, slow and following the
     motion, prewhitening takes the slow part of the torque away with it, and fits what is left, where noise of the
@@ -75,24 +72,18 @@ class GeneralisedLeastSquares(LinearEstimator):
     """
 
     max_order: Annotated[int, Ge(1), Le(MAX_ORDER)] = 20
-    tolerance: Annotated[float, Gt(0), Le(MAX_RANK_TOLERANCE)] | None = None
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __post_init__(self) -> None:
-        _check_settings(self.tolerance, self.iterations)
-        if not 1 <= self.max_order <= MAX_ORDER:
-            raise ConfigError(f"max_order = {self.max_order} of the noise; give a whole number from 1 to {MAX_ORDER}.")
-
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the whitened rows; notes tell where the residual is more than noise."""
-        return fit_whitened(problem, self.max_order, self.iterations, self.tolerance)
+        return fit_whitened(problem, self.max_order, self.iterations)
 
     def quick(self) -> LeastSquares:
         """Return least squares with one weight for each joint."""
-        return LeastSquares(self.tolerance, "per_joint")
+        return LeastSquares(weights="per_joint")
 
     def __str__(self) -> str:
         return settings_text("generalised least squares, with autoregressive noise", self)
@@ -104,8 +95,8 @@ class WeightedLeastSquares(LinearEstimator):
 
     The covariance S (n, n) of V is that of the residual of the fit itself, which is repeated until the parameters stand
     still (Zellner, 1962; in robotics with variances alone: Gautier, 1997). Correlations that may be chance are drawn to
-    zero, or left out. The noise is taken as white in time, as ``GeneralisedLeastSquares`` does not. ``tolerance`` is
-    that of ``LeastSquares``, ``iterations`` the largest number of fits. The covariance is s^2 (X' V^-1 X)^-1.
+    zero, or left out. The noise is taken as white in time, as ``GeneralisedLeastSquares`` does not. ``iterations`` is
+    the largest number of fits. The covariance is s^2 (X' V^-1 X)^-1.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -118,38 +109,27 @@ class WeightedLeastSquares(LinearEstimator):
     (0, 0)
     """
 
-    tolerance: Annotated[float, Gt(0), Le(MAX_RANK_TOLERANCE)] | None = None
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        _check_settings(self.tolerance, self.iterations)
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows, mixed so that their noise is independent.
 
         A note tells where that leaves much more of the torque than least squares.
         """
-        return fit_whitened(problem, 0, self.iterations, self.tolerance)
+        return fit_whitened(problem, 0, self.iterations)
 
     def quick(self) -> LeastSquares:
         """Return least squares with one weight for each joint."""
-        return LeastSquares(self.tolerance, "per_joint")
+        return LeastSquares(weights="per_joint")
 
     def __str__(self) -> str:
         return settings_text("least squares, weighted by the noise of all joints", self)
 
 
-def _check_settings(tolerance: float | None, iterations: int) -> None:
-    """Raise ConfigError for invalid settings of ``fit_whitened``."""
-    check_tolerance(tolerance)
-    if not 1 <= iterations <= MAX_ITERATIONS:
-        raise ConfigError(f"iterations = {iterations} of the noise; give a whole number from 1 to {MAX_ITERATIONS}.")
-
-
-def fit_whitened(problem: Problem, max_order: int, iterations: int, tolerance: float | None = None) -> LinearFit:
+def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit:
     """Return the fit to the rows of a problem, whitened by the noise of its own residual.
 
     The noise is an autoregression of at most the order ``max_order`` for each joint, and the covariance of their
@@ -162,8 +142,8 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int, tolerance: f
         raise ConfigError("estimator: whitening needs all samples; take least squares or the consistent fit.")
     regression, parameters = replace(problem.regression, weights=(), whitening=None), problem.model.parameters
     triangular = problem.regression.triangular_factors
-    weights = joint_weights(triangular, "per_joint", WEIGHT_ITERATIONS, parameters, tolerance)
-    plain_factor, unwhitened_rank = weight_joints(triangular, weights, parameters, tolerance)
+    weights = joint_weights(triangular, "per_joint", WEIGHT_ITERATIONS, parameters)
+    plain_factor, unwhitened_rank = weight_joints(triangular, weights, parameters)
     start = value = solve_least_squares(plain_factor, unwhitened_rank).value
     floor, names = _rounding_floor(triangular), [joint.name for joint in problem.model.joints]
     orders: Sequence[int] | None = None
@@ -174,7 +154,7 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int, tolerance: f
         noise = Residuals.of(regression, value, floor).noise(max_order, unwhitened_rank.rank, orders)
         # changing orders would keep the parameters moving: after a few rounds only the coefficients are estimated anew
         orders = noise.orders if k + 1 >= ORDER_ROUNDS else None
-        factor, rank = _whiten_rows(regression, noise, unwhitened_rank, parameters, tolerance)
+        factor, rank = _whiten_rows(regression, noise, unwhitened_rank, parameters)
         step, value = _update_parameters(factor, rank, value, triangular.total)
         costly_note = _costly_note(triangular, value, start, floor, names)
         if step < MIN_STEP or costly_note:
@@ -203,10 +183,9 @@ def _whiten_rows(
     noise: Whitening,
     unwhitened_rank: Rank,
     parameters: Sequence[Parameter],
-    tolerance: float | None,
 ) -> tuple[Array, Rank]:
     triangular = replace(regression, whitening=noise).triangular_factors
-    return weight_joints(triangular, np.ones(len(triangular.rows)), parameters, tolerance, unwhitened_rank)
+    return weight_joints(triangular, np.ones(len(triangular.rows)), parameters, unwhitened_rank=unwhitened_rank)
 
 
 def _update_parameters(factor: Array, rank: Rank, previous: Array, total: int) -> tuple[float, Array]:

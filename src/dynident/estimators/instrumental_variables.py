@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -32,8 +32,6 @@ from dynident.estimators.least_squares import (
     LeastSquares,
     LinearEstimator,
     LinearFit,
-    Weights,
-    check_weights,
     fit_from_information,
     joint_weights,
     solve_least_squares,
@@ -44,7 +42,7 @@ from dynident.estimators.simulated_recordings import controller_of, find_first_m
 from dynident.models.simulation import Failure
 from dynident.motion.log import Motion
 from dynident.regression import Rank, Regression
-from dynident.runtime import ConfigError, Note, Step, choices, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, Step, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 InstrumentSource = Literal["auto", "simulated", "repeated", "lagged"]
@@ -198,7 +196,7 @@ MAX_LAG = 1e3  # s
 class InstrumentalVariables(LinearEstimator):
     """Instrumental variables, theta = (W' D^2 X)^-1 W' D^2 y, consistent although noise is in the regressor X.
 
-    W is the regressor of a motion whose errors are not those of X, D holds the ``weights`` of the joints. Which motion
+    W is the regressor of a motion whose errors are not those of X, D weights each joint by its residual. Which motion
     is said by ``instruments``: "simulated" is what the model makes under the same reference in the loop of the recorded
     controller, begun with least squares and repeated until theta stays (at most ``iterations``): it is consistent also
     where the loop feeds noise and disturbances back. "repeated" is another pass of the same motion, in another training
@@ -234,34 +232,23 @@ class InstrumentalVariables(LinearEstimator):
     instruments: InstrumentSource = "auto"
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
     lag: Annotated[float, Gt(0), Le(MAX_LAG)] | None = None
-    weights: Weights = "per_joint"
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __post_init__(self) -> None:
-        if self.instruments not in get_args(InstrumentSource):
-            raise ConfigError(
-                f"instruments = {self.instruments!r}; {choices(self.instruments, get_args(InstrumentSource))}"
-            )
-        check_weights(self.weights, self.iterations)
-        if self.lag is not None and not 0 < self.lag <= MAX_LAG:
-            raise ConfigError(f"lag = {self.lag} of the instruments; give a time (s) of at most {MAX_LAG:g}, or null.")
-
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the value with its information, as rows to which constraints can be added."""
         triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
-        weights = joint_weights(triangular, self.weights, 3, parameters)
+        weights = joint_weights(triangular, "per_joint", 3, parameters)
         factor, rank = weight_joints(triangular, weights, parameters)
         if not rank.rank:
             return LinearFit(factor, rank, triangular.total, weights)
         start = solve_least_squares(factor, rank).value
-        fit = InstrumentalRun(problem, self.instruments, self.iterations, self.lag, weights, rank, start).fit()
-        return replace(fit, weights=None) if self.weights == "equal" else fit
+        return InstrumentalRun(problem, self.instruments, self.iterations, self.lag, weights, rank, start).fit()
 
     def quick(self) -> LeastSquares:
         """Return least squares: what a search varies matters more than noise in the regressor."""
-        return LeastSquares(weights=self.weights)
+        return LeastSquares(weights="per_joint")
 
     def __str__(self) -> str:
         return settings_text("instrumental variables", self)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -18,7 +18,7 @@ from dynident.estimators.estimator import DataRank, Estimate, Estimator, Problem
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, Whitening, rank_of
-from dynident.runtime import ConfigError, Note, brief, choices, settings_repr, settings_text
+from dynident.runtime import Note, brief, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
@@ -237,22 +237,6 @@ def weight_joints(
     return factor, rank_of(factor, parameters, tolerance, None if np.ptp(weights) == 0 else rank)
 
 
-def check_weights(weights: str, iterations: int) -> None:
-    """Raise ConfigError for invalid settings of ``joint_weights``."""
-    if weights not in get_args(Weights):
-        raise ConfigError(f"weights = {weights!r} of the joints; {choices(weights, get_args(Weights))}")
-    if not 1 <= iterations <= MAX_ITERATIONS:
-        raise ConfigError(f"iterations = {iterations} of the weights; give a whole number from 1 to {MAX_ITERATIONS}.")
-
-
-def check_tolerance(tolerance: float | None) -> None:
-    """Raise ConfigError for an invalid tolerance of a rank."""
-    if tolerance is not None and not 0 < tolerance <= MAX_RANK_TOLERANCE:
-        raise ConfigError(
-            f"tolerance of the rank is {tolerance}; give a number between 0 and {MAX_RANK_TOLERANCE}, such as 1e-12."
-        )
-
-
 @dataclass(frozen=True)
 class LeastSquares(LinearEstimator):
     """Ordinary least squares, theta = (X' X)^-1 X' y, eq. (11); with ``weights`` "per_joint" weighted by joint.
@@ -279,10 +263,6 @@ class LeastSquares(LinearEstimator):
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 3
 
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        check_weights(self.weights, self.iterations)
-        check_tolerance(self.tolerance)
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows with the weights of their joints."""

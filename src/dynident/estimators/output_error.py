@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -16,7 +16,6 @@ from dynident.estimators.least_squares import (
     LeastSquares,
     LinearEstimator,
     LinearFit,
-    check_weights,
     estimate_of,
     fit_from_information,
     joint_weights,
@@ -35,11 +34,9 @@ from dynident.estimators.simulated_recordings import (
 )
 from dynident.runtime import (
     MEMORY_VARIABLE,
-    ConfigError,
     InputError,
     MissingInputError,
     brief,
-    choices,
     format_bytes,
     memory_budget,
     settings_repr,
@@ -146,9 +143,6 @@ class Didim(LinearEstimator):
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __post_init__(self) -> None:
-        check_weights("per_joint", self.iterations)
-
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; a note says where the iteration did not converge."""
         return self._fit(problem).estimate(problem)
@@ -225,16 +219,6 @@ class OutputError(LinearEstimator):
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        if self.loop not in get_args(LoopMode):
-            raise ConfigError(f"loop = {self.loop!r}; {choices(self.loop, get_args(LoopMode))}")
-        if self.torque not in get_args(TorqueSource):
-            raise ConfigError(f"torque = {self.torque!r}; {choices(self.torque, get_args(TorqueSource))}")
-        if self.segment is not None and not 0 < self.segment <= MAX_SEGMENT:
-            raise ConfigError(f"segment = {self.segment}; give a time (s) of at most {MAX_SEGMENT:g}, or null.")
-        if not 1 <= self.iterations <= MAX_ITERATIONS:
-            raise ConfigError(f"iterations = {self.iterations}; give a whole number from 1 to {MAX_ITERATIONS}.")
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; a note says where the iteration did not converge."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
+from dynident.estimators.instrument_moments import regularised_cholesky
 from dynident.estimators.instrumental_variables import InstrumentalVariables
 from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
 from dynident.estimators.simulated_recordings import (
@@ -163,14 +164,6 @@ def normal_equations(linear: Sequence[LinearisedStretch], damping: float = 0.0) 
     """Return J' J (r, r) and J' e (r) of all stretches, with the starts eliminated."""
     total = np.asarray(sum(stretch.normal(damping) for stretch in linear))
     return total[:-1, :-1], total[:-1, -1]
-
-
-def regularised_cholesky(matrix: Array) -> Array:
-    """Return the Cholesky factor (r, r) of a matrix, slightly regularised where it is singular."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    unit_matrix = matrix / np.outer(scale, scale)
-    ridge = 1e-13 * len(unit_matrix) * np.eye(len(unit_matrix))
-    return np.asarray(scale[:, None] * np.linalg.cholesky(unit_matrix + ridge))
 
 
 def output_information(linear: Sequence[LinearisedStretch], joints: int) -> Array:

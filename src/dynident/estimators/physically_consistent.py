@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -21,7 +21,6 @@ from dynident.estimators.least_squares import (
     LinearEstimator,
     LinearFit,
     Weights,
-    check_weights,
     joint_weights,
     weight_joints,
 )
@@ -203,7 +202,7 @@ class PhysicallyConsistent(Estimator):
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
-        check_weights(self.weights, self.iterations)
+        super().__post_init__()
         object.__setattr__(self, "total_mass", _to_tuples(self.total_mass))
         for name in ("bounds", "centre_of_mass", "prior"):
             setting = getattr(self, name)
@@ -214,16 +213,6 @@ class PhysicallyConsistent(Estimator):
     def _check_settings(self) -> None:
         if not isinstance(self.fit, LinearEstimator | None):
             raise ConfigError(f"fit = {self.fit!r}: is not linear in the parameters; give one such as LeastSquares().")
-        if self.distance not in get_args(Distance):
-            raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
-        if isinstance(self.prior, str) and self.prior not in get_args(NamedPrior):
-            raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, get_args(NamedPrior))}")
-        if self.strength != "auto" and not 0 <= self.strength <= MAX_STRENGTH:
-            raise ConfigError(f"strength = {self.strength}; give a number from 0 to {MAX_STRENGTH:g}, or 'auto'.")
-        for name, largest in (("threshold", MAX_RANK_TOLERANCE), ("margin", 1.0)):
-            value = getattr(self, name)
-            if value is not None and not 0 < value <= largest:
-                raise ConfigError(f"{name} = {value}; give a number between 0 and {largest:g}, such as 1e-6.")
         for name, value in () if isinstance(self.prior, str) else dict(self.prior).items():
             if not abs(value) <= MAX_LIMIT:
                 raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_LIMIT:g} in size.")

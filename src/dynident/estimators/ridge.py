@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Consistency, Estimate, Problem, Provenance
@@ -68,20 +68,16 @@ class Ridge(LinearEstimator):
 
     prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     strength: Annotated[float, Ge(0), Le(MAX_STRENGTH)] | Literal["auto"] = "auto"
-    tolerance: Annotated[float, Gt(0), Le(0.01)] | None = None
 
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
         if isinstance(self.prior, Mapping):
             object.__setattr__(self, "prior", tuple(self.prior.items()))
-        if isinstance(self.prior, str) and self.prior not in get_args(NamedPrior):
-            raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, get_args(NamedPrior))}")
+        super().__post_init__()
         for name, value in self._prior_values.items():
             if not abs(value) <= MAX_PRIOR:
                 raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_PRIOR:g} in size.")
-        if self.strength != "auto" and not 0 <= self.strength <= MAX_STRENGTH:
-            raise ConfigError(f"strength = {self.strength}; give a number from 0 to {MAX_STRENGTH:g}, or 'auto'.")
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -128,14 +124,14 @@ class Ridge(LinearEstimator):
     def _fit(self, problem: Problem) -> tuple[Information, Information, LinearFit]:
         """Return the information of the data, the same with the prior, and its rows."""
         parameters, triangular = problem.model.parameters, problem.regression.triangular_factors
-        weights = joint_weights(triangular, "per_joint", 3, parameters, self.tolerance)
+        weights = joint_weights(triangular, "per_joint", 3, parameters)
         prior = self._prior(problem.model)
         scale = _usual_sizes(problem.model, triangular, weights)
-        information = _information(triangular, weights, scale, problem.model, self.tolerance)
+        information = _information(triangular, weights, scale, problem.model)
         strength = self.strength
         notes: tuple[Note, ...] = ()
         if strength == "auto":
-            strength = _choose_strength(problem, prior, weights, scale, self.tolerance)
+            strength = _choose_strength(problem, prior, weights, scale)
             notes = (DrawnToPrior(strength),) if strength else ()
         posterior = add_prior(information, prior, strength)
         plain = _rows_from_information(information, problem, triangular.total, weights)
@@ -168,11 +164,9 @@ def _usual_sizes(model: Model, triangular: TriangularFactors, weights: Array) ->
     return parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
 
 
-def _information(
-    triangular: TriangularFactors, weights: Array, scale: Array, model: Model, tolerance: float | None
-) -> Information:
+def _information(triangular: TriangularFactors, weights: Array, scale: Array, model: Model) -> Information:
     """Return the information of the rows with these weights (n)."""
-    factor, rank = weight_joints(triangular, weights, model.parameters, tolerance)
+    factor, rank = weight_joints(triangular, weights, model.parameters)
     return information_from_factor(factor, scale, rank, triangular.total)
 
 
@@ -191,7 +185,7 @@ def _rows_from_information(information: Information, problem: Problem, total: in
     return LinearFit(factor, rank, total, weights)
 
 
-def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Array, tolerance: float | None) -> float:
+def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Array) -> float:
     """Return the strength that best predicts blocks of the data from the others, 0 where none is clearly better."""
     parts = _time_blocks(problem.regression)
     if len(parts) < 3 or sum(part.total for part in parts) < MIN_ROWS_PER_PARAMETER * len(scale):
@@ -202,7 +196,7 @@ def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Arra
         [
             _prediction_errors(
                 part,
-                _information(merge_factors([*parts[:k], *parts[k + 1 :]]), weights, scale, problem.model, tolerance),
+                _information(merge_factors([*parts[:k], *parts[k + 1 :]]), weights, scale, problem.model),
                 prior,
             )
             for k, part in enumerate(parts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -22,7 +22,7 @@ from dynident.estimators.least_squares import (
 )
 from dynident.estimators.notes import Downweighted, StillMoving
 from dynident.regression import Rank, Regression, one_thread, rank_of
-from dynident.runtime import ConfigError, Note, Step, brief, choices, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, Step, brief, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -200,14 +200,6 @@ class RobustLeastSquares(LinearEstimator):
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        if self.loss not in get_args(Loss):
-            raise ConfigError(f"loss = {self.loss!r}; {choices(self.loss, get_args(Loss))}")
-        if self.tuning is not None and not 0 < self.tuning <= MAX_TUNING:
-            raise ConfigError(f"tuning = {self.tuning}; give standard deviations such as {DEFAULT_TUNING[self.loss]}.")
-        if not 1 <= self.iterations <= MAX_ITERATIONS:
-            raise ConfigError(f"iterations = {self.iterations}; give a whole number from 1 to {MAX_ITERATIONS}.")
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows with the weights of the last step.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
@@ -95,6 +95,7 @@ def _smoothing_cutoff(measured: Array, smooth: Array, step: float) -> float:
 
 
 MAX_ERROR = 1e9
+SEED = 0  # of the errors that are drawn
 MAX_DRAWS, TOTAL_SAMPLES = 8, 20_000  # of the errors of the motion, at most; samples that are enough
 MAX_ROUNDS, CONVERGED_CHANGE = 50, 1e-10
 MIN_TORQUE_SHARE = (
@@ -145,23 +146,18 @@ class TotalLeastSquares(LinearEstimator):
 
     errors: Literal["motion"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "motion"
     torque: Annotated[float, Gt(0), Le(MAX_ERROR)] | None = None
-    tolerance: Annotated[float, Gt(0), Le(0.01)] | None = None
-    seed: Annotated[int, Ge(0), Le(2**32 - 1)] = 0
 
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
         if isinstance(self.errors, Mapping):
             object.__setattr__(self, "errors", tuple(self.errors.items()))
-        if isinstance(self.errors, str) and self.errors != "motion":
-            raise ConfigError(f"errors = {self.errors!r}; {choices(self.errors, ['motion'])}, or sizes by parameter.")
+        super().__post_init__()
         for name, value in self._stated_errors.items():
             if not 0 <= value <= MAX_ERROR:
                 raise ConfigError(
                     f"errors: {name} = {value}; give a standard deviation, a number from 0 to {MAX_ERROR:g}."
                 )
-        if self.torque is not None and not 0 < self.torque <= MAX_ERROR:
-            raise ConfigError(f"torque = {self.torque}; give the standard deviation of its error, a positive number.")
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -191,8 +187,8 @@ class TotalLeastSquares(LinearEstimator):
         """
         regression, parameters = problem.regression, problem.model.parameters
         triangular = regression.triangular_factors
-        w = joint_weights(triangular, "per_joint", 3, parameters, self.tolerance)
-        factor, rank = weight_joints(triangular, w, parameters, self.tolerance)
+        w = joint_weights(triangular, "per_joint", 3, parameters)
+        factor, rank = weight_joints(triangular, w, parameters)
         C = self._error_covariance(problem, w)
         if not C.any():
             return LinearFit(factor, rank, triangular.total, w)
@@ -208,9 +204,7 @@ class TotalLeastSquares(LinearEstimator):
         model, triangular = problem.model, problem.regression.triangular_factors
         if self.errors == "motion":
             return (
-                _motion_error_covariance(problem, w, np.random.default_rng(self.seed))
-                if problem.logs
-                else np.zeros((1, 1))
+                _motion_error_covariance(problem, w, np.random.default_rng(SEED)) if problem.logs else np.zeros((1, 1))
             )
         for name in self._stated_errors:
             if name not in model.names:

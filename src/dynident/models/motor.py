@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
@@ -56,8 +57,90 @@ class RotorInertia(PerJoint):
         return np.ones_like(ddq)
 
 
+class _MotorTerm(Term):
+    """Base of the terms of a motor at phi = sum c_k q_k: its torque f acts on the joints as tau_k = c_k f.
+
+    A subclass gives ``_parts``, f as terms of an arm whose only joint is the motor (``_motor``).
+    """
+
+    joints: tuple[Joint, ...]
+    coefficients: Mapping[str, float] | tuple[tuple[str, float], ...]
+    name: str
+
+    def _set_coefficients(self) -> None:
+        """Turn joints and coefficients into tuples; raise ModelError for wrong ones."""
+        object.__setattr__(self, "coefficients", tuple((str(name), float(c)) for name, c in self._pairs))
+        object.__setattr__(self, "joints", tuple(self.joints))
+        where, joint_names, coupled_names = f"Coupling {self.name!r}", [joint.name for joint in self.joints], set()
+        for name, c in self._pairs:
+            if name not in joint_names:
+                raise ModelError(f"{where}: no joint {name!r}; {choices(name, joint_names)}")
+            if name in coupled_names:
+                raise ModelError(f"{where}: joint {name!r} is listed twice.")
+            coupled_names.add(name)
+            if c == 0 or not np.isfinite(c):
+                raise ModelError(
+                    f"{where}: the coefficient of {name!r} is {c}; give a finite, nonzero one, or leave the joint out."
+                )
+        if not coupled_names:
+            raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{joint_names[0]!r}: 1.0}}.")
+
+    @property
+    @abstractmethod
+    def _parts(self) -> tuple[JointTerm, ...]:
+        """The parts of f."""
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        """Where Y can be other than zero, shape (n, p): at the joints that are coupled."""
+        return np.repeat(self._coefficient_vector[:, None] != 0, len(self._parts), axis=1)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return Y, shape (N, n, p), for q, dq, ddq (N, n) in rad or m and seconds."""
+        # the parts are functions of phi = c'q, and their torque f acts on the joints as c f
+        motor = self._motor_states(q, dq, ddq)
+        f = np.concatenate([part.regressor(*motor) for part in self._parts], axis=2)
+        return np.asarray(self._coefficient_vector[:, None] * f)
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
+        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n)."""
+        # chain rule of phi = c'q for the torques c f: the slopes of f by phi times c c'
+        motor, outer = self._motor_states(q, dq, ddq), np.outer(self._coefficient_vector, self._coefficient_vector)
+        slopes = [part.partials(*motor, x) for part, x in zip(self._parts, theta[:, None], strict=True)]
+        return Partials(*(outer * sum(getattr(slope, wrt) for slope in slopes) for wrt in ("q", "dq", "ddq")))
+
+    @property
+    def _pairs(self) -> tuple[tuple[str, float], ...]:
+        return tuple(self.coefficients.items()) if isinstance(self.coefficients, Mapping) else self.coefficients
+
+    @property
+    def _motor(self) -> Joint:
+        """The motor as a joint, which slides where all of its joints do."""
+        kinds = {joint.name: joint.kind for joint in self.joints}
+        slides = all(kinds[name] == "prismatic" for name, _ in self._pairs)
+        return Joint(self.name, "prismatic" if slides else "revolute")
+
+    @cached_property
+    def _coefficient_vector(self) -> Array:
+        """The coefficients (n) of the joints, zero for those that are not coupled."""
+        return np.array([dict(self._pairs).get(joint.name, 0.0) for joint in self.joints])
+
+    def _motor_states(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
+        c = self._coefficient_vector[:, None]
+        return q @ c, dq @ c, ddq @ c
+
+    def _motor_width(self, width: Array) -> float:
+        """Return the width of the sign of dphi for those (n) of the joints: independent ones add as squares."""
+        return float(np.linalg.norm(self._coefficient_vector * width))
+
+    def _expression(self, parameter: Parameter) -> str:
+        """Return what a parameter of a part is, at the motor."""
+        position_text = " + ".join(f"{c:g} {name}" for name, c in self._pairs).replace("+ -", "- ")
+        return f"{parameter.expression} of the motor at {position_text}"
+
+
 @dataclass(frozen=True)
-class CoupledMotor(Term):
+class CoupledMotor(_MotorTerm):
     """A motor coupled to several joints, phi = sum c_k q_k, with its own rotor inertia and friction.
 
     Its torque f = Ia ddphi + Fv dphi + Fc sign(dphi) + offset acts on the joints as tau_k = c_k f (principle of virtual
@@ -88,12 +171,8 @@ class CoupledMotor(Term):
     values: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        coefficients = self.coefficients
-        pairs = coefficients.items() if isinstance(coefficients, Mapping) else coefficients
-        object.__setattr__(self, "coefficients", tuple((str(name), float(c)) for name, c in pairs))
-        object.__setattr__(self, "joints", tuple(self.joints))
+        self._set_coefficients()
         where = f"Coupling {self.name!r}"
-        self._check_pairs(where)
         if not self._parts:
             raise ModelError(f"{where}: no part is left; switch on one of inertia, viscous, coulomb and offset.")
         if self.values is not None:
@@ -102,29 +181,13 @@ class CoupledMotor(Term):
                 names = ", ".join(parameter.name for part in self._parts for parameter in part.parameters)
                 raise ModelError(f"{where}: {len(self.values)} values for {len(self._parts)} parameters ({names}).")
 
-    def _check_pairs(self, where: str) -> None:
-        joint_names, coupled_names = [joint.name for joint in self.joints], set()
-        for name, c in self._pairs:
-            if name not in joint_names:
-                raise ModelError(f"{where}: no joint {name!r}; {choices(name, joint_names)}")
-            if name in coupled_names:
-                raise ModelError(f"{where}: joint {name!r} is listed twice.")
-            coupled_names.add(name)
-            if c == 0 or not np.isfinite(c):
-                raise ModelError(
-                    f"{where}: the coefficient of {name!r} is {c}; give a finite, nonzero one, or leave the joint out."
-                )
-        if not coupled_names:
-            raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{joint_names[0]!r}: 1.0}}.")
-
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of the parts that are switched on, in the order of the switches."""
         parameters = [parameter for part in self._parts for parameter in part.parameters]
-        position_text = " + ".join(f"{c:g} {name}" for name, c in self._pairs).replace("+ -", "- ")
         values = self.values or (None,) * len(parameters)
         return tuple(
-            replace(parameter, expression=f"{parameter.expression} of the motor at {position_text}", value=value)
+            replace(parameter, expression=self._expression(parameter), value=value)
             for parameter, value in zip(parameters, values, strict=True)
         )
 
@@ -135,57 +198,23 @@ class CoupledMotor(Term):
         return tuple(replace(law, on=self._pairs, motor=self.name) for law in laws)
 
     @property
-    def support(self) -> NDArray[np.bool_]:
-        """Where Y can be other than zero, shape (n, p): at the joints that are coupled."""
-        return np.repeat(self._coefficient_vector[:, None] != 0, len(self._parts), axis=1)
-
-    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return Y, shape (N, n, p), for q, dq, ddq (N, n) in rad or m and seconds."""
-        # the parts are functions of phi = c'q, and their torque f acts on the joints as c f
-        motor = self._motor_states(q, dq, ddq)
-        f = np.concatenate([part.regressor(*motor) for part in self._parts], axis=2)
-        return np.asarray(self._coefficient_vector[:, None] * f)
-
-    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
-        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n)."""
-        # chain rule of phi = c'q for the torques c f: the slopes of f by phi times c c'
-        motor, outer = self._motor_states(q, dq, ddq), np.outer(self._coefficient_vector, self._coefficient_vector)
-        slopes = [part.partials(*motor, x) for part, x in zip(self._parts, theta[:, None], strict=True)]
-        return Partials(*(outer * sum(getattr(slope, wrt) for slope in slopes) for wrt in ("q", "dq", "ddq")))
-
-    @property
     def discontinuous(self) -> bool:
         """Whether the torque jumps with the sign of the motor's velocity."""
         return self.coulomb and not (self.width or self.dead_band)
 
     def with_smooth_sign(self, width: Array) -> tuple[CoupledMotor]:
         """Return the motor with the ``width`` of its sign propagated from those (n) of its joints."""
-        return (replace(self, width=float(np.linalg.norm(self._coefficient_vector * width))),)
-
-    @property
-    def _pairs(self) -> tuple[tuple[str, float], ...]:
-        return tuple(self.coefficients.items()) if isinstance(self.coefficients, Mapping) else self.coefficients
-
-    @cached_property
-    def _coefficient_vector(self) -> Array:
-        """The coefficients (n) of the joints, zero for those that are not coupled."""
-        return np.array([dict(self._pairs).get(joint.name, 0.0) for joint in self.joints])
+        return (replace(self, width=self._motor_width(width)),)
 
     @cached_property
     def _parts(self) -> tuple[PerJoint, ...]:
         """The parts as terms of an arm whose only joint is the motor."""
-        kinds = {joint.name: joint.kind for joint in self.joints}
-        slides = all(kinds[name] == "prismatic" for name, _ in self._pairs)
-        motor = (Joint(self.name, "prismatic" if slides else "revolute"),)
+        motor = (self._motor,)
         # built even where it is switched off, so that its width and dead band are checked
         coulomb = Coulomb(motor, width=self.width, dead_band=self.dead_band)
         switches = (self.inertia, self.viscous, self.coulomb, self.offset)
         parts = (RotorInertia(motor), Viscous(motor), coulomb, Offset(motor))
         return tuple(part for part, switch in zip(parts, switches, strict=True) if switch)
-
-    def _motor_states(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
-        c = self._coefficient_vector[:, None]
-        return q @ c, dq @ c, ddq @ c
 
 
 Law = Literal["coulomb", "stribeck", "power", "asymmetric_viscous"]
@@ -198,7 +227,7 @@ LAWS: Mapping[str, type[JointTerm]] = {
 
 
 @dataclass(frozen=True)
-class CoupledFriction(Term):
+class CoupledFriction(_MotorTerm):
     """Friction of a motor at phi = sum c_k q_k: a torque f(dphi) of the motor, c_k f on each of its joints.
 
     ``law`` names f by its kind, with the constants of its shape in ``settings``, in units of dphi (rad/s, or m/s where
@@ -221,9 +250,7 @@ class CoupledFriction(Term):
     settings: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
-        motor = CoupledMotor(self.joints, self.coefficients, self.name)  # checks them
-        object.__setattr__(self, "joints", motor.joints)
-        object.__setattr__(self, "coefficients", motor.coefficients)
+        self._set_coefficients()
         settings = self.settings
         pairs = settings.items() if isinstance(settings, Mapping) else settings
         object.__setattr__(self, "settings", tuple((str(name), value) for name, value in pairs))
@@ -254,14 +281,7 @@ class CoupledFriction(Term):
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of the law."""
         (parameter,) = self._friction.parameters
-        position_text = " + ".join(f"{c:g} {name}" for name, c in self._pairs).replace("+ -", "- ")
-        return (
-            replace(
-                parameter,
-                name=f"{self.law}_{self.name}",
-                expression=f"{parameter.expression} of the motor at {position_text}",
-            ),
-        )
+        return (replace(parameter, name=f"{self.law}_{self.name}", expression=self._expression(parameter)),)
 
     @property
     def equations(self) -> tuple[Equation, ...]:
@@ -269,22 +289,6 @@ class CoupledFriction(Term):
         name = self.parameters[0].name
         laws = self._friction.equations
         return tuple(replace(law, parameters=(name,), on=self._pairs, motor=self.name) for law in laws)
-
-    @property
-    def support(self) -> NDArray[np.bool_]:
-        """Where Y can be other than zero, shape (n, 1): at the joints that are coupled."""
-        return np.asarray(self._coefficient_vector[:, None] != 0)
-
-    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return Y, shape (N, n, 1), for q, dq, ddq (N, n) in rad or m and seconds."""
-        return np.asarray(self._coefficient_vector[:, None] * self._friction.regressor(*self._motor_states(q, dq, ddq)))
-
-    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
-        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n)."""
-        slopes = self._friction.partials(*self._motor_states(q, dq, ddq), theta)
-        # chain rule of phi = c'q for the torques c f: the slopes of f by phi times c c'
-        outer = np.outer(self._coefficient_vector, self._coefficient_vector)
-        return Partials(*(outer * getattr(slopes, wrt) for wrt in ("q", "dq", "ddq")))
 
     @property
     def discontinuous(self) -> bool:
@@ -295,9 +299,7 @@ class CoupledFriction(Term):
         """Return the friction with the ``width`` of its sign propagated from those (n) of its joints."""
         if not self.discontinuous:
             return (self,)
-        # the motor turns at c'dq, so that independent widths of the joints add as squares
-        motor_width = float(np.linalg.norm(self._coefficient_vector * width))
-        return (replace(self, settings=dict(self._constants) | {"width": motor_width}),)
+        return (replace(self, settings=dict(self._constants) | {"width": self._motor_width(width)}),)
 
     def numpy_source(self, name: str, theta: Array) -> str:
         """Return the text of a function of q, dq and ddq that gives Y theta."""
@@ -309,26 +311,14 @@ class CoupledFriction(Term):
         )
 
     @property
-    def _pairs(self) -> tuple[tuple[str, float], ...]:
-        return tuple(self.coefficients.items()) if isinstance(self.coefficients, Mapping) else self.coefficients
-
-    @property
     def _constants(self) -> tuple[tuple[str, float], ...]:
         return tuple(self.settings.items()) if isinstance(self.settings, Mapping) else self.settings
 
     @cached_property
-    def _coefficient_vector(self) -> Array:
-        """The coefficients (n) of the joints, zero for those that are not coupled."""
-        return np.array([dict(self._pairs).get(joint.name, 0.0) for joint in self.joints])
-
-    @cached_property
     def _friction(self) -> JointTerm:
         """The law as a term of an arm whose only joint is the motor."""
-        kinds = {joint.name: joint.kind for joint in self.joints}
-        slides = all(kinds[name] == "prismatic" for name, _ in self._pairs)
-        motor = Joint(self.name, "prismatic" if slides else "revolute")
-        return LAWS[self.law]((motor,), **dict(self._constants))  # type: ignore[arg-type]
+        return LAWS[self.law]((self._motor,), **dict(self._constants))  # type: ignore[arg-type]
 
-    def _motor_states(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
-        c = self._coefficient_vector[:, None]
-        return q @ c, dq @ c, ddq @ c
+    @property
+    def _parts(self) -> tuple[JointTerm, ...]:
+        return (self._friction,)

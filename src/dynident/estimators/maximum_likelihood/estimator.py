@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from dynident.estimators.barrier import Barrier
@@ -41,9 +41,11 @@ from dynident.models import Model, to_pseudo
 from dynident.motion.log import Log
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Rank, rank_of
-from dynident.runtime import ConfigError, InputError, ModelError, Note, choices, settings_repr, settings_text
+from dynident.runtime import InputError, ModelError, Note, settings_repr, settings_text
 
 Array = NDArray[np.float64]
+BARRIER_WEIGHT = 1e-3  # of the barrier that keeps inertia and friction physical, in half squared standard deviations
+TOLERANCE = 1e-5  # expected decrease of the cost that ends the iteration, in the same unit
 MIN_PRIOR_EIGENVALUE = 0.01  # least eigenvalue of a prior, relative to its diagonal
 POSES = 16  # configurations of the recordings at which the mass matrix must be positive definite
 START_SLACK = 0.3  # slack of the start, relative to the usual size
@@ -81,9 +83,7 @@ class MaximumLikelihood(Estimator):
 
     The iteration starts from least squares, or from the physically consistent fit for bodies, moved into the feasible
     set; where it fails, the start is returned, with a note. The discontinuous sign of Coulomb friction is smoothed over
-    the uncertainty of the velocity. The ``weight`` of the barrier that keeps inertia and friction physical is in units
-    of half a squared standard deviation. ``iterations`` and ``tolerance`` (expected decrease of the cost, in the same
-    units) end the iteration.
+    the uncertainty of the velocity. ``iterations`` at most.
 
     Calling it with a ``Problem`` gives an ``Estimate``. Raises ConfigError for bad settings.
 
@@ -106,33 +106,11 @@ class MaximumLikelihood(Estimator):
     huber: Annotated[float, Gt(0), Le(MAX_SETTING)] | None = None
     rounds: Annotated[int, Ge(1), Le(MAX_ROUNDS)] = 2
     profile: Annotated[float, Gt(0), Le(MAX_SETTING)] | None = 0.4
-    weight: Annotated[float, Gt(0), Lt(1)] = 1e-3
-    tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-5
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 60
     rate: Annotated[float, Ge(MIN_RATE)] | None = 1100.0
 
     needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
-
-    def __post_init__(self) -> None:
-        if self.start not in get_args(StartMode):
-            raise ConfigError(f"start = {self.start!r}; {choices(self.start, get_args(StartMode))}")
-        for name, lower, upper in (
-            ("spacing", MIN_SPACING, np.inf),
-            ("huber", 0.0, MAX_SETTING),
-            ("profile", 0.0, MAX_SETTING),
-            ("rate", MIN_RATE, np.inf),
-        ):
-            value = getattr(self, name)
-            if value is not None and not (0 < value < np.inf and lower <= value <= upper):
-                limits = _range_text(lower, upper)
-                raise ConfigError(f"{name} = {value}; give a positive number{limits}, or leave it out.")
-        for name, upper in (("rounds", MAX_ROUNDS), ("iterations", MAX_ITERATIONS)):
-            if not 1 <= getattr(self, name) <= upper:
-                raise ConfigError(f"{name} = {getattr(self, name)}; give a whole number from 1 to {upper}.")
-        for name in ("weight", "tolerance"):
-            if not 0 < getattr(self, name) < 1:
-                raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-3.")
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on the iteration. Raises ConfigError, InputError and ModelError as the start does."""
@@ -154,11 +132,6 @@ class MaximumLikelihood(Estimator):
         return settings_text("maximum likelihood", self)
 
 
-def _range_text(lower: float, upper: float) -> str:
-    """Return the limits of a setting as text, where there are any."""
-    return (f" of at least {lower:g}" if lower else "") + (f" of at most {upper:g}" if upper < np.inf else "")
-
-
 @dataclass(eq=False)
 class _LikelihoodRun:
     """One estimation in progress: the search and its notes."""
@@ -178,14 +151,14 @@ class _LikelihoodRun:
         measurements, notes = recordings(problem, settings.rate, steps=find_steps)
         # theta moves only where the data or a prior determine it
         barrier, directions = movable_directions(
-            Barrier(psd_constraints(model, measurements.logs, start.value), settings.weight),
+            Barrier(psd_constraints(model, measurements.logs, start.value), BARRIER_WEIGHT),
             rank_of(problem.regression.triangular_factors.stack(), model.parameters),
         )
         theta = move_into_constraints(start.value, problem, barrier.psd_constraints)
         sigma_q, sigma_tau = estimate_noise(measurements.logs)
         sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # the misfit of the model counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
-        newton_settings = NewtonSettings(settings.tolerance, settings.iterations, newton=not bodies)
+        newton_settings = NewtonSettings(TOLERANCE, settings.iterations, newton=not bodies)
         sigma = Sigma(sigma_q, sigma_tau)
         search = LikelihoodSearch(model, measurements, barrier, newton_settings, directions, theta, sigma)
         return cls(settings, problem, start, search, notes)

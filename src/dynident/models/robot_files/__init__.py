@@ -1,7 +1,8 @@
 """The content of robot files (URDF, MJCF): bodies, joints, limits and shapes."""
 
 from dynident.models.robot_files.arm import Arm, ArmBody, assemble, displace_joints
-from dynident.models.robot_files.mjcf import UNNAMED, mjcf_shapes, read_mjcf
+from dynident.models.robot_files.mjcf import mjcf_shapes, read_mjcf
+from dynident.models.robot_files.mjcf_compile import UNNAMED, compile_mjcf
 from dynident.models.robot_files.urdf import read_urdf, urdf_shapes
 from dynident.models.robot_files.xml import (
     MAX_NUMBER,
@@ -43,6 +44,7 @@ __all__ = [
     "assemble",
     "check_known",
     "check_unique",
+    "compile_mjcf",
     "displace_joints",
     "exact_angle",
     "mjcf_shapes",

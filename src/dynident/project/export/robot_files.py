@@ -8,9 +8,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.files.mesh_inertias import inertial_element, named_body_nodes
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies, to_physical
-from dynident.models.robot_files import UNNAMED
 from dynident.project.export.identified import Drives, IdentifiedModel, LinkInertias, drives, link_inertias
 from dynident.project.export.written import ExportText, move_notes, place_values
 from dynident.runtime import ModelError
@@ -21,7 +21,6 @@ FILE_ATTRIBUTES = {"mesh": ("filename",), "texture": ("filename",), "compiler": 
 TENSOR_ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 # compiler settings that change inertias
 ALTERING_SETTINGS = "balanceinertia", "boundmass", "boundinertia", "settotalmass"
-FULL_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 ZERO_INERTIAL = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
 
 LINK_NAME = "payload"
@@ -229,27 +228,22 @@ def _set_identified(text: XmlText, bodies: RigidBodies, joint_drives: Drives, sh
     """Set the inertias of bodies, and the attributes of their joints."""
     joints = {body.joint.name for body in bodies.arm.bodies}
     links = {name: theta for name, theta in bodies.file.links.items() if theta is not None}
-    altered, count = bool(_altering_settings(text)), 0
-    for node in _body_nodes(text):
-        # bodies without a name are numbered in the order of the file, as the parser numbers them
-        count += node.tag == "body"
-        name = node.attributes.get("name") or (UNNAMED.format(count) if node.tag == "body" else "")
-        if node.tag == "body" and name in shares.links:
+    altered = bool(_altering_settings(text))
+    for name, node in named_body_nodes(text):
+        if name in shares.links:
             _set_mjcf_inertia(text, node, name, shares.links[name], bodies.file.origins[name])
-        elif node.tag == "body" and name in links and (altered or node.find("inertial") is None):
+        elif name in links and (altered or node.find("inertial") is None):
             # of shapes, or as the compiler alters it; without its settings and without shapes it is the same
             _set_mjcf_inertia(text, node, name, links[name], bodies.file.origins[name])
-        elif node.tag == "joint" and name in joints:
+    for node in _body_nodes(text):
+        if node.tag == "joint" and (name := node.attributes.get("name", "")) in joints:
             _set_drive(text, node, joint_drives, name)
 
 
 def _set_mjcf_inertia(text: XmlText, body: XmlNode, name: str, theta: Array | None, origin: Array) -> None:
     element = ZERO_INERTIAL
     if theta is not None and theta.any():
-        # MuJoCo wants the inertia about the centre of mass
-        mass, centre, tensor = to_physical(theta, name)
-        full = numbers_text(tensor[place] for place in FULL_INERTIA)
-        element = f'<inertial pos="{numbers_text(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
+        element = inertial_element(theta, origin, name)
     inertial = body.find("inertial")
     if inertial is None:
         text.insert(body, element)

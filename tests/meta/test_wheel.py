@@ -116,6 +116,7 @@ def test_the_wheel_says_what_it_is(wheel: Path) -> None:
     assert head["Version"] == __version__
     assert head["Requires-Python"] == ">=3.11"
     assert head["License-Expression"] == "BSD-3-Clause"
+    assert str(head.get_payload()).startswith("# dynident")
 
 
 def test_the_installed_package_is_the_wheels(installed: Path, tmp_path: Path) -> None:

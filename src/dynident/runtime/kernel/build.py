@@ -1,7 +1,7 @@
 """Compiles the kernel with whatever C compiler there is; only the standard library is needed.
 
-Used where dynident is installed from sources (``hatch_build.py``, ``dev.py``) and for the wheels of other systems
-(``tools/wheels.py``), all of which load this file by its path, without dynident.
+Used where dynident is installed from sources (``hatch_build.py``, ``dev.py``), which load this file by its path, without
+dynident.
 """
 
 from __future__ import annotations

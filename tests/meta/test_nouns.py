@@ -9,7 +9,7 @@ import pkgutil
 import dynident
 
 GATHER = {
-    *("ArrayColumns", "CommandLog", "InputRegistry", "LineReader", "ResultFolder", "SampleReader", "Session", "Watch"),
+    *("CommandLog", "InputRegistry", "LineReader", "ResultFolder", "SampleReader", "Session", "Watch"),
     *("Descent", "InstrumentalRun", "JointSearch", "LikelihoodSearch", "_ConicProgram", "_LikelihoodRun"),
     *("XmlNode", "_Body", "_System", "_TermSelection"),
 }

@@ -64,8 +64,8 @@ def test_a_process_of_a_pool_has_one_thread() -> None:
 
 @forks
 def test_what_is_preloaded_is_there() -> None:
-    with local_workers(1, ["xml.dom.minidom"]) as executor:
-        assert [one.value for one in run_jobs(loaded, ["xml.dom.minidom", "xml.sax.xmlreader"], executor)] == [
+    with local_workers(1, ["colorsys"]) as executor:
+        assert [one.value for one in run_jobs(loaded, ["colorsys", "tabnanny"], executor)] == [
             True,
             False,
         ]

@@ -9,7 +9,7 @@ import pkgutil
 import dynident
 
 GATHER = {
-    *("CommandLog", "InputRegistry", "LineReader", "ResultFolder", "SampleReader", "Session", "Watch"),
+    *("CommandLog", "LineReader", "ResultFolder", "SampleReader", "Session", "Watch"),
     *("Descent", "InstrumentalRun", "JointSearch", "LikelihoodSearch", "_ConicProgram", "_LikelihoodRun"),
     *("XmlNode", "_Body", "_System", "_TermSelection"),
 }

@@ -15,7 +15,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.files.folder import whole_file, write_whole
-from dynident.files.opener import afford, content, real_path, refuse_inputs
+from dynident.files.opener import afford, cause, content, real_path, refuse_inputs
 from dynident.files.text import call_polars
 from dynident.runtime import ConfigError, InputError, choices
 
@@ -57,8 +57,7 @@ def probe_folder(folder: str | Path) -> None:
             for directory in created:
                 directory.rmdir()
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{folder}: nothing can be written here: {reason}. Choose another folder.") from error
+        raise InputError(f"{folder}: nothing can be written here: {cause(error)}. Choose another folder.") from error
 
 
 def append_log(path: Path, head: str) -> IO[str]:
@@ -76,7 +75,7 @@ def append_log(path: Path, head: str) -> IO[str]:
         if not file.tell():
             file.write(f"{head}\n")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}. Choose another name for the log.") from error
+        raise InputError(f"{path}: cannot be written: {cause(error)}. Choose another name for the log.") from error
     return file
 
 
@@ -105,8 +104,7 @@ def replace_text(path: Path, text: str, previous: str) -> None:
             if content(target, ConfigError, remember=False) != previous.encode():
                 raise ConfigError(f"{path}: {CHANGED_MESSAGE}")
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be written: {reason}. Nothing was changed; allow writing.") from error
+        raise InputError(f"{path}: cannot be written: {cause(error)}. Nothing was changed; allow writing.") from error
 
 
 def write_json(path: str | Path, data: Any) -> Path:
@@ -215,8 +213,7 @@ def write_bytes(path: Path, data: bytes) -> Path:
     try:
         write_whole(path, data)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
-            f"{path}: cannot be written: {reason}. Make room, allow writing, or choose another folder."
+            f"{path}: cannot be written: {cause(error)}. Make room, allow writing, or choose another folder."
         ) from error
     return path

@@ -178,10 +178,11 @@ def read_rows(path: Path, needed: Collection[str] | None, rows: slice) -> DataTa
 def count_rows(path: Path) -> int:
     """Return the number of rows of a Parquet file, by its footer; raises as ``read_columns``."""
     with report_damage(path), open_nonempty(path) as file:
-        return _row_count(file)
+        return row_count(file)
 
 
-def _row_count(file: BinaryIO) -> int:
+def row_count(file: BinaryIO) -> int:
+    """Return the number of rows of an open file, by its footer."""
     import polars as pl
 
     file.seek(0)
@@ -194,12 +195,12 @@ def _read_columns(
     """Read all rows, or a ``part`` of them, beside ``memory_in_use`` (bytes) of this file."""
     import polars as pl
 
-    total_rows = _row_count(file)
+    total_rows = row_count(file)
     file.seek(0)
     types = call_polars(lambda: pl.read_parquet_schema(file))
     start, rows = (0, total_rows) if part is None else (part.start, part.stop - part.start)
     # the length of lists is known only from the footer: without it, a short column could exhaust the memory
-    counts = value_counts(footer(file)) if any(map(_is_nested, types.values())) else {}
+    counts = value_counts(footer(file)) if any(kind.is_nested() for kind in types.values()) else {}
     counts = {path: entry * rows // max(total_rows, 1) for path, entry in counts.items()}
     leaves = [entry for name, kind in types.items() for entry in _leaves((name,), kind, pl.col(name))]
     faults = {
@@ -238,12 +239,6 @@ def _leaves(path: tuple[str, ...], kind: pl.DataType, expression: pl.Expr, level
             yield from _leaves((*path, field.name), field.dtype, inner, level + 1)  # type: ignore[arg-type,unused-ignore]
     else:
         yield _Leaf(path, kind, expression)
-
-
-def _is_nested(kind: pl.DataType) -> bool:
-    import polars as pl
-
-    return isinstance(kind, pl.List | pl.Array | pl.Struct)
 
 
 def _leaf_values(leaf: _Leaf, series: pl.Series) -> dict[str, Array] | str:

@@ -16,6 +16,7 @@ import numpy as np
 
 from dynident.files.folder import whole_file, write_whole
 from dynident.files.opener import afford, cause, content, real_path, refuse_inputs
+from dynident.files.parquet import row_count
 from dynident.files.text import call_polars
 from dynident.runtime import ConfigError, InputError, choices
 
@@ -142,23 +143,13 @@ def read_table(path: str | Path) -> pl.DataFrame:
         # a small compressed file could fill the memory
         if data.startswith(_COMPRESSION_MAGIC):
             raise ValueError("it is compressed")
-        return call_polars(lambda: _read_parquet(data, path) if kind == ".parquet" else _read_csv(data))
+        if kind == ".csv":
+            return call_polars(lambda: pl.read_csv(BytesIO(data), infer_schema_length=None))
+        rows, columns = row_count(BytesIO(data)), call_polars(lambda: pl.read_parquet_schema(BytesIO(data)))
+        afford(16 * rows * len(columns), f"{path}: its {rows} rows would take")
+        return call_polars(lambda: pl.read_parquet(BytesIO(data)))
     except (pl.exceptions.PolarsError, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
-
-
-def _read_csv(data: bytes) -> pl.DataFrame:
-    import polars as pl
-
-    return pl.read_csv(BytesIO(data), infer_schema_length=None)
-
-
-def _read_parquet(data: bytes, path: Path) -> pl.DataFrame:
-    import polars as pl
-
-    rows = pl.scan_parquet(BytesIO(data)).select(pl.len()).collect().item()
-    afford(16 * rows * len(pl.read_parquet_schema(BytesIO(data))), f"{path}: its {rows} rows would take")
-    return pl.read_parquet(BytesIO(data))
 
 
 def table_kind(path: Path) -> str:

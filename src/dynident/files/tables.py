@@ -23,7 +23,7 @@ from dynident.runtime.families import READERS
 
 PARQUET, BAG_FOLDER = ".parquet", ".db3"  # the kinds of folders
 Array = NDArray[np.float64]
-DAY = 86_400.0  # s
+DAY = 86_400  # s
 
 
 def is_divided(path: Path) -> bool:

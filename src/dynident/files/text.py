@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.files.opener import afford
-from dynident.files.tables import DataTable, nonempty_content
+from dynident.files.tables import DAY, DataTable, nonempty_content
 from dynident.runtime import InputError
 
 if TYPE_CHECKING:
     import polars as pl
 
 Array = NDArray[np.float64]
-_DAY = 86_400
 _STAMP = (
     r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2})[Tt ]\s*"
     r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"
@@ -70,7 +69,7 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     number = {key: parts[key].cast(pl.Int64).fill_null(0) for key in ("h", "m", "s", "zh", "zm")}
     sign = pl.select(pl.when(parts["sign"] == "-").then(-1).otherwise(1)).to_series()
     zone_minutes = sign * (60 * number["zh"] + number["zm"])
-    whole_seconds = 3600 * number["h"] + 60 * (number["m"] - zone_minutes) + number["s"] + _DAY * date.cast(pl.Int64)
+    whole_seconds = 3600 * number["h"] + 60 * (number["m"] - zone_minutes) + number["s"] + DAY * date.cast(pl.Int64)
     fraction = (parts["f"].fill_null("") + "000000000").str.slice(0, 9).cast(pl.Int64)
     return _since_midnight(whole_seconds, 1) + _to_seconds(
         fraction, 1_000_000_000
@@ -83,7 +82,7 @@ def seconds(series: pl.Series) -> Array:
 
     counts = series.to_physical().cast(pl.Int64)
     if series.dtype == pl.Date:
-        return _since_midnight(counts * _DAY, 1)
+        return _since_midnight(counts * DAY, 1)
     if series.dtype == pl.Time:
         return _to_seconds(counts, 1_000_000_000)
     rate = {"ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}[str(getattr(series.dtype, "time_unit", "us"))]
@@ -94,7 +93,7 @@ def _since_midnight(counts: pl.Series, rate: int) -> Array:
     """Return the seconds of integers (``rate`` per second) since the midnight before the first of them."""
     values = counts.drop_nulls()
     # integers are subtracted before the division, which keeps the full resolution
-    return _to_seconds(counts - (values[0] // (_DAY * rate) * _DAY * rate if len(values) else 0), rate)
+    return _to_seconds(counts - (values[0] // (DAY * rate) * DAY * rate if len(values) else 0), rate)
 
 
 def _to_seconds(counts: pl.Series, rate: int) -> Array:

@@ -9,8 +9,7 @@ python3 dev.py docs          the documentation as a site, with the API, in site/
 python3 dev.py bench [ARGS]  the benchmarks, with the peers they compare with
 python3 dev.py mutate [ARGS] the share of small faults, put into the core one by one, that its tests notice (hours)
 python3 dev.py robots        the robot files of two packages (300 MB), compared with Pinocchio and MuJoCo
-python3 dev.py wheels        a wheel for each system, with its kernel, in dist/; cross-compiled by the package ziglang
-python3 dev.py release [3.X] what is published, in dist/, tried in fresh environments of each Python that is found
+python3 dev.py release       source distribution and the wheel without a kernel, in dist/, tried in a fresh environment
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 import venv
 from collections.abc import Callable
 from pathlib import Path
@@ -32,7 +32,6 @@ PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 READERS = "hdf5,mujoco,ros,ui,xacro"  # extras for the files that a user may bring, and for the page of `tune`
 PEER = "figaroh==1.0.2"  # with twenty packages of its own
 MUTANTS = "cosmic-ray==8.7.0"
-ZIG = "ziglang==0.17.1"  # a C compiler for all systems; the bytes of the libraries depend on its version
 KERNEL = ROOT / "src" / "dynident" / "runtime" / "kernel"
 # what the kernel computes, for the tests on NumPy and LAPACK
 NUMERICAL = (
@@ -229,16 +228,22 @@ def robots(arguments: list[str]) -> None:
     run(PYTHON, "-m", "pytest", *ROBOT_TESTS, *arguments)
 
 
-def wheels(arguments: list[str]) -> None:
-    """Build a wheel for each system."""
-    pip("--constraint", "constraints.txt", ZIG)
-    run(PYTHON, "-P", "tools/wheels.py", *arguments)
-
-
-def release(arguments: list[str]) -> None:
-    """Build what is published, and try it in fresh environments."""
-    pip("--constraint", "constraints.txt", ZIG)
-    run(PYTHON, "-P", "tools/release.py", *arguments)
+def release(_: list[str]) -> None:
+    """Build the source distribution, and from it the wheel without a kernel; try that in a fresh environment."""
+    dist = ROOT / "dist"
+    shutil.rmtree(dist, ignore_errors=True)
+    os.environ["DYNIDENT_KERNEL"] = "off"
+    run(PYTHON, "-m", "hatchling", "build", "--target", "sdist")
+    (sdist,) = dist.glob("*.tar.gz")
+    run(PYTHON, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", dist, sdist)
+    (wheel,) = dist.glob("*.whl")
+    with tempfile.TemporaryDirectory() as place:
+        venv.create(place, with_pip=True)
+        python = Path(place, BIN.name, PYTHON.name)
+        run(python, "-m", "pip", "install", "--quiet", "--constraint", ROOT / "constraints.txt", wheel)
+        for words in (("--version",), ("reproduce", "--runs", "2", "--out", "study-out"), ("demo",)):
+            run(python, "-P", "-m", "dynident", *words, folder=Path(place))
+    print(f"{sdist.name} and {wheel.name} are in {dist}, and work.")
 
 
 # each with its extras
@@ -251,7 +256,6 @@ TASKS: dict[str, tuple[str, Callable[[list[str]], None]]] = {
     "bench": ("bench", bench),
     "mutate": ("dev", mutate),
     "robots": ("dev,xacro", robots),
-    "wheels": ("dev", wheels),
     "release": ("dev", release),
 }
 

@@ -7,6 +7,7 @@ for. Whatever goes wrong with a compiler is said by `pip install -v`, and is no 
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import subprocess
 import tempfile
@@ -69,9 +70,14 @@ class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
 
 
 def platform_tag() -> str:
-    """Return the tag of this machine alone: what is compiled here may not run on older systems."""
+    """Return the tag of this machine alone: what is compiled here may not run on older systems.
+
+    On macOS cibuildwheel names the oldest system that it compiles for; its tools find that of a library for Linux.
+    """
     from packaging.tags import sys_tags  # hatchling needs it, too
 
+    if oldest := os.environ.get("_PYTHON_HOST_PLATFORM"):
+        return re.sub("[.-]", "_", oldest)
     return next(
         tag.platform for tag in sys_tags() if "manylinux" not in tag.platform and "musllinux" not in tag.platform
     )

@@ -6,7 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.files.tables import count_rows, is_divided, read_columns, read_rows, recording_parts
+from dynident.files.parquet import count_rows, read_rows
+from dynident.files.tables import is_divided, read_columns, recording_parts
 from dynident.project.settings import LogSpec
 from dynident.runtime import InputError
 

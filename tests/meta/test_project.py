@@ -44,7 +44,10 @@ def test_the_tests_run_on_every_version_of_python_that_is_supported() -> None:
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
 def test_workflows_use_known_actions_and_tasks(path: Path) -> None:
     for step in (step for job in jobs(path) for step in job["steps"]):
-        assert re.fullmatch(r"actions/(checkout|setup-python)@v\d+", step.get("uses", "actions/checkout@v1"))
+        assert re.fullmatch(
+            r"(actions/(checkout|setup-python|upload-artifact)|pypa/cibuildwheel)@v[\d.]+",
+            step.get("uses", "actions/checkout@v1"),
+        )
         for line in step.get("run", "").splitlines():
             words = shlex.split(line)
             assert words[1] != "dev.py" or words[2] in TASKS, line

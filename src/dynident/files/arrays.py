@@ -6,8 +6,9 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, BinaryIO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
@@ -16,6 +17,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from dynident.files.opener import afford
+from dynident.files.tables import DataTable, open_nonempty
 from dynident.runtime import memory_budget
 
 Array = NDArray[np.float64]
@@ -53,28 +55,14 @@ class StoredArray:
 ArrayOrText = StoredArray | str  # a text describes what is no array of numbers
 
 
-@dataclass
-class ArrayColumns:
-    """The content of a file by name: columns and scalars as float64, faults, and the columns that were not needed.
-
-    ``guesses`` describes the arrays whose time was assumed to run along their rows.
-    """
-
-    columns: dict[str, Array] = field(default_factory=dict)
-    constants: dict[str, float] = field(default_factory=dict)
-    faults: dict[str, str] = field(default_factory=dict)
-    unread: list[str] = field(default_factory=list)
-    guesses: list[str] = field(default_factory=list)
-
-
 def wrap_array(array: NDArray[Any]) -> StoredArray:
     """Wrap an array that is in memory already."""
     return StoredArray(array.shape, array.dtype, lambda: array)
 
 
 def read_arrays(
-    items: Mapping[str, ArrayOrText], needed: Collection[str] | None, source: str, memory_in_use: int = 0
-) -> ArrayColumns:
+    items: Mapping[str, ArrayOrText], needed: Collection[str] | None, path: Path, memory_in_use: int = 0
+) -> DataTable:
     """Read the arrays; where ``needed`` is given, only those with such columns.
 
     Time runs down the rows. It is taken to run along them where the length of other columns says so, or else
@@ -88,33 +76,36 @@ def read_arrays(
         for entry in items.values()
         if not isinstance(entry, str) and max(entry.shape, default=0) == entry.size > 1
     }
-    content = ArrayColumns()
+    columns: dict[str, Array] = {}
+    constants: dict[str, float] = {}
+    faults: dict[str, str] = {}
+    unread: list[str] = []
+    guesses: list[str] = []
     for name, entry in items.items():
         if isinstance(entry, str) or entry.dtype.kind not in "biuf" or entry.size == 0:
-            content.faults[name] = f"holds {_describe_entry(entry)}, not an array of numbers."
+            faults[name] = f"holds {_describe_entry(entry)}, not an array of numbers."
         # the checks are ordered by cost: an array is read only after its type, shape, need and size have passed
         elif not (table := _table_shape(entry.shape, lengths)):
             words = f"has the shape {entry.shape}; time must run down the rows of a 2-D array: transpose it."
-            content.faults[name] = words
+            faults[name] = words
         elif not _is_needed(name, entry, needed):
-            content.unread += _column_names(name, min(table[1], _MAX_LISTED_COLUMNS))
+            unread += _column_names(name, min(table[1], _MAX_LISTED_COLUMNS))
         elif needed is None and memory_in_use + entry.cost > memory_budget():
             words = f"would take {entry.cost / 1e9:.3g} GB of memory, more than a file may; raise this by --memory."
-            content.faults |= dict.fromkeys([*_column_names(name, min(table[1], _MAX_LISTED_COLUMNS)), name], words)
+            faults |= dict.fromkeys([*_column_names(name, min(table[1], _MAX_LISTED_COLUMNS)), name], words)
         else:
             # what was read so far counts, too: all arrays are in memory together
-            afford(
-                memory_in_use := memory_in_use + entry.cost, f"{source}: to read {name!r}, {entry.shape}, would take"
-            )
+            afford(memory_in_use := memory_in_use + entry.cost, f"{path}: to read {name!r}, {entry.shape}, would take")
             values = entry.read()
             # the time runs along the rows: the transposed table is a guess that the user should confirm
             if table == _sides(entry.shape)[::-1] and table[0] != table[1]:
-                content.guesses.append(_guess_note(name, entry.shape, *table, matches_length=table[0] in lengths))
+                guesses.append(_guess_note(name, entry.shape, *table, matches_length=table[0] in lengths))
             if entry.size == 1:
-                content.constants[name] = float(values.item())
+                constants[name] = float(values.item())
             else:
-                content.columns |= zip(_column_names(name, table[1]), _split_columns(values, *table), strict=True)
-    return content
+                columns |= zip(_column_names(name, table[1]), _split_columns(values, *table), strict=True)
+    notes = tuple(guesses)
+    return DataTable(columns, constants, str(path), faults, notes=notes, unread=tuple(unread), guesses=notes)
 
 
 def _is_needed(name: str, array: StoredArray, needed: Collection[str] | None) -> bool:
@@ -170,6 +161,12 @@ def _describe_entry(entry: ArrayOrText) -> str:
     return entry if isinstance(entry, str) else f"{entry.dtype} values of shape {entry.shape}"
 
 
+def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:
+    """Read a NumPy archive."""
+    with open_nonempty(path) as file, open_npz(file) as arrays:
+        return read_arrays(arrays, needed, path)
+
+
 @contextmanager
 def open_npz(file: BinaryIO) -> Iterator[dict[str, ArrayOrText]]:
     """Open the arrays of an archive by name; a member that is no array is described by a text.
@@ -190,26 +187,18 @@ def _stored_member(archive: ZipFile, member: ZipInfo) -> ArrayOrText:
     if not member.filename.endswith(".npy"):
         return "what is no array"
     with archive.open(member) as data:
-        shape, _, dtype = _read_npy_header(data)
+        if (version := npy.read_magic(data)) not in _HEADERS:
+            raise ValueError(f"an array of version {version}")
+        shape, _, dtype = _HEADERS[version](data)
     if dtype.hasobject:
         return "Python objects, which are not read"
-    return StoredArray(shape, dtype, partial(_read_member, archive, member))
-
-
-def _read_npy_header(data: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    version = npy.read_magic(data)
-    if version not in _HEADERS:
-        raise ValueError(f"an array of version {version}")
-    shape, fortran_order, dtype = _HEADERS[version](data)
-    return tuple(map(int, shape)), fortran_order, dtype
+    return StoredArray(tuple(map(int, shape)), dtype, partial(_read_member, archive, member))
 
 
 def _read_member(archive: ZipFile, member: ZipInfo) -> NDArray[Any]:
     """Read an array: exactly as many bytes as its header says."""
     with archive.open(member) as data:
-        shape, fortran_order, dtype = _read_npy_header(data)
-        size = math.prod(shape) * dtype.itemsize
-        values = data.read(size)
-        if len(values) < size or data.read(1):
+        values = npy.read_array(data, allow_pickle=False)
+        if data.read(1):
             raise ValueError(f"the array {member.filename!r} is not of the size that its header says")
-    return np.frombuffer(values, dtype).reshape(shape, order="F" if fortran_order else "C")
+    return values

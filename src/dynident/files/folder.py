@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
-from dynident.files.opener import real_path, refuse_inputs
+from dynident.files.opener import cause, real_path, refuse_inputs
 from dynident.runtime import ConfigError, InputError
 
 REPORT = "report.html"  # of each command that writes a folder
@@ -63,7 +63,7 @@ class ResultFolder:
             os.rename(self.path / STAGING_NAME, self.path / READY_NAME)
         except (OSError, ValueError) as error:
             raise InputError(
-                f"{self.path}: the results cannot be written: {_reason(error)}; {UNCHANGED}. "
+                f"{self.path}: the results cannot be written: {cause(error)}; {UNCHANGED}. "
                 "Make room, allow writing, or choose another folder."
             ) from error
         self.written = True
@@ -225,7 +225,7 @@ def _finish(folder: Path) -> None:
 def _mixed_files_error(folder: Path, error: OSError) -> InputError:
     return InputError(
         f"{folder}: files of two runs lie here, since a run was stopped while it moved its files into place, and the "
-        f"rest cannot be moved: {_reason(error)}. Allow writing here and {RUN_AGAIN}."
+        f"rest cannot be moved: {cause(error)}. Allow writing here and {RUN_AGAIN}."
     )
 
 
@@ -271,7 +271,7 @@ def _lock_folder(folder: Path) -> IO[bytes]:
 
 
 def _unwritable_error(folder: Path, error: Exception) -> InputError:
-    return InputError(f"{folder}: nothing can be written here: {_reason(error)}. Choose another folder.")
+    return InputError(f"{folder}: nothing can be written here: {cause(error)}. Choose another folder.")
 
 
 def _holder_message(folder: Path) -> str:
@@ -353,7 +353,3 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)

@@ -10,16 +10,18 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.files.arrays import ArrayOrText, StoredArray, wrap_array
+from dynident.files.arrays import ArrayOrText, StoredArray, read_arrays, wrap_array
 from dynident.files.opener import afford
+from dynident.files.tables import DataTable, nonempty_content, open_nonempty
 from dynident.runtime import InputError, install_command, memory_budget
 
 _HEADER_SIZE = 128
@@ -51,6 +53,22 @@ _MAX_DEFLATE_RATIO = 1100  # more than this, deflate cannot compress
 _MAX_OBJECTS, _MAX_GROUP_DEPTH = 50_000, 20  # objects, and levels of groups
 # bytes that filters may add to a chunk; those decompressed at a time
 _MAX_FILTER_OVERHEAD, _INFLATE_SIZE = 1 << 16, 1 << 20
+
+
+def read_mat(path: Path, needed: Collection[str] | None = None) -> DataTable:
+    """Read a MATLAB file."""
+    with open_nonempty(path) as file:
+        if _is_hdf5(file):
+            with open_hdf5(file, str(path)) as arrays:
+                return read_arrays(arrays, needed, path)
+    data = nonempty_content(path)
+    return read_arrays(parse_mat(data, str(path)), needed, path, len(data))
+
+
+def read_hdf5(path: Path, needed: Collection[str] | None = None) -> DataTable:
+    """Read an HDF5 file."""
+    with open_nonempty(path) as file, open_hdf5(file, str(path)) as arrays:
+        return read_arrays(arrays, needed, path)
 
 
 def parse_mat(data: bytes, source: str = "") -> dict[str, ArrayOrText]:
@@ -217,7 +235,7 @@ def _next_element(parts: Iterator[tuple[int, memoryview]]) -> tuple[int, memoryv
     return part
 
 
-def is_hdf5(file: BinaryIO) -> bool:
+def _is_hdf5(file: BinaryIO) -> bool:
     """Return whether a file is HDF5, with or without the header of MATLAB."""
     file.seek(0)
     data = file.read(_MATLAB_HEADER + len(_SIGNATURE))

@@ -12,7 +12,7 @@ import stat
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -45,18 +45,12 @@ _FILE_TYPES = {
     stat.S_ISDIR: "a folder",
 }
 
-_REGISTRY: ContextVar[InputRegistry | None] = ContextVar("run", default=None)
+# the files that one command, or one call, has read: the name of each by its device and inode
+_READ_FILES: ContextVar[dict[tuple[int, int], str] | None] = ContextVar("read files", default=None)
 
 T = TypeVar("T")
 ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")  # one letter would be a drive
 STAMP_KEYS = ("ETag", "etag", "md5Hash", "generation", "mtime", "LastModified", "last_modified", "updated", "created")
-
-
-@dataclass
-class InputRegistry:
-    """The files that one command, or one call, has read: the name of each by its identity (device, inode)."""
-
-    files: dict[tuple[int, int], str] = field(default_factory=dict)
 
 
 @contextmanager
@@ -65,14 +59,15 @@ def watch_inputs(*inputs: str | Path) -> Iterator[None]:
 
     Outside, nothing is remembered, so that one call from Python does not depend on an earlier one.
     """
-    token = _REGISTRY.set(_REGISTRY.get() or InputRegistry())
+    read_files = _READ_FILES.get()
+    token = _READ_FILES.set({} if read_files is None else read_files)
     try:
         for path in inputs:
             remember_inputs(path)
         with budget_scope():
             yield
     finally:
-        _REGISTRY.reset(token)
+        _READ_FILES.reset(token)
 
 
 def remember_inputs(path: str | Path) -> None:
@@ -87,7 +82,7 @@ def remember_inputs(path: str | Path) -> None:
 
 def refuse_inputs(*targets: str | Path) -> None:
     """Raise ConfigError where a file to be written was read, under whatever name; InputError for a device."""
-    registry = _REGISTRY.get() or InputRegistry()
+    read_files = _READ_FILES.get() or {}
     for target in targets:
         for name in (os.fspath(target), _resolve(target)):  # the folders on the way may not be there yet
             try:
@@ -99,7 +94,7 @@ def refuse_inputs(*targets: str | Path) -> None:
                     f"{target}: is {_file_kind(status)}, and no file that can be replaced; choose another name."
                 )
             # device and inode see through links and other spellings of a name
-            read = registry.files.get((status.st_dev, status.st_ino))
+            read = read_files.get((status.st_dev, status.st_ino))
             if read is not None:
                 alias = "" if read == str(target) else f" as {read}"
                 raise ConfigError(
@@ -109,7 +104,7 @@ def refuse_inputs(*targets: str | Path) -> None:
 
 def set_memory(gigabytes: float | None) -> None:
     """Set the budget of this run, in GB; None leaves it as it is."""
-    if _REGISTRY.get() is not None and gigabytes is not None:
+    if _READ_FILES.get() is not None and gigabytes is not None:
         set_budget(gigabytes)
 
 
@@ -137,7 +132,7 @@ def file_status(path: str | Path, error: Failure = InputError, kinds: Collection
         hint = f"; {choices(Path(path).name, similar_names)}" if similar_names else "."
         raise error(f"{_shorten(path)}: cannot be read: there is no such file{hint}") from wrong
     except (OSError, ValueError) as wrong:
-        raise error(f"{_shorten(path)}: cannot be read: {getattr(wrong, 'strerror', None) or wrong}.") from wrong
+        raise error(f"{_shorten(path)}: cannot be read: {cause(wrong)}.") from wrong
 
 
 @contextmanager
@@ -154,7 +149,7 @@ def open_input(
     try:
         file = os.fdopen(os.open(path, _FLAGS), "rb")
     except (OSError, ValueError) as wrong:
-        raise error(f"{_shorten(path)}: cannot be read: {getattr(wrong, 'strerror', None) or wrong}.") from wrong
+        raise error(f"{_shorten(path)}: cannot be read: {cause(wrong)}.") from wrong
     with file:
         status = os.fstat(file.fileno())
         # checked again: the file may have been exchanged between status and open
@@ -185,7 +180,7 @@ def content(
         try:
             data = file.read(size + 1)  # a growing file is no way around the budget
         except OSError as wrong:
-            raise error(f"{_shorten(path)}: cannot be read: {wrong.strerror or wrong}.") from wrong
+            raise error(f"{_shorten(path)}: cannot be read: {cause(wrong)}.") from wrong
     if len(data) > size:
         raise error(f"{path}: grows while it is read; read it when it is complete.")
     return data
@@ -204,7 +199,7 @@ def real_path(path: str | Path, error: Failure = InputError) -> Path:
     try:
         return Path(os.path.realpath(path))
     except (OSError, ValueError) as wrong:
-        raise error(f"{_shorten(path)}: is no name of a file ({getattr(wrong, 'strerror', None) or wrong}).") from wrong
+        raise error(f"{_shorten(path)}: is no name of a file ({cause(wrong)}).") from wrong
 
 
 def _require_regular(status: os.stat_result, path: str | Path, error: Failure) -> None:
@@ -217,10 +212,9 @@ def _file_kind(status: os.stat_result) -> str:
 
 
 def _remember(status: os.stat_result, path: str | Path) -> None:
-    registry = _REGISTRY.get()
     # the first name is kept, as messages should show the one that the user gave
-    if registry is not None:
-        registry.files.setdefault((status.st_dev, status.st_ino), str(path))
+    if (read_files := _READ_FILES.get()) is not None:
+        read_files.setdefault((status.st_dev, status.st_ino), str(path))
 
 
 def _names_of_kinds(folder: Path, kinds: Collection[str]) -> list[str]:
@@ -235,6 +229,11 @@ def _resolve(path: str | Path) -> str:
         return os.path.realpath(path)
     except (OSError, ValueError):
         return os.fspath(path)
+
+
+def cause(error: Exception) -> str:
+    """Return what the operating system says is wrong, without its number and the name of the file."""
+    return getattr(error, "strerror", None) or str(error)
 
 
 def _shorten(path: str | Path) -> str:

@@ -9,12 +9,23 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.files.opener import afford
+from dynident.files.tables import (
+    DataTable,
+    is_divided,
+    join_tables,
+    nonempty_content,
+    open_nonempty,
+    read_columns,
+    recording_parts,
+    report_damage,
+)
 from dynident.files.text import call_polars, parse_stamps, seconds
 
 if TYPE_CHECKING:
@@ -25,8 +36,6 @@ _ROW_GROUPS, _CHUNKS, _META, _PATH, _COUNT = 4, 1, 3, 3, 5  # the fields of the 
 Array = NDArray[np.float64]
 _MAX_STRUCT_DEPTH = 20  # structs in structs
 _CELLS_PER_TEXT = 20  # columns of numbers that take as much memory as one of texts that are read as dates
-
-ParquetColumns = tuple[dict[str, Array], dict[str, str], dict[str, str], tuple[str, ...]]
 
 
 def footer(file: BinaryIO) -> bytes:
@@ -64,7 +73,7 @@ class _CompactReader:
         self._readers: Mapping[int, Callable[[], Any]] = {
             1: self._read_byte, 2: self._read_byte, 3: self._read_byte, 4: number, 5: number, 6: number,
             7: lambda: self._read_bytes(8), 8: lambda: self._read_bytes(self._read_varint()),
-            9: self._read_list, 10: self._read_list, 11: self._skip_map, 12: self.read_struct,
+            9: self._read_list, 10: self._read_list, 12: self.read_struct,
         }  # fmt: skip
 
     def read_struct(self) -> dict[int, Any]:
@@ -88,15 +97,6 @@ class _CompactReader:
         if size > len(self._data) - self._at:
             raise ValueError("has a footer that is cut off")
         return [self._readers[head & 15]() for _ in range(size)]
-
-    def _skip_map(self) -> None:
-        if size := self._read_varint():
-            kinds = self._read_byte()
-            if size > len(self._data) - self._at:
-                raise ValueError("has a footer that is cut off")
-            for _ in range(size):
-                self._readers[kinds >> 4]()
-                self._readers[kinds & 15]()
 
     def _read_zigzag(self) -> int:
         number = self._read_varint()
@@ -157,14 +157,28 @@ class _Leaf:
         return needed is None or any(column == self.name or column.startswith(f"{self.name}[") for column in needed)
 
 
-def parse_parquet(data: bytes, source: str, needed: Collection[str] | None) -> ParquetColumns:
-    """Return the columns, the faults of others, the units of dates and times, and the columns that were not needed."""
-    return _read_columns(BytesIO(data), source, needed, None, len(data))
+def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable:
+    """Read a Parquet file, or those of one recording, as ``recording_parts`` finds them, one after the other."""
+    if not is_divided(path):
+        data = nonempty_content(path)
+        return _read_columns(BytesIO(data), path, needed, None, len(data))
+    files = recording_parts(path)
+    rows = sum(map(count_rows, files))
+    # the limit is checked for all parts together before any is read
+    afford(3 * 8 * rows * len(needed or ()), f"{path}: {rows} rows of {len(needed or ())} columns would take")
+    return join_tables([read_columns(file, None, needed) for file in files], str(path))
 
 
-def parse_rows(file: BinaryIO, source: str, needed: Collection[str] | None, rows: slice) -> ParquetColumns:
-    """Read some rows of an open file; no others are kept in memory. Returns the same as ``parse_parquet``."""
-    return _read_columns(file, source, needed, rows, 0)
+def read_rows(path: Path, needed: Collection[str] | None, rows: slice) -> DataTable:
+    """Read some rows of a Parquet file; places are those in the file. Raises as ``read_columns``."""
+    with report_damage(path), open_nonempty(path) as file:
+        return _read_columns(file, path, needed, rows, 0)
+
+
+def count_rows(path: Path) -> int:
+    """Return the number of rows of a Parquet file, by its footer; raises as ``read_columns``."""
+    with report_damage(path), open_nonempty(path) as file:
+        return row_count(file)
 
 
 def row_count(file: BinaryIO) -> int:
@@ -176,8 +190,8 @@ def row_count(file: BinaryIO) -> int:
 
 
 def _read_columns(
-    file: BinaryIO, source: str, needed: Collection[str] | None, part: slice | None, memory_in_use: int
-) -> ParquetColumns:
+    file: BinaryIO, path: Path, needed: Collection[str] | None, part: slice | None, memory_in_use: int
+) -> DataTable:
     """Read all rows, or a ``part`` of them, beside ``memory_in_use`` (bytes) of this file."""
     import polars as pl
 
@@ -186,7 +200,7 @@ def _read_columns(
     types = call_polars(lambda: pl.read_parquet_schema(file))
     start, rows = (0, total_rows) if part is None else (part.start, part.stop - part.start)
     # the length of lists is known only from the footer: without it, a short column could exhaust the memory
-    counts = value_counts(footer(file)) if any(map(_is_nested, types.values())) else {}
+    counts = value_counts(footer(file)) if any(kind.is_nested() for kind in types.values()) else {}
     counts = {path: entry * rows // max(total_rows, 1) for path, entry in counts.items()}
     leaves = [entry for name, kind in types.items() for entry in _leaves((name,), kind, pl.col(name))]
     faults = {
@@ -196,7 +210,7 @@ def _read_columns(
     unread = tuple(entry.name for entry in leaves if entry.readable and not entry.is_needed(needed))
     cells = sum(entry.cells(rows, counts) for entry in selected)
     # up to three copies of the numbers exist at a time
-    afford(memory_in_use + 3 * 8 * cells, f"{source}: {rows} rows of {len(selected)} columns would take")
+    afford(memory_in_use + 3 * 8 * cells, f"{path}: {rows} rows of {len(selected)} columns would take")
     # numbered aliases: names of leaves may be equal, as a.b of a struct and of a column
     expressions = [leaf.expression.alias(str(k)) for k, leaf in enumerate(selected)]
     file.seek(0)
@@ -212,7 +226,8 @@ def _read_columns(
         else:
             columns |= leaf_columns
             units |= dict.fromkeys(leaf_columns if leaf.kind.is_temporal() or leaf.kind == pl.String else (), "s")
-    return columns, faults, units, unread
+    indices = None if part is None else np.arange(start, start + rows)
+    return DataTable(columns, {}, str(path), faults, rows=indices, unread=unread, units=units)
 
 
 def _leaves(path: tuple[str, ...], kind: pl.DataType, expression: pl.Expr, level: int = 0) -> Iterator[_Leaf]:
@@ -224,12 +239,6 @@ def _leaves(path: tuple[str, ...], kind: pl.DataType, expression: pl.Expr, level
             yield from _leaves((*path, field.name), field.dtype, inner, level + 1)  # type: ignore[arg-type,unused-ignore]
     else:
         yield _Leaf(path, kind, expression)
-
-
-def _is_nested(kind: pl.DataType) -> bool:
-    import polars as pl
-
-    return isinstance(kind, pl.List | pl.Array | pl.Struct)
 
 
 def _leaf_values(leaf: _Leaf, series: pl.Series) -> dict[str, Array] | str:

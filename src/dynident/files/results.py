@@ -14,7 +14,8 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.files.folder import write_whole
-from dynident.files.opener import afford, content, real_path, refuse_inputs
+from dynident.files.opener import afford, cause, content, real_path, refuse_inputs
+from dynident.files.parquet import row_count
 from dynident.files.text import call_polars
 from dynident.runtime import ConfigError, InputError, choices
 
@@ -53,8 +54,7 @@ def probe_folder(folder: str | Path) -> None:
             for directory in created:
                 directory.rmdir()
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{folder}: nothing can be written here: {reason}. Choose another folder.") from error
+        raise InputError(f"{folder}: nothing can be written here: {cause(error)}. Choose another folder.") from error
 
 
 def append_log(path: Path, head: str) -> IO[str]:
@@ -72,7 +72,7 @@ def append_log(path: Path, head: str) -> IO[str]:
         if not file.tell():
             file.write(f"{head}\n")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}. Choose another name for the log.") from error
+        raise InputError(f"{path}: cannot be written: {cause(error)}. Choose another name for the log.") from error
     return file
 
 
@@ -116,23 +116,13 @@ def read_table(path: str | Path) -> pl.DataFrame:
         # a small compressed file could fill the memory
         if data.startswith(_COMPRESSION_MAGIC):
             raise ValueError("it is compressed")
-        return call_polars(lambda: _read_parquet(data, path) if kind == ".parquet" else _read_csv(data))
+        if kind == ".csv":
+            return call_polars(lambda: pl.read_csv(BytesIO(data), infer_schema_length=None))
+        rows, columns = row_count(BytesIO(data)), call_polars(lambda: pl.read_parquet_schema(BytesIO(data)))
+        afford(16 * rows * len(columns), f"{path}: its {rows} rows would take")
+        return call_polars(lambda: pl.read_parquet(BytesIO(data)))
     except (pl.exceptions.PolarsError, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
-
-
-def _read_csv(data: bytes) -> pl.DataFrame:
-    import polars as pl
-
-    return pl.read_csv(BytesIO(data), infer_schema_length=None)
-
-
-def _read_parquet(data: bytes, path: Path) -> pl.DataFrame:
-    import polars as pl
-
-    rows = pl.scan_parquet(BytesIO(data)).select(pl.len()).collect().item()
-    afford(16 * rows * len(pl.read_parquet_schema(BytesIO(data))), f"{path}: its {rows} rows would take")
-    return pl.read_parquet(BytesIO(data))
 
 
 def table_kind(path: Path) -> str:
@@ -187,8 +177,7 @@ def write_bytes(path: Path, data: bytes) -> Path:
     try:
         write_whole(path, data)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
-            f"{path}: cannot be written: {reason}. Make room, allow writing, or choose another folder."
+            f"{path}: cannot be written: {cause(error)}. Make room, allow writing, or choose another folder."
         ) from error
     return path

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sqlite3
 from array import array
 from bz2 import BZ2Decompressor
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -23,8 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.files.opener import afford, open_input, read_text
+from dynident.files.tables import DataTable
 from dynident.files.yaml_text import load_yaml
-from dynident.runtime import MEMORY_VARIABLE, InputError, install_command, memory_budget
+from dynident.runtime import MEMORY_VARIABLE, InputError, choices, install_command, memory_budget
+from dynident.runtime.families import READERS
 
 _BUDGET_DIVISOR = 32  # of the budget, what chunks hold beyond the usual ratio
 _MAX_COMPRESSION_RATIO = 100  # chunks of a recording are compressed less
@@ -202,8 +204,8 @@ class _SortedMessages:
     notes: tuple[str, ...]
 
 
-def parse_bag(path: Path) -> tuple[dict[str, Array], dict[str, str], tuple[str, ...]]:
-    """Return columns, faults of columns, and notes on corrections of a bag (file, or folder of a ROS 2 bag).
+def read_bag(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
+    """Read the joint states of a ROS bag (file, or folder of a ROS 2 bag).
 
     A group is the messages of a topic that name the same joints, in any order. The first group has the columns
     ``time`` and ``<joint>.position``, ``.velocity`` (rad or m, and per s), ``.effort`` (N m or N); the columns of
@@ -212,6 +214,12 @@ def parse_bag(path: Path) -> tuple[dict[str, Array], dict[str, str], tuple[str, 
     they become floats; they are header stamps, or receipt times where headers are not stamped. Raises InputError
     where the bag has no joint states or rosbags is not installed, and almost any exception where it is damaged.
     """
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        names = sorted(file.name for file in path.iterdir() if file.suffix.lower() in READERS.kinds())
+        raise InputError(
+            f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; "
+            + (f"name a file in it. {choices('', names)}" if names else "nor does it hold a file that can be read.")
+        )
     examine_files(path)
     groups, notes = _read_groups(path)
     rows = sorted(map(_sort_messages, groups), key=_sort_key)
@@ -234,7 +242,7 @@ def parse_bag(path: Path) -> tuple[dict[str, Array], dict[str, str], tuple[str, 
                 faults[name] = (
                     f"is empty in every message of {messages.group.topic}: its publisher sends no {quantity}."
                 )
-    return columns, faults, (*notes, *_overlap_notes(rows))
+    return DataTable(columns, {}, str(path), faults, notes=(*notes, *_overlap_notes(rows)))
 
 
 def _read_groups(path: Path) -> tuple[list[_MessageGroup], list[str]]:

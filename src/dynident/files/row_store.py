@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import uuid4
 
 from dynident.files.folder import hold_folder, whole_file
-from dynident.files.opener import afford, open_input
+from dynident.files.opener import afford, cause, open_input
 from dynident.files.results import write_table
 from dynident.files.text import call_polars
 from dynident.runtime import InputError, join_names
@@ -273,9 +273,8 @@ class RowStore:
             with whole_file(self.path) as temporary:
                 self._run_query(lambda: self.scan().sink_parquet(temporary, row_group_size=ROWS_PER_GROUP))
         except (pl.exceptions.PolarsError, ValueError, OSError) as error:
-            reason = getattr(error, "strerror", None) or error
             raise InputError(
-                f"{self.path}: cannot be written: {reason}; all rows are kept in {self.folder}. Make "
+                f"{self.path}: cannot be written: {cause(error)}; all rows are kept in {self.folder}. Make "
                 "room or allow writing, and run the same command again."
             ) from error
         # only after the table has its name: until then the parts hold the rows

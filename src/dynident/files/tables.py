@@ -1,4 +1,4 @@
-"""Tables of columns from files: text (CSV, ...), Parquet, NumPy archives, MATLAB and HDF5 files, and ROS bags."""
+"""Tables of columns from files, by the readers of ``runtime/families.py``, and recordings in several files."""
 
 from __future__ import annotations
 
@@ -17,18 +17,13 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.files.arrays import ArrayOrText, open_npz, read_arrays
-from dynident.files.matlab import is_hdf5, open_hdf5, parse_mat
-from dynident.files.opener import afford, content, file_status, open_input
-from dynident.files.parquet import parse_parquet, parse_rows, row_count
-from dynident.files.ros import parse_bag
-from dynident.files.text import parse_text, parsing_memory
+from dynident.files.opener import content, file_status, open_input
 from dynident.runtime import InputError, brief, call_part, choices
 from dynident.runtime.families import READERS
 
-PARQUET = ".parquet"
+PARQUET, BAG_FOLDER = ".parquet", ".db3"  # the kinds of folders
 Array = NDArray[np.float64]
-DAY = 86_400.0  # s
+DAY = 86_400  # s
 
 
 def is_divided(path: Path) -> bool:
@@ -139,10 +134,10 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
 
     Where ``needed`` names columns, readers need not read others. A file takes no more memory than 4 GB, or what the
     environment variable DYNIDENT_MEMORY says.
-    Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS
-    bags as in ``parse_bag``. A ROS 2 bag may be given as its folder; a recording in several Parquet files as theirs, or
-    as a pattern of their names. Nothing is ever unpickled. Raises InputError
-    where the file is missing, empty, damaged or of unknown type, or needs an extra that is not installed.
+    Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS bags
+    as in ``files/ros.py``. A ROS 2 bag may be given as its folder; a recording in several Parquet files as theirs, or
+    as a pattern of their names. Nothing is ever unpickled. Raises InputError where the file is missing, empty, damaged
+    or of unknown type, or needs an extra that is not installed.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -154,7 +149,7 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     """
     path = Path(path)
     reader = _find_reader(path, path.suffix.lower())
-    with _report_damage(path):
+    with report_damage(path):
         table = reader(path, needed)
     if not (table.columns or table.constants or table.faults or table.unread):
         raise InputError(f"{path}: holds no columns; record again, or name another file.")
@@ -164,7 +159,7 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
 
 
 @contextmanager
-def _report_damage(path: Path) -> Iterator[None]:
+def report_damage(path: Path) -> Iterator[None]:
     """Turn the exceptions of readers of damaged files, which may be almost any, into an InputError."""
     try:
         yield
@@ -182,24 +177,11 @@ def _call_external(reader: Callable[..., DataTable], path: Path, needed: Collect
         return call_part(reader, path, DataTable)
 
 
-def read_bag(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
-    """Read the joint states of a ROS bag, a file or a folder."""
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        names = sorted(file.name for file in path.iterdir() if file.suffix.lower() in READERS.kinds())
-        raise InputError(
-            f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; "
-            + (f"name a file in it. {choices('', names)}" if names else "nor does it hold a file that can be read.")
-        )
-    columns, faults, notes = parse_bag(path)
-    return DataTable(columns, {}, str(path), faults, notes=notes)
-
-
 def _find_reader(path: Path, kind: str) -> Callable[..., DataTable]:
     """Return the reader for a file; InputError where there is none, or no such file."""
-    if is_divided(path):
-        return read_parts
-    if stat.S_ISDIR(file_status(path, kinds=READERS.kinds()).st_mode):
-        return read_bag
+    is_parts = is_divided(path)
+    if is_parts or stat.S_ISDIR(file_status(path, kinds=READERS.kinds()).st_mode):
+        kind = PARQUET if is_parts else BAG_FOLDER
     if kind not in READERS.table and kind not in READERS.kinds():
         raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")
     reader: Callable[..., DataTable] = READERS.get(kind)
@@ -207,7 +189,7 @@ def _find_reader(path: Path, kind: str) -> Callable[..., DataTable]:
 
 
 @contextmanager
-def _open_nonempty(path: Path) -> Iterator[BinaryIO]:
+def open_nonempty(path: Path) -> Iterator[BinaryIO]:
     """Open a file; InputError where it is empty."""
     with open_input(path) as file:
         if not file.read(1):
@@ -216,12 +198,12 @@ def _open_nonempty(path: Path) -> Iterator[BinaryIO]:
         yield file
 
 
-def _read_nonempty(path: Path) -> tuple[bytes, str]:
-    """Return the content of a file, and its name for messages; InputError where it is empty."""
+def nonempty_content(path: Path) -> bytes:
+    """Return the content of a file; InputError where it is empty."""
     data = content(path)
     if not data.strip():
         raise InputError(f"{path}: the file is empty.")
-    return data, str(path)
+    return data
 
 
 def _reshape(table: DataTable, width: int) -> DataTable:
@@ -241,43 +223,6 @@ def _reshape(table: DataTable, width: int) -> DataTable:
     rows = column.reshape(-1, width)
     columns = {str(k): rows[:, k].copy() for k in range(width)}
     return replace(table, columns=columns, lines=None if table.lines is None else table.lines[::width])
-
-
-def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
-    """Read a table of text."""
-    data, source = _read_nonempty(path)
-    afford(parsing_memory(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
-    columns, faults, lines, stamps, texts = parse_text(data, source)
-    return DataTable(columns, {}, source, faults, lines, units=dict.fromkeys(stamps, "s"), texts=texts)
-
-
-def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable:
-    """Read a Parquet file."""
-    data, source = _read_nonempty(path)
-    columns, faults, units, unread = parse_parquet(data, source, needed)
-    return DataTable(columns, {}, source, faults, unread=unread, units=units)
-
-
-def read_rows(path: Path, needed: Collection[str] | None, rows: slice) -> DataTable:
-    """Read some rows of a Parquet file; places are those in the file. Raises as ``read_columns``."""
-    with _report_damage(path), _open_nonempty(path) as file:
-        columns, faults, units, unread = parse_rows(file, str(path), needed, rows)
-    return DataTable(columns, {}, str(path), faults, rows=np.arange(rows.start, rows.stop), unread=unread, units=units)
-
-
-def count_rows(path: Path) -> int:
-    """Return the number of rows of a Parquet file, by its footer; raises as ``read_columns``."""
-    with _report_damage(path), _open_nonempty(path) as file:
-        return row_count(file)
-
-
-def read_parts(path: Path, needed: Collection[str] | None = None) -> DataTable:
-    """Read the Parquet files of one recording, as ``recording_parts`` finds them, one after the other."""
-    files = recording_parts(path)
-    rows = sum(map(count_rows, files))
-    # the limit is checked for all parts together before any is read
-    afford(3 * 8 * rows * len(needed or ()), f"{path}: {rows} rows of {len(needed or ())} columns would take")
-    return join_tables([read_columns(file, None, needed) for file in files], str(path))
 
 
 def join_tables(tables: Sequence[DataTable], source: str) -> DataTable:
@@ -300,41 +245,3 @@ def _continue_stamps(parts: Sequence[Array]) -> list[Array]:
         days = (continued[-1][-1] - stamps[0]) / DAY if continued and len(stamps) else 0.0
         continued.append(stamps + DAY * np.ceil(days) if days > 0 else stamps)
     return continued
-
-
-def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:
-    """Read a NumPy archive."""
-    with _open_nonempty(path) as file, open_npz(file) as arrays:
-        return _arrays_table(arrays, needed, path)
-
-
-def read_mat(path: Path, needed: Collection[str] | None = None) -> DataTable:
-    """Read a MATLAB file."""
-    with _open_nonempty(path) as file:
-        if is_hdf5(file):
-            with open_hdf5(file, str(path)) as arrays:
-                return _arrays_table(arrays, needed, path)
-    data, source = _read_nonempty(path)
-    return _arrays_table(parse_mat(data, source), needed, path, len(data))
-
-
-def read_hdf5(path: Path, needed: Collection[str] | None = None) -> DataTable:
-    """Read an HDF5 file."""
-    with _open_nonempty(path) as file, open_hdf5(file, str(path)) as arrays:
-        return _arrays_table(arrays, needed, path)
-
-
-def _arrays_table(
-    arrays: Mapping[str, ArrayOrText], needed: Collection[str] | None, path: Path, memory_in_use: int = 0
-) -> DataTable:
-    array_columns = read_arrays(arrays, needed, str(path), memory_in_use)
-    notes = tuple(array_columns.guesses)
-    return DataTable(
-        array_columns.columns,
-        array_columns.constants,
-        str(path),
-        array_columns.faults,
-        notes=notes,
-        unread=tuple(array_columns.unread),
-        guesses=notes,
-    )

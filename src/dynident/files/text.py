@@ -5,21 +5,23 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.files.opener import afford
+from dynident.files.tables import DAY, DataTable, nonempty_content
 from dynident.runtime import InputError
 
 if TYPE_CHECKING:
     import polars as pl
 
 Array = NDArray[np.float64]
-_DAY = 86_400
 _STAMP = (
     r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2})[Tt ]\s*"
     r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"
@@ -67,7 +69,7 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     number = {key: parts[key].cast(pl.Int64).fill_null(0) for key in ("h", "m", "s", "zh", "zm")}
     sign = pl.select(pl.when(parts["sign"] == "-").then(-1).otherwise(1)).to_series()
     zone_minutes = sign * (60 * number["zh"] + number["zm"])
-    whole_seconds = 3600 * number["h"] + 60 * (number["m"] - zone_minutes) + number["s"] + _DAY * date.cast(pl.Int64)
+    whole_seconds = 3600 * number["h"] + 60 * (number["m"] - zone_minutes) + number["s"] + DAY * date.cast(pl.Int64)
     fraction = (parts["f"].fill_null("") + "000000000").str.slice(0, 9).cast(pl.Int64)
     return _since_midnight(whole_seconds, 1) + _to_seconds(
         fraction, 1_000_000_000
@@ -80,7 +82,7 @@ def seconds(series: pl.Series) -> Array:
 
     counts = series.to_physical().cast(pl.Int64)
     if series.dtype == pl.Date:
-        return _since_midnight(counts * _DAY, 1)
+        return _since_midnight(counts * DAY, 1)
     if series.dtype == pl.Time:
         return _to_seconds(counts, 1_000_000_000)
     rate = {"ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}[str(getattr(series.dtype, "time_unit", "us"))]
@@ -91,7 +93,7 @@ def _since_midnight(counts: pl.Series, rate: int) -> Array:
     """Return the seconds of integers (``rate`` per second) since the midnight before the first of them."""
     values = counts.drop_nulls()
     # integers are subtracted before the division, which keeps the full resolution
-    return _to_seconds(counts - (values[0] // (_DAY * rate) * _DAY * rate if len(values) else 0), rate)
+    return _to_seconds(counts - (values[0] // (DAY * rate) * DAY * rate if len(values) else 0), rate)
 
 
 def _to_seconds(counts: pl.Series, rate: int) -> Array:
@@ -100,15 +102,14 @@ def _to_seconds(counts: pl.Series, rate: int) -> Array:
     return np.array((counts.cast(pl.Float64) / rate).fill_null(np.nan).to_numpy())
 
 
-def parse_text(
-    data: bytes, source: str
-) -> tuple[dict[str, Array], dict[str, str], list[int], tuple[str, ...], dict[str, str]]:
-    """Return the columns of a text, the faults of those that are not numbers, the line of each row, the columns that
-    hold dates with times, in seconds, and what is in columns with the same text in each row.
+def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
+    """Read a table of text; columns of dates with times are in seconds.
 
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
     start with # or % are comments. Raises InputError for truncated rows and for ambiguous numbers.
     """
+    data, source = nonempty_content(path), str(path)
+    afford(_parsing_memory(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
     lines, body = _split_lines(data, source)
     # from the second line, as names of columns may contain commas
     separator = _find_separator(body[min(1, len(body) - 1)][1])
@@ -126,11 +127,11 @@ def parse_text(
     columns, faults, stamps = _parse_cells(cells, names, numbers, source)
     faulty_cells = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}
     texts = {name: str(column[0]) for name, column in faulty_cells.items() if column.n_unique() == 1}
-    return columns, faults, numbers, stamps, texts
+    return DataTable(columns, {}, source, faults, numbers, units=dict.fromkeys(stamps, "s"), texts=texts)
 
 
-def parsing_memory(data: bytes) -> int:
-    """Return the memory (bytes) that ``parse_text`` takes at most, by the number of lines and cells (measured)."""
+def _parsing_memory(data: bytes) -> int:
+    """Return the memory (bytes) that ``read_text`` takes at most, by the number of lines and cells (measured)."""
     parts = (np.frombuffer(data[k : k + _COUNT_SIZE], np.uint8) for k in range(0, len(data), _COUNT_SIZE))
     counts = sum((np.bincount(part, minlength=256) for part in parts), np.zeros(256, int))
     lines = 1 + int(counts[_LINE_ENDS].sum())
@@ -151,10 +152,10 @@ def _split_lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[
 
 def _find_header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
     """Return the column names, and whether the first line has them; else the last comment may have them."""
-    cells = _split_line(line, separator)
+    cells = row_cells(line, separator)
     numbers = [_is_number(cell) or is_stamp(cell) for cell in cells]
     # some recorders write the names of the columns in a comment
-    comment_cells = _split_line(comments[-1].strip().lstrip("#% "), separator) if comments else []
+    comment_cells = row_cells(comments[-1].strip().lstrip("#% "), separator) if comments else []
     is_named_by_comment = len(comment_cells) == len(cells) and not any(
         _NUMBER.fullmatch(cell) for cell in comment_cells
     )
@@ -167,7 +168,7 @@ def _find_header(line: str, comments: list[str], separator: str | None) -> tuple
 
 def unit_row(line: str, names: list[str], separator: str | None) -> list[str] | None:
     """Return the names with the units of the line below them, as ``name [unit]``; None where it has no units."""
-    cells = _split_line(line, separator)
+    cells = row_cells(line, separator)
     if len(cells) != len(names) or not any(_UNIT_CELL.fullmatch(cell) for cell in cells):
         return None
     if any(cell and not _UNIT_CELL.fullmatch(cell) for cell in cells):
@@ -180,11 +181,6 @@ def first_row(line: str, comments: list[str]) -> tuple[list[str], bool, str | No
     """Return column names of the first line, whether it is a header, and the separator."""
     separator = _find_separator(line)
     return *_find_header(line, comments, separator), separator
-
-
-def row_cells(line: str, separator: str | None) -> list[str]:
-    """Return the cells of a line."""
-    return _split_line(line, separator)
 
 
 def _decode(data: bytes, source: str) -> str:
@@ -203,7 +199,8 @@ def _find_separator(line: str) -> str | None:
     return next((mark for mark in (";", "\t", ",") if mark in line), None)
 
 
-def _split_line(line: str, separator: str | None) -> list[str]:
+def row_cells(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line."""
     if separator is None:
         return line.replace('"', "").split()
     cells = (

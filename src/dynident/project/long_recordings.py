@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from dynident._version import __version__
 from dynident.checks import MAX_GAP_STEPS, MINIMUM_SAMPLES
+from dynident.files.parquet import count_rows, read_rows
 from dynident.files.row_store import RowStore
-from dynident.files.tables import DAY, PARQUET, DataTable, count_rows, join_tables, read_rows, recording_parts
+from dynident.files.tables import DAY, PARQUET, DataTable, join_tables, recording_parts
 from dynident.identification import PieceFactors, PiecePlan, Span, Stretch
 from dynident.models import Joint
 from dynident.motion.log import Log

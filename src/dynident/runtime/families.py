@@ -275,12 +275,12 @@ ESTIMATORS = PartFamily(
 READERS = PartFamily(
     "log reader",
     {
-        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), "dynident.files.tables:read_text"),
-        ".parquet": "dynident.files.tables:read_parquet",
-        ".npz": "dynident.files.tables:read_npz",
-        ".mat": "dynident.files.tables:read_mat",
-        **dict.fromkeys((".h5", ".hdf5"), "dynident.files.tables:read_hdf5"),
-        **dict.fromkeys((".bag", ".db3", ".mcap"), "dynident.files.tables:read_bag"),
+        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), "dynident.files.text:read_text"),
+        ".parquet": "dynident.files.parquet:read_parquet",
+        ".npz": "dynident.files.arrays:read_npz",
+        ".mat": "dynident.files.matlab:read_mat",
+        **dict.fromkeys((".h5", ".hdf5"), "dynident.files.matlab:read_hdf5"),
+        **dict.fromkeys((".bag", ".db3", ".mcap"), "dynident.files.ros:read_bag"),
     },
     functions=True,
 )

@@ -99,6 +99,10 @@ def process(_: object) -> int:
     return os.getpid()
 
 
+def parent(_: object) -> int:
+    return os.getppid()
+
+
 def threads(_: object) -> tuple[str | None, str | None]:
     return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
 

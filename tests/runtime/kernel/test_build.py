@@ -6,7 +6,6 @@ import ctypes
 import os
 import shutil
 import subprocess
-import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -110,7 +109,6 @@ def test_two_may_compile_at_the_same_time(tiny: Path) -> None:
 def test_without_a_compiler_it_says_so(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tiny))
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr(build, "zig", lambda: None)
     with pytest.raises(BuildError, match="there is no C compiler"):
         make(tiny / FILE)
     assert list(tiny.iterdir()) == []
@@ -165,19 +163,6 @@ def test_a_command_in_cc_that_cannot_be_read_is_said(tiny: Path, monkeypatch: py
 def test_a_folder_that_cannot_be_written_to_is_an_oserror(tiny: Path) -> None:
     with pytest.raises(OSError, match="absent"):
         make(tiny / "absent" / FILE)
-
-
-def test_zig_is_found_in_the_environment_that_pip_installs_into(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "path", ["", str(tmp_path / "isolated")])
-    monkeypatch.setattr("sysconfig.get_path", lambda name: str(tmp_path / "env"))
-    assert build.zig() is None
-    program = tmp_path / "env" / "ziglang" / ("zig.exe" if os.name == "nt" else "zig")
-    program.parent.mkdir(parents=True)
-    program.touch()
-    assert build.zig() == str(program)
-    assert compilers()[-1][0] == str(program)
 
 
 def test_the_digest_is_of_the_sources_whatever_ends_their_lines(tiny: Path) -> None:

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from hashlib import sha256
 from itertools import count, islice
 from multiprocessing import parent_process
@@ -22,7 +22,17 @@ from statistics import median
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from dynident.runtime.errors import BudgetedFunction, InputError
-from dynident.runtime.jobs.job import JobOutcome, JobResult, Limits, Status, attempt, pack, run_call, unpack
+from dynident.runtime.jobs.job import (
+    JobOutcome,
+    JobResult,
+    Limits,
+    Status,
+    attempt,
+    limit_threads,
+    pack,
+    run_call,
+    unpack,
+)
 from dynident.runtime.jobs.workers import local_workers, runner_of_thread
 
 # s: least and most work of a batch, of which two for each worker are lost when all stops
@@ -125,17 +135,9 @@ class _WorkerFunction:
                 f"a worker cannot load the function of the jobs: {type(error).__name__}: {error}; define it in a "
                 "module that can be imported there."
             ) from error
-        if parent_process() is not None:  # a worker: others use the other cores
-            _one_thread()
+        if parent_process() is not None:  # a worker
+            limit_threads()
         return function
-
-
-@cache
-def _one_thread() -> None:
-    import scipy.linalg  # noqa: F401  # SciPy's own BLAS must be loaded to be found
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(1)
 
 
 def run_batch(batch: Batch) -> BatchReport | None:

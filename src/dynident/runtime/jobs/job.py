@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import io
 import os
 import pickle
 import signal
-import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from importlib import import_module
+from multiprocessing import parent_process
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from queue import SimpleQueue
 from threading import Thread
 from types import FunctionType
 from typing import Any, Generic, NamedTuple, NoReturn, TypeVar
@@ -32,9 +31,9 @@ REBUILDER = "__dynident_again__"
 J = TypeVar("J")
 T = TypeVar("T")
 
-NUMBER_BYTES = 8  # bytes of a number between a server and the process that started it
-POLL_SECONDS = 1.0  # s between looks whether that is still there
-PDEATHSIG = 1  # of prctl(2): the signal that comes when the server dies
+ONE_THREAD: dict[str, str] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "POLARS_MAX_THREADS"), "1"
+)  # before NumPy is loaded
 MIN_JOB_BYTES = 16_000_000  # bytes that a job needs at least
 
 
@@ -168,46 +167,65 @@ class WorkOrder(NamedTuple):
     jobs: Sequence[bytes]
 
 
-def serve_at(handle: int, parent: int) -> NoReturn:
-    """Serve the end of a pipe that this process was started with."""
-    if sys.platform == "win32":
-        from multiprocessing.connection import PipeConnection
-
-        serve(PipeConnection(handle), parent)
-    else:
-        serve(Connection(handle), parent)
-
-
-def serve(connection: Connection, parent: int) -> NoReturn:
-    """Run orders until the other end is closed or ``parent`` is gone; either ends this process at once.
+def serve(connection: Connection, preload: Iterable[str]) -> None:
+    """Run orders until the other end is closed; this process ends with its parent, even in the middle of a job.
 
     The answer to an order is a text, empty or why it cannot be run, then the outcome of each job.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):  # for who started us, and ends us
-        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for who started us, and ends us
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, Linux ends this one first
-    orders: SimpleQueue[bytes] = SimpleQueue()
-    # a thread reads the orders, and ends this process when the parent is gone, even in the middle of a job
-    Thread(target=_read_orders, args=(connection, orders, parent), daemon=True).start()
+    _end_with_parent()
+    if not ONE_THREAD.items() <= os.environ.items():  # forked by a server that was there before
+        os.environ.update(ONE_THREAD)
+        limit_threads()
+    for name in preload:
+        with suppress(Exception):  # a job that needs it will say why
+            import_module(name)
     function: Any = None
-    while True:
-        order = WorkOrder(*unpack(orders.get()))
-        try:
-            function = function if order.function is None else unpack(order.function)
-            refusal = _memory_complaint(order)
-        except BaseException as error:
-            refusal = f"a worker cannot load the function of the jobs: {type(error).__name__}: {error}"
-        connection.send(refusal)
-        if refusal:
-            continue
-        for job in order.jobs:
-            with _limit_memory(order.memory):
-                ended = attempt(function, job)
-            connection.send(tuple(ended))
-            if ended.status is Status.OUT_OF_MEMORY:  # what is left of it may be in the way of the next
-                os._exit(0)
-        sys.stdout.flush()  # what jobs have printed
+    with suppress(EOFError, OSError):
+        while True:
+            order = WorkOrder(*connection.recv())
+            try:
+                function = function if order.function is None else unpack(order.function)
+                refusal = _memory_complaint(order)
+            except BaseException as error:
+                refusal = f"a worker cannot load the function of the jobs: {type(error).__name__}: {error}"
+            connection.send(refusal)
+            for job in () if refusal else order.jobs:
+                with _limit_memory(order.memory):
+                    outcome = attempt(function, job)
+                connection.send(tuple(outcome))
+                if outcome.status is Status.OUT_OF_MEMORY:  # what is left of it may be in the way of the next
+                    os._exit(0)
+            sys.stdout.flush()  # what jobs have printed
+
+
+def _end_with_parent() -> None:
+    """Let this process end when its parent does."""
+    if (parent := parent_process()) is None:
+        return
+    if sys.platform == "linux":
+        import fcntl
+
+        # a job may never let a thread of Python run: Linux ends this process by SIGIO when the pipe is closed
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, fcntl.fcntl(parent.sentinel, fcntl.F_GETFL) | os.O_ASYNC)
+    Thread(target=_exit_after, args=(parent,), daemon=True).start()
+
+
+def _exit_after(parent: BaseProcess) -> NoReturn:
+    parent.join()
+    os._exit(1)
+
+
+@cache
+def limit_threads() -> None:
+    """Let BLAS compute by one thread in this process: others use the other cores."""
+    import scipy.linalg  # noqa: F401  # SciPy's own BLAS must be loaded to be found
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
 
 
 def _memory_complaint(order: WorkOrder) -> str:
@@ -225,15 +243,6 @@ def _memory_complaint(order: WorkOrder) -> str:
     return ""
 
 
-def _read_orders(connection: Connection, orders: SimpleQueue[bytes], parent: int) -> NoReturn:
-    try:
-        while os.getppid() == parent or sys.platform == "win32":
-            if connection.poll(POLL_SECONDS):
-                orders.put(connection.recv_bytes())
-    finally:
-        os._exit(1)
-
-
 @contextmanager
 def _limit_memory(memory: float | None) -> Iterator[None]:
     """Limit the memory (GB) of this process, where the system can."""
@@ -249,62 +258,3 @@ def _limit_memory(memory: float | None) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (previous_limit, hard_limit))
-
-
-def fork_server(descriptor: int, preload: Sequence[str]) -> NoReturn:
-    """Import what workers need, then fork and end workers on request, and all of them when the parent is gone.
-
-    A request is a number: 0, with the descriptor of a connection, forks a worker and is answered by its id; an id
-    kills that worker and is answered by its exit code. An id is free again only after that answer.
-    """
-    parent, children = os.getppid(), set[int]()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    control = socket.socket(fileno=descriptor)
-    for name in preload:
-        with suppress(Exception):  # a job that needs it will say why
-            import_module(name)
-    gc.freeze()  # what is imported stays shared
-    control.settimeout(POLL_SECONDS)
-    try:
-        while os.getppid() == parent:  # another process may have inherited the other end
-            with suppress(TimeoutError):
-                _answer_request(control, children)
-    except (EOFError, OSError):  # the other end is closed
-        pass
-    finally:
-        for child in children:
-            _end(child)
-        os._exit(0)
-
-
-def _answer_request(control: socket.socket, children: set[int]) -> None:
-    request, descriptors, _, _ = socket.recv_fds(control, NUMBER_BYTES, 1)
-    if not request:
-        raise EOFError
-    if child := int.from_bytes(request, "little"):
-        children.discard(child)
-        answer = _end(child)
-    else:
-        answer = _fork(control, descriptors[0])
-        children.add(answer)
-    control.sendall(answer.to_bytes(NUMBER_BYTES, "little", signed=True))
-
-
-def _fork(control: socket.socket, descriptor: int) -> int:
-    # in the worker: die with the server, and leave its control socket to it
-    server = os.getpid()
-    if child := os.fork():
-        os.close(descriptor)
-        return child
-    try:
-        ctypes.CDLL(None).prctl(PDEATHSIG, signal.SIGKILL)
-        control.close()
-        serve(Connection(descriptor), server)
-    finally:
-        os._exit(1)
-
-
-def _end(child: int) -> int:
-    os.kill(child, signal.SIGKILL)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

@@ -2,181 +2,95 @@
 
 from __future__ import annotations
 
-import atexit
+import multiprocessing
 import os
 import signal
-import socket
-import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
-from threading import Lock
-from typing import Any, Protocol
+from multiprocessing.process import BaseProcess
+from types import ModuleType
 
 from dynident.runtime.errors import InputError
-from dynident.runtime.jobs.job import NUMBER_BYTES, JobOutcome, Limits, Status, WorkOrder
+from dynident.runtime.jobs.job import ONE_THREAD, JobOutcome, Limits, Status, WorkOrder, serve
 
-ONE_THREAD: dict[str, str] = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "POLARS_MAX_THREADS"), "1"
-)  # before NumPy is loaded
 # a nanny of Dask sets it, and giving memory back each time costs a fit 40 % more CPU
 TRIM_VARIABLE = "MALLOC_TRIM_THRESHOLD_"
-END_SECONDS = 2.0  # s for a server to end its workers
 MAX_TRIES = 2  # of a job whose process dies: it may have been killed for want of memory of all
 
 # that nearly every job needs; no threads come with it
 PRELOADED_MODULES = "numpy", "scipy.linalg", "dynident.identification"
 
-_LOCK = threading.Lock()
-_SHARED_STARTERS: dict[int, Starter] = {}  # by process: what starts those of threads of foreign executors
+_START_LOCK = threading.RLock()
+
+
+@contextmanager
+def _start_conditions() -> Iterator[None]:
+    """Set what a new process inherits: one thread of BLAS, Ctrl-C blocked, no script to import, the right to exist."""
+    with _START_LOCK:
+        process, script = multiprocessing.current_process(), sys.modules["__main__"]
+        is_daemon, signals = process.daemon, _block_interrupt()
+        # safe path: a numpy.py where the user stands is not imported
+        changes: dict[str, str | None] = {**ONE_THREAD, "PYTHONSAFEPATH": "1", TRIM_VARIABLE: None}
+        environment = {name: os.environ.get(name) for name in changes}
+        try:
+            _update_environment(changes)
+            process.daemon = False  # workers of Dask are daemons, which may start none
+            sys.modules["__main__"] = ModuleType("__main__")
+            yield
+        finally:
+            sys.modules["__main__"], process.daemon = script, is_daemon
+            _update_environment(environment)
+            if os.name == "posix":
+                signal.pthread_sigmask(signal.SIG_SETMASK, signals)
+
+
+def _block_interrupt() -> set[int]:
+    """Block Ctrl-C for this thread, and for the processes that it starts; return the signals blocked before."""
+    if os.name != "posix":
+        return set()
+    from multiprocessing.resource_tracker import ensure_running
+
+    ensure_running()  # when it is started, it unblocks Ctrl-C
+    return set(signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}))
+
+
+def _update_environment(values: Mapping[str, str | None]) -> None:
+    """Set environment variables; None removes one."""
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 @dataclass(frozen=True)
-class Child:
-    """A worker process: its ``connection``, and ``end``, which kills it and returns its exit code."""
+class _Worker:
+    """A worker process, and the connection to it."""
 
+    process: BaseProcess
     connection: Connection
-    end: Callable[[], int]
 
 
-class Starter(Protocol):
-    """Starts worker processes, from any thread."""
-
-    def start(self) -> Child:
-        """Start one."""
-
-    def close(self) -> None:
-        """End all that it has started."""
-
-
-def starter(preload: Iterable[str]) -> Starter:
-    """Return what starts workers: on Linux they are forked from a server that has imported ``preload``."""
-    return ForkServer(preload) if sys.platform == "linux" else SpawnStarter()
-
-
-def _python(call: str, **options: Any) -> subprocess.Popen[bytes]:
-    """Start Python to call a function of ``job``."""
-    code = f"import sys; sys.path[:] = {list(map(str, sys.path))}; from dynident.runtime.jobs import job; job.{call}"
-    environment = {name: value for name, value in os.environ.items() if name != TRIM_VARIABLE} | ONE_THREAD
-    command = [sys.executable, "-c", code]
-    try:
-        return subprocess.Popen(command, stdin=subprocess.DEVNULL, env=environment, **options)  # noqa: S603 -- of our own
-    except OSError as error:
-        raise InputError(f"no worker process can be started: {error}.") from error
-
-
-class SpawnStarter:
-    """Starts each worker as a new Python, which takes as long as its imports, on any system."""
-
-    def __init__(self) -> None:
-        self._processes: set[subprocess.Popen[bytes]] = set()
-
-    def start(self) -> Child:
-        """Start one."""
-        own_end, worker_end = Pipe()
-        # the worker inherits only its end of the pipe; ours closes when this process ends, which ends the worker
-        with worker_end:
-            handle = worker_end.fileno()
-            if sys.platform == "win32":
-                os.set_handle_inheritable(handle, True)
-                options: Any = {
-                    "startupinfo": subprocess.STARTUPINFO(lpAttributeList={"handle_list": [handle]}),
-                    "creationflags": subprocess.CREATE_NEW_PROCESS_GROUP,
-                }
-            else:
-                options = {"pass_fds": (handle,), "start_new_session": True}
-            process = _python(f"serve_at({handle}, {os.getpid()})", **options)
-        self._processes.add(process)
-        return Child(own_end, partial(self._end, process))
-
-    def _end(self, process: subprocess.Popen[bytes]) -> int:
-        process.kill()
-        self._processes.discard(process)
-        return process.wait()
-
-    def close(self) -> None:
-        """End all."""
-        for process in list(self._processes):
-            self._end(process)
-
-
-class ForkServer:
-    """Forks workers from one process that has imported everything, which takes some milliseconds each."""
-
-    def __init__(self, preload: Iterable[str]) -> None:
-        self._preload = tuple(preload)
-        self._lock, self._closed = Lock(), False
-        self._launch()
-
-    def _launch(self) -> None:
-        self._control, server_end = socket.socketpair()
-        with server_end:
-            call = f"fork_server({server_end.fileno()}, {self._preload})"
-            self._process = _python(call, pass_fds=(server_end.fileno(),), start_new_session=True)
-        self._used = False
-
-    def start(self) -> Child:
-        """Fork one."""
-        own_end, worker_end = Pipe()
-        with worker_end, self._lock:
-            try:
-                number = self._request_fork(worker_end)
-            except OSError as error:
-                own_end.close()
-                raise InputError(f"no worker process can be started: {error}.") from error
-            self._used = True
-        return Child(own_end, partial(self._end, number))
-
-    def _request_fork(self, worker_end: Connection) -> int:
+def _start_worker(preload: Sequence[str]) -> _Worker:
+    """Start a worker; on Linux it is forked from a server that has imported the first ``preload`` of all."""
+    # a forked process has no way to the server of its parent
+    is_main = multiprocessing.parent_process() is None
+    context = multiprocessing.get_context("forkserver" if sys.platform == "linux" and is_main else "spawn")
+    own_end, worker_end = context.Pipe()
+    with worker_end, _start_conditions():
+        context.set_forkserver_preload([*preload])
+        process = context.Process(target=serve, args=(worker_end, preload), daemon=True)  # type: ignore[attr-defined]
         try:
-            return self._ask(0, [worker_end.fileno()])
-        except OSError:
-            if self._closed:
-                raise
-            # somebody killed the server: start another one, once
-            self._stop()  # it was killed; the workers that it had go on
-            self._launch()
-            return self._ask(0, [worker_end.fileno()])
-
-    def _end(self, number: int) -> int:
-        with self._lock:
-            try:
-                return self._ask(number)
-            except OSError:
-                if not self._closed:  # the server was killed
-                    with suppress(OSError):
-                        os.kill(number, signal.SIGKILL)
-                return -signal.SIGKILL
-
-    def _ask(self, number: int, descriptors: Iterable[int] = ()) -> int:
-        socket.send_fds(self._control, [number.to_bytes(NUMBER_BYTES, "little")], list(descriptors))
-        if not (answer := self._control.recv(NUMBER_BYTES)):
-            raise ConnectionError("the process that starts them has ended")
-        return int.from_bytes(answer, "little", signed=True)
-
-    def close(self) -> None:
-        """End all."""
-        self._closed = True
-        with suppress(OSError):
-            self._control.shutdown(socket.SHUT_RDWR)  # it ends its workers; who waits for an answer waits no more
-        with self._lock:
-            self._stop()
-
-    def _stop(self) -> None:
-        self._control.close()
-        if not self._used:  # it may still be at its imports, and has no workers
-            self._process.kill()
-        try:
-            self._process.wait(END_SECONDS)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+            process.start()
+        except (OSError, EOFError) as error:
+            own_end.close()
+            raise InputError(f"no worker process can be started: {error}.") from error
+    return _Worker(process, own_end)
 
 
 class Runner:
@@ -186,10 +100,11 @@ class Runner:
     job that it was at is the only one that is lost.
     """
 
-    def __init__(self, starter: Starter) -> None:
-        self._starter = starter
-        self._child: Child | None = None
+    def __init__(self, preload: Iterable[str]) -> None:
+        self._preload = (*PRELOADED_MODULES, *preload)
+        self._worker: _Worker | None = None
         self._function = b""  # that the process has
+        self._stopped = False
 
     def run(self, function: bytes, jobs: Sequence[bytes], limits: Limits) -> list[JobOutcome]:
         """Return the outcome of each job; InputError where the process cannot run any."""
@@ -228,31 +143,48 @@ class Runner:
     def _send_order(self, function: bytes, jobs: Sequence[bytes], limits: Limits) -> Connection:
         """Send an order to the process; return its connection when it has begun the first job."""
         for _ in range(MAX_TRIES):
-            child = self._child = self._child or self._starter.start()
+            connection = self._start()
             sent_function = None if function == self._function else function
             try:
-                child.connection.send(tuple(WorkOrder(sent_function, limits.memory, jobs)))
-                refusal = child.connection.recv()
+                connection.send(tuple(WorkOrder(sent_function, limits.memory, jobs)))
+                refusal = connection.recv()
             except (EOFError, OSError):
                 code = self.close()
                 continue
             if refusal:
                 raise InputError(refusal)
             self._function = function
-            return child.connection
+            return connection
         raise InputError(f"a worker process ends before it runs any job: {_death(code)}.")
+
+    def _start(self) -> Connection:
+        """Return the connection to the process, which is started if there is none."""
+        with _START_LOCK:
+            if self._stopped:
+                raise InputError("no worker process can be started: its executor is closed.")
+            self._worker = self._worker or _start_worker(self._preload)
+            return self._worker.connection
 
     def close(self) -> int:
         """End the process; return its exit code."""
-        child, self._child, self._function = self._child, None, b""
-        if child is None:
+        worker, self._worker, self._function = self._worker, None, b""
+        if worker is None:
             return 0
-        child.connection.close()
-        return child.end()
+        worker.connection.close()
+        worker.process.kill()
+        worker.process.join()
+        return worker.process.exitcode or 0
+
+    def stop(self) -> None:
+        """End the process, and start no other; from any thread."""
+        with _START_LOCK:
+            self._stopped = True
+            if (worker := self._worker) is not None:
+                worker.process.kill()
 
     def __del__(self) -> None:
-        if self._child is not None:  # the process ends by that; more might wait for what this thread itself holds
-            self._child.connection.close()
+        if self._worker is not None:  # the process ends by that; more might wait for what this thread itself holds
+            self._worker.connection.close()
 
 
 def _death(code: int) -> str:
@@ -276,24 +208,19 @@ def local_workers(count: int, preload: Iterable[str] = ()) -> Iterator[Executor]
     """Give an executor for ``run_jobs``, whose jobs run in ``count`` processes of this machine.
 
     Each has one thread of BLAS, ends with this process, however that ends, and ignores Ctrl-C, which is for this one.
-    ``preload`` are the names of modules that are imported once for all. What is submitted to the executor otherwise
-    than by ``run_jobs`` runs in threads of this process.
+    ``preload`` are the names of modules that are imported before the first job, on Linux once for all. What is
+    submitted to the executor otherwise than by ``run_jobs`` runs in threads of this process.
     """
     if count < 1:
         raise InputError(f"{count} workers can do no work; take at least 1.")
-    process_starter = starter((*PRELOADED_MODULES, *preload))
     runners: list[Runner] = []
-
-    def assign_runner() -> None:
-        _THREAD_STATE.runner, _THREAD_STATE.process = Runner(process_starter), os.getpid()
-        runners.append(_THREAD_STATE.runner)
-
-    pool = ThreadPoolExecutor(count, "dynident-worker", assign_runner)
+    pool = ThreadPoolExecutor(count, "dynident-worker", lambda: runners.append(assign_process(preload)))
     try:
         yield pool
         pool.shutdown()
     finally:
-        process_starter.close()  # ends the jobs that are left
+        for runner in runners:
+            runner.stop()  # ends the jobs that are left
         pool.shutdown(cancel_futures=True)
         for runner in runners:
             runner.close()
@@ -304,23 +231,11 @@ def runner_of_thread(limits: Limits) -> Runner | None:
     # a forked process inherits this thread's state, but its worker belongs to the parent
     if _THREAD_STATE.process != os.getpid():
         _THREAD_STATE.runner = None
-    if limits != Limits():
-        assign_process()
-    return _THREAD_STATE.runner
+    return _THREAD_STATE.runner if limits == Limits() else assign_process()
 
 
-def assign_process(preload: Iterable[str] = ()) -> None:
-    """Give this thread a process for its jobs, with one thread of BLAS, that may die without it.
-
-    The first of the threads determines what is imported for all.
-    """
+def assign_process(preload: Iterable[str] = ()) -> Runner:
+    """Give this thread a process for its jobs, with one thread of BLAS, that may die without it; return it."""
     if _THREAD_STATE.runner is None or _THREAD_STATE.process != os.getpid():
-        _THREAD_STATE.runner, _THREAD_STATE.process = Runner(_shared_starter(preload)), os.getpid()
-
-
-def _shared_starter(preload: Iterable[str]) -> Starter:
-    with _LOCK:
-        if os.getpid() not in _SHARED_STARTERS:
-            _SHARED_STARTERS[os.getpid()] = process_starter = starter((*PRELOADED_MODULES, *preload))
-            atexit.register(process_starter.close)
-        return _SHARED_STARTERS[os.getpid()]
+        _THREAD_STATE.runner, _THREAD_STATE.process = Runner(preload), os.getpid()
+    return _THREAD_STATE.runner

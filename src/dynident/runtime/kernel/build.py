@@ -1,7 +1,6 @@
 """Compiles the kernel with whatever C compiler there is; only the standard library is needed.
 
-Used where dynident is installed from sources (``hatch_build.py``, ``dev.py``) and for the wheels of other systems
-(``tools/wheels.py``), all of which load this file by its path, without dynident.
+``hatch_build.py`` and ``dev.py`` load this file by its path, where dynident is installed from sources, without it.
 """
 
 from __future__ import annotations
@@ -54,17 +53,8 @@ def record(library: bytes) -> str:
     return f"{digest()} {hashlib.sha256(library).hexdigest()}\n"
 
 
-def zig() -> str | None:
-    """Return the program of the package ziglang, also where pip builds apart from the environment it installs into."""
-    import sysconfig
-
-    name = "zig.exe" if os.name == "nt" else "zig"
-    places = [*filter(None, sys.path), sysconfig.get_path("platlib")]
-    return next((str(path) for place in places if (path := Path(place, "ziglang", name)).is_file()), None)
-
-
 def compilers() -> list[list[str]]:
-    """Return the compilers of this machine, the best first: $CC, cc, clang, gcc, or that of the package ziglang.
+    """Return the compilers of this machine, the best first: $CC, cc, clang, gcc.
 
     Raises BuildError where $CC is no command.
     """
@@ -77,8 +67,6 @@ def compilers() -> list[list[str]]:
         raise BuildError(f"CC is {os.environ['CC']!r}: {error}") from error
     commands = [cc_command] if cc_command else []
     commands += [[path] for name in ("cc", "clang", "gcc") if (path := shutil.which(name))]
-    if path := zig():
-        commands.append([path, "cc", "-mcpu=baseline"])  # without it for this CPU only
     return commands
 
 
@@ -102,16 +90,15 @@ def make(
             _write_atomically(target, library)
             _write_atomically(target.with_name(RECORD), record(library).encode())
             return
-    raise BuildError("; ".join(errors) or "there is no C compiler (cc, clang, gcc, or the package ziglang)")
+    raise BuildError("; ".join(errors) or "there is no C compiler (cc, clang, gcc)")
 
 
 def _compile(command: list[str], machine: str, until: float) -> bytes:
     """Compile each source for each level at the same time, then link them; return the library."""
     import tempfile
 
-    # only a native Windows target needs no position-independent code
-    windows = os.name == "nt" and not any("target" in word for word in command)
-    code = () if windows else ("-fPIC",)
+    # only Windows needs no position-independent code
+    code, libraries = ((), ()) if os.name == "nt" else (("-fPIC",), ("-lm",))
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         jobs = {"cpu.o": ["-DLANES=2", "-DLEVEL=any", str(FOLDER / "cpu.c")]}
         for level, width, flags in LEVELS[machine]:
@@ -122,7 +109,7 @@ def _compile(command: list[str], machine: str, until: float) -> bytes:
         _run_commands(
             ([*command, *FLAGS, *code, *words, "-c", "-o", name] for name, words in jobs.items()), folder, until
         )
-        _run_commands([[*command, "-shared", "-o", FILE, *jobs, *(() if windows else ("-lm",))]], folder, until)
+        _run_commands([[*command, "-shared", "-o", FILE, *jobs, *libraries]], folder, until)
         return Path(folder, FILE).read_bytes()
 
 

@@ -27,14 +27,6 @@ def test_a_zoom_is_drawn_finely(validated_arm: Bench) -> None:
     assert inside[0].sum() > 2 * inside[1].sum()
 
 
-def test_what_is_taken_away_has_a_unit_of_its_size(validated_arm: Bench) -> None:
-    one = validated_arm.smooth(validated_arm.start, "monday", validated_arm.joints[0])
-    titles = [axis["title"]["text"] for key, axis in motion_drawing(one, "rad", ()).layout.items() if "yaxis" in key]
-    assert titles[1] in ("taken away, mrad", "taken away, µrad")
-    drawn = motion_drawing(one, "rad", ()).data[2]["y"]
-    assert 0.05 < np.nanstd(drawn) < 1e3
-
-
 def test_windows_are_grey_and_all_is_json(validated_arm: Bench) -> None:
     one, fit = (
         validated_arm.smooth(validated_arm.start, "monday", validated_arm.joints[0]),

@@ -74,8 +74,8 @@ class Page:
         except DynidentError as error:
             return "", str(error)
         usual_name = next(tuned_paths(path)).name
-        kept = "" if path.name == usual_name else f" {usual_name} is not of this page, and stays as it is."
-        return f"Saved in {path.name}.{kept}", ""
+        remark = "" if path.name == usual_name else f" {usual_name} is not of this page, and stays as it is."
+        return f"Saved in {path.name}.{remark}", ""
 
     def curves(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Return the curves of the joint that is drawn for the degree at which its slider is, or what is wrong.

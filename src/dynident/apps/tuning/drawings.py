@@ -37,7 +37,6 @@ Curve = tuple[int, str, Array, str, float]  # row, name, values, colour, width
 MAX_POINTS, MAX_COARSE_POINTS, MAX_HIDDEN_POINTS = 1400, 600, 120
 SLIDER_RANGE = -3.0, 4.0  # log S/n, from one end of the slider to the other
 MARK_MERGE_DISTANCE, MARK_LABEL_DISTANCE = 0.12, 1.0  # of log S/n: marks that are one, and whose names would meet
-UNIT_PREFIXES = (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")
 LEFT_OUT_COLOUR = "rgba(128, 128, 128, 0.18)"
 MARGIN = {"l": 72, "r": 8, "t": 8, "b": 40}
 
@@ -50,19 +49,20 @@ def motion_drawing(
     Windows that are ``left_out`` (s) are grey, and curves have gaps at samples outside the mask; curves that
     are not ``fine`` have fewer points.
     """
-    size, prefix = _unit_prefix(smoothed.noise)
-    titles = [f"position, {unit}", f"taken away, {prefix}{unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
+    titles = [f"position, {unit}", f"taken away, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
     curves: list[Curve] = [
         (1, "measured", smoothed.measured, PALE, 3.5),
         (1, "smoothed", smoothed.q, BLUE, 1.3),
-        (2, "measured minus smoothed", with_gaps(smoothed.residual / size, smoothed.mask), INK, 0.8),
+        (2, "measured minus smoothed", with_gaps(smoothed.residual, smoothed.mask), INK, 0.8),
         (3, "velocity", with_gaps(smoothed.dq, smoothed.mask), GREEN, 1.3),
         (4, "acceleration", with_gaps(smoothed.ddq, smoothed.mask), RED, 1.3),
     ]
     figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
     points = MAX_POINTS if fine else MAX_COARSE_POINTS
     of = f"{smoothed.log}/{smoothed.joint}"
-    return _draw_over_time(figure, smoothed.t, curves, left_out, zoom, points, of)
+    _draw_over_time(figure, smoothed.t, curves, left_out, zoom, points, of)
+    figure.layout["yaxis2"] |= {"exponentformat": "SI"}
+    return figure
 
 
 def torque_drawing(
@@ -170,11 +170,6 @@ def _sides(x: Array, rising: NDArray[np.bool_]) -> list[str]:
 def mark_degree(degrees: Sequence[float], joint: int, alone: bool) -> float:
     """Return the position of a mark: the degree of the joint or, for all together, the median."""
     return float(degrees[joint]) if alone else float(np.median(np.asarray(degrees)))
-
-
-def _unit_prefix(noise: float) -> tuple[float, str]:
-    """Return the size and prefix of the unit for what noise leaves: the same however much is smoothed."""
-    return next(((size, prefix) for size, prefix in UNIT_PREFIXES if noise >= 0.1 * size), UNIT_PREFIXES[-1])
 
 
 def _thin_hidden(t: Array, y: Array, zoom: Zoom, points: int) -> tuple[Array, Array]:

@@ -23,13 +23,8 @@ FILTERS = ("none", "low-pass")
 STORES = (*("tab", "moved", "told", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),)
 
 EMPTY: dict[str, Any] = {
-    "data": [],
-    "layout": {
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "xaxis": {"visible": False},
-        "yaxis": {"visible": False},
-    },
+    "layout": {f"{part}_bgcolor": "rgba(0,0,0,0)" for part in ("paper", "plot")}
+    | {axis: {"visible": False} for axis in ("xaxis", "yaxis")}
 }
 
 

@@ -55,8 +55,8 @@ def guard(app: Flask, address: Address, content_policy: str) -> None:
     def add_headers(response: Response) -> Response:
         # what a fingerprint in its address tells apart may be kept: it is the same file for ever
         is_cacheable = "max-age" in response.headers.get("Cache-Control", "")
-        kept = {} if is_cacheable else {"Cache-Control": "no-store"}
-        response.headers.update({**HEADERS, **kept, "Content-Security-Policy": content_policy})
+        caching = {} if is_cacheable else {"Cache-Control": "no-store"}
+        response.headers.update({**HEADERS, **caching, "Content-Security-Policy": content_policy})
         return response
 
     app.before_request(refuse)

@@ -206,7 +206,7 @@ class Switches:
         if offers is None:
             return cls(model, ((),) * len(joints), ({},) * len(joints))
         own_terms = [_own_terms(model, joint.name) for joint in joints]
-        by_kind = (own | (dict(offers.kinds_of_joint(j)) | own) for j, own in enumerate(own_terms))
+        by_kind = (terms | (dict(offers.kinds_of_joint(j)) | terms) for j, terms in enumerate(own_terms))
         return cls(model, tuple(map(tuple, own_terms)), tuple(by_kind))
 
     @cached_property

@@ -72,8 +72,9 @@ def test_each_conclusion_of_the_survey_is_decided_by_the_figures(load: Load) -> 
         of.INSTRUMENTS: 1.0,
         of.OUTPUT: 2.0,
         "consistent": 1.0,
-    } | dict.fromkeys(of.KALMAN, 5.0)
-    cost = {"least_squares": 1.0, of.DIDIM: 4.0, of.OUTPUT: 40.0, "consistent": 3.0} | dict.fromkeys(of.KALMAN, 90.0)
+        of.KALMAN: 5.0,
+    }
+    cost = {"least_squares": 1.0, of.DIDIM: 4.0, of.OUTPUT: 40.0, "consistent": 3.0, of.KALMAN: 90.0}
     cells = [
         {"method": f"spline + {name}", "level": level, "rms": [size], "seconds": cost.get(name, 2.0), "error": size}
         for name, size in sizes.items() for level in of.LEVELS

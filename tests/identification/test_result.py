@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dynident.estimators import Estimate, LeastSquares
-from dynident.identification import Identification, Recipe, StandardErrors, identify
+from dynident.identification import Identification, Recipe, identify
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.runtime import ConfigError, InputError
@@ -86,9 +88,11 @@ def test_signals_that_are_not_there_are_said_to_be_missing(found: Identification
             getattr(bare, name)
 
 
-def test_the_errors_to_believe_are_those_for_correlated_residuals_where_known() -> None:
-    errors = StandardErrors(np.array([1.0, 2.0]), np.array([3.0, np.inf]), np.array([4.0]), np.array([5.0]))
-    assert errors.best.tolist() == [3.0, 2.0]
-    assert replace(errors, std_hac=None).best is errors.std
-    assert errors.best_base is errors.base_std_hac
-    assert replace(errors, base_std_hac=None).best_base is errors.base_std
+def test_std_allows_for_correlated_residuals_everywhere_where_it_can(found: Identification, tmp_path: Path) -> None:
+    errors, rows = found.errors, json.loads(found.save(tmp_path / "result.json").read_text())["parameters"]
+    assert errors.allows_correlation
+    assert not replace(errors, std=errors.std_independent, base_std=errors.base_std_independent).allows_correlation
+    np.testing.assert_array_equal(errors.std_independent, found.estimate.std)
+    for name in ("std", "std_independent"):
+        np.testing.assert_array_equal(found.frame()[name], getattr(errors, name))
+        np.testing.assert_array_equal([float(row[name]) for row in rows], getattr(errors, name))

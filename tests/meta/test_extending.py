@@ -100,7 +100,7 @@ def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
     robust = identify(model, [log], (), Recipe(Spline(sigma=1e-6), recipe.estimator))
     plain = identify(model, [log], (), Recipe(Spline(sigma=1e-6)))
     assert recipe.estimator.k == 1.5
-    assert robust.errors.std_hac is not None
+    assert robust.errors.allows_correlation
     off, off_plain = (np.abs(found.estimate.value - truth(model)) for found in (robust, plain))
     assert off[-1] < 0.05 * off_plain[-1]  # the offset takes all outliers in least squares
     assert len(robust.estimate.residual.sample_weights) == 1

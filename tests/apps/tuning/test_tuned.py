@@ -95,7 +95,7 @@ def test_what_is_written_down_is_identified_the_same(folder: Path, bench: Bench)
     there = project.identify()
     assert there.estimate.names == here.estimate.names
     np.testing.assert_allclose(there.estimate.value, here.estimate.value, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(there.errors.best, here.errors.best, rtol=1e-9)
+    np.testing.assert_allclose(there.errors.std, here.errors.std, rtol=1e-9)
     for one, other in zip(there.validations, here.validations, strict=True):
         assert one.errors.relative_error == pytest.approx(other.errors.relative_error, rel=1e-9)
         assert one.errors.samples == other.errors.samples

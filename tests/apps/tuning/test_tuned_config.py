@@ -48,7 +48,7 @@ def test_the_saved_file_gives_the_numbers_of_the_tuning(tuned: tuple[Project, Be
     whole, found = bench.identify(tuning), run(project.path)
     assert found.estimate.names == whole.estimate.names
     np.testing.assert_allclose(found.estimate.value, whole.estimate.value, rtol=1e-9)
-    np.testing.assert_allclose(found.errors.best, whole.errors.best, rtol=1e-9)
+    np.testing.assert_allclose(found.errors.std, whole.errors.std, rtol=1e-9)
     again = parse_project(saved.text.removeprefix("\ufeff"), project.path)
     assert replace(again.recipe, base_tilt=None) == replace(bench.recipe(tuning), base_tilt=None)
     assert saved.undo() == file

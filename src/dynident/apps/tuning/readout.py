@@ -200,12 +200,12 @@ def determined_parameters(result: QuickFit | Identification) -> DeterminedParame
 
     if isinstance(result, QuickFit):
         return _base_parameter_rows(result.model, result.base, result.base_value, result.base_std, is_full=False)
-    base, errors = result.base.on_data, result.errors.best_base
+    base, errors = result.base.on_data, result.errors.base_std
     # without base parameters on the data the estimate itself is shown
     if base is None or errors is None:
         estimate = result.estimate
         return _sorted_parameters(
-            result.model.parameters, estimate.names, estimate.value, result.errors.best, is_full=True
+            result.model.parameters, estimate.names, estimate.value, result.errors.std, is_full=True
         )
     return _base_parameter_rows(result.model, base, base.to_base(result.estimate.value), errors, is_full=True)
 

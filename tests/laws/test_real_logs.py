@@ -79,7 +79,7 @@ def short(example: str) -> str:
     train = [one | {"window": [0, 2]} for one in settings["train"]]
     estimator = {"kind": "consistent", "strength": 0.0}
     model = settings["model"] | {"base_tilt": "none"}
-    changes = {"model": model, "estimator": estimator, "train": train, "validation": [], "delay": 0.0, **UNCHOSEN}
+    changes = {"model": model, "estimator": estimator, "train": train, "validation": [], "time_offset": 0.0, **UNCHOSEN}
     return yaml.safe_dump(changes)
 
 
@@ -172,7 +172,7 @@ def test_emps(folder: Path) -> None:
 
 def test_emps_with_its_time_offset(folder: Path) -> None:
     """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
-    plain, late = identify(folder, "emps"), fitted(folder, "emps", "{delay: estimate}")
+    plain, late = identify(folder, "emps"), fitted(folder, "emps", "{time_offset: estimate}")
     assert held_out(late) < 0.85 * errors(plain, "validation")[0]
     assert held_out(late, "relative_error_filtered") <= 4.9
 

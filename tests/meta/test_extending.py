@@ -60,14 +60,14 @@ def slide(folder: Path, **changes) -> Path:
         "position": {"slider": {"column": "q", "unit": "m"}},
         "torque": {"slider": {"column": "f", "unit": "N"}},
         "train": [{"file": "run.csv"}],
-        "delay": 0,
+        "time_offset": 0,
     } | changes
     (folder / "slide.yaml").write_text(yaml.safe_dump(config))
     return folder / "slide.yaml"
 
 
 def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
-    path = slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": 0.08}, delay="estimate")
+    path = slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": 0.08}, time_offset="estimate")
     out = folder / "out"
     done = CliRunner().invoke(main, ["identify", str(path), "--out", str(out)])
     assert done.exit_code == 0, done.output

@@ -32,7 +32,7 @@ torque: { pivot: { column: f, unit: N m } }
 train: [{ file: day/*.parquet, name: day }]
 validation: [{ file: tuesday.parquet }]
 smoother: { kind: spline, sigma: 1.0e-4 }
-delay: 0
+time_offset: 0
 """
 GRAVITY = 9.80665
 SAMPLES = 40_000

@@ -83,14 +83,14 @@ def explicit_settings(identification: Identification, folder: Path) -> dict[str,
         raise ConfigError("the result was made from Python, without a configuration, so that none can be written.")
     old_folder, folder = Path(source.path).parent, real_path(folder)
     data: dict[str, Any] = dict(load_yaml(source.text, source.path))
-    # the time offset is written as the setting ``delay``, not as part of the smoother
+    # the time offset is written as a setting of its own, not as part of the smoother
     smoother = strip_time_offset(recipe.smoothers[0])
     data["model"] = _model_settings(identification, data["model"], old_folder, folder)
     for role in ("train", "validation"):
         data[role] = [{**log, "file": _relocate_files(log["file"], old_folder, folder)} for log in data.get(role) or ()]
     resolved_settings = {
         "simulation": _relocate_part(data.get("simulation"), old_folder, folder),
-        "delay": recipe.time_offset,
+        "time_offset": recipe.time_offset,
         "min_speed": recipe.min_speed,
         "smoother": part_settings(SMOOTHERS, smoother, folder),
         "estimator": part_settings(ESTIMATORS, recipe.estimator, folder),

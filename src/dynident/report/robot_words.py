@@ -41,7 +41,7 @@ EFFECTS = {
     ),
     TermKind.DELAY: (
         "a torque that is stamped late, by these seconds,",
-        "Set `delay: estimate` where all joints are late alike; else shift this torque in the file.",
+        "Set `time_offset: estimate` where all joints are late alike; else shift this torque in the file.",
     ),
     TermKind.SATURATION: (
         "a torque that grows less than in proportion, by this share at its rms,",

@@ -70,7 +70,7 @@ def explicit(bench: Bench, tuning: Any) -> dict[str, Any]:
     data = settings(
         smoother={"kind": "spline", "factor": factor},
         estimator=ESTIMATORS.describe(recipe.estimator),
-        delay=tuning.time_offset,
+        time_offset=tuning.time_offset,
         min_speed=speeds,
         unfitted=list(tuning.unfitted),
         filter={"decimate": tuning.filter.decimate},

@@ -59,7 +59,7 @@ def test_only_what_differs_is_changed(tuned: tuple[Project, Bench], file: Config
     project, bench = tuned
     assert tuned_changes(project, bench, bench.start) == {}
     changes = tuned_changes(project, bench, replace(bench.start, min_speed=(0.2, 0.2, 0.2)))
-    left_open = {("model", "base_tilt"): [0.0, 0.0], ("smoother",): {"kind": "spline"}, ("delay",): 0.0}
+    left_open = {("model", "base_tilt"): [0.0, 0.0], ("smoother",): {"kind": "spline"}, ("time_offset",): 0.0}
     assert changes == left_open | {("min_speed",): 0.2}
     assert "min_speed: 0.2 # rad/s\r\n" in file.apply_changes(changes)
     none = tuned_changes(project, bench, replace(bench.start, min_speed=(0.0, 0.0, 0.0)))
@@ -86,7 +86,7 @@ def test_a_file_that_others_have_changed_is_not_replaced(tuned: tuple[Project, B
     other = file.text.replace("# rad/s", "# of a colleague").encode()
     file.path.write_bytes(other)
     with pytest.raises(ConfigError, match="has been changed by another program since it was read; nothing"):
-        file.save({("delay",): 0.0})
+        file.save({("time_offset",): 0.0})
     with pytest.raises(ConfigError, match="has been changed by another program"):
         ConfigFile.of(tuned[0])
     assert file.path.read_bytes() == other
@@ -128,12 +128,12 @@ def test_a_file_that_may_only_be_read_or_is_gone(file: ConfigFile) -> None:
     before = file.path.read_bytes()
     file.path.chmod(0o444)
     with pytest.raises(InputError, match="may only be read"):
-        file.save({("delay",): 0.0})
+        file.save({("time_offset",): 0.0})
     assert file.path.read_bytes() == before
     file.path.chmod(0o644)
     file.path.unlink()
     with pytest.raises(InputError, match="is there no longer"):
-        file.save({("delay",): 0.0})
+        file.save({("time_offset",): 0.0})
     assert not file.path.exists()
 
 
@@ -142,7 +142,7 @@ def test_a_folder_that_cannot_be_written(file: ConfigFile) -> None:
     file.path.parent.chmod(0o500)
     try:
         with pytest.raises(InputError, match="cannot be written"):
-            file.save({("delay",): 0.0})
+            file.save({("time_offset",): 0.0})
     finally:
         file.path.parent.chmod(0o700)
 

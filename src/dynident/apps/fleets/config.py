@@ -30,7 +30,7 @@ from dynident.files.results import read_table, table_kind
 from dynident.files.text import call_polars
 from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_text
-from dynident.project.fields import CountOrEach, Delay, Name, Number, Section, Windows, as_number
+from dynident.project.fields import CountOrEach, Name, Number, Section, TimeOffsetValue, Windows, as_number
 from dynident.project.python_file import error_text
 from dynident.project.result_format import section_schema
 from dynident.runtime import ConfigError, InputError, choices, join_names
@@ -141,7 +141,7 @@ Text = Annotated[str, BeforeValidator(_read_text)]
 
 class RobotChanges(Section):
     """What differs from the recipe for one robot: keys of ``model`` (such as a calibrated ``file`` or ``base_tilt``),
-    and of the channels by joint (``gain``, ``offset``, ``column``), ``transmission``, ``zero`` and ``delay``.
+    and of the channels by joint (``gain``, ``offset``, ``column``), ``transmission``, ``zero`` and ``time_offset``.
 
     ``type`` is that of the robot: those of one type are compared with each other.
     """
@@ -152,7 +152,7 @@ class RobotChanges(Section):
     torque: Mapping[Name, PlainSettings] = {}
     transmission: Mapping[Name, Mapping[Name, Number]] = {}
     zero: Mapping[Name, Number] = {}
-    delay: Delay | None = None
+    time_offset: TimeOffsetValue | None = None
 
     @model_validator(mode="after")
     def _check_terms(self) -> Self:

@@ -153,7 +153,7 @@ def _recipe_changes(old_recipe: Recipe, new_recipe: Recipe, joints: tuple[str, .
     if new_recipe.min_speeds(joints) != old_recipe.min_speeds(joints):
         yield ("min_speed",), REMOVED if new_recipe.min_speed is None else new_recipe.min_speed
     if new_recipe.time_offset != old_recipe.time_offset:
-        yield ("delay",), new_recipe.time_offset
+        yield ("time_offset",), new_recipe.time_offset
     if new_recipe.unfitted != old_recipe.unfitted:
         yield ("unfitted",), list(new_recipe.unfitted) or REMOVED
     yield from (

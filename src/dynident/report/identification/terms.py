@@ -113,7 +113,7 @@ def choice_comments(identification: Identification, source: str) -> dict[str, li
     if calibration.base_tilt is not None:
         comments["model.base_tilt"] = [f"rad, about x and y: {words(calibration.base_tilt)}"]
     if calibration.time_offset is not None:
-        comments["delay"] = [f"s: {words(calibration.time_offset)}"]
+        comments["time_offset"] = [f"s: {words(calibration.time_offset)}"]
     if calibration.prior_strength is not None:
         comments["estimator"] = [f"strength of the prior: {words(calibration.prior_strength)}"]
     if calibration.smoother is not None:

@@ -84,8 +84,8 @@ def choose_terms(
     of the residual's correlation length between them. A kind enters where it removes at least 1 % of the squared
     error of its joint, and more than ``MIN_GAIN_ERRORS`` of its standard errors over the blocks, a strict one
     ``MIN_STRICT_GAIN_ERRORS``; where it does not fail on the fast samples when the slow ones are fitted, or on
-    another recording; and where no coefficient is negative that must not be. Offset and rotor inertia always stay, viscous and Coulomb friction unless they have
-    demonstrably no effect.
+    another recording; and where no coefficient is negative that must not be. Offset and rotor inertia always stay,
+    viscous and Coulomb friction unless they have demonstrably no effect.
 
     ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds, except where a
     presliding term was chosen.

@@ -156,7 +156,8 @@ def _slope_at(x: float, point: SearchPoint, previous: SearchPoint | None) -> tup
 def _next_log_p(point: SearchPoint, previous: SearchPoint | None, low: float, high: float, noise_ratio: float) -> float:
     """Return the next log p: by a model of one point, by interpolation of two near the root, else by bisection.
 
-    Within ``REFINEMENT_ERROR`` of the root one point alone gives Newton's step on log rss. ``noise_ratio`` is the rss expected of noise that is smoothed away completely, over the target.
+    Within ``REFINEMENT_ERROR`` of the root one point alone gives Newton's step on log rss. ``noise_ratio`` is the rss
+    expected of noise that is smoothed away completely, over the target.
     """
     x, error, slope = point
     # at most a factor of 1000 in p

@@ -69,9 +69,9 @@ class CandidateKind:
     """A ``name`` and the ``sizes`` of a term on one joint, which count as one trial.
 
     A ``strict`` kind needs ``MIN_STRICT_GAIN_ERRORS``. One that is ``presumed`` belongs to the plain set: it stays
-    unless it is seen to do nothing. A ``dry`` one is friction with the sign of the motion: another of these ends the presumption.
-    One that ``reaches`` must hold further out than it was fitted, and is not tried where its ``needs_load`` cannot be
-    met.
+    unless it is seen to do nothing. A ``dry`` one is friction with the sign of the motion: another of these ends the
+    presumption. One that ``reaches`` must hold further out than it was fitted, and is not tried where its
+    ``needs_load`` cannot be met.
     """
 
     name: str

@@ -47,9 +47,8 @@ PLAIN_ESTIMATOR = LeastSquares()
 COLUMN_TOPICS = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
 SILENT_TORQUE_TOPICS = (Topic.DEAD, Topic.FROZEN_TORQUE)  # explain by themselves what a fit leaves of a joint's torque
 TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
-MAX_FACTOR_NUMBERS = (
-    1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
-)
+# numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
+MAX_FACTOR_NUMBERS = 1e8
 MAX_SEARCH_NUMBERS = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
 MIN_TILT_SHARE = 0.03  # share of the error that a tilted base must explain to be reported
 
@@ -155,9 +154,8 @@ def with_findings(
         motions[validation.role][validation.name] = validation.motion
     chosen_recipe, choice = identification.recipe, identification.calibration.terms
     # terms are set to None: those of the choice are in the model already
-    recipe = replace(
-        recipe, base_tilt=chosen_recipe.base_tilt, min_speed=chosen_recipe.min_speed, terms=None
-    )  # as found
+    # as found
+    recipe = replace(recipe, base_tilt=chosen_recipe.base_tilt, min_speed=chosen_recipe.min_speed, terms=None)
     plain = None if choice is None else with_plain_terms(_memoryless(model))
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)

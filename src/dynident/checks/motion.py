@@ -295,9 +295,8 @@ ODD_LOG_SAMPLES = 1000  # of all motions, up to twice as many
 MIN_ROWS_PER_PARAMETER = 5  # equations of a log for each parameter: fewer are explained by any fit of their own
 MIN_COMMON_ERROR = 2.0  # %, of the torque: a smaller error of all logs together is none
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which the data say nothing
-MAX_ODD_ERROR_RATIO = (
-    0.6  # times that error: with a fit of its own for the odd log it is below; real robots have 0.86 and more
-)
+# times that error: with a fit of its own for the odd log it is below; real robots have 0.86 and more
+MAX_ODD_ERROR_RATIO = 0.6
 
 
 def odd_log_findings(

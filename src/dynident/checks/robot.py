@@ -223,12 +223,10 @@ def _limit_notes(limits: RobotJointLimits) -> Iterator[Note]:
 
 
 MIN_ANGLE = 40.0  # deg from which another direction is asked about; smaller angles are a tilt, or wrong inertias
-MIN_EXPLAINED_VARIANCE = (
-    0.7  # share of the torque's variance, beside friction and rotor, that the found direction must explain
-)
-MAX_VARIANCE_RATIO = (
-    0.5  # times the unexplained variance of the assumed direction: above, both explain it about as well
-)
+# share of the torque's variance, beside friction and rotor, that the found direction must explain
+MIN_EXPLAINED_VARIANCE = 0.7
+# times the unexplained variance of the assumed direction: above, both explain it about as well
+MAX_VARIANCE_RATIO = 0.5
 MIN_SINGULAR_SHARE = 0.02  # share of the largest singular value below which the motion does not show a direction
 STANDARD_GRAVITY = 9.81  # m/s^2, the size where no gravity was assumed
 MAX_SIZE_FACTOR = 3.0  # times the assumed size, or a third: then inertias or units are wrong, not the direction
@@ -281,9 +279,8 @@ def _gravity_direction(X: Array, y: Array, assumed: Array) -> Array | None:
     """Return the direction (3) of gravity that fits y (M) by X (M, 4), None unless it differs from the assumed one."""
     # fit gravity only along the directions that the motion shows
     _, singular_values, axes = np.linalg.svd(X[:, 1:], full_matrices=False)
-    observable = axes[
-        singular_values > MIN_SINGULAR_SHARE * singular_values[0]
-    ]  # of a planar arm not the axis of its joints
+    # of a planar arm not the axis of its joints
+    observable = axes[singular_values > MIN_SINGULAR_SHARE * singular_values[0]]
     A = np.column_stack([X[:, 0], X[:, 1:] @ observable.T])
     singular = np.linalg.svd(A, compute_uv=False)
     if singular[-1] <= MIN_SINGULAR_SHARE * singular[0]:

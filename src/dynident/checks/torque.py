@@ -18,20 +18,14 @@ from dynident.motion.smoothers import Spline, smooth_log
 from dynident.runtime import DynidentError, Finding, Severity
 
 Array = NDArray[np.float64]
-MAX_LOOP_SAMPLES, MAX_STATEFUL_SAMPLES = (
-    1000,
-    5000,
-)  # of a log, at which a controller is asked; in a row, of one that remembers
+# of a log, at which a controller is asked; in a row, of one that remembers
+MAX_LOOP_SAMPLES, MAX_STATEFUL_SAMPLES = 1000, 5000
 MIN_LOOP_SAMPLES = 10  # samples, of which nothing is told
 VELOCITY_STEPS = range(11)  # of a drive, over which its velocity may be a difference; 0 where it is faster than is said
-MAX_VELOCITY_ERROR_RATIO, MAX_SCALED_ERROR_RATIO = (
-    0.65,
-    0.5,
-)  # of the error, which another velocity or factor must leave at most
-MIN_FACTOR_DEVIATION, MAX_SCALED_SHARE = (
-    0.05,
-    0.2,
-)  # by how much a factor must differ from 1 to be named, and what it may leave of the torque
+# of the error, which another velocity or factor must leave at most
+MAX_VELOCITY_ERROR_RATIO, MAX_SCALED_ERROR_RATIO = 0.65, 0.5
+# by how much a factor must differ from 1 to be named, and what it may leave of the torque
+MIN_FACTOR_DEVIATION, MAX_SCALED_SHARE = 0.05, 0.2
 MIN_DIFFERENCE_SHARE = 0.5  # share of the torque above which a controller is another one
 MIN_NOISE_RATIO = 3.0  # times what the noise of the positions explains of that
 
@@ -154,16 +148,13 @@ def _loop_torques(loop: Controller, motion: Motion, rows: NDArray[np.intp], q: A
 
 
 AGREEMENT_SAMPLES = 2000  # of all motions: enough to see a sign
-MAX_UNRELATED_CORRELATION, MIN_UNRELATED_RATIO = (
-    0.3,
-    2.0,
-)  # |correlation| below NONE counts as none, where the nominal torque is over ASKED times the measured one
+# a smaller |correlation| counts as none, where the nominal torque is over so many times the measured one
+MAX_UNRELATED_CORRELATION, MIN_UNRELATED_RATIO = 0.3, 2.0
 MIN_SIGN_CORRELATION = 0.6  # partial correlation from which a sign is trusted
 MAX_SCALE = 3.0  # factor from which a scale is questioned, where the correlation is beyond STRONG
 MIN_SCALE_CORRELATION = 0.85
-MIN_INDEPENDENT_SHARE = (
-    1e-3  # share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
-)
+# share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
+MIN_INDEPENDENT_SHARE = 1e-3
 MIN_DRIVING_SHARE = 0.2  # share of rms torque times rms speed by which friction must drive the joint, to count
 
 

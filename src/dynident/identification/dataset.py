@@ -26,9 +26,8 @@ Mask = NDArray[np.bool_]
 MAX_ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only finds outliers
 MIN_UNEXPLAINED_SHARE = 0.5  # share of a spike that the model must leave
 MIN_FROZEN_ERROR = 4.0  # usual residuals by which a frozen torque is wrong, rms over the stretch
-MAX_RESIDUAL_GROWTH = (
-    1.02  # factor by which the equations of a joint that turns freely may raise the residual of any other
-)
+# factor by which the equations of a joint that turns freely may raise the residual of any other
+MAX_RESIDUAL_GROWTH = 1.02
 MAX_CANCELLED_SHARE = 0.1  # of the parts of its torque, the most that may be left
 MIN_RESIDUAL_SHARE = 0.01  # of a torque's rms, the least usual residual
 MIN_CLIPPED_EXCESS = 2.0  # usual residuals by which the model exceeds a clipped torque, on average

@@ -24,19 +24,14 @@ from dynident.runtime import ConfigError, Note, Severity, choices, settings_repr
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BLOCK_DURATION = 0.1  # s: a joint that stays within its noise so long stands still
-MAX_REST_NOISE, MAX_REST_PACE = (
-    8.0,
-    0.01,
-)  # times the noise, share of the usual pace: what a joint at rest moves in a block at most
-MAX_CREEP, MAX_REST_RANGE = (
-    0.01,
-    0.05,
-)  # shares of the range of a joint that it may creep in a rest, and may not whatever its noise
+# times the noise, share of the usual pace: what a joint at rest moves in a block at most
+MAX_REST_NOISE, MAX_REST_PACE = 8.0, 0.01
+# shares of the range of a joint that it may creep in a rest, and may not whatever its noise
+MAX_CREEP, MAX_REST_RANGE = 0.01, 0.05
 MIN_REST_DURATION, MIN_REST_CROSSING = 0.5, 0.1  # s, and share of the time in which the fastest joint crosses its range
 MARGIN_BLOCKS = 3  # blocks of a rest that stay at an end, for the smoother
-MAX_HELD_SHARE = (
-    5e-3  # of the largest range of a joint of its kind: a joint whose range is less is held by its controller
-)
+# of the largest range of a joint of its kind: a joint whose range is less is held by its controller
+MAX_HELD_SHARE = 5e-3
 MAX_HELD_RANGE = {"revolute": 0.02, "prismatic": 1e-3}  # rad, m: likewise, a joint whose range is more does move
 MIN_SAMPLES = 200  # samples that must be left of a log
 DECISION_SAMPLES = 10_000  # samples with which it is decided on the rests within
@@ -172,9 +167,7 @@ def without_rests(
     if gain is not None and gain.sure:
         motions = {name: _keep_moving(motion, rest_masks[name]) for name, motion in motions.items()}
     gains = {"train": gain}
-    notes = [
-        _rest_note(name, log, gains.get(role)) for role, logs in recorded.items() for name, log in logs.items()
-    ]  # fmt: skip
+    notes = [_rest_note(name, log, gains.get(role)) for role, logs in recorded.items() for name, log in logs.items()]
     return dict(motions), tuple(note for note in notes if note.start or note.end or note.within)
 
 

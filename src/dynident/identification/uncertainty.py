@@ -28,9 +28,8 @@ from dynident.validation import coloured_covariance, correlated_std, plain_std, 
 
 Array = NDArray[np.float64]
 RobustStd = Callable[..., Array]  # as ``correlated_std``
-MAX_LAG_SHARE = (
-    0.025  # of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
-)
+# of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
+MAX_LAG_SHARE = 0.025
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +69,8 @@ class FitUncertainty:
         except ModelError:  # nearly dependent columns
             return std
         # Scale by the ratio of robust to white errors: the estimator's own errors count more than least squares does.
-        if (
-            estimate.information is not None and weights is not None
-        ):  # that of the fit, as far as residuals are correlated
+        # that of the fit, as far as residuals are correlated
+        if estimate.information is not None and weights is not None:
             white_std = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
             robust = np.minimum(std * np.maximum(robust / white_std, 1.0), np.maximum(robust, std))
         return np.asarray(np.hypot(np.hypot(robust, extra_std), _constraint_shift(estimate, basis)))

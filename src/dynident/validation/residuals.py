@@ -148,9 +148,8 @@ def _share(power: Array, selected: NDArray[np.bool_]) -> float:
     return float(power[selected].sum() / power.sum())
 
 
-MAX_FOLLOWING_SHARE = (
-    0.05  # share of what was taken away that may follow the motion: the error of the noise estimate is as large
-)
+# share of what was taken away that may follow the motion: the error of the noise estimate is as large
+MAX_FOLLOWING_SHARE = 0.05
 SPECTRUM_LINES = 2000  # frequencies of a spectrum
 MIN_TEST_SAMPLES = 50  # samples
 TEST_LEVEL = 0.01  # of the test
@@ -273,9 +272,8 @@ def _test_joint(
 Index = NDArray[np.intp]
 AT_FLOOR = 1.15  # times what the sensors allow: up to here a residual is at the noise floor
 QUANTILE = 1.645  # standard errors that leave 5 % of a normal distribution above
-MAX_PREDICTION_RATIO = (
-    0.5  # of the scatter, the most by which predicted torques of two passes may differ: else it is another motion
-)
+# of the scatter, the most by which predicted torques of two passes may differ: else it is another motion
+MAX_PREDICTION_RATIO = 0.5
 MAX_OTHER_LOGS = 5  # other logs in which a motion is sought
 MIN_INDEPENDENT_SAMPLES = 30  # independent samples
 MEDIAN_NOISE = 10.5  # N times the relative variance of the noise power from the median of fourth differences

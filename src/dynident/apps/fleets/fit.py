@@ -329,9 +329,8 @@ def _log_path(name: str, folder: Path) -> str:
 
 def _quality_columns(identification: Identification) -> dict[str, Any]:
     """Return the columns of a row that say how good a result is."""
-    errors = {
-        validation.role: validation.errors for validation in reversed(identification.validations)
-    }  # of several pieces, those of the first
+    # of several pieces, those of the first
+    errors = {validation.role: validation.errors for validation in reversed(identification.validations)}
     held_out = errors.get("validation")
     return {
         "samples": sum(

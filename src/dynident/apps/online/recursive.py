@@ -160,9 +160,8 @@ class RecursiveLeastSquares:
         min_factors = np.divide(MIN_PIVOT_SHARE * self._peak, pivots, out=np.ones(p), where=pivots > 0)
         self._R[:p] *= np.minimum(np.maximum(np.exp(-0.5 * seconds / memories), min_factors), 1.0)[:, None]
         # the residual keeps rows enough to be known
-        kept_share = math.exp(
-            -seconds / float(memories.min())
-        )  # of the residual: what a change has left in it goes as fast
+        # of the residual: what a change has left in it goes as fast
+        kept_share = math.exp(-seconds / float(memories.min()))
         kept_share = max(kept_share, min(1.0, MIN_ROWS_PER_PARAMETER * p / self._rows)) if self._rows else 1.0
         self._R[p, p] *= math.sqrt(kept_share)
         self._rows *= kept_share

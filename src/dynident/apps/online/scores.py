@@ -256,9 +256,8 @@ class Reference:
 def build_reference(blocks: Sequence[Scores], directions: Array) -> Reference:
     """Build the reference from blocks without a change, for the ``directions`` (r, M) of the groups."""
     A, s = sum(entry.information for entry in blocks), sum(entry.score for entry in blocks)
-    mean_squares = np.diag(np.asarray(A)) / sum(
-        entry.samples for entry in blocks
-    )  # mean square torque, in units of the noise
+    # mean square torque, in units of the noise
+    mean_squares = np.diag(np.asarray(A)) / sum(entry.samples for entry in blocks)
     # a parameter that no motion has shown may be wrong by a torque of UNKNOWN_TORQUE_RATIO times the noise
     prior = np.diag(
         np.maximum(mean_squares, MIN_PRIOR_SHARE * float(np.median(mean_squares))) / UNKNOWN_TORQUE_RATIO**2

@@ -61,13 +61,10 @@ Array = NDArray[np.float64]
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
 TRIAL_SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 PRESLIDING_KINDS = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
-MAX_STILL_SHARE = (
-    1e-4  # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
-)
-MIN_REACH, MIN_ARM_SPEED = (
-    1e-9,
-    1e-6,
-)  # rad, m: range of a joint that never moves; rad/s, m/s: as STILL, of an arm at rest
+# of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
+MAX_STILL_SHARE = 1e-4
+# rad, m: range of a joint that never moves; rad/s, m/s: of an arm at rest
+MIN_REACH, MIN_ARM_SPEED = 1e-9, 1e-6
 MIN_BLOCK_SAMPLES = 50  # samples in a block
 
 
@@ -110,9 +107,8 @@ class _TermSelection:
     theta: Array  # (p) of the model given
     independent: float = 1.0  # samples per independent one
     given_speed: bool = False
-    ripples: list[list[CandidateKind]] = field(
-        default_factory=list
-    )  # found at each joint, and friction of motors coupled to it
+    # found at each joint, and friction of motors coupled to it
+    ripples: list[list[CandidateKind]] = field(default_factory=list)
     trials: list[dict[str, TermTrial]] = field(default_factory=list)  # of these
     _cached_columns: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
 

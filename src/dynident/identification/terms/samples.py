@@ -231,10 +231,8 @@ def _products(A: Array, B: Array) -> Array:
 
 MAX_SAMPLES = 20_000  # of all motions together: the choice needs no more
 BLOCKS = 16  # of time, of all motions together; at least one of each motion
-FAST_QUANTILE, OUTER_QUANTILE = (
-    0.6,
-    0.7,
-)  # quantiles of speed and of the distance from the middle that divide the samples of a joint
+# quantiles of speed and of the distance from the middle that divide the samples of a joint
+FAST_QUANTILE, OUTER_QUANTILE = 0.6, 0.7
 N_CLASSES = 4  # slow inner, slow outer, fast inner, fast outer
 MAX_GAP_SHARE = 1 / 8  # of a block at most
 

@@ -150,8 +150,9 @@ class Watch:
             yield from first_events
             while True:
                 data, fresh, ended = stream.read()
-                if fresh:
-                    self._next_file()
+                if fresh:  # an unfinished line of the last file is lost
+                    self.lines.tail = b""
+                    self.reader.new_file()
                 # between push and save, watcher and stream position disagree: a state saved here would lose samples
                 is_consistent = False
                 events = self._process_lines(self.lines.push(data))
@@ -194,11 +195,6 @@ class Watch:
 
     def _open_stream(self, position: Mapping[str, Any] | None) -> Stream:
         return StandardInput() if self.source == "-" else FollowedFile(Path(self.source), position)
-
-    def _next_file(self) -> None:
-        """Continue with another file; an unfinished line of the last one is lost."""
-        self.lines.tail = b""
-        self.reader.new_file()
 
     def _process_lines(self, lines: list[str]) -> list[Event]:
         if not lines:
@@ -256,14 +252,10 @@ def make_watch(
 
 def event_data(event: Event) -> dict[str, Any]:
     """Return an event in JSON types, with its ``event`` name; values that are not finite become null."""
-    return {"event": type(event).__name__} | {
-        attribute.name: _event_value(getattr(event, attribute.name)) for attribute in fields(event)
-    }
+    return {"event": type(event).__name__} | {name: _event_value(value) for name, value in vars(event).items()}
 
 
 def _event_value(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_event_value(member) for member in value]
-    if isinstance(value, StrEnum):
-        return value.value
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -156,7 +156,9 @@ def with_findings(
     # terms are set to None: those of the choice are in the model already
     # as found
     recipe = replace(recipe, base_tilt=chosen_recipe.base_tilt, min_speed=chosen_recipe.min_speed, terms=None)
-    plain = None if choice is None else with_plain_terms(_memoryless(model))
+    # the plain set stands in for the terms that remember
+    memoryless = replace(model, terms=tuple(term for term in model.terms if not term.memory))
+    plain = None if choice is None else with_plain_terms(memoryless)
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     findings = run_checks(
@@ -207,7 +209,8 @@ class _CheckRun:
                     facts[name] = channel_facts(log, suspects(log).positions if masked else None)
                 if not any(finding.severity == "error" for finding in log_findings):
                     valid_logs[role].append(recipe.trim(log))
-        return CheckResult((), timings, facts, links=_robot_links(self.model)), valid_logs
+        links = tuple(fact for term in self.model.terms if term.file is not None for fact in link_facts(term.file))
+        return CheckResult((), timings, facts, links=links), valid_logs
 
     def check_motion(
         self,
@@ -337,10 +340,6 @@ def _file_findings(model: Model, joints: tuple[str, ...]) -> list[Finding]:
     return findings
 
 
-def _robot_links(model: Model) -> tuple[LinkFacts, ...]:
-    return tuple(fact for term in model.terms if term.file is not None for fact in link_facts(term.file))
-
-
 def _motion_findings(
     model: Model, motions: Sequence[Motion], excitations: Sequence[Excitation], agreements: Sequence[Agreement]
 ) -> Iterator[Finding]:
@@ -373,8 +372,3 @@ def _skipped_search_finding(search: SearchKind, model: Model) -> Finding:
     severity = Severity.INFO if search is SearchKind.PAIRS else Severity.WARNING
     note = SearchLeftOut(search, len(model.joints), len(model.parameters))
     return Finding(severity, None, note, Topic.LEFT_OUT)
-
-
-def _memoryless(model: Model) -> Model:
-    """Return the model without the terms that remember, for which the plain set stands in."""
-    return replace(model, terms=tuple(term for term in model.terms if not term.memory))

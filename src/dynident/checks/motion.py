@@ -69,7 +69,7 @@ def compensation_findings(regression: Regression) -> Iterator[Finding]:
     # the standard error follows from the curvature of the squared error, by a second difference
     middle, *sides = (error(factor + side) ** 2 for side in (0.0, -SHARE_STEP, SHARE_STEP))
     curvature = max((sides[0] + sides[1] - 2 * middle) / SHARE_STEP**2, 1e-12)
-    count = sum(int(motion.mask.sum()) for motion in regression.motions) * len(regression.model.joints)
+    count = regression.usable_samples * len(regression.model.joints)
     std = float(np.sqrt(2 * middle / (count * curvature)))
     note = log_notes.GravityCompensated(factor, std, before, after)
     yield Finding(Severity.WARNING, None, note, Topic.COMPENSATED)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.checks import notes
 from dynident.checks.finding import Topic
-from dynident.checks.torque import nominal_torque, nuisance_columns, thin_samples
+from dynident.checks.torque import nominal_torque, nuisance_columns, project_out, thin_samples, torque_or_zero
 from dynident.models import Model, consistency_violations, from_physical, to_physical
 from dynident.models.robot_files import RobotFile, RobotJoint, RobotJointLimits
 from dynident.motion.log import Motion
@@ -264,7 +264,7 @@ def _scaled_rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[
     columns = _gravity_columns(model, q, dq, ddq, size)
     # without the parts that friction, rotor and offset explain, only bodies are left to compare
     projected = [
-        _project_out(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance_columns(q, dq, ddq, j))
+        project_out(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance_columns(q, dq, ddq, j))
         for j in range(q.shape[1])
     ]
     # scale each joint by its torque, so that all count the same; joints without any are left out
@@ -323,15 +323,5 @@ def _gravity_columns(model: Model, q: Array, dq: Array, ddq: Array, size: float)
     def set_gravity(gravity: Array) -> Model:
         return model.with_gravity(lambda _: gravity)
 
-    gravity_torques = [_torque_or_zero(set_gravity(size * axis), q, zeros, zeros) for axis in np.eye(3)]
-    return np.array([_torque_or_zero(set_gravity(np.zeros(3)), q, dq, ddq), *gravity_torques])
-
-
-def _torque_or_zero(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    torque = nominal_torque(model, q, dq, ddq)
-    return np.zeros_like(q) if torque is None else torque
-
-
-def _project_out(series: Array, columns: Array) -> Array:
-    """Return ``series`` minus its projection on the columns."""
-    return np.asarray(series - columns @ np.linalg.lstsq(columns, series)[0])
+    gravity_torques = [torque_or_zero(set_gravity(size * axis), q, zeros, zeros) for axis in np.eye(3)]
+    return np.array([torque_or_zero(set_gravity(np.zeros(3)), q, dq, ddq), *gravity_torques])

@@ -56,7 +56,8 @@ def loop_findings(logs: Sequence[Log]) -> Iterator[Finding]:
             continue
         try:
             with np.errstate(all="ignore"):  # what is not finite is left to the simulation, too
-                torques, steps = _command_torques(log, log.controller), _difference_steps(log.controller)
+                torques = _command_torques(log, log.controller)
+                steps = log.controller.steps if isinstance(log.controller, DifferencingLoop) else 1
         except DynidentError:  # the simulation says it
             continue
         if len(torques.tau) > MIN_LOOP_SAMPLES and all(
@@ -71,7 +72,10 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
     if not has_torque.any():
         return
     # over how many steps the drives difference positions; it must be clearly better than the given number
-    total = {steps: _rms_share(torques.error(steps)[has_torque] / size[has_torque]) for steps in torques.by_steps}
+    total = {
+        steps: float(np.sqrt(np.mean(np.square(torques.error(steps)[has_torque] / size[has_torque]))))
+        for steps in torques.by_steps
+    }
     best = min(total, key=lambda steps: total[steps])
     if total[best] > MAX_VELOCITY_ERROR_RATIO * total[configured_steps]:
         best = configured_steps
@@ -92,15 +96,6 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
             yield Finding(Severity.WARNING, name, gain_note, Topic.LOOP, source=log.source)
         elif share > MIN_DIFFERENCE_SHARE and error[j] > MIN_NOISE_RATIO * torques.noise[j]:
             yield Finding(Severity.WARNING, name, LoopDiffers(share), Topic.LOOP, source=log.source)
-
-
-def _rms_share(shares: Array) -> float:
-    """Return the root mean square of shares (n)."""
-    return float(np.sqrt(np.mean(np.square(shares))))
-
-
-def _difference_steps(controller: Controller) -> int:
-    return controller.steps if isinstance(controller, DifferencingLoop) else 1
 
 
 def _command_torques(log: Log, controller: Controller) -> _ControllerTorques:
@@ -179,8 +174,7 @@ class Agreement:
 def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
     """Return for each joint of the model how its measured torque agrees with the nominal one."""
     q, dq, ddq, tau = thin_samples(motions)
-    file_torque = nominal_torque(model, q, dq, ddq)
-    file_torque = np.zeros_like(q) if file_torque is None else file_torque
+    file_torque = torque_or_zero(model, q, dq, ddq)
     agreements = []
     for j, joint in enumerate(model.joints):
         # sine and cosine of the angle stand for gravity, so that this joint alone gives rotor inertia and friction
@@ -226,9 +220,20 @@ def nominal_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array | Non
     return model.torque(q, dq, ddq, np.array(values, dtype=float), np.zeros((len(q), model.memory)))
 
 
+def torque_or_zero(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the torque (M, n) of ``nominal_torque``, zeros where there is none."""
+    torque = nominal_torque(model, q, dq, ddq)
+    return np.zeros_like(q) if torque is None else torque
+
+
+def project_out(series: Array, columns: Array) -> Array:
+    """Return ``series`` minus its projection on the columns."""
+    return np.asarray(series - columns @ np.linalg.lstsq(columns, series)[0])
+
+
 def _partial_regression(x: Array, y: Array, columns: Array) -> tuple[float, float, float]:
     """Return slope, correlation and relative size of x against y, with the columns projected out of both."""
-    x_residual, y_residual = (series - columns @ np.linalg.lstsq(columns, series)[0] for series in (x, y))
+    x_residual, y_residual = (project_out(series, columns) for series in (x, y))
     a, b = float(np.linalg.norm(x_residual)), float(np.linalg.norm(y_residual))
     # where the nominal torque is almost that of rotor and friction there is nothing to compare
     if a < MIN_INDEPENDENT_SHARE * float(np.linalg.norm(x)) or b == 0:

@@ -93,7 +93,8 @@ def torque_outliers(
         return (None,) * len(suspect_masks)
     measured_motions = [replace(motion, tau=log.tau) for motion, log in zip(motions, logs, strict=True)]
     trusted_motions = [
-        _without_suspects(motion, flags) for motion, flags in zip(measured_motions, suspect_masks, strict=True)
+        replace(motion, keep=_keep_mask(motion) & ~flags.torques)
+        for motion, flags in zip(measured_motions, suspect_masks, strict=True)
     ]
     # Only trusted torques of the training are fitted, so that the suspects cannot hide themselves.
     trusted_masks = [_keep_mask(trusted)[trusted.mask] for trusted in trusted_motions[:trained]]
@@ -225,10 +226,6 @@ def _keep_recorded_joints(motion: Motion, outliers: TorqueOutliers | None) -> Mo
 
 def _keep_mask(motion: Motion) -> Mask:
     return np.ones(motion.q.shape, dtype=bool) if motion.keep is None else motion.keep
-
-
-def _without_suspects(motion: Motion, candidates: Suspects) -> Motion:
-    return replace(motion, keep=_keep_mask(motion) & ~candidates.torques)
 
 
 def _fit_parameters(model: Model, motions: Sequence[Motion], selection: Selection) -> Array:

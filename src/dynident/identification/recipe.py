@@ -165,7 +165,7 @@ def without_rests(
     # A minimum speed leaves the rests out anyway, so that there is nothing to decide.
     gain = None if selection.min_speed and all(selection.min_speed) else _gain_without_rests(model, motions, rest_masks)
     if gain is not None and gain.sure:
-        motions = {name: _keep_moving(motion, rest_masks[name]) for name, motion in motions.items()}
+        motions = {name: keep_moving(motion, rest_masks[name]) for name, motion in motions.items()}
     gains = {"train": gain}
     notes = [_rest_note(name, log, gains.get(role)) for role, logs in recorded.items() for name, log in logs.items()]
     return dict(motions), tuple(note for note in notes if note.start or note.end or note.within)
@@ -192,11 +192,11 @@ def _gain_without_rests(model: Model, motions: Mapping[str, Motion], rests: Mapp
         if len(indices) > 1:
             # Both versions have the same samples; only the mask of the fit differs.
             before.append(motion.shift(0.0, indices))
-            after.append(_keep_moving(before[-1], rests[name][indices]))
+            after.append(keep_moving(before[-1], rests[name][indices]))
     return motion_gain(model, before, after)
 
 
-def _keep_moving(motion: Motion, rests: Mask) -> Motion:
+def keep_moving(motion: Motion, rests: Mask) -> Motion:
     """Return the motion with the samples at rest left out of the fit."""
     moving = np.broadcast_to(~rests[:, None], motion.q.shape)
     return replace(motion, keep=moving if motion.keep is None else moving & motion.keep)
@@ -222,10 +222,6 @@ def _is_smoother(value: object) -> bool:
     return isinstance(value, Smoother)
 
 
-def _is_estimator(value: object) -> bool:
-    return isinstance(value, Estimator)
-
-
 def _is_number(value: Any) -> bool:
     return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
 
@@ -241,10 +237,6 @@ def _are_proposing(value: object) -> bool:
     )
 
 
-def _are_names(value: object) -> bool:
-    return isinstance(value, tuple) and all(isinstance(name, str) for name in value)
-
-
 def _is_estimate(value: object) -> bool:
     return isinstance(value, str) and value == "estimate"
 
@@ -255,7 +247,7 @@ def _is_tilt(value: object) -> bool:
 
 _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "smoother": (_is_smoother, "a smoother, such as Spline(), or a tuple of them"),
-    "estimator": (_is_estimator, "an estimator, such as LeastSquares()"),
+    "estimator": (lambda value: isinstance(value, Estimator), "an estimator, such as LeastSquares()"),
     "filter": (lambda value: isinstance(value, ParallelFilter | None), "a ParallelFilter or None"),
     "min_speed": (_is_speed, "a number of at least 0, such numbers by joint, or None"),
     "time_offset": (lambda value: _is_estimate(value) or _is_number(value), "a finite number (s) or 'estimate'"),
@@ -266,7 +258,10 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "rests": (lambda value: value in ("trim", "keep"), "'trim' or 'keep'"),
     "terms": (lambda value: value in (None, "auto"), "'auto' or None"),
     "proposed": (_are_proposing, "classes of terms with a class method `proposed`, in a tuple"),
-    "unfitted": (_are_names, "names of joints, in a tuple"),
+    "unfitted": (
+        lambda value: isinstance(value, tuple) and all(isinstance(name, str) for name in value),
+        "names of joints, in a tuple",
+    ),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 

@@ -24,7 +24,7 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import ModelError, report_progress
-from dynident.validation import coloured_covariance, correlated_std, plain_std, robust_covariance
+from dynident.validation import ColouredFit, correlated_std, plain_std, robust_covariance
 
 Array = NDArray[np.float64]
 RobustStd = Callable[..., Array]  # as ``correlated_std``
@@ -133,9 +133,8 @@ class FitUncertainty:
                 # The larger of both: the automatic lag may be too short where white noise hides the correlation.
                 std = np.maximum(std, np.sqrt(np.maximum(np.diag(to_axes @ long_lag @ to_axes.T), 0.0)))
                 # Correlations between the axes from the coloured residual, variances from the robust figure.
-                coloured = (
-                    to_axes @ coloured_covariance(regression, estimate.value, weights, columns, slopes) @ to_axes.T
-                )
+                fit = ColouredFit.of(regression, estimate.value, weights, columns, slopes)
+                coloured = to_axes @ fit.covariance @ to_axes.T
                 half = back * (std / np.sqrt(np.diag(coloured)))
                 return np.asarray(half @ coloured @ half.T)
             except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns

@@ -279,12 +279,8 @@ def _is_explanation(change: Change, residual: Change, logs: Sequence[str], joint
     # a payload or a coupled motor may raise the residual of any joint
     if group.kind is not GroupKind.PAYLOAD and group.joint in joints and group.joint != residual.group.joint:
         return False
+    # the first and the last log that may be the first with some of a change; a drift is there a log later
     (change_start, change_end), (residual_start, residual_end) = (
-        _beginning_range(candidate, logs) for candidate in (change, residual)
+        (logs.index(candidate.between[0]), logs.index(candidate.between[1]) + 1) for candidate in (change, residual)
     )
     return change_start <= residual_end and residual_start <= change_end
-
-
-def _beginning_range(change: Change, logs: Sequence[str]) -> tuple[int, int]:
-    """Return the first and the last log that may be the first with some of a change; a drift is there a log later."""
-    return logs.index(change.between[0]), logs.index(change.between[1]) + 1

@@ -251,7 +251,10 @@ class RecursiveLeastSquares:
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
-        q, dq, ddq, tau, keep, memory = (_concatenate(parts) for parts in zip(*waiting, strict=True))
+        q, dq, ddq, tau, keep, memory = (
+            parts[0] if len(parts) == 1 or parts[0] is None else np.concatenate(parts)
+            for parts in zip(*waiting, strict=True)
+        )
         self._add_rows(self.model.regressor(q, dq, ddq, memory), tau, keep)
 
     def _add_rows(self, Y: Array, tau: Array, keep: NDArray[np.bool_] | None) -> None:
@@ -333,8 +336,3 @@ def _sample_rows(name: str, value: ArrayLike, rows: int, joints: int) -> Array:
     if not np.isfinite(x).all():
         raise InputError(f"{name} has values that are not finite; leave these samples out.")
     return x
-
-
-def _concatenate(parts: tuple[Any, ...]) -> Any:
-    """Concatenate the parts; None where they are not given."""
-    return parts[0] if len(parts) == 1 or parts[0] is None else np.concatenate(parts)

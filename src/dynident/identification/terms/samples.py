@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.models import Model, Past, Term
 from dynident.motion.log import Motion
-from dynident.regression import EVERYTHING, Selection, fitted_rows
+from dynident.regression import EVERYTHING, Selection, fitted_mask
 from dynident.runtime import brief
 
 Array = NDArray[np.float64]
@@ -282,10 +282,8 @@ class TermSamples:
     @cached_property
     def keep(self) -> NDArray[np.bool_]:
         """Which torque equations (N, n) are fitted."""
-        fitted = [fitted_rows(motion, self.selection.min_speed) for motion in self.motions]
-        shapes = [np.ones(motion.q.shape, dtype=bool) for motion in self.motions]
-        masks = [all_rows if mask is None else mask for mask, all_rows in zip(fitted, shapes, strict=True)]
-        return np.concatenate([mask[rows] for mask, rows in zip(masks, self.rows, strict=True)])
+        pairs = zip(self.motions, self.rows, strict=True)
+        return np.concatenate([fitted_mask(motion, self.selection.min_speed, rows) for motion, rows in pairs])
 
     def loads(self, load: tuple[float, ...] | None) -> tuple[Array, ...]:
         """Return the torque of the bodies (N, n) with the parameters ``load`` on each motion, zero for None."""

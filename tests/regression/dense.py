@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 from dynident.models import Structure
@@ -14,7 +15,7 @@ def triangularise(blocks: Iterable[RegressorBlock], joints: int, parameters: int
         (
             EntryBlock(
                 structure,
-                block.Y.reshape(len(block.Y), -1).T,
+                block.Y.reshape(len(block.Y), math.prod(block.Y.shape[1:])).T,
                 block.tau.T,
                 None if block.keep is None else block.keep.T,
             )

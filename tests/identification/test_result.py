@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynident.estimators import Estimate, LeastSquares
+from dynident.estimators import LeastSquares
 from dynident.identification import Identification, Recipe, identify
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline, TimeShifted
@@ -26,11 +26,6 @@ def found() -> Identification:
     log = Log(motion.t, motion.q, motion.tau, motion.joints, "moves")
     sought = Recipe((Spline(), Spline(factor=2.0)), time_offset="estimate", base_tilt="estimate")
     return identify(model, [log], [replace(log, source="again")], sought)
-
-
-def test_every_noun_is_small() -> None:
-    assert len(fields(Identification)) <= 10
-    assert len(fields(Estimate)) <= 10
 
 
 def test_the_recipe_as_used_leaves_nothing_to_choose(found: Identification) -> None:

@@ -9,7 +9,7 @@ from dynident.checks.channels import ChannelFacts, channel_facts, check_log, che
 from dynident.checks.check import CheckResult, run_checks, with_findings
 from dynident.checks.finding import Topic, reading_line, reading_words, require
 from dynident.checks.motion import Excitation, ExcitedRank
-from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, joint_facts, link_facts
+from dynident.checks.robot import RobotJointFacts, check_robot, joint_facts, link_facts
 from dynident.checks.stamps import MAX_GAP_STEPS, MINIMUM_SAMPLES, Timing, respace, split_gaps, timing
 from dynident.checks.torque import Agreement, loop_findings, relative_gains
 
@@ -21,7 +21,6 @@ __all__ = [
     "CheckResult",
     "Excitation",
     "ExcitedRank",
-    "LinkFacts",
     "RobotJointFacts",
     "Timing",
     "Topic",

@@ -297,11 +297,6 @@ def _filtered_blocks(
         yield slice(start, stop, step), EntryBlock(block.structure, entries, tau, keep)
 
 
-def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
-    """Return where each joint (N, n) is at least as fast as ``min_speed`` (n); None for everywhere."""
-    return None if min_speed is None else np.abs(dq) >= np.array(min_speed)
-
-
 def fitted_rows(
     motion: Motion, min_speed: tuple[float, ...] | None, rows: slice | NDArray[np.intp] = slice(None)
 ) -> NDArray[np.bool_] | None:
@@ -309,7 +304,7 @@ def fitted_rows(
 
     They are those of joints that are fast enough, where the motion keeps them.
     """
-    fast = fast_enough(motion.dq[rows], min_speed)
+    fast = None if min_speed is None else np.abs(motion.dq[rows]) >= np.array(min_speed)
     if motion.keep is None:
         return fast
     return motion.keep[rows] if fast is None else fast & motion.keep[rows]

@@ -170,17 +170,13 @@ def _origin_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Fi
         if theta is None or fact.mass <= 0 or lever < MIN_STEINER_SHARE * fact.moments[-1] or not fact.moments[-1] > 0:
             continue
         candidates.append(fact.link)
-        shifted = to_physical(theta)[2] - _point_inertia(fact)
+        # the tensor about the frame's origin of a point mass at the centre
+        point_inertia = fact.mass * (fact.centre @ fact.centre * np.eye(3) - np.outer(fact.centre, fact.centre))
+        shifted = to_physical(theta)[2] - point_inertia
         if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
             consistent_links.append(fact.link)
     if len(consistent_links) >= 2 and 2 * len(consistent_links) > len(candidates):
         yield Finding(Severity.WARNING, None, notes.InertiaAboutOrigin(tuple(consistent_links)), Topic.ABOUT_ORIGIN)
-
-
-def _point_inertia(fact: LinkFacts) -> Array:
-    """Return the tensor (3, 3) about the frame's origin of a point mass at the link's centre of mass."""
-    c = fact.centre
-    return np.asarray(fact.mass * (float(c @ c) * np.eye(3) - np.outer(c, c)))
 
 
 def _copy_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:

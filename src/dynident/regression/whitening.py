@@ -287,7 +287,12 @@ def whiten_blocks(
         if dropped < block.tau.shape[1]:
             start = rows.start + dropped * (rows.step or 1)
             yield k, slice(start, rows.stop, rows.step), whitening.rows(joined_block, mixed, lead + dropped)
-        before = k, rows.stop, _last_rows(joined_block, whitening.span)
+        last_rows = slice(max(joined_block.tau.shape[1] - whitening.span, 0), None)
+        keep = None if joined_block.keep is None else joined_block.keep[:, last_rows]
+        last_block = replace(
+            joined_block, entries=joined_block.entries[:, last_rows], tau=joined_block.tau[:, last_rows], keep=keep
+        )
+        before = k, rows.stop, last_block
 
 
 def join_blocks(blocks: list[EntryBlock]) -> EntryBlock:
@@ -310,12 +315,6 @@ def preceding_counts(present: NDArray[np.bool_]) -> NDArray[np.int_]:
 def is_stable(a: Array) -> bool:
     """Return whether an autoregression with the coefficients a (m) is stable, to working precision."""
     return all(np.isfinite(scale) and scale > 0 for _, scale in _levinson_predictors(a))
-
-
-def _last_rows(block: EntryBlock, rows: int) -> EntryBlock:
-    last_rows = slice(max(block.tau.shape[1] - rows, 0), None)
-    keep = None if block.keep is None else block.keep[:, last_rows]
-    return EntryBlock(block.structure, block.entries[:, last_rows], block.tau[:, last_rows], keep)
 
 
 def _levinson_predictors(a: Array) -> tuple[tuple[Array, float], ...]:

@@ -106,7 +106,8 @@ def residual_test(residual: Array, dq: Array, step: float) -> ResidualTest:
         return ResidualTest(*[float("nan")] * 9)
     correlation = autocorrelation(residual)
     slow = np.abs(dq) < SLOW_SPEED_SHARE * float(np.sqrt(np.mean(dq**2)))
-    frequency, power = _spectrum(residual, step)
+    # Welch's method, from stretches of about 4 s
+    frequency, power = welch(residual, step, min(len(residual), max(round(4 / step), 64)))
     k = int(np.argmax(np.where(frequency >= LOW_FREQUENCY, power, 0.0)))
     around_peak = np.abs(frequency - frequency[k]) <= 0.1 * frequency[k]
     sign = np.sign(dq)
@@ -137,11 +138,6 @@ def decorrelation(correlation: Array) -> float:
     long_enough = np.flatnonzero(np.arange(len(running_times)) >= 5 * running_times)
     # a window of five decorrelation times: beyond, the sum only gathers noise
     return float(max(running_times[long_enough[0]] if len(long_enough) else running_times[-1], 1.0))
-
-
-def _spectrum(x: Array, step: float) -> tuple[Array, Array]:
-    """Return frequencies (Hz) and power by Welch's method, from stretches of about 4 s."""
-    return welch(x, step, min(len(x), max(round(4 / step), 64)))
 
 
 def _share(power: Array, selected: NDArray[np.bool_]) -> float:

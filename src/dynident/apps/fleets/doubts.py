@@ -41,7 +41,10 @@ def doubts(fleet_result: FleetResult, rng: np.random.Generator) -> Iterator[str]
     yield from _duplicate_warnings(fleet_result.histories)
     yield from _rest_warnings(fleet_result.histories)
     yield from _misfit_warnings(fleet_result.rows)
-    for kind, changes in zip(_types_with_results(fleet_result), fleet_result.changes, strict=True):
+    robots = {history.robot for history in fleet_result.histories}
+    # the types of robots that have results, in the order of the changes
+    kinds = [kind for kind, names in fleet_result.types.items() if not robots.isdisjoint(names)]
+    for kind, changes in zip(kinds, fleet_result.changes, strict=True):
         yield from _simultaneous_change_warnings(changes, len(fleet_result.groups))
         type_histories = [history for history in fleet_result.histories if history.robot in fleet_result.types[kind]]
         if common := common_groups(type_histories, fleet_result.groups, changes.scatter, rng):
@@ -183,12 +186,6 @@ def _simultaneous_change_warnings(changes: Changes, groups: int) -> Iterator[str
                 f"{robot}: {join_names(names, MAX_LISTED)} change with {log}; look first whether units, signs and "
                 "zeros are as they were, and whether the log is one of this robot."
             )
-
-
-def _types_with_results(fleet_result: FleetResult) -> list[str]:
-    """Return the types of robots that have results, in the order of the changes."""
-    robots = {history.robot for history in fleet_result.histories}
-    return [kind for kind, names in fleet_result.types.items() if not robots.isdisjoint(names)]
 
 
 def _group_name(group: ParameterGroup) -> str:

@@ -263,7 +263,9 @@ class _TermSelection:
             squared_error = max(
                 float(search.errors(other_joint_normals(normals, j, self._precision, search.grams.acts)).sum()), 0.0
             )  # of nothing
-            errors.append(100.0 * (squared_error / self._squared_torque(self.rows[j])) ** 0.5)
+            used = self.rows[j].usable & (self.block >= 0)
+            squared_torque = float(np.square(self.samples.tau[used, j]).sum()) or 1.0
+            errors.append(100.0 * (squared_error / squared_torque) ** 0.5)
         return errors
 
     def _update_weights(self, searches: Sequence[JointSearch], columns: Sequence[Array]) -> list[Array]:
@@ -272,11 +274,6 @@ class _TermSelection:
         for search, weight in zip(searches, self.weights.tolist(), strict=True):
             search.weight = weight
         return residuals
-
-    def _squared_torque(self, rows: JointEquations) -> float:
-        """Return the sum of squares of the torque of a joint in the blocks."""
-        used = rows.usable & (self.block >= 0)
-        return float(np.square(self.samples.tau[used, rows.j]).sum()) or 1.0
 
     @property
     def _has_load(self) -> bool:

@@ -198,7 +198,7 @@ def found(
             if recipe.terms is None:  # the smoother of the first recording does for all
                 recipe = replace(recipe, smoother=result.recipe.smoother)
             value = dict(zip(result.model.names, result.estimate.value, strict=True))
-            basis, std = result.base.on_data, result.errors.base_std_hac
+            basis, std = result.base.on_data, result.errors.base_std
             if basis is not None and std is not None and basis.leading == told.basis.leading:
                 own.append(std)
         errors.append(told.basis.combination @ (np.array([value.get(name, 0.0) for name in names]) - one.truth))

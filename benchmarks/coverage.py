@@ -136,7 +136,7 @@ def once(function: Callable[..., Any], key: Callable[..., Any]) -> Callable[...,
 
 def judged(found: Identification, truth: np.ndarray) -> Row:
     """Errors and standard errors of the base parameters, the notes and the time offset of a run."""
-    basis, std, offset = found.base.on_data, found.errors.best_base, found.calibration.time_offset
+    basis, std, offset = found.base.on_data, found.errors.base_std, found.calibration.time_offset
     assert basis is not None
     assert std is not None
     assert offset is not None

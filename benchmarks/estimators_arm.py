@@ -129,7 +129,7 @@ def covariance(found: Identification, base: BaseParameters) -> Array:
         return np.asarray(base.combination @ found.estimate.covariance @ base.combination.T)
     turn = base.combination[:, list(own.independent)]
     if all_of_it is None:
-        std = found.errors.best_base
+        std = found.errors.base_std
         assert std is not None
         all_of_it = np.diag(np.square(std))
     return np.asarray(turn @ all_of_it @ turn.T)

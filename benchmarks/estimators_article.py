@@ -70,7 +70,7 @@ class Whole:
         method = METHODS["spline-early"]
         recipe = Recipe(method.smoother_for(recording), rests="keep")
         found = identify(arm_to_identify(), [method.log(recording)], recipe=recipe)
-        return replace(found.estimate, covariance=np.diag(np.square(found.errors.best)))
+        return replace(found.estimate, covariance=np.diag(np.square(found.errors.std)))
 
 
 def methods() -> dict[str, Method]:

@@ -119,7 +119,7 @@ def figures(found: Identification) -> Row:
     """Values and standard errors; errors by log."""
     return {
         "value": [rounded(one) for one in found.estimate.value],
-        "std": [rounded(one) for one in found.errors.best],
+        "std": [rounded(one) for one in found.errors.std],
         "notes": [type(note).__name__ for note in found.notes],
         "errors": {log.role: errors(log) for log in found.validations},
     }

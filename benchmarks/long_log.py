@@ -154,7 +154,7 @@ def measure(folder: Path, workers: int, memory: float | None) -> None:
     samples = sum(pl.scan_parquet(one).select(pl.len()).collect().item() for one in (folder / "day").glob("*.parquet"))
     known = json.loads((folder / "truth.json").read_text())
     off = [
-        (one["value"] - sum(share * known[name] for name, share in one["combination"].items())) / one["std_hac"]
+        (one["value"] - sum(share * known[name] for name, share in one["combination"].items())) / one["std"]
         for one in found["base_parameters"]["on_data"]["parameters"]
     ]
     print(f"exit code {run.returncode}; {samples:,} samples, {len(table)} pieces, {workers} workers")

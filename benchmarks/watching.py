@@ -42,7 +42,7 @@ from dynident.apps.online import (
     Watcher,
     WatchSettings,
 )
-from dynident.apps.online.report import StampFormatter, event_line
+from dynident.apps.online.report import event_line
 from dynident.cli.identification import draft_from_files
 from dynident.identification import Identification
 from dynident.project.project import read_project
@@ -222,7 +222,7 @@ def main() -> None:
         wrong = [event for event in events if not explained(event, HAPPENINGS)]
         false += sum(isinstance(event, Alarm) for event in wrong)
         for event in events if seed == 0 else wrong:
-            print(f"run {seed}  {event_line(event, NAMES, StampFormatter()).text}", flush=True)
+            print(f"run {seed}  {event_line(event, NAMES).text}", flush=True)
     for k, one in enumerate(HAPPENINGS if lates else ()):
         for end in range(len(lates[0][k])):
             late = np.array([run[k][end] for run in lates])
@@ -235,7 +235,7 @@ def main() -> None:
         wrong = [event for event in events if not explained(event, ())]
         quiet += sum(isinstance(event, Alarm) for event in wrong)
         for event in wrong:
-            print(f"quiet {seed}  {event_line(event, NAMES, StampFormatter()).text}", flush=True)
+            print(f"quiet {seed}  {event_line(event, NAMES).text}", flush=True)
     hours = (given.runs + given.quiet) * given.hours
     print(f"false alarms: {false} in {given.runs} runs with changes, {quiet} in {given.quiet * given.hours:g} h "
           f"without; stated are {settings.false_alarms * given.quiet * given.hours / 24:.2g}")  # fmt: skip

@@ -32,7 +32,7 @@ position: {{ elbow: {{ column: q, unit: rad }}, "{HOSTILE}": {{ column: p, unit:
 torque: {{ elbow: {{ column: u, unit: N m }}, "{HOSTILE}": {{ column: w, unit: N m }} }}
 train: [ {{ file: monday.npz }} ] # the longer one
 validation: [ {{ file: tuesday.npz }} ]
-delay: 0
+time_offset: 0
 smoother: {{ kind: spline }}
 """
 

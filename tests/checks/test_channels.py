@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -192,10 +191,3 @@ def test_spikes_of_positions_are_no_other_unit(kind: str, topic: str, height: fl
     topics = {finding.topic for finding in check_log_fully(log(q=q[:, None]), {"elbow": kind})}
     assert "position spikes" in topics
     assert topic not in topics
-
-
-def test_jumps_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
-    monkeypatch.setattr(sys.modules[check_log.__module__], "jump_findings", lambda one: calls.append(one) or [])
-    check_log_fully(log(), {"elbow": "revolute"})
-    assert len(calls) == 1

@@ -104,7 +104,7 @@ def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced
     assert found.validations[-1].errors.relative_error < 5
     k = found.estimate.names.index("Fv_bend")
     assert found.estimate.value[k] == pytest.approx(1.0, abs=0.01)
-    assert found.errors.best[k] == pytest.approx(announced["Fv_bend"] * 0.05 / 0.15, rel=0.5)  # the noise was less
+    assert found.errors.std[k] == pytest.approx(announced["Fv_bend"] * 0.05 / 0.15, rel=0.5)  # the noise was less
     again = run("excite", designed / "result" / "result.json", "-o", designed / "next", *QUICK)
     assert again.exit_code == 0, again.output
     assert "Together with what was recorded before" in again.output

@@ -157,7 +157,7 @@ def test_identify_leaves_its_errors_of_the_motion_alone() -> None:
     recipe = Recipe(smoother=Spline(), estimator=InstrumentalVariables(), time_offset=0.0)
     found = identify(MODEL, [log], recipe=recipe)
     assert [type(note) for note in found.warnings if isinstance(note, InstrumentsUsed)] == [InstrumentsUsed]
-    assert (np.abs(found.estimate.value - TRUTH) < 4 * found.errors.std + 0.01 * np.abs(TRUTH)).all()
+    assert (np.abs(found.estimate.value - TRUTH) < 4 * found.errors.std_independent + 0.01 * np.abs(TRUTH)).all()
     late = replace(log, t=log.t + 0.01, controller=replace(CONTROLLER, t=CONTROLLER.t + 0.01))
     shifted = Difference()(late).shift(-0.01)
     used = InstrumentalVariables()(posed((late, shifted)))

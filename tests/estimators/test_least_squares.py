@@ -14,7 +14,8 @@ from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Motion
-from dynident.regression import Regression, RegressorBlock, rank_of, triangularise
+from dynident.regression import Regression, RegressorBlock, rank_of
+from tests.regression.dense import triangularise
 
 Array = NDArray[np.float64]
 ROWS, COLUMNS = 60, 6

@@ -82,7 +82,7 @@ def test_every_tenth_torque_wrong(loss, one_sided):
         problem = make_problem(model, spoilt(multisine_motion(model, 0.05, seed, 500), 0.1, seed, one_sided=one_sided))
         found = RobustLeastSquares(loss)(problem)
         rows = replace(problem.regression, weights=found.residual.sample_weights)
-        wide = identifiability_of(rows, found, np.zeros((7, 7)))[0].std_hac
+        wide = identifiability_of(rows, found, np.zeros((7, 7)))[0].std
         inside.append([np.abs(found.value - truth(model)) < 1.96 * std for std in (found.std, wide)])
         plain = LeastSquares()(problem)
         assert (found.std < 0.2 * plain.std).all()

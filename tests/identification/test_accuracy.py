@@ -77,9 +77,9 @@ def test_a_robot_of_bodies_has_bounds_of_its_base_parameters() -> None:
     assert len(found.names) < len(found.identification.model.parameters)
     assert not found.alone.all()
     assert np.isfinite(found.std["now"]).all()
-    assert found.identification.errors.base_std is not None
+    assert found.identification.errors.base_std_independent is not None
     # the motion is known but for the accelerations at both ends, which tell much of a few parameters here
-    ratio = found.identification.errors.base_std / found.std["now"]
+    ratio = found.identification.errors.base_std_independent / found.std["now"]
     assert (ratio < 1.01).all()
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
 

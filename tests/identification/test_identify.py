@@ -162,10 +162,10 @@ def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, .
     assert information is not None
     if more:
         assert found.base.on_data is not None
-        np.testing.assert_array_equal(found.errors.base_std, informed_std(found.base.on_data, information))
-        least, robust = found.errors.base_std, found.errors.base_std_hac
+        np.testing.assert_array_equal(found.errors.base_std_independent, informed_std(found.base.on_data, information))
+        least, robust = found.errors.base_std_independent, found.errors.base_std
     else:
-        least, robust = found.estimate.std, found.errors.std_hac
+        least, robust = found.estimate.std, found.errors.std
     assert least is not None
     assert robust is not None
     assert (robust >= least).all()
@@ -212,7 +212,9 @@ def test_standard_errors_are_those_of_whitened_rows(more: tuple[Viscous, ...], l
     assert white.orders == (1, 1)
     assert not any(isinstance(note, StillColoured | WhiteningCostly) for note in found.warnings)
     best = [
-        (one.errors.std, one.errors.std_hac) if not more else (one.errors.base_std, one.errors.base_std_hac)
+        (one.errors.std_independent, one.errors.std)
+        if not more
+        else (one.errors.base_std_independent, one.errors.base_std)
         for one in (plain, found)
     ]
     ratio = [wide / own for own, wide in best]  # type: ignore[operator]

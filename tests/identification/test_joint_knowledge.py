@@ -31,7 +31,7 @@ def test_a_joint_with_a_wrong_gain_moves_them_by_its_part() -> None:
     assert parts is not None
     assert weights is not None
     moved = basis.to_base(again.estimate.value - found.estimate.value)
-    scale = found.errors.base_std
+    scale = found.errors.base_std_independent
     assert scale is not None
     np.testing.assert_allclose(moved / scale, 1e-4 * parts[:, 2] / scale, atol=0.05)
 
@@ -55,8 +55,8 @@ def test_friction_that_grows_with_the_load_moves_them_by_its_part() -> None:
 def test_the_covariance_is_that_of_the_standard_errors() -> None:
     errors = result().errors
     assert errors.base_covariance is not None
-    assert errors.base_std_hac is not None
-    ratio = np.sqrt(np.diag(errors.base_covariance)) / errors.base_std_hac
+    assert errors.base_std is not None
+    ratio = np.sqrt(np.diag(errors.base_covariance)) / errors.base_std
     assert 0.8 < np.median(ratio) < 1.4
     assert (ratio > 0.5).all()
     scale = np.sqrt(np.diag(errors.base_covariance))

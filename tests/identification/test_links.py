@@ -34,7 +34,7 @@ def all_known(covariance: np.ndarray) -> LinkInertia:
     model = Model((bodies,), name="door")
     estimate = replace(found.estimate, parameters=model.parameters, value=THETA, covariance=covariance)
     std = np.sqrt(np.diag(covariance))
-    errors = replace(found.errors, std=std, std_hac=None, base_std=None, base_covariance=covariance)
+    errors = replace(found.errors, std=std, base_std=None, base_covariance=covariance)
     (link,) = link_inertias(replace(found, model=model, estimate=estimate, errors=errors, base=Identifiability()))
     return link
 
@@ -96,8 +96,8 @@ def test_what_the_base_parameters_hold_alone_is_sure() -> None:
     wider = replace(basis, rank=r, independent=(*basis.independent, k), combination=combination)
     covariance = np.zeros((r, r))
     covariance[:-1, :-1], covariance[-1, -1] = found.errors.base_covariance, 0.01
-    std = np.append(found.errors.best_base, 0.2)
-    errors = replace(found.errors, base_std_hac=std, base_covariance=covariance)
+    std = np.append(found.errors.base_std, 0.2)
+    errors = replace(found.errors, base_std=std, base_covariance=covariance)
     finger = link_inertias(replace(found, base=replace(found.base, on_data=wider), errors=errors))[3]
     assert finger.sure[0]
     np.testing.assert_allclose(finger.std[0], 0.2)

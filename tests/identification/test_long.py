@@ -107,11 +107,9 @@ def test_the_estimate_is_that_of_the_whole_to_rounding(
 def test_standard_errors_allow_for_correlation_and_hold_the_truth() -> None:
     found = in_pieces(plan_pieces(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL))
     whole = identify(ARM, [LOG], recipe=found.recipe)
-    assert found.errors.std_hac is not None
-    assert whole.errors.std_hac is not None
-    ratio = found.errors.std_hac / whole.errors.std_hac
+    ratio = found.errors.std / whole.errors.std
     assert ((ratio > 0.4) & (ratio < 1.6)).all()  # twelve pieces tell a standard error to a fifth
-    assert (np.abs(found.estimate.value - THETA) < 5 * found.errors.std_hac).all()
+    assert (np.abs(found.estimate.value - THETA) < 5 * found.errors.std).all()
 
 
 def test_held_out_logs_are_judged_as_ever_and_excerpts_stand_for_the_training() -> None:

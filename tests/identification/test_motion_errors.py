@@ -84,7 +84,7 @@ def test_intervals_of_an_identification_hold(estimator: LeastSquares | Physicall
     for seed in range(30):
         one = log(seed)
         found = identify(MODEL, [one], recipe=recipe)
-        held.append(np.abs(found.estimate.value - TRUTH) < NORMAL_95 * found.errors.best)
+        held.append(np.abs(found.estimate.value - TRUTH) < NORMAL_95 * found.errors.std)
         before.append(np.abs(plain(one, WIDE) - TRUTH) < NORMAL_95 * found.estimate.std)
     assert np.mean(held) > 0.85
     assert np.mean(held, axis=0).min() > 0.75
@@ -104,7 +104,7 @@ def test_intervals_of_a_robust_fit_hold() -> None:
         found = motion_errors([one], rows, WIDE, estimate)
         assert found is not None
         errors, _ = identifiability_of(rows, estimate, found.covariance)
-        held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.best)
+        held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.std)
         before.append(np.abs(estimate.value - TRUTH) < NORMAL_95 * estimate.std)
     assert np.mean(held) > 0.83
     assert np.mean(before) < 0.75

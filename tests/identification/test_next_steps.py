@@ -190,14 +190,14 @@ def test_a_parameter_gains_what_its_error_costs_the_held_out_motion() -> None:
     log = judged_log(found)
     log = replace(log, errors=replace(log.errors, rmse={"slider": 6.0}, relative_error=40.0))  # above the noise
     found = replace(found, validations=(found.validations[0], log))
-    wide = replace(found, errors=replace(found.errors, std_hac=np.array([0.0, 6.0, 0.0, 0.0])))
+    wide = replace(found, errors=replace(found.errors, std=np.array([0.0, 6.0, 0.0, 0.0])))
     (step,) = of_kind(wide, Sharpen)
     assert (step.excitation, step.faster) == (ExcitingMotion.CONSTANT_SPEEDS, None)
     Y, moving = (found.model.regressor(m.q, m.dq, m.ddq)[:, 0] for m in (one.motion for one in found.validations))
     others = np.linalg.lstsq(Y[:, [0, 2, 3]], -6.0 * Y[:, 1], rcond=None)[0]
     off = 6.0 * moving[:, 1] + moving[:, [0, 2, 3]] @ others
     assert step.gain == pytest.approx(gain_points(log, {"slider": float(np.mean(off**2))}), rel=0.05)
-    heavy = replace(found, errors=replace(found.errors, std_hac=np.array([6.0, 0.0, 0.0, 0.0])))
+    heavy = replace(found, errors=replace(found.errors, std=np.array([6.0, 0.0, 0.0, 0.0])))
     (step,) = of_kind(heavy, Sharpen)
     assert step.excitation is ExcitingMotion.ACCELERATE
     assert step.faster == pytest.approx(np.sqrt(6.0 / (0.3 * found.estimate.value[0])))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynident.estimators import Estimate, LeastSquares
-from dynident.identification import Identification, Recipe, StandardErrors, identify
+from dynident.estimators import LeastSquares
+from dynident.identification import Identification, Recipe, identify
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.runtime import ConfigError, InputError
@@ -24,11 +26,6 @@ def found() -> Identification:
     log = Log(motion.t, motion.q, motion.tau, motion.joints, "moves")
     sought = Recipe((Spline(), Spline(factor=2.0)), time_offset="estimate", base_tilt="estimate")
     return identify(model, [log], [replace(log, source="again")], sought)
-
-
-def test_every_noun_is_small() -> None:
-    assert len(fields(Identification)) <= 10
-    assert len(fields(Estimate)) <= 10
 
 
 def test_the_recipe_as_used_leaves_nothing_to_choose(found: Identification) -> None:
@@ -86,9 +83,11 @@ def test_signals_that_are_not_there_are_said_to_be_missing(found: Identification
             getattr(bare, name)
 
 
-def test_the_errors_to_believe_are_those_for_correlated_residuals_where_known() -> None:
-    errors = StandardErrors(np.array([1.0, 2.0]), np.array([3.0, np.inf]), np.array([4.0]), np.array([5.0]))
-    assert errors.best.tolist() == [3.0, 2.0]
-    assert replace(errors, std_hac=None).best is errors.std
-    assert errors.best_base is errors.base_std_hac
-    assert replace(errors, base_std_hac=None).best_base is errors.base_std
+def test_std_allows_for_correlated_residuals_everywhere_where_it_can(found: Identification, tmp_path: Path) -> None:
+    errors, rows = found.errors, json.loads(found.save(tmp_path / "result.json").read_text())["parameters"]
+    assert errors.allows_correlation
+    assert not replace(errors, std=errors.std_independent, base_std=errors.base_std_independent).allows_correlation
+    np.testing.assert_array_equal(errors.std_independent, found.estimate.std)
+    for name in ("std", "std_independent"):
+        np.testing.assert_array_equal(found.frame()[name], getattr(errors, name))
+        np.testing.assert_array_equal([float(row[name]) for row in rows], getattr(errors, name))

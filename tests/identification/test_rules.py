@@ -199,7 +199,7 @@ def sharpened(found: Identification, worst: dict[str, float]) -> list[Sharpen]:
     """The steps where the parameters named have these standard errors over their values, the others none."""
     value = found.estimate.value
     std = np.array([worst.get(name, 0.0) for name in found.model.names]) * np.abs(value)
-    alone = replace(found, base=replace(found.base, on_data=None), errors=replace(found.errors, std_hac=std))
+    alone = replace(found, base=replace(found.base, on_data=None), errors=replace(found.errors, std=std))
     return [step for step in judge(alone).next if isinstance(step, Sharpen)]
 
 

@@ -104,7 +104,7 @@ def test_what_forbids_use_is_advised_first(good: Identification) -> None:
     """Only then what to record next, and a simulation last."""
     wrong = (Finding(Severity.ERROR, "slider", Remark("a fault")),)
     alone = replace(good, validations=tuple(replace(one, free_run=None) for one in good.validations))
-    unsure = replace(alone, errors=replace(good.errors, std_hac=np.array([4.0, 6.0, 0.01, np.inf])))
+    unsure = replace(alone, errors=replace(good.errors, std=np.array([4.0, 6.0, 0.01, np.inf])))
     for found, first in ((replace(unsure, warnings=wrong), Remedy.CORRECT), (unexcited(unsure), Remedy.EXCITE)):
         verdict = judge(found)
         assert verdict.use is Use.DO_NOT_USE
@@ -271,8 +271,7 @@ def test_free_simulations_that_go_astray(
 
 
 def test_parameters_known_badly_are_given_a_motion(good: Identification) -> None:
-    assert good.errors.std_hac is not None
-    verdict = judge(replace(good, errors=replace(good.errors, std_hac=np.array([4.0, 6.0, 0.01, np.inf]))))
+    verdict = judge(replace(good, errors=replace(good.errors, std=np.array([4.0, 6.0, 0.01, np.inf]))))
     steps = {step.parameter: step for step in verdict.next if isinstance(step, Sharpen)}
     assert {name: step.excitation for name, step in steps.items()} == {
         "M": ExcitingMotion.ACCELERATE,
@@ -297,9 +296,8 @@ def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
 
 def test_figures_behind_the_verdict(good: Identification) -> None:
     """The slider's truth is within its robust errors, its mass matrix is the mass,."""
-    assert good.errors.std_hac is not None
     assert good.mass is not None
-    np.testing.assert_array_less(np.abs(good.estimate.value - (M, FV, FC, OFFSET)), 5 * good.errors.std_hac)
+    np.testing.assert_array_less(np.abs(good.estimate.value - (M, FV, FC, OFFSET)), 5 * good.errors.std)
     assert good.mass.smallest == pytest.approx(good.estimate.value[0])
     assert [run.name for run in good.runs] == ["slow", "fast"]
     held = good.validations[1]

@@ -87,7 +87,7 @@ def base(robot: bool = False) -> dict[str, Any]:
         "train": [{"file": "log.csv", "window": [0, 3]}],
         "validation": [{"file": "log.csv", "window": [3, 4]}],
         "smoother": {"kind": "spline"},
-        "delay": 0,
+        "time_offset": 0,
     }
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from dynident.estimators.least_squares import LeastSquaresSolution, solve_least_squares
-from dynident.regression import RegressorBlock, triangularise
+from dynident.regression import RegressorBlock
 from tests.laws.strd import PROBLEMS, Certified
+from tests.regression.dense import triangularise
 
 every_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
 

@@ -182,7 +182,7 @@ def files(folder, joints, odd):
         "torque": {name: {"column": f"u {odd} {k}", "unit": "N m"} for k, name in enumerate(joints)},
         "train": [{"file": f"{odd}.parquet", "window": [0, 4], "name": f"train {odd}"}],
         "validation": [{"file": f"{odd}.parquet", "window": [3, 9], "name": f"test {odd}"}],
-        "delay": 0,
+        "time_offset": 0,
         "estimator": {"kind": "consistent", "costs": False},
     }
     (folder / f"{odd}.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))

@@ -290,7 +290,7 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     inside, total, worst = 0, 0, 0.0
     for seed in range(4):
         found = identify(model, [recorded(motion, seed)], recipe=recipe)
-        basis, std = found.base.on_data, found.errors.base_std_hac
+        basis, std = found.base.on_data, found.errors.base_std
         assert basis is not None
         assert found.base.structural is not None
         assert std is not None
@@ -322,16 +322,16 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
         found = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
         basis, estimate, errors = found.base.on_data, found.estimate, found.errors
         assert basis is not None
+        assert errors.base_std_independent is not None
         assert errors.base_std is not None
-        assert errors.base_std_hac is not None
         assert estimate.consistency is not None
         free = estimate.consistency.unconstrained
         assert free is not None
         error = np.abs(basis.to_base(estimate.value) - basis.to_base(true.values))
         held = np.abs(basis.to_base(estimate.value - free))
-        least_squares = np.sqrt(errors.base_std**2 - held**2)
+        least_squares = np.sqrt(errors.base_std_independent**2 - held**2)
         assert (error / least_squares).max() > 8
-        for std in (errors.base_std, errors.base_std_hac):
+        for std in (errors.base_std_independent, errors.base_std):
             assert (error / std).max() < 4
             assert (error < 1.96 * std).mean() > 0.85
         (note,) = (note for note in found.warnings if isinstance(note, HeldByConstraints))

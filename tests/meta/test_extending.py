@@ -60,14 +60,14 @@ def slide(folder: Path, **changes) -> Path:
         "position": {"slider": {"column": "q", "unit": "m"}},
         "torque": {"slider": {"column": "f", "unit": "N"}},
         "train": [{"file": "run.csv"}],
-        "delay": 0,
+        "time_offset": 0,
     } | changes
     (folder / "slide.yaml").write_text(yaml.safe_dump(config))
     return folder / "slide.yaml"
 
 
 def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
-    path = slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": 0.08}, delay="estimate")
+    path = slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": 0.08}, time_offset="estimate")
     out = folder / "out"
     done = CliRunner().invoke(main, ["identify", str(path), "--out", str(out)])
     assert done.exit_code == 0, done.output
@@ -100,7 +100,7 @@ def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
     robust = identify(model, [log], (), Recipe(Spline(sigma=1e-6), recipe.estimator))
     plain = identify(model, [log], (), Recipe(Spline(sigma=1e-6)))
     assert recipe.estimator.k == 1.5
-    assert robust.errors.std_hac is not None
+    assert robust.errors.allows_correlation
     off, off_plain = (np.abs(found.estimate.value - truth(model)) for found in (robust, plain))
     assert off[-1] < 0.05 * off_plain[-1]  # the offset takes all outliers in least squares
     assert len(robust.estimate.residual.sample_weights) == 1

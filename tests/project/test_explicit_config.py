@@ -98,13 +98,13 @@ def test_nothing_in_it_is_left_to_choose(chosen: Identification, tmp_path: Path)
     config = read_config(written(chosen, tmp_path / "fixed.yaml"))
     assert isinstance(config.model, RobotSettings)
     assert not config.model.chooses_terms
-    assert isinstance(config.delay, float)
+    assert isinstance(config.time_offset, float)
     assert config.model.base_tilt == "none" or isinstance(config.model.base_tilt, tuple)
     assert "rule: torque" not in (tmp_path / "fixed.yaml").read_text()
 
 
 def test_comments_say_why_and_end_with_their_line(chosen: Identification, tmp_path: Path) -> None:
-    evil = {"": ["a\nmodel: 1"], "delay": ["b\u2028\x07"], "model.terms": ["c\r- {kind: no}"]}
+    evil = {"": ["a\nmodel: 1"], "time_offset": ["b\u2028\x07"], "model.terms": ["c\r- {kind: no}"]}
     path = tmp_path / "fixed.yaml"
     path.write_text(explicit_config(chosen, path, evil), encoding="utf-8")
     read_config(path)

@@ -32,7 +32,7 @@ torque: { pivot: { column: f, unit: N m } }
 train: [{ file: day/*.parquet, name: day }]
 validation: [{ file: tuesday.parquet }]
 smoother: { kind: spline, sigma: 1.0e-4 }
-delay: 0
+time_offset: 0
 """
 GRAVITY = 9.80665
 SAMPLES = 40_000
@@ -85,9 +85,9 @@ def test_the_result_is_that_of_the_recording_in_memory(folder: Path, found: Iden
         patch.setenv("DYNIDENT_MEMORY", "1")
         whole = read_project(folder / "robot.yaml").identify()
     assert whole.estimate.residual.pieces is None
-    std = whole.errors.best
+    std = whole.errors.std
     assert (np.abs(found.estimate.value - whole.estimate.value) < 1e-3 * std).all()
-    assert np.allclose(found.errors.best, std, rtol=0.7)
+    assert np.allclose(found.errors.std, std, rtol=0.7)
     assert found.estimate.residual.samples == pytest.approx(whole.estimate.residual.samples, abs=30)
     (_, held), (_, expected) = found.validations, whole.validations
     assert held.errors.relative_error == pytest.approx(expected.errors.relative_error, rel=0.02)  # is smoothed as `day`

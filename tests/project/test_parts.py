@@ -43,8 +43,8 @@ def test_a_class_of_a_file_is_described_and_built_again(tmp_path):
     told = SMOOTHERS.describe(part)
     assert told == {"kind": f"{tmp_path / 'sg.py'}:SavitzkyGolay", "width": 0.05, "order": 4}
     assert build(SMOOTHERS, told, "smoother", tmp_path / "elsewhere") == part
-    delayed = TimeShifted(part, 0.01)
-    assert build(SMOOTHERS, SMOOTHERS.describe(delayed), "smoother", tmp_path) == delayed
+    shifted = TimeShifted(part, 0.01)
+    assert build(SMOOTHERS, SMOOTHERS.describe(shifted), "smoother", tmp_path) == shifted
     with pytest.raises(ConfigError, match=r"smoother: .*is of a Python file, which a result does not run"):
         build(SMOOTHERS, told, "smoother")
 

@@ -95,7 +95,7 @@ def test_the_three_results_hold_every_group() -> None:
     assert plain.recipe.time_offset == 0.1 / 30
     errors, base, residual = plain.errors, plain.base, plain.estimate.residual
     assert known(base.on_data, base.structural, plain.calibration.smoother, plain.recipe.filter, plain.mass)
-    assert known(errors.std_hac, errors.base_std, errors.base_std_hac, residual.weights)
+    assert known(errors.base_std, errors.base_std_independent, residual.weights)
     assert len(plain.runs) == 2
     assert np.isinf(plain.estimate.covariance).any()
     assert isinstance(consistent.recipe.base_tilt, tuple)
@@ -136,7 +136,7 @@ def test_a_loaded_result_predicts_as_the_one_that_was_saved(made: Made, tmp_path
     np.testing.assert_array_equal(again.predict(log).predicted_torque, found.validations[0].predicted_torque)
     with pytest.raises(InputError, match="not its signals"):
         _ = again.validations[0].motion
-    assert all(np.isfinite(again.errors.best) == np.isfinite(found.errors.best))
+    assert all(np.isfinite(again.errors.std) == np.isfinite(found.errors.std))
 
 
 def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> None:

@@ -21,11 +21,11 @@ from dynident.regression import (
     find_unexcited,
     informed_std,
     structural_base_parameters,
-    triangularise,
 )
 from dynident.regression.base_parameters import _choose_columns
 from dynident.runtime import ConfigError, ModelError
 from tests.estimators.welded import Drag, Welded, single, turned
+from tests.regression.dense import triangularise
 from tests.robots import joint, link, urdf
 
 Array = NDArray[np.float64]

@@ -19,9 +19,9 @@ from dynident.regression import (
     Selection,
     TriangularFactors,
     linear_problem,
-    triangularise,
 )
 from dynident.runtime import InputError
+from tests.regression.dense import triangularise
 from tests.regression.random_motion import ARM, THETA, drawn, holes, motion
 
 Array = NDArray[np.float64]

@@ -7,9 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.models import random_states
-from dynident.regression import EntryBlock, RegressorBlock, TriangularFactors, factorise, one_thread, triangularise
+from dynident.regression import EntryBlock, RegressorBlock, TriangularFactors, factorise, one_thread
 from dynident.regression.triangular import _controller
 from tests.models.test_structure import arm
+from tests.regression.dense import triangularise
 
 Array = NDArray[np.float64]
 MODEL = arm()

@@ -158,7 +158,7 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         model=model,
         estimate=estimate,
         recipe=Recipe(Spline()),
-        errors=StandardErrors(std),
+        errors=StandardErrors(std, std),
         base=Identifiability(),
         validations=tuple(
             log_validation(name, "train" if i == 0 else "validation", joints, 1.1 if i == 0 else None)

@@ -64,8 +64,8 @@ def test_what_forbids_its_use_is_said_first() -> None:
 
 
 def test_parameters_that_the_data_determine_come_first(found: dy.Identification) -> None:
-    std = np.array([np.inf, *found.errors.best[1:]])
-    unsure = replace(found, errors=replace(found.errors, std=std, std_hac=None))
+    std = np.array([np.inf, *found.errors.std[1:]])
+    unsure = replace(found, errors=replace(found.errors, std=std))
     assert repr(unsure).splitlines()[-1].startswith("  Fv = 7.999 ")
 
 
@@ -84,7 +84,7 @@ def test_frames_hold_the_numbers(found: dy.Identification) -> None:
     table = found.frame()
     assert table["parameter"].to_list() == list(slider().names)
     np.testing.assert_array_equal(table["value"], found.estimate.value)
-    np.testing.assert_array_equal(table["std"], found.errors.best)
+    np.testing.assert_array_equal(table["std"], found.errors.std)
     errors = found.validations[1].frame()
     assert errors["joint"].to_list() == ["slider"]
     assert errors["relative_error"][0] == found.validations[1].errors.per_joint["slider"]

@@ -23,7 +23,7 @@ EVIL = '<img src=x onerror="alert(1)">'
 def found(model, values=None, std=None, provenance=()):
     count = len(model.names)
     values = np.arange(1.0, count + 1) if values is None else np.array(values)
-    errors = SimpleNamespace(best=np.full(count, 0.1) if std is None else np.array(std))
+    errors = SimpleNamespace(std=np.full(count, 0.1) if std is None else np.array(std))
     estimate = SimpleNamespace(names=model.names, value=values, provenance=provenance)
     return SimpleNamespace(model=model, estimate=estimate, errors=errors)
 

@@ -8,7 +8,7 @@ would give wrong numbers, a warning should be looked at."""
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log, check_log_fully, rest_findings
 from dynident.checks.check import CheckResult, run_checks, with_findings
 from dynident.checks.motion import Excitation, ExcitedRank
-from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, joint_facts, link_facts
+from dynident.checks.robot import RobotJointFacts, check_robot, joint_facts, link_facts
 from dynident.checks.stamps import MAX_GAP_STEPS, MINIMUM_SAMPLES, Timing, respace, split_gaps, timing
 from dynident.checks.torque import Agreement, loop_findings, relative_gains
 
@@ -20,7 +20,6 @@ __all__ = [
     "CheckResult",
     "Excitation",
     "ExcitedRank",
-    "LinkFacts",
     "RobotJointFacts",
     "Timing",
     "channel_facts",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -143,10 +143,7 @@ class _NormalEquations:
 
 
 def _alternatives(case: FitCase) -> Iterator[Alternative]:
-    yield from _swap_columns(case)
-    yield from _reverse_signs(case)
-    yield from _turn_axes(case)
-    yield from _turn_gravity(case)
+    return chain(_swap_columns(case), _reverse_signs(case), _turn_axes(case), _turn_gravity(case))
 
 
 def _swap_columns(case: FitCase) -> Iterator[Alternative]:
@@ -207,15 +204,12 @@ def _turn_gravity(case: FitCase) -> Iterator[Alternative]:
     for down in (-assumed / (size or 1.0), *np.eye(3), *-np.eye(3)):
         # directions near the assumed one are a tilt of the base, which is tested elsewhere
         if size and down @ assumed < (1.0 - MIN_AXIS_SINE) * size:
-            note = partial(
-                _other_gravity_note, tuple((np.round(size * down, 1) + 0.0).tolist()), tuple(assumed.tolist())
-            )
+            fitted = tuple((np.round(size * down, 1) + 0.0).tolist())
+            gravity_note = file_notes.OtherGravity(fitted, tuple(assumed.tolist()))
             x, y, z = (size * down).tolist()
             model = replace(case.model, terms=tuple(term.with_gravity((x, y, z)) for term in case.model.terms))
-            yield Alternative(replace(case, model=model), None, note)
+            yield Alternative(replace(case, model=model), None, partial(_same_note, gravity_note))
 
 
-def _other_gravity_note(
-    fitted_gravity: tuple[float, ...], assumed: tuple[float, ...], _before: float, _after: float
-) -> Note:
-    return file_notes.OtherGravity(fitted_gravity, assumed)
+def _same_note(note: Note, *_errors: float) -> Note:
+    return note

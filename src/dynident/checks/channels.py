@@ -65,9 +65,8 @@ def _jump_rows(t: Array, q: Array) -> NDArray[np.intp]:
         return np.empty(0, dtype=int)
     # the largest step among the neighbours on either side, by one running maximum
     largest = trailing_maximum(steps, NEIGHBOUR_SAMPLES)
-    nearby = np.maximum(
-        largest[NEIGHBOUR_SAMPLES - 1 : -NEIGHBOUR_SAMPLES - 1], largest[2 * NEIGHBOUR_SAMPLES :]
-    )  # before a step, and after it
+    # before a step, and after it
+    nearby = np.maximum(largest[NEIGHBOUR_SAMPLES - 1 : -NEIGHBOUR_SAMPLES - 1], largest[2 * NEIGHBOUR_SAMPLES :])
     # a floor for the steps nearby, as those of a joint at rest are zero
     min_step = max(float(np.percentile(steps[steps > 0], 90)), 1e-9 * float(np.ptp(q)))
     return np.asarray(

@@ -51,9 +51,8 @@ SILENT_TORQUES = (
     FrozenTorque,
 )  # explain by themselves what a fit leaves of a joint's torque
 TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
-MAX_FACTOR_NUMBERS = (
-    1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
-)
+# numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
+MAX_FACTOR_NUMBERS = 1e8
 MAX_SEARCH_NUMBERS = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
 MIN_TILT_SHARE = 0.03  # share of the error that a tilted base must explain to be reported
 
@@ -159,10 +158,11 @@ def with_findings(
         motions[validation.role][validation.name] = validation.motion
     chosen_recipe, choice = identification.recipe, identification.calibration.terms
     # terms are set to None: those of the choice are in the model already
-    recipe = replace(
-        recipe, base_tilt=chosen_recipe.base_tilt, min_speed=chosen_recipe.min_speed, terms=None
-    )  # as found
-    plain = None if choice is None else with_plain_terms(_memoryless(model))
+    # as found
+    recipe = replace(recipe, base_tilt=chosen_recipe.base_tilt, min_speed=chosen_recipe.min_speed, terms=None)
+    # the plain set stands in for the terms that remember
+    memoryless = replace(model, terms=tuple(term for term in model.terms if not term.memory))
+    plain = None if choice is None else with_plain_terms(memoryless)
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     findings = run_checks(
@@ -215,7 +215,8 @@ class _CheckRun:
                     facts[name] = channel_facts(log, suspects(log).positions if masked else None)
                 if not any(finding.severity == "error" for finding in log_findings):
                     valid_logs[role].append(recipe.trim(log))
-        return CheckResult((), timings, facts, links=_robot_links(self.model)), valid_logs
+        links = tuple(fact for term in self.model.terms if term.file is not None for fact in link_facts(term.file))
+        return CheckResult((), timings, facts, links=links), valid_logs
 
     def check_motion(
         self,
@@ -347,10 +348,6 @@ def _file_findings(model: Model, joints: tuple[str, ...]) -> list[Finding]:
     return findings
 
 
-def _robot_links(model: Model) -> tuple[LinkFacts, ...]:
-    return tuple(fact for term in model.terms if term.file is not None for fact in link_facts(term.file))
-
-
 def _motion_findings(
     model: Model, motions: Sequence[Motion], excitations: Sequence[Excitation], agreements: Sequence[Agreement]
 ) -> Iterator[Finding]:
@@ -383,8 +380,3 @@ def _skipped_search_finding(search: SearchKind, model: Model) -> Finding:
     severity = Severity.INFO if search is SearchKind.PAIRS else Severity.WARNING
     note = SearchLeftOut(search, len(model.joints), len(model.parameters))
     return Finding(severity, None, note)
-
-
-def _memoryless(model: Model) -> Model:
-    """Return the model without the terms that remember, for which the plain set stands in."""
-    return replace(model, terms=tuple(term for term in model.terms if not term.memory))

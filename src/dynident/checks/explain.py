@@ -46,10 +46,8 @@ Array = NDArray[np.float64]
 DELAY_SAMPLES = 2000  # of all motions, up to twice as many
 MAX_DELAY = 0.05  # s; a later torque is another fault
 MIN_HALF_WIDTH = 5e-3  # s, least half width of the differences by time
-MAX_DELAY_PER_WIDTH, WIDTH_PER_DELAY = (
-    0.8,
-    1.5,
-)  # a delay of more than so much of the half width needs one of so many times the delay
+# a delay of more than so much of the half width needs one of so many times the delay
+MAX_DELAY_PER_WIDTH, WIDTH_PER_DELAY = 0.8, 1.5
 MIN_DELAY_SIGNIFICANCE = 2.5  # standard errors of the low-passed torque
 MIN_DELAY_SHARE = 0.1  # share of the joint's squared residual, as measured, that its delay must explain
 MIN_DELAY = 1e-3  # s
@@ -277,16 +275,14 @@ def _likeliest_suspect(
     much as the first.
     """
     # one step per suspect is cheap; only the best ones are estimated by iteration
-    ranked_suspects = sorted(
-        promising_suspects(fit, suspects), key=lambda pair: -round(pair[1].share, 6)
-    )  # equal ones in their order
+    # equal ones in their order
+    ranked_suspects = sorted(promising_suspects(fit, suspects), key=lambda pair: -round(pair[1].share, 6))
     reference_share = max(MIN_SHARE_RATIO * ranked_suspects[0][1].share, min_share / 2) if ranked_suspects else 0.0
     tried_suspects = [
         candidate for candidate, score in ranked_suspects[:MAX_TRIED_SUSPECTS] if score.share > reference_share
     ]
-    if any(
-        candidate.quantity is SuspectQuantity.GAIN for candidate in tried_suspects
-    ):  # a small gain looks like large ones of the others at first
+    # a small gain looks like large ones of the others at first
+    if any(candidate.quantity is SuspectQuantity.GAIN for candidate in tried_suspects):
         tried_suspects += [
             candidate
             for candidate in suspects

@@ -25,8 +25,7 @@ from dynident.regression import (
     Rank,
     TriangularFactors,
     factorise,
-    fast_enough,
-    fitted_rows,
+    fitted_mask,
     rank_of,
 )
 from dynident.regression.whitening import long_run
@@ -120,7 +119,7 @@ def fit_cases(
         dddq = np.concatenate([jerk[indices] for jerk, indices in zip(jerks, rows, strict=True)])
         keep = np.concatenate(
             [
-                steady[indices] & _fitted_mask(motion, min_speed, indices)
+                steady[indices] & fitted_mask(motion, min_speed, indices)
                 for steady, (motion, indices) in zip(steady_masks, pairs, strict=True)
             ]
         )
@@ -132,21 +131,10 @@ def fit_cases(
 def measured_case(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> FitCase:
     """Return the case of a model and motions with all samples as measured: not low-passed, and reversals included."""
     states, tau = stack_states(motions), np.concatenate([motion.tau for motion in motions])
-    masks = [
-        motion.mask[:, None] & (np.ones(motion.q.shape, bool) if motion.keep is None else motion.keep)
-        for motion in motions
-    ]
-    keep, fast = np.concatenate(masks), fast_enough(states["dq"], min_speed)
-    lengths = tuple(len(motion) for motion in motions)
-    keep = keep if fast is None else keep & fast
+    keep, lengths = np.concatenate([fitted_mask(motion, min_speed) for motion in motions]), tuple(map(len, motions))
     q, dq, ddq = (states[name] for name in ("q", "dq", "ddq"))
     zeros, noise = np.zeros_like(q), np.zeros(q.shape[1])
     return FitCase(model, q, dq, ddq, zeros, tau, keep, lengths, noise, memory=states.get("memory"))
-
-
-def _fitted_mask(motion: Motion, min_speed: tuple[float, ...] | None, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    mask = fitted_rows(motion, min_speed)
-    return np.ones((len(rows), motion.q.shape[1]), dtype=bool) if mask is None else mask[rows]
 
 
 def _noise_variance(

@@ -192,9 +192,8 @@ def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
     kinds = TRIED_KINDS.get(finding.message.effect, set())
     if choice is None:
         return bool(kinds)
-    return not kinds.isdisjoint(
-        term.kind.split()[0] for term in choice.trials_of(finding.joint)
-    )  # ripple, ripple 2, ...
+    # ripple, ripple 2, ...
+    return not kinds.isdisjoint(term.kind.split()[0] for term in choice.trials_of(finding.joint))
 
 
 def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
@@ -340,9 +339,8 @@ REVERSAL_SAMPLES = 1000  # of all motions, up to twice as many
 REVERSAL_TIME = 0.05  # s, from a reversal
 MIN_REVERSAL_SHARE = 0.4  # share of a joint's squared residual, as for effects that are warned of
 MIN_REVERSAL_ERROR = 0.5  # %, of a joint's torque, as there
-MIN_LASTING_SHARE = (
-    0.2  # share of it that must be outside the fifth of the data with the most: more than a single event
-)
+# share of it that must be outside the fifth of the data with the most: more than a single event
+MIN_LASTING_SHARE = 0.2
 
 
 def unexplained_findings(fit: Misfit) -> Iterator[Finding]:

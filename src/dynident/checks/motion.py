@@ -68,7 +68,7 @@ def compensation_findings(regression: Regression) -> Iterator[Finding]:
     # the standard error follows from the curvature of the squared error, by a second difference
     middle, *sides = (error(factor + side) ** 2 for side in (0.0, -SHARE_STEP, SHARE_STEP))
     curvature = max((sides[0] + sides[1] - 2 * middle) / SHARE_STEP**2, 1e-12)
-    count = sum(int(motion.mask.sum()) for motion in regression.motions) * len(regression.model.joints)
+    count = regression.usable_samples * len(regression.model.joints)
     std = float(np.sqrt(2 * middle / (count * curvature)))
     note = log_notes.GravityCompensated(factor, std, before, after)
     yield Finding(Severity.WARNING, None, note)
@@ -295,9 +295,8 @@ ODD_LOG_SAMPLES = 1000  # of all motions, up to twice as many
 MIN_ROWS_PER_PARAMETER = 5  # equations of a log for each parameter: fewer are explained by any fit of their own
 MIN_COMMON_ERROR = 2.0  # %, of the torque: a smaller error of all logs together is none
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which the data say nothing
-MAX_ODD_ERROR_RATIO = (
-    0.6  # times that error: with a fit of its own for the odd log it is below; real robots have 0.86 and more
-)
+# times that error: with a fit of its own for the odd log it is below; real robots have 0.86 and more
+MAX_ODD_ERROR_RATIO = 0.6
 
 
 def odd_log_findings(

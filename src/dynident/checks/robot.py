@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import file_notes
-from dynident.checks.torque import nominal_torque, nuisance_columns, thin_samples
+from dynident.checks.torque import nominal_torque, nuisance_columns, project_out, thin_samples, torque_or_zero
 from dynident.models import Model, consistency_violations, from_physical, to_physical
 from dynident.models.robot_files import RobotFile, RobotJoint, RobotJointLimits
 from dynident.motion.log import Motion
@@ -169,17 +169,13 @@ def _origin_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Fi
         if theta is None or fact.mass <= 0 or lever < MIN_STEINER_SHARE * fact.moments[-1] or not fact.moments[-1] > 0:
             continue
         candidates.append(fact.link)
-        shifted = to_physical(theta)[2] - _point_inertia(fact)
+        # the tensor about the frame's origin of a point mass at the centre
+        point_inertia = fact.mass * (fact.centre @ fact.centre * np.eye(3) - np.outer(fact.centre, fact.centre))
+        shifted = to_physical(theta)[2] - point_inertia
         if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
             consistent_links.append(fact.link)
     if len(consistent_links) >= 2 and 2 * len(consistent_links) > len(candidates):
         yield Finding(Severity.WARNING, None, file_notes.InertiaAboutOrigin(tuple(consistent_links)))
-
-
-def _point_inertia(fact: LinkFacts) -> Array:
-    """Return the tensor (3, 3) about the frame's origin of a point mass at the link's centre of mass."""
-    c = fact.centre
-    return np.asarray(fact.mass * (float(c @ c) * np.eye(3) - np.outer(c, c)))
 
 
 def _copy_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -222,12 +218,10 @@ def _limit_notes(limits: RobotJointLimits) -> Iterator[Note]:
 
 
 MIN_ANGLE = 40.0  # deg from which another direction is asked about; smaller angles are a tilt, or wrong inertias
-MIN_EXPLAINED_VARIANCE = (
-    0.7  # share of the torque's variance, beside friction and rotor, that the found direction must explain
-)
-MAX_VARIANCE_RATIO = (
-    0.5  # times the unexplained variance of the assumed direction: above, both explain it about as well
-)
+# share of the torque's variance, beside friction and rotor, that the found direction must explain
+MIN_EXPLAINED_VARIANCE = 0.7
+# times the unexplained variance of the assumed direction: above, both explain it about as well
+MAX_VARIANCE_RATIO = 0.5
 MIN_SINGULAR_SHARE = 0.02  # share of the largest singular value below which the motion does not show a direction
 STANDARD_GRAVITY = 9.81  # m/s^2, the size where no gravity was assumed
 MAX_SIZE_FACTOR = 3.0  # times the assumed size, or a third: then inertias or units are wrong, not the direction
@@ -265,7 +259,7 @@ def _scaled_rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[
     columns = _gravity_columns(model, q, dq, ddq, size)
     # without the parts that friction, rotor and offset explain, only bodies are left to compare
     projected = [
-        _project_out(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance_columns(q, dq, ddq, j))
+        project_out(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance_columns(q, dq, ddq, j))
         for j in range(q.shape[1])
     ]
     # scale each joint by its torque, so that all count the same; joints without any are left out
@@ -280,9 +274,8 @@ def _gravity_direction(X: Array, y: Array, assumed: Array) -> Array | None:
     """Return the direction (3) of gravity that fits y (M) by X (M, 4), None unless it differs from the assumed one."""
     # fit gravity only along the directions that the motion shows
     _, singular_values, axes = np.linalg.svd(X[:, 1:], full_matrices=False)
-    observable = axes[
-        singular_values > MIN_SINGULAR_SHARE * singular_values[0]
-    ]  # of a planar arm not the axis of its joints
+    # of a planar arm not the axis of its joints
+    observable = axes[singular_values > MIN_SINGULAR_SHARE * singular_values[0]]
     A = np.column_stack([X[:, 0], X[:, 1:] @ observable.T])
     singular = np.linalg.svd(A, compute_uv=False)
     if singular[-1] <= MIN_SINGULAR_SHARE * singular[0]:
@@ -325,15 +318,5 @@ def _gravity_columns(model: Model, q: Array, dq: Array, ddq: Array, size: float)
     def set_gravity(gravity: Array) -> Model:
         return model.with_gravity(lambda _: gravity)
 
-    gravity_torques = [_torque_or_zero(set_gravity(size * axis), q, zeros, zeros) for axis in np.eye(3)]
-    return np.array([_torque_or_zero(set_gravity(np.zeros(3)), q, dq, ddq), *gravity_torques])
-
-
-def _torque_or_zero(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    torque = nominal_torque(model, q, dq, ddq)
-    return np.zeros_like(q) if torque is None else torque
-
-
-def _project_out(series: Array, columns: Array) -> Array:
-    """Return ``series`` minus its projection on the columns."""
-    return np.asarray(series - columns @ np.linalg.lstsq(columns, series)[0])
+    gravity_torques = [torque_or_zero(set_gravity(size * axis), q, zeros, zeros) for axis in np.eye(3)]
+    return np.array([torque_or_zero(set_gravity(np.zeros(3)), q, dq, ddq), *gravity_torques])

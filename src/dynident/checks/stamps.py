@@ -25,17 +25,14 @@ MINIMUM_SAMPLES = 30
 
 MAX_GAP_STEPS = 12.0  # x the median step: a smoother bridges the few samples that a robot's scheduler may lose
 _MAX_JITTER = 0.1  # rms of the steps about their median, as a fraction of it
-_MIN_REGULAR_SHARE = (
-    0.9  # share of steps within 10 % of the median from which on a step of 1.5 medians is a lost sample
-)
+# share of steps within 10 % of the median from which on a step of 1.5 medians is a lost sample
+_MIN_REGULAR_SHARE = 0.9
 _MAX_LOST_SHARE = 0.01  # share of lost samples to warn of
 _MAX_NOISE_RATIO = 0.8  # ratio of noises below which one time axis is clearly better
 _MIN_JITTER = 1e-6  # jitter below which stamps and equal spacing are the same
 _MAX_ROUNDING_JITTER = 1e-4  # jitter that stamps of few digits have
-_MAX_DRIFT_STEPS, _DRIFT_PARTS = (
-    0.5,
-    20,
-)  # steps that the stamps may be from equal spacing, in the median of parts of the log
+# steps that the stamps may be from equal spacing, in the median of parts of the log
+_MAX_DRIFT_STEPS, _DRIFT_PARTS = 0.5, 20
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,8 @@ from dynident.runtime import brief
 Array = NDArray[np.float64]
 Rivals = tuple[Rival, ...]
 
-MIN_STANDARD_ERRORS = (
-    6.0  # standard errors from zero: many unknowns are tested, and the errors are themselves uncertain
-)
+# standard errors from zero: many unknowns are tested, and the errors are themselves uncertain
+MIN_STANDARD_ERRORS = 6.0
 MAX_STEPS = 8
 MAX_SETTLED_STEP = 0.1  # of a standard error: a smaller step ends the search
 

@@ -17,20 +17,14 @@ from dynident.motion.smoothers import Spline, smooth_log
 from dynident.runtime import DynidentError, Finding, Severity
 
 Array = NDArray[np.float64]
-MAX_LOOP_SAMPLES, MAX_STATEFUL_SAMPLES = (
-    1000,
-    5000,
-)  # of a log, at which a controller is asked; in a row, of one that remembers
+# of a log, at which a controller is asked; in a row, of one that remembers
+MAX_LOOP_SAMPLES, MAX_STATEFUL_SAMPLES = 1000, 5000
 MIN_LOOP_SAMPLES = 10  # samples, of which nothing is told
 VELOCITY_STEPS = range(11)  # of a drive, over which its velocity may be a difference; 0 where it is faster than is said
-MAX_VELOCITY_ERROR_RATIO, MAX_SCALED_ERROR_RATIO = (
-    0.65,
-    0.5,
-)  # of the error, which another velocity or factor must leave at most
-MIN_FACTOR_DEVIATION, MAX_SCALED_SHARE = (
-    0.05,
-    0.2,
-)  # by how much a factor must differ from 1 to be named, and what it may leave of the torque
+# of the error, which another velocity or factor must leave at most
+MAX_VELOCITY_ERROR_RATIO, MAX_SCALED_ERROR_RATIO = 0.65, 0.5
+# by how much a factor must differ from 1 to be named, and what it may leave of the torque
+MIN_FACTOR_DEVIATION, MAX_SCALED_SHARE = 0.05, 0.2
 MIN_DIFFERENCE_SHARE = 0.5  # share of the torque above which a controller is another one
 MIN_NOISE_RATIO = 3.0  # times what the noise of the positions explains of that
 
@@ -61,7 +55,8 @@ def loop_findings(logs: Sequence[Log]) -> Iterator[Finding]:
             continue
         try:
             with np.errstate(all="ignore"):  # what is not finite is left to the simulation, too
-                torques, steps = _command_torques(log, log.controller), _difference_steps(log.controller)
+                torques = _command_torques(log, log.controller)
+                steps = log.controller.steps if isinstance(log.controller, DifferencingLoop) else 1
         except DynidentError:  # the simulation says it
             continue
         if len(torques.tau) > MIN_LOOP_SAMPLES and all(
@@ -76,7 +71,10 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
     if not has_torque.any():
         return
     # over how many steps the drives difference positions; it must be clearly better than the given number
-    total = {steps: _rms_share(torques.error(steps)[has_torque] / size[has_torque]) for steps in torques.by_steps}
+    total = {
+        steps: float(np.sqrt(np.mean(np.square(torques.error(steps)[has_torque] / size[has_torque]))))
+        for steps in torques.by_steps
+    }
     best = min(total, key=lambda steps: total[steps])
     if total[best] > MAX_VELOCITY_ERROR_RATIO * total[configured_steps]:
         best = configured_steps
@@ -97,15 +95,6 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
             yield Finding(Severity.WARNING, name, gain_note, source=log.source)
         elif share > MIN_DIFFERENCE_SHARE and error[j] > MIN_NOISE_RATIO * torques.noise[j]:
             yield Finding(Severity.WARNING, name, LoopDiffers(share), source=log.source)
-
-
-def _rms_share(shares: Array) -> float:
-    """Return the root mean square of shares (n)."""
-    return float(np.sqrt(np.mean(np.square(shares))))
-
-
-def _difference_steps(controller: Controller) -> int:
-    return controller.steps if isinstance(controller, DifferencingLoop) else 1
 
 
 def _command_torques(log: Log, controller: Controller) -> _ControllerTorques:
@@ -153,16 +142,13 @@ def _loop_torques(loop: Controller, motion: Motion, rows: NDArray[np.intp], q: A
 
 
 AGREEMENT_SAMPLES = 2000  # of all motions: enough to see a sign
-MAX_UNRELATED_CORRELATION, MIN_UNRELATED_RATIO = (
-    0.3,
-    2.0,
-)  # |correlation| below NONE counts as none, where the nominal torque is over ASKED times the measured one
+# a smaller |correlation| counts as none, where the nominal torque is over so many times the measured one
+MAX_UNRELATED_CORRELATION, MIN_UNRELATED_RATIO = 0.3, 2.0
 MIN_SIGN_CORRELATION = 0.6  # partial correlation from which a sign is trusted
 MAX_SCALE = 3.0  # factor from which a scale is questioned, where the correlation is beyond STRONG
 MIN_SCALE_CORRELATION = 0.85
-MIN_INDEPENDENT_SHARE = (
-    1e-3  # share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
-)
+# share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
+MIN_INDEPENDENT_SHARE = 1e-3
 MIN_DRIVING_SHARE = 0.2  # share of rms torque times rms speed by which friction must drive the joint, to count
 
 
@@ -187,8 +173,7 @@ class Agreement:
 def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
     """Return for each joint of the model how its measured torque agrees with the nominal one."""
     q, dq, ddq, tau = thin_samples(motions)
-    file_torque = nominal_torque(model, q, dq, ddq)
-    file_torque = np.zeros_like(q) if file_torque is None else file_torque
+    file_torque = torque_or_zero(model, q, dq, ddq)
     agreements = []
     for j, joint in enumerate(model.joints):
         # sine and cosine of the angle stand for gravity, so that this joint alone gives rotor inertia and friction
@@ -234,9 +219,20 @@ def nominal_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array | Non
     return model.torque(q, dq, ddq, np.array(values, dtype=float), np.zeros((len(q), model.memory)))
 
 
+def torque_or_zero(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the torque (M, n) of ``nominal_torque``, zeros where there is none."""
+    torque = nominal_torque(model, q, dq, ddq)
+    return np.zeros_like(q) if torque is None else torque
+
+
+def project_out(series: Array, columns: Array) -> Array:
+    """Return ``series`` minus its projection on the columns."""
+    return np.asarray(series - columns @ np.linalg.lstsq(columns, series)[0])
+
+
 def _partial_regression(x: Array, y: Array, columns: Array) -> tuple[float, float, float]:
     """Return slope, correlation and relative size of x against y, with the columns projected out of both."""
-    x_residual, y_residual = (series - columns @ np.linalg.lstsq(columns, series)[0] for series in (x, y))
+    x_residual, y_residual = (project_out(series, columns) for series in (x, y))
     a, b = float(np.linalg.norm(x_residual)), float(np.linalg.norm(y_residual))
     # where the nominal torque is almost that of rotor and friction there is nothing to compare
     if a < MIN_INDEPENDENT_SHARE * float(np.linalg.norm(x)) or b == 0:

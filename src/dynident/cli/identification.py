@@ -352,7 +352,9 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
         identification.estimate,
         random_states(len(identification.model.joints), np.random.default_rng(0)),
     )
-    identified = IdentifiedModel(identification.model, estimate.value, estimate.std, tuple(estimate.provenance))
+    identified = IdentifiedModel(
+        identification.model, estimate.value, identification.errors.std, tuple(estimate.provenance)
+    )
     (model_export,) = relocate_exports(
         out.parent, [exports.export(identified, exporter, states)], identification.provenance
     )

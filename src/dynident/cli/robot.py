@@ -271,7 +271,7 @@ def watch(
     goes on where it stopped, however it was stopped.
     """
     from dynident.apps.online import WatchSettings
-    from dynident.apps.online.report import StampFormatter, end_words, watch_words
+    from dynident.apps.online.report import end_words, watch_words
     from dynident.apps.online.watch import make_watch
     from dynident.files.folder import result_folder
     from dynident.files.opener import remember_inputs
@@ -287,7 +287,7 @@ def watch(
             console().remark(watch_words(settings))
         _print_events(robot_watch, as_json, follow=not once)
     if not as_json:
-        console().remark(end_words(robot_watch.watcher, robot_watch.events, StampFormatter(robot_watch.reader.zero)))
+        console().remark(end_words(robot_watch.watcher, robot_watch.events, robot_watch.reader.zero))
     if out and not as_json:
         from dynident.apps.online.watch import EVENTS
 
@@ -296,7 +296,7 @@ def watch(
 
 def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
     """Print events as they come."""
-    from dynident.apps.online.report import StampFormatter, event_line
+    from dynident.apps.online.report import event_line
     from dynident.apps.online.watch import event_data
     from dynident.runtime import Severity
 
@@ -306,7 +306,7 @@ def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
             if as_json:
                 click.echo(json.dumps(event_data(event)))
                 continue
-            line = event_line(event, robot_watch.watcher.joints, StampFormatter(robot_watch.reader.zero))
+            line = event_line(event, robot_watch.watcher.joints, robot_watch.reader.zero)
             if line.severity is Severity.WARNING:
                 screen.say(line.text, "yellow")
             else:

@@ -88,7 +88,7 @@ class Residuals:
         """
         n = len(self.floor)
         series = ResidualSeries(
-            np.concatenate([stretch.tau * _fitted_mask(stretch) for stretch in self.stretches], axis=1),
+            np.concatenate([stretch.tau * stretch.used for stretch in self.stretches], axis=1),
             self._is_used,
             self._age,
         )
@@ -113,12 +113,12 @@ class Residuals:
 
     @cached_property
     def _is_used(self) -> Mask:
-        return np.concatenate([_fitted_mask(stretch) for stretch in self.stretches], axis=1)
+        return np.concatenate([stretch.used for stretch in self.stretches], axis=1)
 
     @cached_property
     def _age(self) -> NDArray[np.int_]:
         return np.concatenate(
-            [np.stack([preceding_counts(x) for x in _fitted_mask(stretch)]) for stretch in self.stretches], axis=1
+            [np.stack([preceding_counts(x) for x in stretch.used]) for stretch in self.stretches], axis=1
         )
 
 
@@ -242,7 +242,3 @@ class HausmanTest:
         """The index of the motion, the samples, and the number of rows of each block."""
         blocks = self.plain.placed_blocks(self.plain.model.structure_with(()))
         return [(k, rows, block.tau.shape[1]) for k, rows, block in blocks]
-
-
-def _fitted_mask(block: EntryBlock) -> Mask:
-    return np.ones(block.tau.shape, dtype=bool) if block.keep is None else block.keep

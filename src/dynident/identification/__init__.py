@@ -13,7 +13,7 @@ from dynident.identification.accuracy_bound import (
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, tilt_base
 from dynident.identification.bootstrap import Bootstrap, bootstrap
 from dynident.identification.calibration import Calibration, PriorStrength, find_prior_strength
-from dynident.identification.cramer_rao import NormalMatrix, cramer_rao_bound, information, normal_matrices, variance
+from dynident.identification.cramer_rao import cramer_rao_bound, information, normal_matrices, variance
 from dynident.identification.cross_validation import (
     Gain,
     SmootherChoice,
@@ -57,7 +57,6 @@ __all__ = [
     "Measure",
     "NextStep",
     "Noise",
-    "NormalMatrix",
     "NotFitted",
     "NotJudged",
     "Origin",

@@ -230,9 +230,8 @@ def _compute_bound(
 def _fit_std(identification: Identification, basis: BaseParameters) -> Array:
     """Return the standard errors (r) of the identification for the base parameters that it knows by the same name."""
     errors, data_base = identification.errors, identification.base.on_data
-    alone = errors.std if errors.std_hac is None else errors.std_hac
     std, names = (
-        (alone, identification.estimate.names) if data_base is None else (errors.best_base, data_base.groupings)
+        (errors.std, identification.estimate.names) if data_base is None else (errors.base_std, data_base.groupings)
     )
     std_by_name = {} if std is None else dict(zip(names, std.tolist(), strict=True))
     return np.array([std_by_name.get(name, np.nan) for name in basis.groupings])

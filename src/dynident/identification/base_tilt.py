@@ -153,7 +153,7 @@ def _search_tilt(
         blocks = list(regression.entries() if entries_at is None else entries_at(_term_gravity(tilted_model)))
         regression = regression.with_factors(factorise(blocks, blocks[0].structure))
         value = quick_estimator(Problem(tilted_model, thin, regression)).value
-        parts = [(block.tau - block.torque(value)) * (1.0 if block.keep is None else block.keep) for block in blocks]
+        parts = [(block.tau - block.torque(value)) * block.used for block in blocks]
         return np.concatenate(parts, axis=1).ravel()
 
     torque = float(np.sqrt(sum(float(np.sum(motion.tau[motion.mask] ** 2)) for motion in thin)))

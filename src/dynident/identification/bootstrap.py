@@ -177,7 +177,7 @@ def _draws(rng: np.random.Generator, runs: int, blocks: int) -> Iterator[Draw]:
 
 def _stretches(regression: Regression, blocks: int) -> Sequence[RegressionPart]:
     """Return the stretches that are drawn from; InputError where there are too few samples."""
-    samples = sum(int(motion.mask.sum()) for motion in regression.motions)
+    samples = regression.usable_samples
     stretches = divide_regression(regression, max(samples // blocks, MIN_STRETCH_SAMPLES))
     if len(stretches) < MIN_STRETCHES:
         raise InputError(

@@ -305,9 +305,8 @@ def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model
     model = model.with_terms(*choice.terms)
     recipe_names = recipe.estimator.named
     absent_names = tuple(name for name in recipe_names if name not in model.names and name in _eligible_names(model))
-    kept_names = [
-        name for name in recipe_names if name not in absent_names
-    ]  # with those that are misspelt, which the estimator refuses
+    # with those that are misspelt, which the estimator refuses
+    kept_names = [name for name in recipe_names if name not in absent_names]
     estimator = recipe.estimator.among((*model.names, *kept_names)) if absent_names else recipe.estimator
     recipe = replace(recipe, estimator=estimator, min_speed=_min_speeds(recipe, choice), terms=None)
     return model, recipe, (NotChosen(absent_names),) if absent_names else ()

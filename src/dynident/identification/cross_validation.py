@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion, spread_pieces, subsample
-from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log
-from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, factorise, fitted_rows, rank_of
+from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
+from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, factorise, fitted_mask, rank_of
 from dynident.runtime import ConfigError, InputError, Step, brief, part_text, percent, report_progress, short
 from dynident.runtime.jobs import run_jobs
 
@@ -49,7 +49,12 @@ def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion],
     common = [
         fitted_mask(old_motion) & fitted_mask(new_motion) for old_motion, new_motion in zip(before, after, strict=True)
     ]
-    old, new = (left_out_errors(model, motions, _with_keep(motions, common), folds) for motions in (before, after))
+    old, new = (
+        left_out_errors(
+            model, motions, [replace(motion, keep=keep) for motion, keep in zip(motions, common, strict=True)], folds
+        )
+        for motions in (before, after)
+    )
     return gain_from_errors(old, new)
 
 
@@ -59,10 +64,6 @@ def gain_from_errors(old: Array, new: Array) -> Gain:
     # Each joint relative to its own error; the spread over folds gives the standard error of the sum.
     blocks = 100.0 * ((old - new) / size).mean(axis=1)
     return Gain(float(blocks.sum()), float(np.sqrt(len(blocks)) * np.std(blocks, ddof=1)))
-
-
-def _with_keep(motions: Sequence[Motion], keep: Sequence[NDArray[np.bool_]]) -> list[Motion]:
-    return [replace(motion, keep=rows) for motion, rows in zip(motions, keep, strict=True)]
 
 
 def left_out_errors(
@@ -122,12 +123,6 @@ def factors_by_fold(
     """Return the triangular factors of the torque equations in each of ``folds`` parts of the motions."""
     parts = [tuple(select(motion, k, folds) for motion in motions) for k in range(folds)]
     return [factorise(Regression(model, fold, selection.unfiltered).entries(), model.structure) for fold in parts]
-
-
-def fitted_mask(motion: Motion, selection: Selection = EVERYTHING) -> NDArray[np.bool_]:
-    """Return which torque equations (N, n) of a motion are fitted."""
-    rows = fitted_rows(motion, selection.min_speed)
-    return np.asarray(motion.mask[:, None] & (np.ones(motion.q.shape, dtype=bool) if rows is None else rows))
 
 
 MAX_SAMPLES, PIECES_PER_LOG = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose
@@ -223,17 +218,12 @@ def _smooth_ahead(
     """
     new_smoothers = tuple(
         {
-            id(smoother): smoother for smoother in map(_without_time_offset, candidates) if id(smoother) not in cache
+            id(smoother): smoother for smoother in map(strip_time_offset, candidates) if id(smoother) not in cache
         }.values()
     )
     for outcome in run_jobs(_Smoothing(new_smoothers, tuple(logs)), range(len(new_smoothers)), executor):
         if outcome.value is not None:
             cache[id(new_smoothers[outcome.job])] = outcome.value
-
-
-def _without_time_offset(smoother: Smoother) -> Smoother:
-    """Return a smoother without its time offset."""
-    return smoother.smoother if isinstance(smoother, TimeShifted) else smoother
 
 
 def _smooth_candidates(
@@ -255,7 +245,7 @@ def _smooth_candidates(
 
 def _motions(smoother: Smoother, logs: Sequence[Log], cache: dict[int, tuple[Motion, ...]]) -> tuple[Motion, ...]:
     """Return the motions of the logs; a smoother with a time offset shifts the cached ones without it."""
-    unshifted = _without_time_offset(smoother)
+    unshifted = strip_time_offset(smoother)
     if id(unshifted) not in cache:
         cache[id(unshifted)] = tuple(smooth_log(unshifted, log) for log in logs)
     motions = cache[id(unshifted)]

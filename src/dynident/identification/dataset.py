@@ -26,9 +26,8 @@ Mask = NDArray[np.bool_]
 MAX_ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only finds outliers
 MIN_UNEXPLAINED_SHARE = 0.5  # share of a spike that the model must leave
 MIN_FROZEN_ERROR = 4.0  # usual residuals by which a frozen torque is wrong, rms over the stretch
-MAX_RESIDUAL_GROWTH = (
-    1.02  # factor by which the equations of a joint that turns freely may raise the residual of any other
-)
+# factor by which the equations of a joint that turns freely may raise the residual of any other
+MAX_RESIDUAL_GROWTH = 1.02
 MAX_CANCELLED_SHARE = 0.1  # of the parts of its torque, the most that may be left
 MIN_RESIDUAL_SHARE = 0.01  # of a torque's rms, the least usual residual
 MIN_CLIPPED_EXCESS = 2.0  # usual residuals by which the model exceeds a clipped torque, on average
@@ -101,7 +100,8 @@ def torque_outliers(
         return (None,) * len(suspect_masks)
     measured_motions = [replace(motion, tau=log.tau) for motion, log in zip(motions, logs, strict=True)]
     trusted_motions = [
-        _without_suspects(motion, flags) for motion, flags in zip(measured_motions, suspect_masks, strict=True)
+        replace(motion, keep=_keep_mask(motion) & ~flags.torques)
+        for motion, flags in zip(measured_motions, suspect_masks, strict=True)
     ]
     # Only trusted torques of the training are fitted, so that the suspects cannot hide themselves.
     trusted_masks = [_keep_mask(trusted)[trusted.mask] for trusted in trusted_motions[:trained]]
@@ -233,10 +233,6 @@ def _keep_recorded_joints(motion: Motion, outliers: TorqueOutliers | None) -> Mo
 
 def _keep_mask(motion: Motion) -> Mask:
     return np.ones(motion.q.shape, dtype=bool) if motion.keep is None else motion.keep
-
-
-def _without_suspects(motion: Motion, candidates: Suspects) -> Motion:
-    return replace(motion, keep=_keep_mask(motion) & ~candidates.torques)
 
 
 def _fit_parameters(model: Model, motions: Sequence[Motion], selection: Selection) -> Array:

@@ -21,7 +21,7 @@ from dynident.identification.dataset import (
     held_out_outliers,
     substitute_notes,
 )
-from dynident.identification.motion_errors import motion_errors
+from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import Identifiability, Identification, Sources, versions
 from dynident.identification.time_offset import Alignment
@@ -112,8 +112,11 @@ def estimate_parameters(problem: Problem, estimator: Estimator, alignment: Align
         return fit
     report_progress("repeating the smoothing")
     errors = motion_errors(problem.logs, regression, alignment.smoother, estimate)
-    if errors is None:
-        return fit
+    return fit if errors is None else correct_bias(fit, errors, estimator)
+
+
+def correct_bias(fit: ParameterFit, errors: MotionErrors, estimator: Estimator) -> ParameterFit:
+    """Return a fit with the bias by errors of the motion corrected, or counted in its errors."""
     covariance = fit.motion_covariance + errors.covariance
     # A bias within the standard errors is not corrected, but counts as an error.
     if not errors.significant:
@@ -121,10 +124,10 @@ def estimate_parameters(problem: Problem, estimator: Estimator, alignment: Align
     # The prediction of the bias is of first order: a large one is reported, not corrected.
     if errors.share >= MAX_CORRECTED_BIAS:
         return replace(fit, motion_covariance=covariance, notes=(MotionTooNoisy(errors.parameter, errors.size),))
-    unbiased = problem.regression.subtract_bias(errors.bias)
-    estimate = call_part(estimator, replace(problem, regression=unbiased), Estimate)
+    unbiased = fit.problem.regression.subtract_bias(errors.bias)
+    estimate = call_part(estimator, replace(fit.problem, regression=unbiased), Estimate)
     notes = (MotionCorrected(errors.parameter, errors.size),)
-    return ParameterFit(problem, estimate, estimate.residual.weight_rows(unbiased), covariance, notes)
+    return ParameterFit(fit.problem, estimate, estimate.residual.weight_rows(unbiased), covariance, notes)
 
 
 def conclude(

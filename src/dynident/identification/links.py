@@ -199,7 +199,7 @@ def _inertia_std(
 def _covariance(identification: Identification) -> Array | None:
     """Return the covariance (r, r) of the base parameters, scaled to the standard errors in the report."""
     errors = identification.errors
-    std = errors.best if identification.base.on_data is None else errors.best_base
+    std = errors.std if identification.base.on_data is None else errors.base_std
     if std is None:
         return None
     covariance = errors.base_covariance

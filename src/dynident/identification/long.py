@@ -9,6 +9,7 @@ correlation within a piece.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -17,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Pieces, Problem
-from dynident.estimators.notes import LimitedByMotion, MotionCorrected, MotionTooNoisy
+from dynident.estimators.notes import LimitedByMotion, MotionCorrected
 from dynident.identification.dataset import Dataset
-from dynident.identification.identify import MAX_CORRECTED_BIAS, ParameterFit, conclude, identify
-from dynident.identification.motion_errors import MAX_COVARIANCE_SAMPLES, sampled_bias
+from dynident.identification.identify import ParameterFit, conclude, correct_bias, identify
+from dynident.identification.motion_errors import MAX_COVARIANCE_SAMPLES, MotionErrors, sampled_bias
 from dynident.identification.pieces import (
     DEFAULT_DIVISION,
     DivisionSettings,
@@ -38,7 +39,6 @@ from dynident.identification.uncertainty import RobustStd, covariance_of_time_of
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Smoother, overlap
-from dynident.motion.splines import NORMAL_95
 from dynident.regression import (
     Regression,
     TriangularFactors,
@@ -209,30 +209,21 @@ def _estimate_from_pieces(
     factor = regression.triangular_factors.stack(weights)
     basis = base_parameters(factor, model.parameters)
     remaining_covariance = sampled.covariance + np.outer(sampled.remainder, sampled.remainder)
-    uncorrected = replace(
-        fit, motion_covariance=offset_covariance + np.outer(sampled.bias, sampled.bias) + remaining_covariance
-    )
-    try:
+    bias, std = np.abs(basis.to_base(sampled.bias)), np.full(basis.rank, np.inf)
+    with suppress(ModelError):  # nearly dependent columns: the bias is not corrected
         std = clustered(regression, estimate.value, weights, basis.independent)
-    except ModelError:  # nearly dependent columns
-        return uncorrected
-    bias = np.abs(basis.to_base(sampled.bias))
     size = np.divide(bias, std, out=np.zeros_like(std), where=std > 0)
     worst = int(size.argmax()) if len(size) else 0
-    # Below the 95 % error of the worst base parameter the bias counts as an error.
-    if not len(size) or size[worst] <= NORMAL_95:
-        return uncorrected
     p = len(sampled.bias)
-    torque, torque_bias = (np.linalg.norm(factor[:, :p] @ theta) for theta in (estimate.value, sampled.bias))
-    # The prediction of the bias is of first order: a large one is reported, not corrected.
-    if torque_bias >= MAX_CORRECTED_BIAS * torque:
-        return replace(fit, notes=(MotionTooNoisy(basis.groupings[worst], float(size[worst])),))
-    unbiased = regression.subtract_bias(sampled.bias)
-    estimate = call_part(recipe.estimator, replace(problem, regression=unbiased), Estimate)
+    torque, torque_bias = (float(np.linalg.norm(factor[:, :p] @ theta)) for theta in (estimate.value, sampled.bias))
+    worst_bias = (basis.groupings[worst], float(size[worst])) if len(size) else ("", 0.0)
+    share = torque_bias / max(torque, 1e-300)
+    errors = MotionErrors(sampled.bias, remaining_covariance, *worst_bias, share)
+    corrected = correct_bias(fit, errors, recipe.estimator)
+    if not any(isinstance(note, MotionCorrected) for note in corrected.notes):
+        return corrected
     remaining_std = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, remaining_covariance, basis.combination))
-    corrected = MotionCorrected(basis.groupings[worst], float(size[worst]))
-    notes = (corrected, *_limit_note(basis.groupings, remaining_std, std))
-    return ParameterFit(problem, estimate, unbiased, offset_covariance + remaining_covariance, notes)
+    return replace(corrected, notes=(*corrected.notes, *_limit_note(basis.groupings, remaining_std, std)))
 
 
 def _limit_note(names: Sequence[str], remaining_std: Array, std: Array) -> tuple[Note, ...]:

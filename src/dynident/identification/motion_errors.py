@@ -248,7 +248,7 @@ def motion_errors(
     repeated_regression = equations(follows, parts, [part.motion for part in parts])
     parameter_changes = rank.inverse @ repeated_regression.weighted_products(torques, weights)
     # A few pieces stand for all samples: the covariance of sums grows with the number of samples.
-    scale = sum(float(part.mask.sum()) for part in regression.motions) / max(_usable_samples(repeated_regression), 1.0)
+    scale = regression.usable_samples / max(repeated_regression.usable_samples, 1)
     covariance = scale * parameter_changes @ parameter_changes.T / NOISE_DRAWS
     basis = base_parameters(rank, model.parameters)
     noise_std = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination))
@@ -275,7 +275,3 @@ def _standardised_bias(bias: Array, std: Array, extra_std: Array) -> Array:
 
 def _unit_weights(weights: Array | None, like: Sized) -> Array:
     return np.ones(len(like)) if weights is None else weights
-
-
-def _usable_samples(regression: Regression) -> float:
-    return float(sum(motion.mask.sum() for motion in regression.motions))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.identification.dataset import mask_outliers
 from dynident.identification.motion_errors import RepetitionFactors, repeat_piece
-from dynident.identification.recipe import Recipe, arm_rests, rest_blocks
+from dynident.identification.recipe import Recipe, arm_rests, keep_moving, rest_blocks
 from dynident.identification.repetition import PIECE, pieces_of
 from dynident.models import Model, Structure
 from dynident.motion.log import Log, Motion
@@ -234,8 +234,7 @@ class Reducer:
             selection = recipe.selection(self.model.joints)
             motion = mask_outliers(self.model, {"train": {"": motion}}, {"train": {"": log}}, selection)["train"][""]
         if self.without_rests and (is_resting := _rest_mask(log)).any():
-            moving = np.broadcast_to(~is_resting[:, None], motion.q.shape)
-            motion = replace(motion, keep=moving if motion.keep is None else moving & motion.keep)
+            motion = keep_moving(motion, is_resting)
         return self.model.remembering(recipe.drop_unfitted(motion))
 
 

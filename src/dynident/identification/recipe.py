@@ -24,19 +24,14 @@ from dynident.runtime import ConfigError, Note, Severity, choices, settings_repr
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BLOCK_DURATION = 0.1  # s: a joint that stays within its noise so long stands still
-MAX_REST_NOISE, MAX_REST_PACE = (
-    8.0,
-    0.01,
-)  # times the noise, share of the usual pace: what a joint at rest moves in a block at most
-MAX_CREEP, MAX_REST_RANGE = (
-    0.01,
-    0.05,
-)  # shares of the range of a joint that it may creep in a rest, and may not whatever its noise
+# times the noise, share of the usual pace: what a joint at rest moves in a block at most
+MAX_REST_NOISE, MAX_REST_PACE = 8.0, 0.01
+# shares of the range of a joint that it may creep in a rest, and may not whatever its noise
+MAX_CREEP, MAX_REST_RANGE = 0.01, 0.05
 MIN_REST_DURATION, MIN_REST_CROSSING = 0.5, 0.1  # s, and share of the time in which the fastest joint crosses its range
 MARGIN_BLOCKS = 3  # blocks of a rest that stay at an end, for the smoother
-MAX_HELD_SHARE = (
-    5e-3  # of the largest range of a joint of its kind: a joint whose range is less is held by its controller
-)
+# of the largest range of a joint of its kind: a joint whose range is less is held by its controller
+MAX_HELD_SHARE = 5e-3
 MAX_HELD_RANGE = {"revolute": 0.02, "prismatic": 1e-3}  # rad, m: likewise, a joint whose range is more does move
 MIN_SAMPLES = 200  # samples that must be left of a log
 DECISION_SAMPLES = 10_000  # samples with which it is decided on the rests within
@@ -183,11 +178,9 @@ def without_rests(
     # A minimum speed leaves the rests out anyway, so that there is nothing to decide.
     gain = None if selection.min_speed and all(selection.min_speed) else _gain_without_rests(model, motions, rest_masks)
     if gain is not None and gain.sure:
-        motions = {name: _keep_moving(motion, rest_masks[name]) for name, motion in motions.items()}
+        motions = {name: keep_moving(motion, rest_masks[name]) for name, motion in motions.items()}
     gains = {"train": gain}
-    notes = [
-        _rest_note(name, log, gains.get(role)) for role, logs in recorded.items() for name, log in logs.items()
-    ]  # fmt: skip
+    notes = [_rest_note(name, log, gains.get(role)) for role, logs in recorded.items() for name, log in logs.items()]
     return dict(motions), tuple(note for note in notes if note.start or note.end or note.within)
 
 
@@ -212,11 +205,11 @@ def _gain_without_rests(model: Model, motions: Mapping[str, Motion], rests: Mapp
         if len(indices) > 1:
             # Both versions have the same samples; only the mask of the fit differs.
             before.append(motion.shift(0.0, indices))
-            after.append(_keep_moving(before[-1], rests[name][indices]))
+            after.append(keep_moving(before[-1], rests[name][indices]))
     return motion_gain(model, before, after)
 
 
-def _keep_moving(motion: Motion, rests: Mask) -> Motion:
+def keep_moving(motion: Motion, rests: Mask) -> Motion:
     """Return the motion with the samples at rest left out of the fit."""
     moving = np.broadcast_to(~rests[:, None], motion.q.shape)
     return replace(motion, keep=moving if motion.keep is None else moving & motion.keep)
@@ -242,10 +235,6 @@ def _is_smoother(value: object) -> bool:
     return isinstance(value, Smoother)
 
 
-def _is_estimator(value: object) -> bool:
-    return isinstance(value, Estimator)
-
-
 def _is_number(value: Any) -> bool:
     return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
 
@@ -261,10 +250,6 @@ def _are_proposing(value: object) -> bool:
     )
 
 
-def _are_names(value: object) -> bool:
-    return isinstance(value, tuple) and all(isinstance(name, str) for name in value)
-
-
 def _is_estimate(value: object) -> bool:
     return isinstance(value, str) and value == "estimate"
 
@@ -275,7 +260,7 @@ def _is_tilt(value: object) -> bool:
 
 _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "smoother": (_is_smoother, "a smoother, such as Spline(), or a tuple of them"),
-    "estimator": (_is_estimator, "an estimator, such as LeastSquares()"),
+    "estimator": (lambda value: isinstance(value, Estimator), "an estimator, such as LeastSquares()"),
     "filter": (lambda value: isinstance(value, ParallelFilter | None), "a ParallelFilter or None"),
     "min_speed": (_is_speed, "a number of at least 0, such numbers by joint, or None"),
     "time_offset": (lambda value: _is_estimate(value) or _is_number(value), "a finite number (s) or 'estimate'"),
@@ -286,7 +271,10 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "rests": (lambda value: value in ("trim", "keep"), "'trim' or 'keep'"),
     "terms": (lambda value: value in (None, "auto"), "'auto' or None"),
     "proposed": (_are_proposing, "classes of terms with a class method `proposed`, in a tuple"),
-    "unfitted": (_are_names, "names of joints, in a tuple"),
+    "unfitted": (
+        lambda value: isinstance(value, tuple) and all(isinstance(name, str) for name in value),
+        "names of joints, in a tuple",
+    ),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 

@@ -17,7 +17,7 @@ from dynident.motion.filters import one_pole_filter
 from dynident.motion.log import Log, Motion, spread_pieces
 from dynident.motion.smoothers import Smoother, position_noise, strip_time_offset
 from dynident.motion.splines import coloured_noise
-from dynident.regression import Regression
+from dynident.regression import Regression, fitted_mask
 from dynident.runtime import brief, call_part
 
 Array = NDArray[np.float64]
@@ -150,18 +150,13 @@ def largest_residuals(parts: Sequence[LogPiece]) -> Array:
 
     A sample on the other side of a speed reversal, which did not happen in a recording, is no bias of it.
     """
-    residuals = [np.abs((piece.motion.tau - piece.clean.tau) * _fit_mask(piece.motion)) for piece in parts]
+    residuals = [np.abs((piece.motion.tau - piece.clean.tau) * fitted_mask(piece.motion)) for piece in parts]
     return np.asarray(np.concatenate(residuals).max(axis=0))
 
 
 def drop_unlikely_errors(torque: Array, max_residual: Array) -> Array:
     """Return errors of the torque (N, n) without those beyond any residual, as of a wrong sign of the speed."""
     return np.where(np.abs(torque) <= max_residual, torque, 0.0)
-
-
-def _fit_mask(motion: Motion) -> NDArray[np.bool_]:
-    """Return which torques (N, n) may be fitted."""
-    return motion.mask[:, None] & (True if motion.keep is None else motion.keep)
 
 
 def pieces_of(

@@ -37,10 +37,10 @@ Array = NDArray[np.float64]
 class StandardErrors:
     """Standard errors of the parameters, ``std`` (p), and of the base parameters on the data, ``base_std`` (r).
 
-    These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, for
-    the noise left in the motion and for the error of a time offset; they are infinite for what the data do not
-    determine. Intervals of 1.96 of them hold 95 %. None where they cannot be had, or where there are no base
-    parameters.
+    They allow for correlated residuals, for the noise left in the motion and for the error of a time offset:
+    intervals of 1.96 of them hold 95 %. ``std_independent`` (p) and ``base_std_independent`` (r) hold for
+    independent residuals alone; where no others can be had, ``std`` is the same. Of the base parameters None
+    where the data determine all parameters.
 
     ``base_covariance`` (r, r) is that of the base parameters, for correlated residuals too. ``base_by_joint`` (r,
     n) is the contribution of the torque of each joint to their values by least squares, and with it the effect of
@@ -51,9 +51,9 @@ class StandardErrors:
     """
 
     std: Array
-    std_hac: Array | None = None
+    std_independent: Array
     base_std: Array | None = None
-    base_std_hac: Array | None = None
+    base_std_independent: Array | None = None
     base_covariance: Array | None = None
     base_by_joint: Array | None = None
     base_shares: Array | None = None
@@ -62,14 +62,11 @@ class StandardErrors:
     __repr__ = brief
 
     @property
-    def best(self) -> Array:
-        """The standard errors (p) to use: those for correlated residuals where they are known."""
-        return self.std if self.std_hac is None else np.where(np.isfinite(self.std_hac), self.std_hac, self.std)
-
-    @property
-    def best_base(self) -> Array | None:
-        """The standard errors (r) of the base parameters to use, None where there are none."""
-        return self.base_std if self.base_std_hac is None else self.base_std_hac
+    def allows_correlation(self) -> bool:
+        """Whether the standard errors are more than those for independent residuals."""
+        if self.base_std is not None and self.base_std_independent is not None:
+            return not np.array_equal(self.base_std, self.base_std_independent)
+        return not np.array_equal(self.std, self.std_independent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +151,8 @@ class Identification(KeepsFacts):
         return plot
 
     def frame(self) -> pl.DataFrame:
-        """Return a table, one row per parameter: parameter, value, std (the one to believe), std_independent, unit,
-        determined_by, and the value that the model knows, true or nominal; null where nothing is known.
+        """Return a table, one row per parameter: parameter, value, std, std_independent (of ``StandardErrors``),
+        unit, determined_by, and the value that the model knows, true or nominal; null where nothing is known.
         """
         import polars as pl
 
@@ -164,8 +161,8 @@ class Identification(KeepsFacts):
             {
                 "parameter": self.estimate.names,
                 "value": self.estimate.value,
-                "std": self.errors.best,
-                "std_independent": self.errors.std,
+                "std": self.errors.std,
+                "std_independent": self.errors.std_independent,
                 "unit": self.estimate.units,
                 "determined_by": [provenance.value for provenance in self.estimate.provenance]
                 or [None] * len(parameters),

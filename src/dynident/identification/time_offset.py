@@ -22,14 +22,13 @@ from dynident.identification.cross_validation import (
     SmootherChoice,
     choose_smoother,
     cut_excerpts,
-    fitted_mask,
     motion_gain,
 )
 from dynident.identification.repetition import repeat_recordings
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
-from dynident.regression import EVERYTHING, Regression, Selection, fitted_rows
+from dynident.regression import EVERYTHING, Regression, Selection, fitted_mask, fitted_rows
 from dynident.regression.whitening import long_run
 from dynident.runtime import Note, Severity, Step, call_part, percent, report_progress, short
 

@@ -24,13 +24,12 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import ModelError, report_progress
-from dynident.validation import coloured_covariance, correlated_std, plain_std, robust_covariance
+from dynident.validation import ColouredFit, correlated_std, plain_std, robust_covariance
 
 Array = NDArray[np.float64]
 RobustStd = Callable[..., Array]  # as ``correlated_std``
-MAX_LAG_SHARE = (
-    0.025  # of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
-)
+# of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
+MAX_LAG_SHARE = 0.025
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +50,12 @@ class FitUncertainty:
             std = informed_std(basis, estimate.information)
         return np.hypot(std, _constraint_shift(estimate, basis))
 
-    def robust_std(self, std: Array, more: Array, basis: BaseParameters | None = None) -> Array | None:
+    def robust_std(self, std: Array, more: Array, basis: BaseParameters | None = None) -> Array:
         """Return standard errors for correlated residuals and ``more`` (p, p), the covariance by other errors.
 
         Where the estimator counts the errors of the motion, its ``std`` grow in the ratio of robust to white errors
-        of least squares, to the robust ones at most; where they allow for correlation already, they stay.
+        of least squares, to the robust ones at most; where they allow for correlation already, they stay. Where the
+        columns are nearly dependent there are no robust figures, and ``std`` is returned.
         """
         regression, estimate = self.regression, self.estimate
         B = np.eye(len(more)) if basis is None else basis.combination
@@ -66,12 +66,11 @@ class FitUncertainty:
         value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
         try:
             robust = self.robust(regression, value, weights, columns, slopes)
-        except ModelError:  # nearly dependent columns: then there is no such figure
-            return None
+        except ModelError:  # nearly dependent columns
+            return std
         # Scale by the ratio of robust to white errors: the estimator's own errors count more than least squares does.
-        if (
-            estimate.information is not None and weights is not None
-        ):  # that of the fit, as far as residuals are correlated
+        # that of the fit, as far as residuals are correlated
+        if estimate.information is not None and weights is not None:
             white_std = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
             robust = np.minimum(std * np.maximum(robust / white_std, 1.0), np.maximum(robust, std))
         return np.asarray(np.hypot(np.hypot(robust, extra_std), _constraint_shift(estimate, basis)))
@@ -134,9 +133,8 @@ class FitUncertainty:
                 # The larger of both: the automatic lag may be too short where white noise hides the correlation.
                 std = np.maximum(std, np.sqrt(np.maximum(np.diag(to_axes @ long_lag @ to_axes.T), 0.0)))
                 # Correlations between the axes from the coloured residual, variances from the robust figure.
-                coloured = (
-                    to_axes @ coloured_covariance(regression, estimate.value, weights, columns, slopes) @ to_axes.T
-                )
+                fit = ColouredFit.of(regression, estimate.value, weights, columns, slopes)
+                coloured = to_axes @ fit.covariance @ to_axes.T
                 half = back * (std / np.sqrt(np.diag(coloured)))
                 return np.asarray(half @ coloured @ half.T)
             except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns
@@ -214,9 +212,9 @@ def identifiability_of(
     """
     model, fit = regression.model, FitUncertainty(regression, estimate, robust)
     if estimate.determined.rank == len(model.parameters):
-        robust_std, all_columns = fit.robust_std(estimate.std, extra_covariance), list(range(len(extra_covariance)))
-        joint = fit.joint_knowledge(all_columns, extra_covariance, estimate.std if robust_std is None else robust_std)
-        return StandardErrors(estimate.std, robust_std, None, None, *joint), Identifiability()
+        all_columns, std = list(range(len(extra_covariance))), fit.robust_std(estimate.std, extra_covariance)
+        joint = fit.joint_knowledge(all_columns, extra_covariance, std)
+        return StandardErrors(std, estimate.std, None, None, *joint), Identifiability()
     report_progress("finding base parameters")
     directions = estimate.determined.directions  # where the estimator says them, so that both have one rank
     on_data = base_parameters(
@@ -225,12 +223,16 @@ def identifiability_of(
     )
     structural = structural_base_parameters(model, unfitted=unfitted)
     missing = find_unexcited(structural, on_data, model, regression.motions)
-    std = fit.base_std(on_data)
-    robust_std = fit.robust_std(std, extra_covariance, on_data)
-    std_hac = None if robust_std is None else _std_of_determined(on_data, robust_std)
-    B, best = on_data.combination, std if robust_std is None else robust_std
-    joint = fit.joint_knowledge(list(on_data.independent), B @ extra_covariance @ B.T, best)
-    return StandardErrors(estimate.std, std_hac, std, robust_std, *joint), Identifiability(on_data, structural, missing)
+    base_std_independent = fit.base_std(on_data)
+    base_std, B = fit.robust_std(base_std_independent, extra_covariance, on_data), on_data.combination
+    # parameters that are base parameters by themselves have the standard errors of these
+    std = estimate.std
+    for k, row, value in zip(on_data.independent, B, base_std, strict=True):
+        if np.count_nonzero(row) == 1:
+            std[k] = value
+    joint = fit.joint_knowledge(list(on_data.independent), B @ extra_covariance @ B.T, base_std)
+    errors = StandardErrors(std, estimate.std, base_std, base_std_independent, *joint)
+    return errors, Identifiability(on_data, structural, missing)
 
 
 def _constraint_shift(estimate: Estimate, basis: BaseParameters | None) -> Array:
@@ -238,12 +240,3 @@ def _constraint_shift(estimate: Estimate, basis: BaseParameters | None) -> Array
     unconstrained = estimate.consistency.unconstrained if estimate.consistency else None
     shift = np.zeros_like(estimate.value) if unconstrained is None else estimate.value - unconstrained
     return shift if basis is None else basis.to_base(shift)
-
-
-def _std_of_determined(basis: BaseParameters, std: Array) -> Array:
-    """Return standard errors (p) of the standard parameters that are base parameters by themselves, else infinite."""
-    all_std = np.full(len(basis.names), np.inf)
-    for k, row, value in zip(basis.independent, basis.combination, std, strict=True):
-        if np.count_nonzero(row) == 1:
-            all_std[k] = value
-    return all_std

@@ -148,13 +148,13 @@ def _joints_with(causes: Mapping[str, tuple[Cause, ...]], kind: type[Cause]) -> 
 
 def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
     """Yield the motions that would improve the least accurate of the parameters that matter to the torque."""
-    basis = identification.base.on_data
+    basis, errors = identification.base.on_data, identification.errors
+    std = errors.std if basis is None else errors.base_std
     if basis is None:
-        value, names, std = identification.estimate.value, identification.estimate.names, identification.errors.std_hac
+        value, names = identification.estimate.value, identification.estimate.names
         leads: tuple[int, ...] = tuple(range(len(value)))
     else:
         value, names, leads = basis.to_base(identification.estimate.value), basis.groupings, basis.independent
-        std = identification.errors.best_base
     if std is None:
         return
     columns, torque = _training_equations(identification)

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.cross_validation import fitted_mask
 from dynident.identification.result import Identification
 from dynident.motion.log import stack_states, subsample
+from dynident.regression import fitted_mask
 from dynident.runtime import Finding, brief, number, rough
 from dynident.validation import LogValidation
 
@@ -315,7 +315,7 @@ def parts_of(identification: Identification) -> TrainingParts:
     selection = identification.recipe.selection(identification.model.joints)
     pairs = list(zip(motions, rows, strict=True))
     tau, t = (np.concatenate([getattr(motion, name)[indices] for motion, indices in pairs]) for name in ("tau", "t"))
-    is_fitted = np.concatenate([fitted_mask(motion, selection)[indices] for motion, indices in pairs])
+    is_fitted = np.concatenate([fitted_mask(motion, selection.min_speed, indices) for motion, indices in pairs])
     Y = identification.model.regressor(**stack_states(motions, rows))
     size = np.sqrt(np.mean(np.where(is_fitted, tau - Y @ identification.estimate.value, 0.0) ** 2, axis=0))
     weight = 1.0 / np.where(size > 0, size, 1.0)

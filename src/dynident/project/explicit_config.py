@@ -91,11 +91,11 @@ def fixed_settings(source: SourceFile, recipe: Recipe, model: Model, folder: Pat
     """
     old_folder, folder = Path(source.path).parent, real_path(folder)
     data = relocate_settings(load_yaml(source.text, source.path), old_folder, folder)
-    # the time offset is written as the setting ``delay``, not as part of the smoother
+    # the time offset is written as a setting of its own, not as part of the smoother
     smoother = strip_time_offset(recipe.smoothers[0])
     resolved_settings = {
         "model": _fix_terms(recipe, model, data["model"], folder),
-        "delay": recipe.time_offset,
+        "time_offset": recipe.time_offset,
         "min_speed": recipe.min_speed,
         "smoother": part_settings(SMOOTHERS, smoother, folder),
         "estimator": part_settings(ESTIMATORS, recipe.estimator, folder),

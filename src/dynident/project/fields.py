@@ -255,7 +255,7 @@ SHORT_LIST = BeforeValidator(_check_list_length)
 Number = Annotated[float, BeforeValidator(_bounded_reader(-MAX_MAGNITUDE, MAX_MAGNITUDE))]
 Gravity = Annotated[float, BeforeValidator(_bounded_reader(-1e3, 1e3, " m/s^2"))]
 Tilt = Annotated[float, BeforeValidator(_bounded_reader(-3.2, 3.2, " rad"))]
-Delay = Annotated[float, BeforeValidator(_bounded_reader(-MAX_TIME_OFFSET, MAX_TIME_OFFSET, " s"))]
+TimeOffsetValue = Annotated[float, BeforeValidator(_bounded_reader(-MAX_TIME_OFFSET, MAX_TIME_OFFSET, " s"))]
 Positive = Annotated[float, BeforeValidator(_read_positive), _json_schema(type="number", exclusiveMinimum=0)]
 NonNegative = Annotated[float, BeforeValidator(_read_non_negative), _json_schema(type="number", minimum=0)]
 Count = Annotated[

@@ -63,7 +63,7 @@ def build_recipe(config: Config) -> Recipe:
         estimator,
         parallel_filter,
         config.min_speed,
-        config.delay,
+        config.time_offset,
         None if tilt == "none" else tilt,
         restart,
         config.outliers,

@@ -73,13 +73,12 @@ class RecipePart(ResultPart):
 
 
 class ParameterPart(ResultPart):
-    """A parameter: its value, standard error for independent residuals (``std``) and for correlated ones (``std_hac``),
-    unit, and what it was determined by."""
+    """A parameter: its value, standard errors (see ``StandardErrors``), unit, and what it was determined by."""
 
     name: str
     value: float
     std: float
-    std_hac: float | None
+    std_independent: float
     unit: str
     provenance: Provenance | None
 
@@ -144,7 +143,7 @@ class BaseRow(ResultPart):
     combination: dict[str, float]
     value: float | None = None
     std: float | None = None
-    std_hac: float | None = None
+    std_independent: float | None = None
     unit: str
 
 

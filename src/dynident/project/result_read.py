@@ -211,9 +211,9 @@ def _build_errors(file: ResultFile, source: str) -> StandardErrors:
     r, n = len(rows) if base is None else len(base_rows), len(file.model.joints)
     return StandardErrors(
         np.array([row.std for row in rows]),
-        _complete_column([row.std_hac for row in rows]),
+        np.array([row.std_independent for row in rows]),
         None if base is None else _complete_column([row.std for row in base_rows]),
-        None if base is None else _complete_column([row.std_hac for row in base_rows]),
+        None if base is None else _complete_column([row.std_independent for row in base_rows]),
         _optional_matrix(identifiability.covariance, (r, r), "base_parameters.covariance", source),
         _optional_matrix(identifiability.by_joint, (r, n), "base_parameters.by_joint", source),
         None

@@ -73,7 +73,7 @@ def _parameter_rows(identification: Identification) -> Iterator[dict[str, Any]]:
             "name": parameter.name,
             "value": estimate.value[k],
             "std": errors.std[k],
-            "std_hac": None if errors.std_hac is None else errors.std_hac[k],
+            "std_independent": errors.std_independent[k],
             "unit": parameter.unit,
             "provenance": estimate.provenance[k] if estimate.provenance else None,
         }
@@ -167,10 +167,12 @@ def _base_values(
         columns = (
             basis.to_base(identification.estimate.value),
             identification.errors.base_std,
-            identification.errors.base_std_hac,
+            identification.errors.base_std_independent,
         )
         estimates = {
-            key: column for key, column in zip(("value", "std", "std_hac"), columns, strict=True) if column is not None
+            key: column
+            for key, column in zip(("value", "std", "std_independent"), columns, strict=True)
+            if column is not None
         }
     # of each combination only the coefficients that are not zero
     rows = [

@@ -21,7 +21,6 @@ from dynident.project.fields import (
     Channel,
     Count,
     CountOrEach,
-    Delay,
     Files,
     Gain,
     Gravity,
@@ -35,6 +34,7 @@ from dynident.project.fields import (
     PositiveOrEach,
     Section,
     Tilt,
+    TimeOffsetValue,
     Windows,
     by_kind,
     check_known_names,
@@ -341,7 +341,7 @@ class Config(Section):
     filter: FilterSettings | None = None
     min_speed: PositiveOrEach = None
     unfitted: tuple[Name, ...] = ()
-    delay: Delay | Literal["estimate"] = "estimate"
+    time_offset: TimeOffsetValue | Literal["estimate"] = "estimate"
     outliers: Literal["mask", "keep"] = "mask"
     rests: Literal["trim", "keep"] = "trim"
     simulation: Simulation | None = None

@@ -28,11 +28,10 @@ from dynident.regression.linear_problem import (
     Selection,
     divide_regression,
     factors_of_parts,
-    fast_enough,
+    fitted_mask,
     fitted_rows,
     merge_factors,
     pack_factors,
-    triangularise,
     unpack_factors,
 )
 from dynident.regression.triangular import (
@@ -78,8 +77,8 @@ __all__ = [
     "divide_regression",
     "factorise",
     "factors_of_parts",
-    "fast_enough",
     "find_unexcited",
+    "fitted_mask",
     "fitted_rows",
     "groups_of",
     "independent_columns",
@@ -96,6 +95,5 @@ __all__ = [
     "rank_of_information",
     "repeat_of",
     "structural_base_parameters",
-    "triangularise",
     "unpack_factors",
 ]

@@ -134,9 +134,8 @@ def base_parameters(
     if decomposition.unweighted is not None and decomposition.unweighted.rank == decomposition.rank:
         decomposition = decomposition.unweighted  # the same directions, in which weights have not made rounding large
     directions = decomposition.vectors[:, : decomposition.rank].T
-    directions = np.where(
-        np.linalg.norm(directions, axis=0) <= 10 * decomposition.tolerance, 0.0, directions
-    )  # without effect
+    # without effect
+    directions = np.where(np.linalg.norm(directions, axis=0) <= 10 * decomposition.tolerance, 0.0, directions)
     # unit columns of the factor on the determined directions: their independence does not depend on units
     size = np.linalg.norm(R := decomposition.values[: decomposition.rank, None] * directions, axis=0)
     leaders = sorted(_choose_columns(R / np.where(size > 0, size, 1.0), decomposition.rank, _leader_order(parameters)))
@@ -166,9 +165,8 @@ def base_std(basis: BaseParameters, triangular: TriangularFactors, sigma: Array,
     R = triangular.factors[:, :p, leaders] * w[:, None, None]
     decomposition = rank_of(np.asarray(np.linalg.qr(triangular.stack(w)[:, [*leaders, -1]], mode="r")))
     # G_j enters by its factor, so that the squares of small singular values are never formed
-    half = (
-        decomposition.determined_directions / decomposition.values[: decomposition.rank]
-    )  # A^-1 is its square; not formed, to lose no digits
+    # A^-1 is its square; not formed, to lose no digits
+    half = decomposition.determined_directions / decomposition.values[: decomposition.rank]
     spread = ((w * np.asarray(sigma))[:, None, None] * (R @ half)).reshape(-1, decomposition.rank)
     std = np.linalg.norm(np.linalg.qr(spread, mode="r") @ half.T, axis=0)
     return np.where(decomposition.undetermined_mask, np.inf, std)

@@ -24,9 +24,8 @@ MAX_GRID_POINTS = 2**15  # of the common time axis of each recording
 MAX_FINE_POINTS = 4000  # of a recording, to refine the lag
 MIN_OVERLAP_SHARE = 0.5  # share of the recording that the other must overlap
 MAX_PASS_DIFFERENCE = 5.0  # %, difference of positions below which the samples of a motion are those of another pass
-MIN_OTHER_DIFFERENCE = (
-    50.0  # %, above which they are of another motion: before the first such lag, a log resembles itself
-)
+# %, above which they are of another motion: before the first such lag, a log resembles itself
+MIN_OTHER_DIFFERENCE = 50.0
 MAX_COARSE_POINTS = 2**12  # points of the time axis on which passes are sought
 MIN_SHARED_SHARE = 0.1  # share of a log that must have been passed twice
 MIN_RANGE_SHARE = 0.05  # of the largest range of a joint: with a smaller one a joint hardly moves

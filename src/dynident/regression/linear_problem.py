@@ -35,12 +35,6 @@ class RegressorBlock:
 
     __repr__ = brief
 
-    def entries(self, structure: Structure) -> EntryBlock:
-        """Return the block with all of its entries, in a full ``structure``."""
-        samples, joints, parameters = self.Y.shape
-        rows = self.Y.transpose(1, 2, 0).reshape(joints * parameters, samples)
-        return EntryBlock(structure, rows, self.tau.T, None if self.keep is None else self.keep.T)
-
 
 @dataclass(frozen=True)
 class Selection:
@@ -90,12 +84,20 @@ class Regression:
             if motion.joints != names:
                 raise InputError(f"{motion.source}: has the joints {motion.joints}, the model {names}.")
             check_memory(self.model, motion.memory, len(motion))
-        self._check_min_speed(names)
+        if self.min_speed is not None and not (len(self.min_speed) == len(names) and min(self.min_speed) >= 0):
+            raise ConfigError(
+                f"min_speed = {self.min_speed}: give a speed >= 0 for each of the joints {', '.join(names)}."
+            )
         shapes = [motion.q.shape for motion in self.motions]
         if self.weights and [weight.shape for weight in self.weights] != shapes:
             raise ConfigError(f"weights have shapes {[w.shape for w in self.weights]}, the motions {shapes}.")
         if self.whitening is not None and len(self.whitening.coefficients) != len(names):
             raise ConfigError(f"whitening is of {len(self.whitening.coefficients)} joints, the model has {len(names)}.")
+
+    @property
+    def usable_samples(self) -> int:
+        """The number of samples inside the masks."""
+        return sum(int(motion.mask.sum()) for motion in self.motions)
 
     @property
     def filter(self) -> ParallelFilter | None:
@@ -106,14 +108,6 @@ class Regression:
     def min_speed(self) -> tuple[float, ...] | None:
         """The speed (n) below which the equation of a joint is left out."""
         return self.selection.min_speed
-
-    def _check_min_speed(self, names: tuple[str, ...]) -> None:
-        if self.min_speed is not None and (
-            len(self.min_speed) != len(names) or not all(v >= 0 for v in self.min_speed)
-        ):
-            raise ConfigError(
-                f"min_speed = {self.min_speed}: give a speed >= 0 for each of the joints {', '.join(names)}."
-            )
 
     def blocks(self) -> Iterator[RegressorBlock]:
         """Yield the rows block by block, filtered and decimated where ``filter`` says so, and weighted."""
@@ -303,28 +297,26 @@ def _filtered_blocks(
         yield slice(start, stop, step), EntryBlock(block.structure, entries, tau, keep)
 
 
-def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
-    """Return where each joint (N, n) is at least as fast as ``min_speed`` (n); None for everywhere."""
-    return None if min_speed is None else np.abs(dq) >= np.array(min_speed)
-
-
 def fitted_rows(
-    motion: Motion, min_speed: tuple[float, ...] | None, rows: slice = slice(None)
+    motion: Motion, min_speed: tuple[float, ...] | None, rows: slice | NDArray[np.intp] = slice(None)
 ) -> NDArray[np.bool_] | None:
     """Return which torque equations (B, n) of these samples are fitted; None for all.
 
     They are those of joints that are fast enough, where the motion keeps them.
     """
-    fast = fast_enough(motion.dq[rows], min_speed)
+    fast = None if min_speed is None else np.abs(motion.dq[rows]) >= np.array(min_speed)
     if motion.keep is None:
         return fast
     return motion.keep[rows] if fast is None else fast & motion.keep[rows]
 
 
-def triangularise(blocks: Iterable[RegressorBlock], joints: int, parameters: int) -> TriangularFactors:
-    """Reduce blocks of a regressor without a known structure to triangular factors."""
-    structure = Structure.dense(joints, parameters)
-    return factorise((block.entries(structure) for block in blocks), structure)
+def fitted_mask(
+    motion: Motion, min_speed: tuple[float, ...] | None = None, rows: slice | NDArray[np.intp] = slice(None)
+) -> NDArray[np.bool_]:
+    """Return which torque equations (B, n) of these samples are fitted: ``fitted_rows`` inside the motion's mask."""
+    keep = fitted_rows(motion, min_speed, rows)
+    inside = np.broadcast_to(motion.mask[rows, None], motion.q[rows].shape)
+    return inside if keep is None else inside & keep
 
 
 MERGED_AT_ONCE = 16  # factors that are merged at once

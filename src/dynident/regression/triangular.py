@@ -50,6 +50,11 @@ class EntryBlock:
             out *= self.keep[joint]
         return out
 
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Which rows (n, B) to use."""
+        return np.ones(self.tau.shape, dtype=bool) if self.keep is None else self.keep
+
     def scale_rows(self, weight: Array) -> EntryBlock:
         """Return the block with each row multiplied by its weight (n, B)."""
         return EntryBlock(self.structure, self.entries * weight[self.structure.joint], self.tau * weight, self.keep)
@@ -133,7 +138,7 @@ def factorise(blocks: Iterable[EntryBlock], structure: Structure) -> TriangularF
                     R[:] = np.linalg.qr(np.concatenate((R, rows)), mode="r")
                 else:  # keeps R triangular, which is faster where there are more columns; the new R is in R
                     dtpqrt(0, PANEL_COLUMNS, R, rows, overwrite_a=1, overwrite_b=1)
-            count += block.tau.shape[1] if block.keep is None else block.keep.sum(axis=1)
+            count += block.used.sum(axis=1)
         # the independent columns alone were factorised; all others follow from them
         factors = [
             _expand_columns(np.triu(R), columns) for R, columns in zip(factors_so_far, structure.maps, strict=True)

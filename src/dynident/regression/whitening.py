@@ -250,9 +250,9 @@ class Whitening:
         x, a = block.joint_rows(j), self.coefficients[j]
         if not len(a):
             return x[:, lead:]
-        kernel, present = np.append(1.0, -a), _used_samples(block, j)
+        kernel, present = np.append(1.0, -a), block.used[j]
         # rows with all predecessors go through the filter; the first ones of a stretch follow below
-        y = np.stack([np.convolve(row, kernel)[lead : len(row)] for row in x]) * present[lead:]
+        y: Array = np.stack([np.convolve(row, kernel)[lead : len(row)] for row in x]) * present[lead:]
         age = preceding_counts(present)
         starting = lead + np.flatnonzero(present[lead:] & (age[lead:] < len(a)))
         # a row with k < m predecessors takes the best predictor from these, scaled to the innovation's variance
@@ -292,15 +292,19 @@ def whiten_blocks(
         if dropped < block.tau.shape[1]:
             start = rows.start + dropped * (rows.step or 1)
             yield k, slice(start, rows.stop, rows.step), whitening.rows(joined_block, mixed, lead + dropped)
-        before = k, rows.stop, _last_rows(joined_block, whitening.span)
+        last_rows = slice(max(joined_block.tau.shape[1] - whitening.span, 0), None)
+        keep = None if joined_block.keep is None else joined_block.keep[:, last_rows]
+        last_block = replace(
+            joined_block, entries=joined_block.entries[:, last_rows], tau=joined_block.tau[:, last_rows], keep=keep
+        )
+        before = k, rows.stop, last_block
 
 
 def join_blocks(blocks: list[EntryBlock]) -> EntryBlock:
     """Return consecutive blocks of one structure as one block."""
     if len(blocks) == 1:
         return blocks[0]
-    has_keep = any(block.keep is not None for block in blocks)
-    keep = [np.ones(block.tau.shape, dtype=bool) if block.keep is None else block.keep for block in blocks]
+    has_keep, keep = any(block.keep is not None for block in blocks), [block.used for block in blocks]
     entries, tau = (np.concatenate([getattr(block, x) for block in blocks], axis=1) for x in ("entries", "tau"))
     return EntryBlock(blocks[0].structure, entries, tau, np.concatenate(keep, axis=1) if has_keep else None)
 
@@ -316,16 +320,6 @@ def preceding_counts(present: NDArray[np.bool_]) -> NDArray[np.int_]:
 def is_stable(a: Array) -> bool:
     """Return whether an autoregression with the coefficients a (m) is stable, to working precision."""
     return all(np.isfinite(scale) and scale > 0 for _, scale in _levinson_predictors(a))
-
-
-def _last_rows(block: EntryBlock, rows: int) -> EntryBlock:
-    last_rows = slice(max(block.tau.shape[1] - rows, 0), None)
-    keep = None if block.keep is None else block.keep[:, last_rows]
-    return EntryBlock(block.structure, block.entries[:, last_rows], block.tau[:, last_rows], keep)
-
-
-def _used_samples(block: EntryBlock, j: int) -> NDArray[np.bool_]:
-    return np.ones(block.tau.shape[1], dtype=bool) if block.keep is None else block.keep[j]
 
 
 def _levinson_predictors(a: Array) -> tuple[tuple[Array, float], ...]:

@@ -305,7 +305,7 @@ def _identifiers(text: str) -> set[str]:
 
 def _known_values(identification: Identification) -> dict[str, float]:
     """Return the values to show by parameter name: those that data, prior or a bound determine."""
-    estimate, errors = identification.estimate, identification.errors.best
+    estimate, errors = identification.estimate, identification.errors.std
     is_known = np.isfinite(errors)
     if estimate.provenance:
         is_known = np.array([source in DETERMINED for source in estimate.provenance])

@@ -217,7 +217,7 @@ def _summary_lines(identification: Identification) -> Iterator[str]:
     rows = zip(
         identification.estimate.names,
         identification.estimate.value,
-        identification.errors.best,
+        identification.errors.std,
         identification.estimate.units,
         strict=True,
     )
@@ -322,7 +322,7 @@ class Plot:
         estimate, model = self.identification.estimate, self.identification.model
         true_values = () if has_nominal_values(model) else [parameter.value for parameter in model.parameters]
         return interval_figure(
-            estimate.names, estimate.units, estimate.value, self.identification.errors.best, true_values
+            estimate.names, estimate.units, estimate.value, self.identification.errors.std, true_values
         ).figure()
 
     def _select(self, log: str | None, joint: str | None) -> tuple[LogValidation, Joint]:

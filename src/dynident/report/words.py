@@ -52,7 +52,7 @@ def motion_known(identification: Identification) -> str:
     """Return whether the standard errors count the errors of the motion, and what they do not count, as sentences."""
     if identification.estimate.information is not None:
         return "They count the errors of the motion, too."
-    if identification.errors.std_hac is not None:
+    if identification.errors.allows_correlation:
         return (
             "They count the noise left in the motion, but not what the model lacks: the true uncertainty is larger "
             "where the torque error is larger than the noise."

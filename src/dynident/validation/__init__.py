@@ -1,6 +1,6 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
-from dynident.validation.coloured_fit import ColouredFit, coloured_covariance, correlated_std
+from dynident.validation.coloured_fit import ColouredFit, correlated_std
 from dynident.validation.free_run import Driver, FreeRun, RunSignals, free_run
 from dynident.validation.prediction import (
     SEED,
@@ -66,7 +66,6 @@ __all__ = [
     "causes_text",
     "check_mass",
     "clustered_std",
-    "coloured_covariance",
     "correlated_std",
     "decorrelation",
     "follow_tests",

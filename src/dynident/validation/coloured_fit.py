@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.motion.filters import one_pole_filter
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression
-from dynident.validation.standard_errors import bread, robust_covariance, samples_of, stretches_of
+from dynident.validation.standard_errors import bread, robust_covariance, stretches_of
 
 Array = NDArray[np.float64]
 MAX_COLOURED_SAMPLES, COLOURED_PIECE = 10_000, 2_500  # the same of a coloured residual
@@ -52,17 +52,6 @@ def correlated_std(
             std = np.maximum(std, ColouredFit.of(regression, theta, weights, columns, slopes).std(along))
         regression.cache[key] = std
     return np.asarray(regression.cache[key])
-
-
-def coloured_covariance(
-    regression: Regression,
-    theta: ArrayLike,
-    weights: ArrayLike | None = None,
-    columns: Sequence[int] | None = None,
-    slopes: Sequence[Array] = (),
-) -> Array:
-    """Return the covariance (r, r) of a fit whose residual is AR(1) in each joint, before Student's quantile."""
-    return ColouredFit.of(regression, theta, weights, columns, slopes).covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +91,7 @@ class ColouredFit:
         turns = [np.linalg.svd(entry[:, fitted_columns] @ (half / scale[:, None]), full_matrices=False)
                  for entry in rows.structure.maps]  # fmt: skip
         parts = stretches_of(rows, MAX_COLOURED_SAMPLES, COLOURED_PIECE)
-        share = sum(map(samples_of, parts)) / samples_of(rows)
+        share = sum(part.usable_samples for part in parts) / rows.usable_samples
         pairs = zip(parts, stretches_of(errors, MAX_COLOURED_SAMPLES, COLOURED_PIECE), strict=True)
         to_directions = [(entry[0] * entry[1]).T for entry in turns]
         series = [_turned_rows(*pair, np.asarray(theta, dtype=float), w, to_directions) for pair in pairs]
@@ -112,7 +101,7 @@ class ColouredFit:
 
     @property
     def covariance(self) -> Array:
-        """The covariance (r, r) of the fit."""
+        """The covariance (r, r) of the fit, before Student's quantile."""
         return np.asarray(self.half @ _total_covariance(self.joints, self.v, self.rho) @ self.half.T / self.share)
 
     def std(self, along: Array | None = None) -> Array:

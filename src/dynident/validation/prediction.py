@@ -21,10 +21,9 @@ if TYPE_CHECKING:
     import polars as pl
 
 Array = NDArray[np.float64]
-MAX_NOISE_RATIO = (
-    2.0  # times the noise of all samples, that of every second: white noise has 1, after a first-order low-pass
-)
-# at 0.6 of half the sampling rate 2; the noise of all samples is then half of what it was
+# times the noise of all samples, that of every second: white noise has 1, after a first-order low-pass at 0.6 of half
+# the sampling rate 2; the noise of all samples is then half of what it was
+MAX_NOISE_RATIO = 2.0
 TORQUE_STATES = 200  # at which the torque is differentiated
 FREQUENCIES = 500  # frequencies
 

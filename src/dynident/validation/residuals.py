@@ -121,7 +121,8 @@ def residual_test(residual: Array, dq: Array, step: float) -> ResidualTest:
         return ResidualTest(*[float("nan")] * 9)
     correlation = autocorrelation(residual)
     slow = np.abs(dq) < SLOW_SPEED_SHARE * float(np.sqrt(np.mean(dq**2)))
-    frequency, power = _spectrum(residual, step)
+    # Welch's method, from stretches of about 4 s
+    frequency, power = welch(residual, step, min(len(residual), max(round(4 / step), 64)))
     k = int(np.argmax(np.where(frequency >= LOW_FREQUENCY, power, 0.0)))
     around_peak = np.abs(frequency - frequency[k]) <= 0.1 * frequency[k]
     sign = np.sign(dq)
@@ -154,18 +155,12 @@ def decorrelation(correlation: Array) -> float:
     return float(max(running_times[long_enough[0]] if len(long_enough) else running_times[-1], 1.0))
 
 
-def _spectrum(x: Array, step: float) -> tuple[Array, Array]:
-    """Return frequencies (Hz) and power by Welch's method, from stretches of about 4 s."""
-    return welch(x, step, min(len(x), max(round(4 / step), 64)))
-
-
 def _share(power: Array, selected: NDArray[np.bool_]) -> float:
     return float(power[selected].sum() / power.sum())
 
 
-MAX_FOLLOWING_SHARE = (
-    0.05  # share of what was taken away that may follow the motion: the error of the noise estimate is as large
-)
+# share of what was taken away that may follow the motion: the error of the noise estimate is as large
+MAX_FOLLOWING_SHARE = 0.05
 SPECTRUM_LINES = 2000  # frequencies of a spectrum
 MIN_TEST_SAMPLES = 50  # samples
 TEST_LEVEL = 0.01  # of the test
@@ -296,9 +291,8 @@ def _test_joint(
 Index = NDArray[np.intp]
 AT_FLOOR = 1.15  # times what the sensors allow: up to here a residual is at the noise floor
 QUANTILE = 1.645  # standard errors that leave 5 % of a normal distribution above
-MAX_PREDICTION_RATIO = (
-    0.5  # of the scatter, the most by which predicted torques of two passes may differ: else it is another motion
-)
+# of the scatter, the most by which predicted torques of two passes may differ: else it is another motion
+MAX_PREDICTION_RATIO = 0.5
 MAX_OTHER_LOGS = 5  # other logs in which a motion is sought
 MIN_INDEPENDENT_SAMPLES = 30  # independent samples
 MEDIAN_NOISE = 10.5  # N times the relative variance of the noise power from the median of fourth differences

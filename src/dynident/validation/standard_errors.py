@@ -60,14 +60,14 @@ def robust_covariance(
     parts = stretches_of(regression, MAX_SCORED_SAMPLES, SCORED_PIECE)
     series = [list(scores(part)) for part in parts]
     # the bandwidth comes from the scores of all pieces, then a second pass over them gives the covariance
-    length = max(bandwidth(map(iter, series)), int(share * sum(map(samples_of, parts))), 1)
+    length = max(bandwidth(map(iter, series)), int(share * sum(part.usable_samples for part in parts)), 1)
     rows, total = 0, np.zeros((len(fitted_columns), len(fitted_columns)))
     for blocks in series:
         count, piece = bartlett(iter(blocks), length, len(fitted_columns))
         rows, total = rows + count, total + piece
     # small-sample correction for the fitted parameters, and from the pieces to all samples
     small_sample = rows / max(rows - len(fitted_columns) / n, 1.0)
-    total = total * (samples_of(regression) / sum(map(samples_of, parts)))
+    total = total * (regression.usable_samples / sum(part.usable_samples for part in parts))
     return small_sample * inverse @ total @ inverse / np.outer(scale, scale)
 
 
@@ -140,7 +140,7 @@ def stretches_of(regression: Regression, max_samples: int, piece_samples: int) -
     Of more than ``max_samples`` samples in all, a few pieces of about ``piece_samples``, evenly spread, represent
     each stretch.
     """
-    share = min(1.0, max_samples / max(samples_of(regression), 1))
+    share = min(1.0, max_samples / max(regression.usable_samples, 1))
     regressions = []
     for k, motion in enumerate(regression.motions):
         weights = regression.weights[k : k + 1]
@@ -158,8 +158,3 @@ def _pieces(part: slice, share: float, size: int) -> list[slice]:
     if share == 1.0 or share * length < 100:
         return [part]
     return spread_pieces(part, max(1, round(share * length / size)), share)
-
-
-def samples_of(regression: Regression) -> int:
-    """Return the number of usable samples."""
-    return sum(int(motion.mask.sum()) for motion in regression.motions)

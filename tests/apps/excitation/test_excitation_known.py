@@ -77,7 +77,7 @@ def test_the_information_of_a_result_gives_its_standard_errors() -> None:
     assert known.information is not None
     covariance = np.linalg.inv(known.information)
     np.testing.assert_allclose(covariance, found.errors.base_covariance, rtol=1e-6)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found.errors.best, rtol=0.01)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found.errors.std, rtol=0.01)
     old = replace(found, errors=replace(found.errors, base_covariance=None))
     assert knowledge_of_result(old).information is None
     assert "identify again" in knowledge_of_result(old).loss_reason

@@ -25,7 +25,7 @@ position: { shoulder: { column: q1, unit: rad }, elbow: { column: q2, unit: rad 
 torque: { shoulder: { column: tau1, unit: N m }, elbow: { column: tau2, unit: N m } }
 smoother: { kind: spline, rule: gcv }
 estimator: { kind: least_squares }
-delay: 0
+time_offset: 0
 """
 FLEET = "recipe: robot.yaml\nlogs: logs/{robot}/{date}.csv\nreports: false\n"
 RATE, SECONDS = 100.0, 4.0

@@ -27,16 +27,16 @@ def recipe_of(folder: Path, fleet: str = FLEET, recipe: str = RECIPE) -> FleetRe
 
 
 def test_settings_are_merged_key_by_key() -> None:
-    recipe = {"model": {"file": "a.urdf", "terms": []}, "delay": 0}
-    found = merge_settings(recipe, {"model": {"file": "b.urdf"}, "delay": 1, "zero": {"a": 2}})
-    assert found == {"model": {"file": "b.urdf", "terms": []}, "delay": 1, "zero": {"a": 2}}
-    assert recipe == {"model": {"file": "a.urdf", "terms": []}, "delay": 0}
+    recipe = {"model": {"file": "a.urdf", "terms": []}, "time_offset": 0}
+    found = merge_settings(recipe, {"model": {"file": "b.urdf"}, "time_offset": 1, "zero": {"a": 2}})
+    assert found == {"model": {"file": "b.urdf", "terms": []}, "time_offset": 1, "zero": {"a": 2}}
+    assert recipe == {"model": {"file": "a.urdf", "terms": []}, "time_offset": 0}
 
 
 def test_a_recipe_is_another_one_where_settings_or_files_differ(folder: Path) -> None:
     (folder / "other.urdf").write_text(URDF)
     (folder / "longer.urdf").write_text(URDF.replace("0.4 0 0", "0.41 0 0"))
-    changes = "robots: { same: { model: other.urdf }, long: { model: longer.urdf }, gain: { delay: 0.001 } }\n"
+    changes = "robots: { same: { model: other.urdf }, long: { model: longer.urdf }, gain: { time_offset: 0.001 } }\n"
     found = recipe_of(folder, FLEET + changes).digests(["", "arm-1", "same", "long", "gain"])
     assert found[""] == found["arm-1"] == found["same"]  # of a file the content counts, and not its name
     assert len(set(found.values())) == 3
@@ -52,7 +52,8 @@ def test_a_robot_file_alone_may_be_the_model(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("recipe", "words"), [("- 1", "is no configuration"), (RECIPE.replace("delay", "dlay"), "unknown key 'dlay'")]
+    ("recipe", "words"),
+    [("- 1", "is no configuration"), (RECIPE.replace("time_offset", "time_ofset"), "unknown key 'time_ofset'")],
 )
 def test_a_wrong_recipe_is_named(folder: Path, recipe: str, words: str) -> None:
     with pytest.raises(ConfigError, match=f"robot.yaml: .*{words}"):

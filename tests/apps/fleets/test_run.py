@@ -145,19 +145,19 @@ def test_another_recipe_identifies_all_anew_and_the_old_rows_stay_beside(fleet: 
 
 def test_what_is_changed_in_the_explicit_recipe_or_the_robot_file_holds(fleet: Path, planned: list[str]) -> None:
     explicit = fleet.parent / "out" / "recipe.yaml"
-    explicit.write_text(explicit.read_text().replace("delay: 0.0", "delay: 0.001"))
+    explicit.write_text(explicit.read_text().replace("time_offset: 0.0", "time_offset: 0.001"))
     dy.fleet(fleet, fleet.parent / "out")
     assert planned == LOGS
-    assert "delay: 0.001" in explicit.read_text()
+    assert "time_offset: 0.001" in explicit.read_text()
     robot = fleet.with_name("arm.urdf")
     robot.write_text(robot.read_text().replace("0.4 0 0", "0.41 0 0"))
     with pytest.raises(ConfigError, match=r"recipe.yaml: was written or changed by hand, and would be replaced"):
         dy.fleet(fleet, fleet.parent / "out")
-    assert "delay: 0.001" in explicit.read_text()
+    assert "time_offset: 0.001" in explicit.read_text()
     explicit.unlink()
     dy.fleet(fleet, fleet.parent / "out")
     assert len(planned) == 6
-    assert "delay: 0.001" not in explicit.read_text()  # chosen anew
+    assert "time_offset: 0.001" not in explicit.read_text()  # chosen anew
     robot.write_text(robot.read_text().replace("0.41 0 0", "0.42 0 0"))
     dy.fleet(fleet, fleet.parent / "out")  # nor asked for, where nothing was changed by hand
     assert len(planned) == 9

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.apps.online import Candidates, Scores
+from dynident.apps.online.candidates import Candidates
+from dynident.apps.online.scores import Scores
 from dynident.regression import GroupKind, ParameterGroup
 
 INFORMATION = 400.0

@@ -8,19 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.apps.online import (
-    Alarm,
-    BaselineKnown,
-    Changed,
-    Detector,
-    Event,
-    NewMotion,
-    Passed,
-    Phase,
-    Scores,
-    Unsteady,
-    threshold,
-)
+from dynident.apps.online import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
+from dynident.apps.online.candidates import threshold
+from dynident.apps.online.detector import Detector, Phase
+from dynident.apps.online.scores import Scores
 from dynident.regression import GroupKind
 from tests.apps.online.blocks import INFORMATION, SPREAD, block, candidates
 

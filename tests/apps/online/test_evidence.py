@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import f
 
-from dynident.apps.online import threshold
-from dynident.apps.online.candidates import evidence, gains
+from dynident.apps.online.candidates import evidence, gains, threshold
 from dynident.runtime import ConfigError
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.apps.online import Back, Fault, FaultKind, Sensors, Signal
+from dynident.apps.online import Back, Fault, FaultKind, Signal
+from dynident.apps.online.sensors import Sensors
 
 Array = NDArray[np.float64]
 RATE, START, STOP = 125.0, 14.0, 24.0

@@ -26,7 +26,7 @@ from dynident.apps.online import (
     Unsteady,
     WatchSettings,
 )
-from dynident.apps.online.report import StampFormatter, event_line, watch_words
+from dynident.apps.online.report import event_line, watch_words
 from dynident.regression import GroupKind
 from dynident.runtime import Severity
 
@@ -66,7 +66,7 @@ SAID: list[tuple[Event, str]] = [
 
 @pytest.mark.parametrize(("event", "said"), SAID, ids=lambda one: type(one).__name__ if isinstance(one, Event) else "")
 def test_each_event_has_its_sentence(event: Event, said: str) -> None:
-    line = event_line(event, ("elbow", "wrist"), StampFormatter())
+    line = event_line(event, ("elbow", "wrist"))
     assert said in line.text
     assert line.text.startswith(f"{event.time:.1f} s: ")
     assert line.text.endswith(".")
@@ -79,11 +79,11 @@ def test_no_event_is_without_a_sentence() -> None:
 
 
 def test_dates_are_shown_where_the_stream_has_them() -> None:
-    assert event_line(Gap(3600.0, 4.0), (), StampFormatter(86_400.0 * 20_000)).text.startswith("2024-10-04 01:00:00: ")
+    assert event_line(Gap(3600.0, 4.0), (), 86_400.0 * 20_000).text.startswith("2024-10-04 01:00:00: ")
 
 
 def test_lines_before_the_first_sample_have_no_time() -> None:
-    line = event_line(BadLines(float("nan"), 1, 2, "x"), (), StampFormatter())
+    line = event_line(BadLines(float("nan"), 1, 2, "x"), ())
     assert line.text == "at the start: line 2 could not be read and is left out: 'x'."
 
 

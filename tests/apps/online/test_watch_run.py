@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.apps.online import Changed, Event, Knowledge, Resumed, Watcher, WatchSettings
+from dynident.apps.online import Changed, Event, Resumed, Watcher, WatchSettings
+from dynident.apps.online.detector import Knowledge
 from dynident.apps.online.watch import EVENTS, Watch, event_data, make_watch
 from dynident.files.folder import result_folder
 from dynident.runtime import ConfigError

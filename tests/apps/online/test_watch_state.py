@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.apps.online import Alarm, Gram, Phase
+from dynident.apps.online import Alarm
+from dynident.apps.online.detector import Phase
+from dynident.apps.online.scores import Gram
 from dynident.apps.online.watch import read_state, state_bytes
 from dynident.regression import GroupKind
 from dynident.runtime import InputError

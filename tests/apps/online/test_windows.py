@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.apps.online import Sums
-from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, push_sums, suffix_sums
+from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Sums, push_sums, suffix_sums
 
 
 def one(k: int) -> Sums:

@@ -18,7 +18,7 @@ model: gallery:slider
 time: { column: t, unit: s }
 position: { slider: { column: x, unit: m } }
 torque: { slider: { column: f, unit: N } }
-delay: 0
+time_offset: 0
 smoother: { kind: spline }
 train: [{ file: monday.csv }]
 """

@@ -53,7 +53,9 @@ def test_each_smoother_has_its_own_time_offset(tmp_path: Path) -> None:
         table = np.loadtxt(tmp_path / f"{day}.csv", delimiter=",", skiprows=1)
         table[1:, 2] = table[:-1, 2]
         np.savetxt(tmp_path / f"{day}.csv", table, delimiter=",", header="t,x,f", comments="")
-    path.write_text(path.read_text().replace("delay: 0", "delay: estimate").replace("kind: spline", "kind: difference"))
+    path.write_text(
+        path.read_text().replace("time_offset: 0", "time_offset: estimate").replace("kind: spline", "kind: difference")
+    )
     first, second = compare(path, smoothers=[dy.Spline()], estimators=[], folds=0).offsets.values()
     path.write_text(path.read_text().replace("kind: difference", "kind: spline"))
     (own,) = compare(path, smoothers=[], estimators=[], folds=0).offsets.values()

@@ -75,7 +75,7 @@ def test_what_is_saved_is_identified_the_same(project: Project, bench: Bench, tm
     there = saved.identify()
     assert there.estimate.names == here.estimate.names
     np.testing.assert_allclose(there.estimate.value, here.estimate.value, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(there.errors.best, here.errors.best, rtol=1e-9)
+    np.testing.assert_allclose(there.errors.std, here.errors.std, rtol=1e-9)
     for validation, expected in zip(there.validations, here.validations, strict=True):
         assert validation.errors.relative_error == pytest.approx(expected.errors.relative_error, rel=1e-9)
         assert validation.errors.samples == expected.errors.samples

@@ -150,11 +150,12 @@ def test_what_repeats_a_run_is_shown(identification):
 
 
 def test_honest_standard_errors_come_first(identification):
-    identification.errors = StandardErrors(identification.estimate.std, 2.0 * identification.estimate.std)
+    identification.errors = StandardErrors(2.0 * identification.estimate.std, identification.estimate.std)
     cells = '<td class="number">0.03400</td><td class="number">0.00080</td><td class="number">2.4</td>'
     assert f'{cells}<td class="number muted">0.00040</td>' in body(identification)
     assert "if independent" in printed(identification)
-    identification.errors.std_hac[0] = np.inf  # not a base parameter by itself: then only the other one is known
+    # not a base parameter by itself: then only the other one is known
+    identification.errors.std[0] = identification.errors.std_independent[0]
     assert '<td class="number">0.00040</td><td class="number">1.2</td><td class="number muted">0.00040' in body(
         identification
     )
@@ -162,7 +163,7 @@ def test_honest_standard_errors_come_first(identification):
 
 def test_the_page_says_whether_errors_count_those_of_the_motion(identification):
     assert "They take the motion as exactly known" in body(identification)
-    identification.errors = StandardErrors(identification.estimate.std, 2.0 * identification.estimate.std)
+    identification.errors = StandardErrors(2.0 * identification.estimate.std, identification.estimate.std)
     assert "exactly known" not in body(identification)
     assert "They count the noise left in the motion, but not what the model lacks" in body(identification)
     identification.estimate.information = np.eye(len(identification.estimate.names))
@@ -195,7 +196,7 @@ def robot(bodies=5, basis=True):
     p = len(parameters)
     found = identification_of()
     found.model.parameters = parameters
-    found.errors = StandardErrors(np.full(p, 0.1))
+    found.errors = StandardErrors(np.full(p, 0.1), np.full(p, 0.1))
     found.notes = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
     vars(found.estimate).update(
         value=np.arange(1.0, p + 1),
@@ -213,7 +214,7 @@ def robot(bodies=5, basis=True):
         combination[3, 50] = 2.0
         values = np.r_[np.ones(42), np.full(p - 42, 1e-12)]
         on_data = BaseParameters(found.estimate.names, 42, values, independent, combination, np.ones(p))
-        found.errors = StandardErrors(np.full(p, 0.1), base_std=np.full(42, 0.5))
+        found.errors = StandardErrors(np.full(p, 0.1), np.full(p, 0.1), np.full(42, 0.5), np.full(42, 0.5))
         found.base = Identifiability(on_data, SimpleNamespace(rank=44), (UnexcitedParameters(("Izz4",), ("elbow",)),))
     return found
 

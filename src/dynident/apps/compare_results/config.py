@@ -15,7 +15,7 @@ from dynident.files.opener import content, real_path
 from dynident.identification import Sources
 from dynident.project.config import parse_config
 from dynident.project.logs import recording_of
-from dynident.project.result_format import FORMAT, VERSION, BasePart, ParameterPart, ResultFile
+from dynident.project.result_format import FORMAT, VERSION, BasePart, ResultFile
 from dynident.project.result_read import first_error_text
 from dynident.project.saved import result_values
 from dynident.runtime import ConfigError, InputError, Use
@@ -56,7 +56,8 @@ def read_compared(path: Path, name: str) -> ComparedResult:
         (np.eye(len(names)), np.ones(len(names))) if base is None else _base_combinations(base, names, path)
     )
     rows = file.parameters if base is None else base.parameters
-    covariance, is_full = _base_covariance(file.base_parameters.covariance, [_best_std(row) for row in rows], path)
+    std = [float("inf") if row.std is None else row.std for row in rows]
+    covariance, is_full = _base_covariance(file.base_parameters.covariance, std, path)
     if not all(abs(row.value) < MAX_PARAMETER for row in file.parameters) or (np.diag(covariance) < 0).any():
         raise InputError(
             f"{path}: holds a parameter of {MAX_PARAMETER:g} or more, or a variance below 0; identify again."
@@ -77,14 +78,6 @@ def read_compared(path: Path, name: str) -> ComparedResult:
         _use_of_report(report),
         tuple(_export_records(report, path)),
     )
-
-
-def _best_std(row: Any) -> float:
-    """Return the standard error to believe of a parameter."""
-    # an infinite robust error of a standard parameter falls back on the plain one, that of a base parameter stands
-    if row.std_hac is not None and (np.isfinite(row.std_hac) or not isinstance(row, ParameterPart)):
-        return float(row.std_hac)
-    return float("inf") if row.std is None else float(row.std)
 
 
 def _base_combinations(base: BasePart, names: tuple[str, ...], path: Path) -> tuple[Array, Array]:

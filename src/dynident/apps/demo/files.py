@@ -182,7 +182,7 @@ def compare_with_truth(identification: Identification) -> Comparison:
     # base parameters are compared with the projection of the true torque on the model, whose terms may be others
     base, error = identification.base.on_data, value - _project_truth(identification.model, motion, true_torque)
     absolute_error = np.abs(error if base is None else base.combination @ error)
-    std = identification.errors.best if identification.errors.best_base is None else identification.errors.best_base
+    std = identification.errors.std if identification.errors.base_std is None else identification.errors.base_std
     return Comparison(
         _relative_error(model_torque - true_torque, true_torque),
         _relative_error(file_torque - true_torque, true_torque),
@@ -216,7 +216,7 @@ def _compared_values(identification: Identification) -> tuple[ComparedValue, ...
     true_by_name = dict(zip(truth.model.names, truth.value.tolist(), strict=True))
     for k, parameter in enumerate(identification.model.parameters):
         if parameter.role in ("viscous", "coulomb") and parameter.name in true_by_name:
-            std, value = float(identification.errors.best[k]), float(identification.estimate.value[k])
+            std, value = float(identification.errors.std[k]), float(identification.estimate.value[k])
             lines.append(ComparedValue(parameter.name, value, true_by_name[parameter.name], std, parameter.unit))
     return tuple(lines)
 

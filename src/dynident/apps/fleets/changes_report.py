@@ -210,7 +210,8 @@ class RobotTrends:
         other_changes = [change for change in self.changes if not _is_same_group(change.group, group)]
         # What the other changes did is taken out, so that only those of this group remain
         deviations = self.history.value - self.mean - _change_effect(other_changes, self.history.days, self.history)
-        value, std = _solve_directions(group.directions, self.information, deviations)
+        weighted = group.directions.T @ self.information
+        value, std = _solve_information(weighted @ group.directions, (weighted @ deviations[..., None])[..., 0])
         zero = self.mean_values(group)
         line = self._change_line(group_changes, zero) if group_changes else None
         marks = [Mark(change.day, shape_words(change), self.onset_range(change)) for change in group_changes]
@@ -291,12 +292,6 @@ def _change_effect(changes: Sequence[Change], days: Array, history: History) -> 
         size = np.where(np.isfinite(change.std), change.size, 0.0)
         effect += _change_share(change, days, history) * (change.group.directions @ size)
     return effect
-
-
-def _solve_directions(directions: Array, information: Array, deviations: Array) -> tuple[Array, Array]:
-    """Return the amounts (K, k) of the directions in each log's ``deviations`` (K, b), with their standard errors."""
-    weighted = directions.T @ information
-    return _solve_information(weighted @ directions, (weighted @ deviations[..., None])[..., 0])
 
 
 def _solve_information(matrix: Array, right: Array) -> tuple[Array, Array]:

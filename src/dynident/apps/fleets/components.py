@@ -282,9 +282,8 @@ def _initial_components(sets: Sequence[WhitenedVectors], blocks: tuple[Parameter
     # start above the solution: the iteration shrinks variances easily, but cannot leave zero
     total, weight = 0.0, 0.0
     for vectors in sets:
-        precision = np.einsum(
-            "kij,kij->kj", vectors.factor, vectors.factor
-        )  # how much each vector shows of a parameter
+        # how much each vector shows of a parameter
+        precision = np.einsum("kij,kij->kj", vectors.factor, vectors.factor)
         y = np.array([pseudo_inverse(G.T @ G) @ G.T @ z for G, z in zip(vectors.factor, vectors.value, strict=True)])
         mean = (precision * y).sum(axis=0) / np.maximum(precision.sum(axis=0), 1e-300)
         total = total + (precision * (y - mean) ** 2 + (precision > 0)).sum(axis=0)

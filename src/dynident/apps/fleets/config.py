@@ -30,7 +30,7 @@ from dynident.files.results import read_table, table_kind
 from dynident.files.text import call_polars
 from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_text
-from dynident.project.fields import CountOrEach, Delay, Name, Number, Section, Windows, as_number
+from dynident.project.fields import CountOrEach, Name, Number, Section, TimeOffsetValue, Windows, as_number
 from dynident.project.python_file import error_text
 from dynident.project.result_format import section_schema
 from dynident.runtime import ConfigError, InputError, choices, join_names
@@ -141,7 +141,7 @@ Text = Annotated[str, BeforeValidator(_read_text)]
 
 class RobotChanges(Section):
     """What differs from the recipe for one robot: keys of ``model`` (such as a calibrated ``file`` or ``base_tilt``),
-    and of the channels by joint (``gain``, ``offset``, ``column``), ``transmission``, ``zero`` and ``delay``.
+    and of the channels by joint (``gain``, ``offset``, ``column``), ``transmission``, ``zero`` and ``time_offset``.
 
     ``type`` is that of the robot: those of one type are compared with each other.
     """
@@ -152,7 +152,7 @@ class RobotChanges(Section):
     torque: Mapping[Name, PlainSettings] = {}
     transmission: Mapping[Name, Mapping[Name, Number]] = {}
     zero: Mapping[Name, Number] = {}
-    delay: Delay | None = None
+    time_offset: TimeOffsetValue | None = None
 
     @model_validator(mode="after")
     def _check_terms(self) -> Self:
@@ -241,7 +241,8 @@ def fleet_logs(
     """
     logs, warnings = _logs_by_pattern(settings, folder, out) if settings.logs else _logs_by_table(settings, folder)
     if not logs:
-        raise InputError(f"{settings.logs or settings.table}: there is no log; {_where_hint(settings, folder)}")
+        where = "write one in each row." if settings.table else f"the pattern starts in {folder.resolve()}."
+        raise InputError(f"{settings.logs or settings.table}: there is no log; {where}")
     if all(log.date is None for log in logs):
         raise ConfigError(f"no date of {len(logs)} logs can be read: {logs[0].fault}.")
     robots = list(dict.fromkeys(log.robot for log in logs))
@@ -254,17 +255,14 @@ def fleet_logs(
     return sorted(logs, key=lambda log: (log.robot, log.date or datetime.max, log.log)), warnings
 
 
-def _where_hint(settings: FleetSettings, folder: Path) -> str:
-    return "write one in each row." if settings.table else f"the pattern starts in {folder.resolve()}."
-
-
 def _logs_by_pattern(settings: FleetSettings, folder: Path, out: Path | None) -> tuple[list[FleetLog], tuple[str, ...]]:
     pattern = settings.logs or ""
     _check_fields(pattern)
     inside = strip_scheme(pattern)
     name_pattern = re.compile(_field_expression(inside))
     logs, results = [], 0
-    for file in matching_files(_glob_pattern(pattern), folder):
+    glob = FIELD.sub("*", pattern.replace("[", "[[]"))  # a field is anything within one folder
+    for file in matching_files(glob, folder):
         if not (fields := name_pattern.fullmatch(file.match_name)):
             continue
         # a wide pattern also matches the results of earlier runs
@@ -289,11 +287,6 @@ def _check_fields(pattern: str) -> None:
             raise ConfigError(
                 f"logs: {pattern!r} lacks the field {{{name}}}; write such as logs/{{robot}}/{{date}}.csv."
             )
-
-
-def _glob_pattern(pattern: str) -> str:
-    """Return a pattern for ``glob``: a field is anything within one folder."""
-    return FIELD.sub("*", pattern.replace("[", "[[]"))
 
 
 def _field_expression(pattern: str) -> str:

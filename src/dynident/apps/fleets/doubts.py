@@ -41,7 +41,10 @@ def doubts(fleet_result: FleetResult, rng: np.random.Generator) -> Iterator[str]
     yield from _duplicate_warnings(fleet_result.histories)
     yield from _rest_warnings(fleet_result.histories)
     yield from _misfit_warnings(fleet_result.rows)
-    for kind, changes in zip(_types_with_results(fleet_result), fleet_result.changes, strict=True):
+    robots = {history.robot for history in fleet_result.histories}
+    # the types of robots that have results, in the order of the changes
+    kinds = [kind for kind, names in fleet_result.types.items() if not robots.isdisjoint(names)]
+    for kind, changes in zip(kinds, fleet_result.changes, strict=True):
         yield from _simultaneous_change_warnings(changes, len(fleet_result.groups))
         type_histories = [history for history in fleet_result.histories if history.robot in fleet_result.types[kind]]
         if common := common_groups(type_histories, fleet_result.groups, changes.scatter, rng):
@@ -185,12 +188,6 @@ def _simultaneous_change_warnings(changes: Changes, groups: int) -> Iterator[str
             )
 
 
-def _types_with_results(fleet_result: FleetResult) -> list[str]:
-    """Return the types of robots that have results, in the order of the changes."""
-    robots = {history.robot for history in fleet_result.histories}
-    return [kind for kind, names in fleet_result.types.items() if not robots.isdisjoint(names)]
-
-
 def _group_name(group: ParameterGroup) -> str:
     return f"{group.kind.value} of {group.joint}"
 
@@ -279,12 +276,8 @@ def _is_explanation(change: Change, residual: Change, logs: Sequence[str], joint
     # a payload or a coupled motor may raise the residual of any joint
     if group.kind is not GroupKind.PAYLOAD and group.joint in joints and group.joint != residual.group.joint:
         return False
+    # the first and the last log that may be the first with some of a change; a drift is there a log later
     (change_start, change_end), (residual_start, residual_end) = (
-        _beginning_range(candidate, logs) for candidate in (change, residual)
+        (logs.index(candidate.between[0]), logs.index(candidate.between[1]) + 1) for candidate in (change, residual)
     )
     return change_start <= residual_end and residual_start <= change_end
-
-
-def _beginning_range(change: Change, logs: Sequence[str]) -> tuple[int, int]:
-    """Return the first and the last log that may be the first with some of a change; a drift is there a log later."""
-    return logs.index(change.between[0]), logs.index(change.between[1]) + 1

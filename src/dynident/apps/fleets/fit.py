@@ -195,11 +195,10 @@ class LogResult:
 def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", seconds: float = 0.0) -> dict[str, Any]:
     """Return the row of a log without a result."""
     log = job.log
-    key = {"robot": log.robot, "log": log.log, "recipe": job.recipe, "stamp": log.stamp}
+    key = dict(zip(KEY, job.key, strict=True))
     lists: dict[str, list[float]] = {name: [] for name in ("errors", "held_out", "value", "information", "residual")}
-    outcome = {"status": status.value, "reason": reason, "seconds": seconds, "version": __version__}
-    missing = {"samples": None, "verdict": None, "error": None, "folder": ""}
-    return {**key, "type": log.type, "date": log.date, **outcome, **missing, **lists}
+    outcome = {"status": status.value, "reason": reason, "seconds": seconds, "version": __version__, "folder": ""}
+    return dict.fromkeys(schema()) | {**key, "type": log.type, "date": log.date, **outcome, **lists}
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +247,10 @@ class LogIdentifier:
         names = {role: name for role, name in (("train", log.log), ("validation", log.hold_out)) if name}
         place = self.recipe.folder / job.folder / CONFIG
         # the configuration in the result names files relative to its own folder, so that it can be run again
-        specs = {role: [self.recipe.spec(name, _log_path(name, self.folder))] for role, name in names.items()}
+        specs = {
+            role: [self.recipe.spec(name, name if is_address(name) else str(real_path(self.folder / name)))]
+            for role, name in names.items()
+        }
         text = settings_text(relocate_settings(self.recipe.of(log.robot) | specs, self.recipe.folder, place.parent), {})
         sources = replace(
             project.sources, configuration=SourceFile(str(real_path(place)), sha256(text.encode()).hexdigest(), text)
@@ -323,15 +325,10 @@ def _parse_recipe(text: str, path: Path, source: str, digest: str, is_level: boo
     return project, structural_base_parameters(model)
 
 
-def _log_path(name: str, folder: Path) -> str:
-    return name if is_address(name) else str(real_path(folder / name))
-
-
 def _quality_columns(identification: Identification) -> dict[str, Any]:
     """Return the columns of a row that say how good a result is."""
-    errors = {
-        validation.role: validation.errors for validation in reversed(identification.validations)
-    }  # of several pieces, those of the first
+    # of several pieces, those of the first
+    errors = {validation.role: validation.errors for validation in reversed(identification.validations)}
     held_out = errors.get("validation")
     return {
         "samples": sum(

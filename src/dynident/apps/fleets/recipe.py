@@ -125,13 +125,6 @@ def merge_settings(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> d
     return combined
 
 
-def _check_joints(part: str, channels: Any, joint_changes: Mapping[str, Any], source: str) -> None:
-    """Raise ConfigError where a joint has changes but no channel."""
-    for name in joint_changes:
-        if isinstance(channels, Mapping) and name not in channels:
-            raise ConfigError(f"{source}: {part}: there is no {name!r}; {choices(name, channels)}")
-
-
 def _yaml_text(settings: Mapping[str, Any]) -> str:
     return str(yaml.safe_dump(dict(settings), sort_keys=False, allow_unicode=True))
 
@@ -167,7 +160,10 @@ def _check_recipe(recipe: FleetRecipe, robots: Iterable[str], path: Path) -> Non
         settings = recipe.settings if robot is None else recipe.of(robot)
         source = str(path) if robot is None else f"{path} with the changes of robots.{robot}"
         for part in CHANNELS:
-            _check_joints(part, recipe.settings.get(part), recipe.changes.get(robot or "", {}).get(part, {}), source)
+            channels = recipe.settings.get(part)
+            for name in recipe.changes.get(robot or "", {}).get(part, {}):
+                if isinstance(channels, Mapping) and name not in channels:
+                    raise ConfigError(f"{source}: {part}: there is no {name!r}; {choices(name, channels)}")
         # a recipe has no logs, a configuration needs one
         logs = {"train": [{"file": "-"}]}
         parse_config(_yaml_text({**settings, **logs, "validation": []}), path.parent, source)

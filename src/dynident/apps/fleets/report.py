@@ -128,7 +128,12 @@ def log_section(fleet: FleetResult) -> PageSection:
     joints = [joint.name for joint in fleet.base.joints]
     order = list(logs)[:MAX_ROBOTS]
     blocks += [
-        Fold(_robot_title(robot, logs[robot]), (_log_table(logs[robot], joints, logs_per_robot),)) for robot in order
+        Fold(
+            f"{robot}: {count(len(logs[robot]), 'log')}"
+            + (f", {lost} without a result" if (lost := len(failed_rows(logs[robot]))) else ""),
+            (_log_table(logs[robot], joints, logs_per_robot),),
+        )
+        for robot in order
     ]
     return PageSection("Logs", tuple(blocks))
 
@@ -142,11 +147,6 @@ def _lead_text(rows: Sequence[Row], robots: int, logs_per_robot: int) -> str:
         lead += f"of the first {MAX_ROBOTS} robots" if robots > MAX_ROBOTS else "of all robots"
         lead += "; `fleet.parquet` has all."
     return lead
-
-
-def _robot_title(robot: str, rows: Sequence[Row]) -> str:
-    lost = len(failed_rows(rows))
-    return f"{robot}: {count(len(rows), 'log')}{f', {lost} without a result' if lost else ''}"
 
 
 def _log_table(rows: Sequence[Row], joints: Sequence[str], max_rows: int) -> PageTable:
@@ -164,7 +164,8 @@ def _log_table(rows: Sequence[Row], joints: Sequence[str], max_rows: int) -> Pag
             (row["log"], _date_text(row), _status_word(row), *errors, *cost, _shorten_reason(row["reason"] or ""))
         )
     caption = f"The last {max_rows} of {len(rows)} logs" if len(rows) > max_rows else ""
-    return PageTable(tuple(heads), tuple(cells), caption, tuple(map(_report_link, last_rows)))
+    links = [relative_link(f"{row['folder']}/{REPORT}") if row["folder"] else "" for row in last_rows]
+    return PageTable(tuple(heads), tuple(cells), caption, tuple(links))
 
 
 def _rows_by_robot(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -172,10 +173,6 @@ def _rows_by_robot(rows: Sequence[Row]) -> dict[str, list[Row]]:
     for row in rows:
         logs.setdefault(row["robot"], []).append(row)
     return logs
-
-
-def _report_link(row: Row) -> str:
-    return relative_link(f"{row['folder']}/{REPORT}") if row["folder"] else ""
 
 
 def _status_word(row: Row) -> str:

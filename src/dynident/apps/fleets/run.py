@@ -41,9 +41,8 @@ from dynident.runtime.jobs import JobOptions, JobResult, Limits, Status, run_job
 if TYPE_CHECKING:
     import polars as pl
 
-RETRIED_STATUSES = {
-    "status": [status.value for status in Status if status is not Status.OK]
-}  # another attempt may succeed
+# another attempt may succeed
+RETRIED_STATUSES = {"status": [status.value for status in Status if status is not Status.OK]}
 
 
 def fleet(

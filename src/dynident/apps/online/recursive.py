@@ -160,9 +160,8 @@ class RecursiveLeastSquares:
         min_factors = np.divide(MIN_PIVOT_SHARE * self._peak, pivots, out=np.ones(p), where=pivots > 0)
         self._R[:p] *= np.minimum(np.maximum(np.exp(-0.5 * seconds / memories), min_factors), 1.0)[:, None]
         # the residual keeps rows enough to be known
-        kept_share = math.exp(
-            -seconds / float(memories.min())
-        )  # of the residual: what a change has left in it goes as fast
+        # of the residual: what a change has left in it goes as fast
+        kept_share = math.exp(-seconds / float(memories.min()))
         kept_share = max(kept_share, min(1.0, MIN_ROWS_PER_PARAMETER * p / self._rows)) if self._rows else 1.0
         self._R[p, p] *= math.sqrt(kept_share)
         self._rows *= kept_share
@@ -252,7 +251,10 @@ class RecursiveLeastSquares:
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
-        q, dq, ddq, tau, keep, memory = (_concatenate(parts) for parts in zip(*waiting, strict=True))
+        q, dq, ddq, tau, keep, memory = (
+            parts[0] if len(parts) == 1 or parts[0] is None else np.concatenate(parts)
+            for parts in zip(*waiting, strict=True)
+        )
         self._add_rows(self.model.regressor(q, dq, ddq, memory), tau, keep)
 
     def _add_rows(self, Y: Array, tau: Array, keep: NDArray[np.bool_] | None) -> None:
@@ -334,8 +336,3 @@ def _sample_rows(name: str, value: ArrayLike, rows: int, joints: int) -> Array:
     if not np.isfinite(x).all():
         raise InputError(f"{name} has values that are not finite; leave these samples out.")
     return x
-
-
-def _concatenate(parts: tuple[Any, ...]) -> Any:
-    """Concatenate the parts; None where they are not given."""
-    return parts[0] if len(parts) == 1 or parts[0] is None else np.concatenate(parts)

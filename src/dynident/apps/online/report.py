@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import singledispatch
 
 import numpy as np
 
@@ -44,25 +43,35 @@ MIN_NOTABLE_RATIO, MIN_SUSPICIOUS_RATIO = 2.0, 10.0
 DAY = 86_400.0
 
 
-class StampFormatter:
-    """Format stamps: in seconds, or as dates from the midnight ``zero`` (s) where the stream has dates."""
+# sentences of events by their fields, with stamps and groups in words; the others have functions below
+TEXTS: Mapping[type[Event], str] = {
+    Unsteady: "{group} changed within the baseline since {since}; its first half is left out, and it goes on",
+    NewMotion: (
+        "the robot moves as it did not in the baseline since {since}: this motion is learned, and a change now would "
+        "not be seen"
+    ),
+    Alarm: "a change since about {since}, most likely {group}; its size is being measured",
+    Passed: "the change since {since} ({group}) has passed",
+    Back: "the {signal} of {joint} works again, after a fault since {since}",
+    Resting: "the robot has hardly moved since {since}: there is nothing to watch until it does",
+    ClockReset: "the time was set back, from {last}",
+    Resumed: "the watch goes on from its saved state, after the sample at {last}",
+}
 
-    def __init__(self, zero: float = float("nan")) -> None:
-        self.zero = zero
 
-    def __call__(self, t: float) -> str:
-        """Format a stamp (s)."""
-        if np.isnan(t):
-            return "at the start"
-        if np.isnan(self.zero):
-            return f"{t:.1f} s"
-        return datetime.fromtimestamp(self.zero + t, UTC).strftime("%Y-%m-%d %H:%M:%S")
+def stamp_text(t: float, zero: float = float("nan")) -> str:
+    """Return a stamp (s) in seconds, or as a date from the midnight ``zero`` (s) where the stream has dates."""
+    if np.isnan(t):
+        return "at the start"
+    if np.isnan(zero):
+        return f"{t:.1f} s"
+    return datetime.fromtimestamp(zero + t, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
-def event_line(event: Event, joints: Sequence[str], to_text: StampFormatter) -> Line:
-    """Return an event as a line, a warning where something changed or fails."""
+def event_line(event: Event, joints: Sequence[str], zero: float = float("nan")) -> Line:
+    """Return an event as a line, a warning where something changed or fails; ``zero`` as in ``stamp_text``."""
     serious = isinstance(event, Alarm | Changed | Fault | Unsteady | Unreadable)
-    text = f"{to_text(event.time)}: {_event_text(event, joints, to_text)}."
+    text = f"{stamp_text(event.time, zero)}: {_event_text(event, joints, zero)}."
     return Line(text, Severity.WARNING if serious else Severity.INFO)
 
 
@@ -76,11 +85,11 @@ def watch_words(settings: WatchSettings) -> str:
     )
 
 
-def end_words(watcher: Watcher, events: Sequence[Event], to_text: StampFormatter) -> str:
+def end_words(watcher: Watcher, events: Sequence[Event], zero: float = float("nan")) -> str:
     """Return how far the watch has come at the end of a stream, as a sentence."""
     if np.isnan(watcher.latest):
         return "The stream has ended without a sample."
-    end, (block_count, needed) = f"The stream has ended at {to_text(watcher.latest)}", watcher.baseline_blocks
+    end, (block_count, needed) = f"The stream has ended at {stamp_text(watcher.latest, zero)}", watcher.baseline_blocks
     if block_count < needed:
         return (
             f"{end}, within the baseline: it has {block_count} of {needed} blocks of motion, and no change was sought. "
@@ -91,16 +100,32 @@ def end_words(watcher: Watcher, events: Sequence[Event], to_text: StampFormatter
     changes = {0: "no change was found", 1: "1 change was found"}.get(
         change_count, f"{change_count} changes were found"
     )
-    return f"{end}: {changes} since {to_text(since)}, when the baseline was complete."
+    return f"{end}: {changes} since {stamp_text(since, zero)}, when the baseline was complete."
 
 
-@singledispatch
-def _event_text(event: Event, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    raise TypeError(f"there is no text for {type(event).__name__}")
+def _event_text(event: Event, joints: Sequence[str], zero: float) -> str:
+    if isinstance(event, Gap):
+        return f"no sample came for {number(event.length, 3)} s"
+    if isinstance(event, Unreadable):
+        return f"{event.samples} samples cannot be used: {event.reason.rstrip('.')}"
+    if isinstance(event, BadLines):
+        if event.count == 1:
+            return f"line {event.line} could not be read and is left out: {event.text!r}"
+        return f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}"
+    if isinstance(event, BaselineKnown):
+        return _baseline_text(event, joints, zero)
+    if isinstance(event, Changed):
+        return _change_text(event, zero)
+    if isinstance(event, Fault):
+        return _fault_text(event, zero)
+    values = dict(vars(event))
+    values |= {name: stamp_text(values[name], zero) for name in ("since", "last") if name in values}
+    if "kind" in values:
+        values["group"] = kind_words(values["kind"], values["joint"])
+    return TEXTS[type(event)].format(**values)
 
 
-@_event_text.register
-def _(event: BaselineKnown, joints: Sequence[str], to_text: StampFormatter) -> str:
+def _baseline_text(event: BaselineKnown, joints: Sequence[str], zero: float) -> str:
     pairs = list(zip(joints, event.residual, event.identified, strict=True))
     residuals = join_names((f"{joint} {number(now, 2)}" for joint, now, _ in pairs), 8)
     worse = [joint for joint, now, then in pairs if now > MIN_NOTABLE_RATIO * then]
@@ -108,41 +133,14 @@ def _(event: BaselineKnown, joints: Sequence[str], to_text: StampFormatter) -> s
     if any(now > MIN_SUSPICIOUS_RATIO * then for _, now, then in pairs):
         warning += "; at one, more than ten times: check that robot, units and gains are those of the result"
     return (
-        f"the baseline since {to_text(event.since)} is complete, changes are sought from now on; "
+        f"the baseline since {stamp_text(event.since, zero)} is complete, changes are sought from now on; "
         f"the model leaves (rms, N m or N) {residuals}{warning}"
     )
 
 
-@_event_text.register
-def _(event: Unsteady, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return (
-        f"{kind_words(event.kind, event.joint)} changed within the baseline since {to_text(event.since)}; its first "
-        "half is left out, and it goes on"
-    )
-
-
-@_event_text.register
-def _(event: NewMotion, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return (
-        f"the robot moves as it did not in the baseline since {to_text(event.since)}: this motion is learned, and a "
-        "change now would not be seen"
-    )
-
-
-@_event_text.register
-def _(event: Alarm, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return (
-        f"a change since about {to_text(event.since)}, most likely {kind_words(event.kind, event.joint)}; "
-        "its size is being measured"
-    )
-
-
-@_event_text.register
-def _(event: Changed, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    low, high = event.between
-    when = f"at about {to_text(event.since)}"
-    if to_text(low) != to_text(high):
-        when = f"between {to_text(low)} and {to_text(high)}"
+def _change_text(event: Changed, zero: float) -> str:
+    low, high = (stamp_text(t, zero) for t in event.between)
+    when = f"at about {stamp_text(event.since, zero)}" if low == high else f"between {low} and {high}"
     return f"{kind_words(event.kind, event.joint)} changed {when}: {join_names(_size_words(event), MAX_LISTED)}"
 
 
@@ -159,56 +157,13 @@ def _size_words(event: Changed) -> Iterator[str]:
         yield f"{event.names[k]} by {signed_text(size[k])} +- {number(float(std[k]), 2)} {event.units[k]}{total}"
 
 
-@_event_text.register
-def _(event: Passed, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return f"the change since {to_text(event.since)} ({kind_words(event.kind, event.joint)}) has passed"
-
-
-@_event_text.register
-def _(event: Fault, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
+def _fault_text(event: Fault, zero: float) -> str:
     fault = f"the {event.signal.value} of {event.joint} {FAULTS[event.kind]}"
+    since = stamp_text(event.since, zero)
     if event.kind is FaultKind.JUMP:
-        return f"{fault} at {to_text(event.since)}, by {signed_text(event.size)} rad or m, which no joint can do"
+        return f"{fault} at {since}, by {signed_text(event.size)} rad or m, which no joint can do"
     if event.kind is FaultKind.STILL:
         why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"
-        return f"{fault}, since {to_text(event.since)}: {why}"
+        return f"{fault}, since {since}: {why}"
     stops = "nothing is" if event.signal is Signal.POSITION else "this joint's torque is not"
-    return f"{fault}, since {to_text(event.since)}: its sensor is dead; {stops} watched until it works again"
-
-
-@_event_text.register
-def _(event: Back, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    name = "position" if event.signal is Signal.POSITION else "torque"
-    return f"the {name} of {event.joint} works again, after a fault since {to_text(event.since)}"
-
-
-@_event_text.register
-def _(event: Resting, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return f"the robot has hardly moved since {to_text(event.since)}: there is nothing to watch until it does"
-
-
-@_event_text.register
-def _(event: Gap, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return f"no sample came for {number(event.length, 3)} s"
-
-
-@_event_text.register
-def _(event: ClockReset, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return f"the time was set back, from {to_text(event.last)}"
-
-
-@_event_text.register
-def _(event: BadLines, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    if event.count == 1:
-        return f"line {event.line} could not be read and is left out: {event.text!r}"
-    return f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}"
-
-
-@_event_text.register
-def _(event: Unreadable, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return f"{event.samples} samples cannot be used: {event.reason.rstrip('.')}"
-
-
-@_event_text.register
-def _(event: Resumed, joints: Sequence[str], to_text: StampFormatter) -> str:  # noqa: ARG001
-    return f"the watch goes on from its saved state, after the sample at {to_text(event.last)}"
+    return f"{fault}, since {since}: its sensor is dead; {stops} watched until it works again"

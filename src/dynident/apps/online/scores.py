@@ -118,7 +118,7 @@ class Scorer:
                 total.information[j] += base.T @ product[:-1, :-1] @ base
                 total.score[j] += base.T @ product[:-1, -1]
                 total.squares[j] += product[-1, -1]
-                total.rows[j] += entries.shape[1] if block.keep is None else np.count_nonzero(block.keep[j])
+                total.rows[j] += np.count_nonzero(block.used[j])
         return total
 
     def scores(self, gram: Gram, start: float, stop: float, samples: int) -> Scores:
@@ -245,7 +245,9 @@ class Reference:
         typical_spread = float(np.median(self.spread))
         step = block.score - block.information @ self.value
         covariance, unknown = (
-            _updated_covariance(matrix, block.information / typical_spread)
+            np.asarray(
+                np.linalg.inv(_regularise(np.linalg.inv(_regularise(matrix)) + block.information / typical_spread))
+            )
             for matrix in (self.covariance, self.unknown)
         )
         return replace(
@@ -256,9 +258,8 @@ class Reference:
 def build_reference(blocks: Sequence[Scores], directions: Array) -> Reference:
     """Build the reference from blocks without a change, for the ``directions`` (r, M) of the groups."""
     A, s = sum(entry.information for entry in blocks), sum(entry.score for entry in blocks)
-    mean_squares = np.diag(np.asarray(A)) / sum(
-        entry.samples for entry in blocks
-    )  # mean square torque, in units of the noise
+    # mean square torque, in units of the noise
+    mean_squares = np.diag(np.asarray(A)) / sum(entry.samples for entry in blocks)
     # a parameter that no motion has shown may be wrong by a torque of UNKNOWN_TORQUE_RATIO times the noise
     prior = np.diag(
         np.maximum(mean_squares, MIN_PRIOR_SHARE * float(np.median(mean_squares))) / UNKNOWN_TORQUE_RATIO**2
@@ -315,11 +316,6 @@ def _long_run_std(x: Array) -> float:
         return float("nan")
     centred = finite - finite.mean()
     return float(np.sqrt(max(long_run([centred[:, None]])[0, 0] / (len(finite) - 1), finite.var(ddof=1), MIN_VARIANCE)))
-
-
-def _updated_covariance(covariance: Array, information: Array) -> Array:
-    """Return the covariance after more information."""
-    return np.asarray(np.linalg.inv(_regularise(np.linalg.inv(_regularise(covariance)) + information)), dtype=float)
 
 
 def _regularise(matrix: Array) -> Array:

@@ -187,9 +187,8 @@ class Sensors:
             is_usual = (
                 ends & ((self.fault == 0) | (self.fault == 3)) & (self.path - self.path_then > MIN_OTHER_MOTION)
             )  # others moved
-            is_usual &= (np.abs(d) <= ABRUPT_STOP_RATIO * np.sqrt(self.bend)) | (
-                np.arange(len(d)) >= len(self.joints)
-            )  # from rest
+            # from rest
+            is_usual &= (np.abs(d) <= ABRUPT_STOP_RATIO * np.sqrt(self.bend)) | (np.arange(len(d)) >= len(self.joints))
             self.excused[ends] = 0.0
             self.longest = np.where(is_usual, np.maximum(self.longest, t - self.since), self.longest)
             self.run = np.where(ends, 0.0, self.run)

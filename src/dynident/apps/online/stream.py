@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,19 +43,6 @@ MAX_SHOWN_CHARACTERS = 80  # characters of a bad line that are shown
 DAY = 86_400.0
 
 
-class Stream(Protocol):
-    """A source of bytes."""
-
-    def read(self) -> StreamRead:
-        """Return the new bytes, whether a new file begins with them, and whether the end is final."""
-
-    def position(self, unread: int) -> dict[str, Any]:
-        """Return, in plain types, where to continue reading if the last ``unread`` bytes are to be read again."""
-
-    def close(self) -> None:
-        """Close what is open."""
-
-
 class StandardInput:
     """Standard input, which cannot be read again; it ends when its writer does.
 
@@ -68,7 +55,7 @@ class StandardInput:
         self._file = sys.stdin.buffer
 
     def read(self) -> StreamRead:
-        """Return the available bytes; wait where there are none."""
+        """Return the available bytes, whether a new file begins with them, and whether the end is final."""
         data = self._file.read1(CHUNK_SIZE) if hasattr(self._file, "read1") else self._file.read(CHUNK_SIZE)
         return data, False, not data
 
@@ -94,7 +81,7 @@ class FollowedFile:
         self._file = self._begin(position or {})
 
     def read(self) -> StreamRead:
-        """Return what was written since the last call, at most a megabyte."""
+        """Return new bytes, at most a megabyte, whether a new file begins with them, and False: there is no end."""
         data = self._file.read(CHUNK_SIZE)
         # the old file is read to its end before the one that took its name
         if not data and self._is_replaced():
@@ -106,7 +93,10 @@ class FollowedFile:
         return data, fresh, False
 
     def position(self, unread: int) -> dict[str, Any]:
-        """Return which file it is, the offset to continue at, and a digest of the bytes before."""
+        """Return, in plain types, where to continue if the last ``unread`` bytes are to be read again.
+
+        That is which file it is, the offset, and a digest of the bytes before.
+        """
         status, at = os.fstat(self._file.fileno()), self.offset - unread
         return {"device": status.st_dev, "inode": status.st_ino, "offset": at, "mark": self._mark(self._file, at)}
 
@@ -161,6 +151,9 @@ class FollowedFile:
             open_status.st_dev,
             open_status.st_ino,
         ) or open_status.st_size < self.offset
+
+
+Stream = StandardInput | FollowedFile
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps import online
+from dynident.apps.online import candidates, detector, fixed_lag, scores
 from dynident.apps.online.detector import Event, Resumed
 from dynident.apps.online.stream import FollowedFile, LineReader, SampleReader, StandardInput, Stream
 from dynident.apps.online.watcher import Watcher, WatchSettings
@@ -35,15 +35,15 @@ from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, report_progress
 
 FORMAT, VERSION = "dynident watch", 1
-ONLINE_NAMES = [getattr(online, name) for name in online.__all__]
-DATACLASSES: Mapping[str, type] = {
-    member.__name__: member for member in ONLINE_NAMES if isinstance(member, type) and is_dataclass(member)
-}
-ENUMS: Mapping[str, type[StrEnum]] = {
-    member.__name__: member
-    for member in (*ONLINE_NAMES, GroupKind)
-    if isinstance(member, type) and issubclass(member, StrEnum)
-}
+# what a state may hold: the dataclasses and kinds of these files
+STATE_TYPES = [
+    member
+    for module in (candidates, detector, fixed_lag, scores)
+    for member in vars(module).values()
+    if isinstance(member, type) and (member is GroupKind or member.__module__ == module.__name__)
+]
+DATACLASSES: Mapping[str, type] = {member.__name__: member for member in STATE_TYPES if is_dataclass(member)}
+ENUMS: Mapping[str, type[StrEnum]] = {member.__name__: member for member in STATE_TYPES if issubclass(member, StrEnum)}
 
 STATE, EVENTS = "watch.npz", "changes.jsonl"
 SAVE_INTERVAL = 10.0  # s between two states at most, where nothing is said
@@ -51,7 +51,7 @@ SEED = 0  # of the threshold
 
 
 def state_bytes(state: Mapping[str, Any]) -> bytes:
-    """Encode mappings, sequences, arrays, numbers, texts and dataclasses of ``dynident.apps.online`` as a file."""
+    """Encode mappings, sequences, arrays, numbers, texts, dataclasses and kinds of a watch as a file."""
     arrays = list[NDArray[Any]]()
     text = json.dumps({"format": FORMAT, "version": VERSION, "state": _encode(state, arrays)})
     buffer = BytesIO()
@@ -150,8 +150,9 @@ class Watch:
             yield from first_events
             while True:
                 data, fresh, ended = stream.read()
-                if fresh:
-                    self._next_file()
+                if fresh:  # an unfinished line of the last file is lost
+                    self.lines.tail = b""
+                    self.reader.new_file()
                 # between push and save, watcher and stream position disagree: a state saved here would lose samples
                 is_consistent = False
                 events = self._process_lines(self.lines.push(data))
@@ -194,11 +195,6 @@ class Watch:
 
     def _open_stream(self, position: Mapping[str, Any] | None) -> Stream:
         return StandardInput() if self.source == "-" else FollowedFile(Path(self.source), position)
-
-    def _next_file(self) -> None:
-        """Continue with another file; an unfinished line of the last one is lost."""
-        self.lines.tail = b""
-        self.reader.new_file()
 
     def _process_lines(self, lines: list[str]) -> list[Event]:
         if not lines:
@@ -256,14 +252,10 @@ def make_watch(
 
 def event_data(event: Event) -> dict[str, Any]:
     """Return an event in JSON types, with its ``event`` name; values that are not finite become null."""
-    return {"event": type(event).__name__} | {
-        attribute.name: _event_value(getattr(event, attribute.name)) for attribute in fields(event)
-    }
+    return {"event": type(event).__name__} | {name: _event_value(value) for name, value in vars(event).items()}
 
 
 def _event_value(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_event_value(member) for member in value]
-    if isinstance(value, StrEnum):
-        return value.value
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -287,12 +287,13 @@ class TrueParameters:
         """Return the standard errors (r) of an estimate for these base parameters, nan for those that it does not
         have."""
         basis = base.on_data
-        if basis is None and len(errors.best) == len(self.names):
-            return errors.best
+        if basis is None and len(errors.std) == len(self.names):
+            return errors.std
         # another fit may group its base parameters differently: match them by name
-        base_std = errors.best_base
         std_by_name = (
-            {} if basis is None or base_std is None else dict(zip(basis.groupings, base_std.tolist(), strict=True))
+            {}
+            if basis is None or errors.base_std is None
+            else dict(zip(basis.groupings, errors.base_std.tolist(), strict=True))
         )
         return np.array([std_by_name.get(name, np.nan) for name in self.names])
 

@@ -134,7 +134,7 @@ def _rival_lines(ranking: Ranking) -> Iterator[str]:
             f"On the held-out motion as the configured smoother has it, their parameters leave {percent(means[0])} and "
             f"{percent(means[1])}: the lead is in how {best.combination.smoother} sees the motion, not in its "
             "parameters. A shift in time does this (forward differences shift velocities by half a sample): look at "
-            "the time offset, and at a `delay` that the configuration fixes."
+            "the time offset, and at a `time_offset` that the configuration fixes."
         )
 
 

@@ -156,9 +156,9 @@ def determined_parameters(result: QuickFit | Identification) -> list[ParameterRo
     """Return the parameters that the data determine; friction and other terms first, then the bodies."""
     parameters, estimate = result.model.parameters, result.estimate
     if isinstance(result, Identification):
-        base, std = result.base.on_data, result.errors.best_base
+        base, std = result.base.on_data, result.errors.base_std
         if base is None or std is None:  # the estimate itself is shown
-            return _parameter_rows(parameters, estimate.names, estimate.value, result.errors.best)
+            return _parameter_rows(parameters, estimate.names, estimate.value, result.errors.std)
     else:
         base, std = result.base, result.base_std
     leading = [parameters[k] for k in base.independent]

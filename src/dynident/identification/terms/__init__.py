@@ -2,7 +2,6 @@
 
 from dynident.identification.terms.candidates import (
     KINDS,
-    PLAIN_KINDS,
     CandidateKind,
     JointExcitation,
     NotChosen,
@@ -17,7 +16,6 @@ from dynident.identification.terms.choose import choose_terms
 
 __all__ = [
     "KINDS",
-    "PLAIN_KINDS",
     "CandidateKind",
     "JointExcitation",
     "NotChosen",

@@ -31,9 +31,8 @@ from dynident.models.friction import (
 from dynident.runtime import InputError, Note, Severity, brief
 
 WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; others make up for coarser ones
-WIDE_WIDTHS = tuple(
-    (0.1 * 1.25 ** np.arange(12)).tolist()
-)  # likewise: beside the sign, over which friction still rises
+# likewise: beside the sign, over which friction still rises
+WIDE_WIDTHS = tuple((0.1 * 1.25 ** np.arange(12)).tolist())
 VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
 LENGTHS = tuple((1e-4 * 1.25 ** np.arange(28)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
@@ -68,10 +67,10 @@ class Proposes(Protocol):
 class CandidateKind:
     """A ``name`` and the ``sizes`` of a term on one joint, which count as one trial.
 
-    A ``strict`` kind needs two standard errors. One that is ``presumed`` belongs to the plain set: it stays unless it
-    is seen to do nothing. A ``dry`` one is friction with the sign of the motion: another of these ends the presumption.
-    One that ``reaches`` must hold further out than it was fitted, and is not tried where its ``needs_load`` cannot be
-    met.
+    A ``strict`` kind needs ``MIN_STRICT_GAIN_ERRORS``. One that is ``presumed`` belongs to the plain set: it stays
+    unless it is seen to do nothing. A ``dry`` one is friction with the sign of the motion: another of these ends the
+    presumption. One that ``reaches`` must hold further out than it was fitted, and is not tried where its
+    ``needs_load`` cannot be met.
     """
 
     name: str
@@ -238,17 +237,13 @@ class TermChoice:
 
 Array = NDArray[np.float64]
 Line = tuple[float, float]
-MIN_RATE, MIN_PERIODS = (
-    4.0,
-    4.0,
-)  # 1/rad, rad/m, and periods within the reach: slower waves are springs, or errors of the bodies
+# 1/rad, rad/m, and periods within the reach: slower waves are springs, or errors of the bodies
+MIN_RATE, MIN_PERIODS = 4.0, 4.0
 MAX_RATE = 600.0  # 1/rad, rad/m
 POINTS_PER_RATE = 4  # points of the periodogram per resolved rate
 DELAYS = 1e-3 * np.arange(-12.0, 13.0, 2.0)  # s
-RATE_OFFSETS, DELAY_OFFSETS = (
-    np.linspace(-0.3, 0.3, 7),
-    1e-3 * np.arange(-1.5, 1.6, 0.5),
-)  # of a resolved rate; s: the search around
+# of a resolved rate; s: the search around
+RATE_OFFSETS, DELAY_OFFSETS = (np.linspace(-0.3, 0.3, 7), 1e-3 * np.arange(-1.5, 1.6, 0.5))
 MIN_LINE_RATIO, MEDIAN_WIDTH = 15.0, 30  # times the median of so many resolved rates around it, that a line must exceed
 MAX_WHOLE_RATE_LOSS = 2.0  # times that median: what a whole number of periods in a turn may lose
 

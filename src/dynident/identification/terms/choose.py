@@ -61,13 +61,10 @@ Array = NDArray[np.float64]
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
 TRIAL_SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 PRESLIDING_KINDS = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
-MAX_STILL_SHARE = (
-    1e-4  # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
-)
-MIN_REACH, MIN_ARM_SPEED = (
-    1e-9,
-    1e-6,
-)  # rad, m: range of a joint that never moves; rad/s, m/s: as STILL, of an arm at rest
+# of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
+MAX_STILL_SHARE = 1e-4
+# rad, m: range of a joint that never moves; rad/s, m/s: of an arm at rest
+MIN_REACH, MIN_ARM_SPEED = 1e-9, 1e-6
 MIN_BLOCK_SAMPLES = 50  # samples in a block
 
 
@@ -82,10 +79,10 @@ def choose_terms(
 
     Forward selection among ``kinds``, by blocked cross-validation: the blocks are contiguous in time, with gaps
     of the residual's correlation length between them. A kind enters where it removes at least 1 % of the squared
-    error of its joint, and more than 1.5 standard errors of the blocks, a strict one two; where it does not fail
-    on the fast samples when the slow ones are fitted, or on another recording; and where no coefficient is
-    negative that must not be. Offset and rotor inertia always stay, viscous and Coulomb friction unless they have
-    demonstrably no effect.
+    error of its joint, and more than ``MIN_GAIN_ERRORS`` of its standard errors over the blocks, a strict one
+    ``MIN_STRICT_GAIN_ERRORS``; where it does not fail on the fast samples when the slow ones are fitted, or on
+    another recording; and where no coefficient is negative that must not be. Offset and rotor inertia always stay,
+    viscous and Coulomb friction unless they have demonstrably no effect.
 
     ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds, except where a
     presliding term was chosen.
@@ -110,9 +107,8 @@ class _TermSelection:
     theta: Array  # (p) of the model given
     independent: float = 1.0  # samples per independent one
     given_speed: bool = False
-    ripples: list[list[CandidateKind]] = field(
-        default_factory=list
-    )  # found at each joint, and friction of motors coupled to it
+    # found at each joint, and friction of motors coupled to it
+    ripples: list[list[CandidateKind]] = field(default_factory=list)
     trials: list[dict[str, TermTrial]] = field(default_factory=list)  # of these
     _cached_columns: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
 
@@ -267,7 +263,9 @@ class _TermSelection:
             squared_error = max(
                 float(search.errors(other_joint_normals(normals, j, self._precision, search.grams.acts)).sum()), 0.0
             )  # of nothing
-            errors.append(100.0 * (squared_error / self._squared_torque(self.rows[j])) ** 0.5)
+            used = self.rows[j].usable & (self.block >= 0)
+            squared_torque = float(np.square(self.samples.tau[used, j]).sum()) or 1.0
+            errors.append(100.0 * (squared_error / squared_torque) ** 0.5)
         return errors
 
     def _update_weights(self, searches: Sequence[JointSearch], columns: Sequence[Array]) -> list[Array]:
@@ -276,11 +274,6 @@ class _TermSelection:
         for search, weight in zip(searches, self.weights.tolist(), strict=True):
             search.weight = weight
         return residuals
-
-    def _squared_torque(self, rows: JointEquations) -> float:
-        """Return the sum of squares of the torque of a joint in the blocks."""
-        used = rows.usable & (self.block >= 0)
-        return float(np.square(self.samples.tau[used, rows.j]).sum()) or 1.0
 
     @property
     def _has_load(self) -> bool:

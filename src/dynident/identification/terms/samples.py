@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.models import Model, Past, Term
 from dynident.motion.log import Motion
-from dynident.regression import EVERYTHING, Selection, fitted_rows
+from dynident.regression import EVERYTHING, Selection, fitted_mask
 from dynident.runtime import brief
 
 Array = NDArray[np.float64]
@@ -231,10 +231,8 @@ def _products(A: Array, B: Array) -> Array:
 
 MAX_SAMPLES = 20_000  # of all motions together: the choice needs no more
 BLOCKS = 16  # of time, of all motions together; at least one of each motion
-FAST_QUANTILE, OUTER_QUANTILE = (
-    0.6,
-    0.7,
-)  # quantiles of speed and of the distance from the middle that divide the samples of a joint
+# quantiles of speed and of the distance from the middle that divide the samples of a joint
+FAST_QUANTILE, OUTER_QUANTILE = 0.6, 0.7
 N_CLASSES = 4  # slow inner, slow outer, fast inner, fast outer
 MAX_GAP_SHARE = 1 / 8  # of a block at most
 
@@ -284,10 +282,8 @@ class TermSamples:
     @cached_property
     def keep(self) -> NDArray[np.bool_]:
         """Which torque equations (N, n) are fitted."""
-        fitted = [fitted_rows(motion, self.selection.min_speed) for motion in self.motions]
-        shapes = [np.ones(motion.q.shape, dtype=bool) for motion in self.motions]
-        masks = [all_rows if mask is None else mask for mask, all_rows in zip(fitted, shapes, strict=True)]
-        return np.concatenate([mask[rows] for mask, rows in zip(masks, self.rows, strict=True)])
+        pairs = zip(self.motions, self.rows, strict=True)
+        return np.concatenate([fitted_mask(motion, self.selection.min_speed, rows) for motion, rows in pairs])
 
     def loads(self, load: tuple[float, ...] | None) -> tuple[Array, ...]:
         """Return the torque of the bodies (N, n) with the parameters ``load`` on each motion, zero for None."""

@@ -87,14 +87,10 @@ def other_joint_normals(normals: Sequence[Normal], j: int, precision: Array, act
 
 
 MIN_GAIN = 1.0  # %, of the squared error: what a term must remove
-NEGLIGIBLE_GAIN, MAX_IDLE_GAIN = (
-    0.5,
-    2.0,
-)  # %: gain of a term of the plain set that is needless, and two standard errors above it
-MIN_GAIN_ERRORS, MIN_STRICT_GAIN_ERRORS = (
-    1.5,
-    2.0,
-)  # standard errors that a gain must exceed: about ten kinds are tried on each joint
+# %: gain of a term of the plain set that is needless, and two standard errors above it
+NEGLIGIBLE_GAIN, MAX_IDLE_GAIN = 0.5, 2.0
+# standard errors that a gain must exceed: about ten kinds are tried on each joint
+MIN_GAIN_ERRORS, MIN_STRICT_GAIN_ERRORS = 1.5, 2.0
 STAY_FACTOR = 0.5  # of the standard errors with which a term enters, that it needs to stay
 NONNEGATIVE_ROLES = ("viscous", "coulomb", "rotor")  # roles that are never negative
 PERMANENT_KINDS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
@@ -232,9 +228,8 @@ class JointSearch:
                 results,
                 key=lambda candidate: (candidate.trial.outcome is not TrialOutcome.NOT_EXCITED, candidate.trial.gain),
             )
-            self.trials |= {
-                candidate.trial.kind: candidate.trial for candidate in ranked
-            }  # the best of those of one name
+            # the best of those of one name
+            self.trials |= {candidate.trial.kind: candidate.trial for candidate in ranked}
             good = [
                 candidate
                 for candidate in self._retry_best(other_normals, results)
@@ -243,9 +238,8 @@ class JointSearch:
             if not good:
                 return
             # Without dry friction the residual is mostly its sign; other kinds would imitate it.
-            if not any(
-                candidate.group.kind.dry for candidate in self.entered
-            ):  # what is left of it has no meaning without
+            # what is left of it has no meaning without
+            if not any(candidate.group.kind.dry for candidate in self.entered):
                 good = [candidate for candidate in good if candidate.entered.group.kind.dry] or good
             best = max(good, key=lambda candidate: candidate.trial.gain)
             # Groups are ordered from the simplest on: take the first that is as good as the best.

@@ -137,7 +137,7 @@ class TimeShifted(Smoother):
         shifted_motion = motion.shift(self.time_offset)
         if motion.mask.any() and not shifted_motion.mask.any():
             raise InputError(
-                f"{motion.source}: with a time offset (`delay`) of {self.time_offset:g} s no sample of its "
+                f"{motion.source}: with a `time_offset` of {self.time_offset:g} s no sample of its "
                 f"{motion.t[-1] - motion.t[0]:.4g} s is left; give the true one, most often a few milliseconds."
             )
         smoothing = {**motion.smoothing, "time offset": f"{1e3 * self.time_offset:.3g} ms"}

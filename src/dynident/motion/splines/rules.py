@@ -41,8 +41,7 @@ class Constraint(Rule):
     """The article's rule, eq. (14): sum(((g - y) / delta)^2) = S; S = n (the number of samples) where not given.
 
     S is a number or one per column. A straight line is returned where it satisfies the constraint, the interpolating
-    spline for S = 0. p is found by Newton's method on log F against log p, F = |D Q u| (Reinsch's F), with inverse
-    Hermite interpolation near the root, kept inside a bracket. It stops at a relative error of 1e-10 in S, or where
+    spline for S = 0. The search for p (``search_constraint``) stops at a relative error of 1e-10 in S, or where
     rounding prevents further improvement: the result holds the S reached, and an error above 1e-6 is raised.
     """
 

@@ -97,7 +97,7 @@ def search_constraint(series: ScaledSeries, target: float) -> SplineSearch:
 
 
 def _newton(series: ScaledSeries, target: float, p: float, tolerance: float = 1e-10) -> SplineSearch:
-    """Find rss(p) = target by Newton's method within a bracket; rss falls with p."""
+    """Find rss(p) = target by steps of ``_next_log_p`` within a bracket; rss falls with p."""
     low, high = -inf, inf  # bracket of the root in log p
     x, refine, may_aim = log(p), False, True
     previous: SearchPoint | None = None
@@ -154,12 +154,13 @@ def _slope_at(x: float, point: SearchPoint, previous: SearchPoint | None) -> tup
 
 
 def _next_log_p(point: SearchPoint, previous: SearchPoint | None, low: float, high: float, noise_ratio: float) -> float:
-    """Return the next log p: by interpolation of two points near the root, by a model of one, else by bisection.
+    """Return the next log p: by a model of one point, by interpolation of two near the root, else by bisection.
 
-    ``noise_ratio`` is the rss expected of noise that is smoothed away completely, over the target.
+    Within ``REFINEMENT_ERROR`` of the root one point alone gives Newton's step on log rss. ``noise_ratio`` is the rss
+    expected of noise that is smoothed away completely, over the target.
     """
     x, error, slope = point
-    # Newton's step on log rss against log p, or better models of the curve; at most a factor of 1000 in p
+    # at most a factor of 1000 in p
     if slope < 0:
         new = x - error / slope
         if (

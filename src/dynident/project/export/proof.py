@@ -101,7 +101,7 @@ def exports(found: Identification) -> tuple[Export, ...]:
     written.
     """
     estimate = found.estimate
-    identified = IdentifiedModel(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
+    identified = IdentifiedModel(found.model, estimate.value, found.errors.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.validations))
     made = [(one, export(identified, one, states)) for one in _usual(identified)]
     return tuple(replace(file, errors=tuple(_errors(found, identified, one, file))) for one, file in made)

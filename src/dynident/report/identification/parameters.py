@@ -102,7 +102,7 @@ def parameter_section(identification: Identification) -> PageSection:
     """Return the section of the parameters: how many are well known, the table, and their intervals by group."""
     parameters = identification.model.parameters
     blocks: list[PageBlock] = [" ".join((_certainty_sentence(identification), *rank_sentence(identification, "below")))]
-    blocks += [_ROBUST] if identification.errors.std_hac is not None else []
+    blocks += [_ROBUST] if identification.errors.allows_correlation else []
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
     determined, undetermined = _split_by_data(identification)
     if len(determined) <= MAX_FULL_LIST:
@@ -136,9 +136,9 @@ def parameter_table(identification: Identification, indices: tuple[int, ...] | N
     """Return the table of the parameters at ``indices``, by default all; columns without content are left out."""
     estimate, parameters = identification.estimate, identification.model.parameters
     selected = range(len(parameters)) if indices is None else indices
-    errors = identification.errors.best
+    errors = identification.errors.std
     relative = relative_std(estimate.value, errors)
-    robust = identification.errors.std_hac is not None
+    robust = identification.errors.allows_correlation
     # Columns without content are multiplied by False, and so left out
     has_reference = any(parameters[k].value is not None for k in selected)
     has_meaning = any(parameters[k].expression for k in selected) and not any(
@@ -156,7 +156,7 @@ def parameter_table(identification: Identification, indices: tuple[int, ...] | N
         row = [estimate.names[k], number(float(estimate.value[k]))]
         if sized:
             row += [number(float(errors[k]), 2), number(float(relative[k]) if estimate.value[k] else None, 2)]
-            row += [number(float(estimate.std[k]), 2)] * robust
+            row += [number(float(identification.errors.std_independent[k]), 2)] * robust
         row += [number(parameters[k].value)] * has_reference + [estimate.units[k]]
         row += list(verdict[k : k + 1]) + [parameters[k].expression] * has_meaning
         rows.append(tuple(row))
@@ -165,13 +165,13 @@ def parameter_table(identification: Identification, indices: tuple[int, ...] | N
 
 def _split_by_data(identification: Identification) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the indices of the parameters that the data determine by themselves, and of the others."""
-    is_determined = np.isfinite(identification.errors.best)
+    is_determined = np.isfinite(identification.errors.std)
     return tuple(map(int, np.flatnonzero(is_determined))), tuple(map(int, np.flatnonzero(~is_determined)))
 
 
 def _certainty_sentence(identification: Identification) -> str:
     estimate = identification.estimate
-    relative = relative_std(estimate.value, identification.errors.best)
+    relative = relative_std(estimate.value, identification.errors.std)
     well = int((relative <= WELL).sum())
     unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
     suffix = f"; less certain: {join_names(unsure)}" if unsure and not identification.base.on_data else ""
@@ -199,7 +199,7 @@ def _interval_figure(identification: Identification, rows: list[int]) -> Figure:
         [estimate.names[k] for k in rows],
         [estimate.units[k] for k in rows],
         np.asarray(estimate.value)[rows],
-        identification.errors.best[rows],
+        identification.errors.std[rows],
         [model.parameters[k].value for k in rows] if not has_nominal_values(model) else (),
     )
     return Figure(figure, f"{_CAPTION} {motion_known(identification)}")

@@ -113,7 +113,7 @@ def choice_comments(identification: Identification, source: str) -> dict[str, li
     if calibration.base_tilt is not None:
         comments["model.base_tilt"] = [f"rad, about x and y: {calibration.base_tilt}"]
     if calibration.time_offset is not None:
-        comments["delay"] = [f"s: {calibration.time_offset}"]
+        comments["time_offset"] = [f"s: {calibration.time_offset}"]
     if calibration.prior_strength is not None:
         comments["estimator"] = [f"strength of the prior: {calibration.prior_strength}"]
     if calibration.smoother is not None:
@@ -193,12 +193,12 @@ def base_section(identification: Identification) -> Iterator[PageSection]:
 
 def base_errors(identification: Identification) -> Array:
     """Return the best known standard errors (r) of the base parameters, NaN where there are none."""
-    best, basis = identification.errors.best_base, identification.base.on_data
+    best, basis = identification.errors.base_std, identification.base.on_data
     return np.full(0 if basis is None else basis.rank, np.nan) if best is None else best
 
 
 def _base_table(identification: Identification, basis: BaseParameters) -> PageTable:
-    robust, plain = identification.errors.base_std_hac is not None, identification.errors.base_std
+    robust, plain = identification.errors.allows_correlation, identification.errors.base_std_independent
     values, errors = basis.to_base(identification.estimate.value), base_errors(identification)
     heads = [Column("base parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     physics = identification.estimate.consistency

@@ -83,7 +83,6 @@ __all__ = [
     "instant",
     "join_names",
     "memory_budget",
-    "message_lines",
     "number",
     "part_text",
     "percent",

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
 
-from dynident.motion.smoothers import (
-    strip_time_offset,
-)
+from dynident.motion.smoothers import strip_time_offset
 from dynident.regression import GroupKind
 from dynident.report.figures import points_per_curve
-from dynident.runtime import Note, Severity, angles, join_names, message_lines, number, part_text, short
+from dynident.runtime import Note, Severity, angles, join_names, number, part_text, short
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
@@ -40,7 +38,7 @@ class Line:
 
 def note_lines(notes: Iterable[Note]) -> list[Line]:
     """Return notes as lines for a terminal, each with its severity in front."""
-    return [Line(text, note.severity) for note, text in zip(notes, message_lines(notes), strict=True)]
+    return [Line(f"{note.severity.prefix}{note}", note.severity) for note in notes]
 
 
 def logs_of(identification: Identification, role: str) -> list[LogValidation]:

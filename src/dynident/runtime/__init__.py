@@ -85,7 +85,6 @@ __all__ = [
     "instant",
     "join_names",
     "memory_budget",
-    "message_lines",
     "number",
     "part_text",
     "percent",

@@ -162,9 +162,4 @@ class Messages(tuple[Message, ...]):
     __slots__ = ()
 
     def __repr__(self) -> str:
-        return "\n".join(message_lines(self))
-
-
-def message_lines(messages: Iterable[Note | Finding]) -> list[str]:
-    """Return notes and findings as lines, each with its severity in front."""
-    return [f"{message.severity.prefix}{message}" for message in messages]
+        return "\n".join(f"{message.severity.prefix}{message}" for message in self)

@@ -67,7 +67,7 @@ class TermKind(StrEnum):
     DELAY = (
         "delay of the torque",
         "a torque that is stamped late, by these seconds,",
-        "Set `delay: estimate` where all joints are late alike; else shift this torque in the file.",
+        "Set `time_offset: estimate` where all joints are late alike; else shift this torque in the file.",
     )
     SATURATION = (
         "torque that saturates",

@@ -88,7 +88,7 @@ def test_the_start_is_saved_with_all_that_was_chosen(project: Project, bench: Be
     text = tuned_text(project, bench, bench.start, project.path)
     assert text.startswith("# robot.yaml, tuned by hand")
     settings = yaml.safe_load(text)
-    assert settings["delay"] == bench.start.time_offset
+    assert settings["time_offset"] == bench.start.time_offset
     assert settings["train"][0]["exclude"] == [[1.0, 1.5]]
     assert not settings.keys() & {"min_speed", "filter", "unfitted"}
     plain = yaml.safe_load(tuned_text(project, bench, replace(bench.start, excluded=()), project.path))

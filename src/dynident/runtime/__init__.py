@@ -33,7 +33,6 @@ from dynident.runtime.notes import (
     Severity,
     Use,
     WordedEnum,
-    message_lines,
     place_and_text,
     require,
 )

@@ -46,10 +46,8 @@ from dynident.runtime import Note, Step, report_progress, settings_repr, setting
 
 Array = NDArray[np.float64]
 InstrumentSource = Literal["auto", "simulated", "repeated", "lagged"]
-MIN_SHARED_SAMPLES, MAX_SPEED_DIFFERENCE = (
-    0.5,
-    0.3,
-)  # share of the samples that another pass must have, unless it is asked for; of the speed
+# share of the samples that another pass must have, unless it is asked for; of the speed
+MIN_SHARED_SAMPLES, MAX_SPEED_DIFFERENCE = 0.5, 0.3
 CONVERGED_STEP = 0.01  # standard errors
 MIN_TORQUE_CHANGE = 1e-10  # relative change of the torque
 MIN_F_STATISTIC = 10.0  # F of the first stage below which instruments are weak (Staiger and Stock, 1997)

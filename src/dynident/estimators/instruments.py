@@ -233,11 +233,8 @@ def no_repetition_error(motion: Motion) -> MissingInputError:
 MIN_LAG_SAMPLES = 3  # samples: central differences so far apart share none
 MAX_ERROR_CORRELATION = 0.01  # correlation of the errors of accelerations that counts as none
 SPECTRUM_POINTS = 2**14  # of a spectrum
-SEGMENTS, MAX_SEGMENT_LENGTH, DIFFERENCE_ORDER = (
-    16,
-    2**10,
-    2,
-)  # of a spectrum; differences by which positions become nearly white: no leak
+# of a spectrum; differences by which positions become nearly white: no leak
+SEGMENTS, MAX_SEGMENT_LENGTH, DIFFERENCE_ORDER = 16, 2**10, 2
 MIN_RELATIVE_POWER = 1e-6  # of the largest power: too little to say what passes there
 
 

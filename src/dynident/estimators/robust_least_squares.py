@@ -153,10 +153,8 @@ Loss = Literal["huber", "tukey"]
 DEFAULT_TUNING = {"huber": 1.345, "tukey": 4.685}  # 95 % efficiency for normal errors
 MAX_TUNING = 1e6  # standard deviations
 SCALE_STEPS = 10  # steps after which the scales stay: the median need not settle
-CONVERGED_STEP, ROUGH_STEP = (
-    1e-2,
-    1e-1,
-)  # step, in standard errors of all parameters together, that ends the iteration; of a start
+# step, in standard errors of all parameters together, that ends the iteration; of a start
+CONVERGED_STEP, ROUGH_STEP = 1e-2, 1e-1
 MIN_MEAN_SLOPE = 0.1  # mean slope of psi: less, and the iteration has lost the data
 LOW_WEIGHT, MAX_DOWNWEIGHTED_SHARE = 0.5, 0.05  # a torque that counts less than half; share of them that is said
 

@@ -33,10 +33,8 @@ from dynident.motion.splines import stretches
 from dynident.regression import fitted_rows
 from dynident.runtime import DynidentError, InputError, MissingInputError, ModelError, Step, brief, report_progress
 
-MAX_DISTANCE, MIN_RANGE_SHARE = (
-    30.0,
-    0.1,
-)  # times the range of the recorded motion; of the widest range, what counts as that of a joint
+# times the range of the recorded motion; of the widest range, what counts as that of a joint
+MAX_DISTANCE, MIN_RANGE_SHARE = 30.0, 0.1
 
 
 def log_of(problem: Problem, k: int) -> Log | None:

@@ -52,10 +52,8 @@ class Broken(Failure):
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # s, the longest step of the integration
-MAX_DRIVE_STEPS, PERIOD_TOLERANCE = (
-    1000,
-    0.02,
-)  # steps of a drive between two samples, and how far they may be from a whole number
+# steps of a drive between two samples, and how far they may be from a whole number
+MAX_DRIVE_STEPS, PERIOD_TOLERANCE = 1000, 0.02
 MAX_POSITION = 1e6  # rad or m: a simulation beyond this has diverged
 
 

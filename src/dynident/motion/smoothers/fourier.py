@@ -31,10 +31,8 @@ Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0)]
 Seconds = Annotated[float, Ge(0)]
 MIN_MOTION_RATIO = 20.0  # times the noise (rms) from which on a joint counts as moving
-MAX_MISFIT, MAX_ACCELERATION_MISFIT = (
-    0.02,
-    0.1,
-)  # of the motion and of its acceleration (rms) that a series may leave, beyond the noise
+# of the motion and of its acceleration (rms) that a series may leave, beyond the noise
+MAX_MISFIT, MAX_ACCELERATION_MISFIT = 0.02, 0.1
 MIN_PERIODS_TO_FIND = 1.99  # periods that a log must hold for its period to be found
 MIN_PERIODS_TO_COMPARE = 1.5  # periods from which on they can be compared
 MIN_SERIES_SAMPLES = 6  # samples

@@ -24,16 +24,11 @@ from dynident.runtime import ConfigError, InputError, brief, choices, setting_te
 Array = NDArray[np.float64]
 Order = Literal[2, 3]
 OptionalValues = Sequence[float | None]
-MIN_WIENER_BANDWIDTH, MAX_WIENER_BANDWIDTH = (
-    0.3,
-    20_000.0,
-)  # bandwidths in samples between which that of the largest likelihood is sought
+# bandwidths in samples between which that of the largest likelihood is sought
+MIN_WIENER_BANDWIDTH, MAX_WIENER_BANDWIDTH = 0.3, 20_000.0
 GRID_BANDWIDTHS = 20  # bandwidths that are tried first
-START_STEP, LOG_P_TOLERANCE, MAX_MINIMISER_STEPS = (
-    0.5,
-    1e-3,
-    40,
-)  # of log p: how far the likeliest of all data may be, how close to come; in steps
+# of log p: how far the likeliest of all data may be, how close to come; in steps
+START_STEP, LOG_P_TOLERANCE, MAX_MINIMISER_STEPS = 0.5, 1e-3, 40
 
 
 @dataclass(frozen=True, eq=False)

@@ -187,10 +187,8 @@ START_HARMONICS, MAX_HARMONICS = 16, 1024  # harmonics that are fitted at first,
 MAX_HARMONICS_PER_SAMPLE = (
     0.4  # harmonics for each sample of a period: beyond, the sampling is too slow to tell them apart
 )
-END_WINDOW, MIN_TRANSIENT_RATIO = (
-    1 / 8,
-    3.0,
-)  # of a period: parts at the ends of a log with so many times the usual residual are transients
+# of a period: parts at the ends of a log with so many times the usual residual are transients
+END_WINDOW, MIN_TRANSIENT_RATIO = 1 / 8, 3.0
 MAX_GAP_STEPS = 3.0  # times the usual step
 MIN_REMAINING_PERIODS = 1.5  # periods without transients that let a period be found
 MISFIT_BAND = 4.0  # times the highest harmonic, up to which what is left may be motion

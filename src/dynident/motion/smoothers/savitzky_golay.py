@@ -165,10 +165,8 @@ WINDOW_STEP = 1.1  # from one window that is tried to the next
 MAX_LOWER_RATIO = 0.7  # times the squares, which a window twice as wide divides by 32 where they are noise
 MAX_DIFFERENCE_RATIO = 10.0  # times the least difference: windows that are wider still need not be tried
 MAX_WINDOW_SHARE = 1 / 3  # of a log
-MAX_TRIAL_SAMPLES, SAMPLES_PER_WINDOW = (
-    1000,
-    10,
-)  # at which a window is tried: at most so many, or so many of each window
+# at which a window is tried: at most so many, or so many of each window
+MAX_TRIAL_SAMPLES, SAMPLES_PER_WINDOW = 1000, 10
 MAX_WINDOW_STRETCH = 1.5  # times the usual time of a window, from which on there is a gap in it
 Order = Annotated[int, Ge(2), Le(10)]
 Window = Annotated[float, Gt(0)]

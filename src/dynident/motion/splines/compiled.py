@@ -26,9 +26,8 @@ SURVEY_LANES = 16  # rows that the kernel looks at side by side
 PIVOTS_PER_PRODUCT = 8  # pivots in a product
 MIN_RESIDUAL_SHARE = 1e-4  # share of the sum of squares from which on what a line leaves may be had by subtraction
 MAX_CACHED_SIZE, MAX_CACHED_ARRAYS = 2**20, 12  # numbers of the largest work array that is kept, and how many of them
-MAX_PARALLEL_SIZE = (
-    2**21
-)  # numbers of a work array from which on series are refined one after the other, which needs less memory
+# numbers of a work array from which on series are refined one after the other, which needs less memory
+MAX_PARALLEL_SIZE = 2**21
 FACTORISATION_ERROR = IllConditionedError("the Cholesky factorisation broke down")
 
 

@@ -23,7 +23,7 @@ def test_equations_wrap_and_are_typeset(browse: Browsing, tmp_path: Path, scheme
     model = Model(TERMS)
     value = np.linspace(-1.2345, 2.3456, len(model.names))
     estimate = SimpleNamespace(names=model.names, value=value, provenance=())
-    found = SimpleNamespace(model=model, estimate=estimate, errors=SimpleNamespace(best=np.ones(len(value))))
+    found = SimpleNamespace(model=model, estimate=estimate, errors=SimpleNamespace(std=np.ones(len(value))))
     path = tmp_path / "model.html"
     path.write_text(render("Title", "Lead", list(model_section(found))), encoding="utf-8")  # type: ignore[arg-type]
     page = browse(path, width=400, color_scheme=scheme)

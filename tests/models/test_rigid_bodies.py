@@ -163,7 +163,7 @@ def test_unknown_inertia_is_not_zero():
     inertial = '<inertial mass="0.7" pos="0.02 0 0.03" diaginertia="0.003 0.004 0.002"/>'
     shaped = RigidBodies(ARM_MJCF.replace(inertial, '<geom type="mesh" mesh="shell"/>'))
     assert [p.value for p in shaped.parameters[20:]] == [None] * 10
-    assert shaped.notes == ("robot: body 'wrist': its inertia follows from meshes, which are not read.",)
+    assert shaped.notes == ("robot: body 'wrist': its inertia follows from meshes that were not found.",)
     bare = RigidBodies(ARM_MJCF.replace(inertial, ""))
     assert [p.value for p in bare.parameters[20:]] == [0.0] * 10
     assert bare.notes == ("robot: body 'wrist': the file gives no inertia.",)

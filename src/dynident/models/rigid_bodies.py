@@ -249,7 +249,7 @@ class RigidBodies(Term):
             notes.append(f"the file's gravity {self._file.gravity} is ignored; {self.gravity} m/s^2 is used")
         for body in self._arm.bodies_with_parameters:
             if np.isnan(body.theta).any():
-                notes.append(f"body {body.name!r}: its inertia follows from meshes, which are not read")
+                notes.append(f"body {body.name!r}: its inertia follows from meshes that were not found")
             elif not body.theta.any():
                 notes.append(f"body {body.name!r}: the file gives no inertia")
             else:

@@ -171,7 +171,8 @@ class OnlyShapes(Note):
     def __str__(self) -> str:
         return (
             "its inertia follows from meshes or height fields that were not found or cannot be read: put them where "
-            "the file says, or save the compiled model from MuJoCo with <compiler saveinertial='true'/>, which writes the inertia out."
+            "the file says, or save the compiled model from MuJoCo with <compiler saveinertial='true'/>, which writes "
+            "the inertia out."
         )
 
 

@@ -11,7 +11,19 @@ import numpy as np
 from dynident.identification import Measure, Origin
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, mark_rows, panels, plain
-from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
+from dynident.report.page import (
+    UNIT,
+    Column,
+    Facts,
+    Figure,
+    PageBlock,
+    PageSection,
+    PageTable,
+    formula_blocks,
+    pair_table,
+    render,
+    short_formula,
+)
 from dynident.report.words import settings_of
 from dynident.runtime import number
 
@@ -40,7 +52,6 @@ MIN_TIED_INFLATION = 5.0
 MIN_MISFIT_RATIO = 3.0  # residual over the torque's own noise, from which the model is named
 MIN_FILTERED_RATIO = 300.0  # the same ratio, from which the torque must have been filtered
 MIN_COLOURED_FACTOR = 1.5  # factor by which correlation in the residual would raise the bound, to speak of
-MAX_NAME_LENGTH = 28  # signs of a formula in a terminal
 HEADS = {"now": "now", "bit": "+1 bit", "torque": "torque x 10", "longer": "4 x record"}
 
 _BOUND_NOTE = (
@@ -80,7 +91,7 @@ def bound_table(bound: AccuracyBound, short: bool = False) -> PageTable:
     for k in rows:
         size = abs(float(bound.value[k])) or np.nan
         sizes = [bound.fit[k], *(bound.std[name][k] for name in HEADS)]
-        row = [_label(bound, k), number(float(bound.value[k])), bound.units[k]]
+        row = [short_formula(bound.names[k]), number(float(bound.value[k])), bound.units[k]]
         row += [number(100 * float(x) / size, 2) for x in sizes]
         cells.append((*row, number(float(bound.std["now"][k]), 2), _limit_cell(bound, k)))
     title = "Least standard deviations of the base parameters, now and with better sensors or a longer record"
@@ -126,8 +137,9 @@ def _overall_sentences(bound: AccuracyBound) -> Iterator[str]:
         best = int(np.nanargmax(np.where(np.isfinite(bought["bit"]), bought["bit"], -1.0)))
         yield (
             f"One more encoder bit lowers the bound by {number(float(np.median(gains['bit'])), 2)} % in the median (at "
-            f"most {number(float(gains['bit'].max()), 2)} %, {_label(bound, best)}), ten times the torque accuracy by "
-            f"{number(float(np.median(gains['torque'])), 2)} %; a record twice as long by 29 %, four times by 50 %."
+            f"most {number(float(gains['bit'].max()), 2)} %, {short_formula(bound.names[best])}), ten times the torque "
+            f"accuracy by {number(float(np.median(gains['torque'])), 2)} %; a record twice as long by 29 %, four times "
+            "by 50 %."
         )
     # Ratio of the fit's standard errors to the bound; only parameters with a bound count
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -142,7 +154,7 @@ def _overall_sentences(bound: AccuracyBound) -> Iterator[str]:
 
 def _worst_sentences(bound: AccuracyBound) -> Iterator[str]:
     for k in np.argsort(-bound.relative, kind="stable")[:MAX_SENTENCES]:
-        yield f"{_label(bound, int(k))}: {_limit_sentence(bound, int(k))}"
+        yield f"{short_formula(bound.names[int(k)])}: {_limit_sentence(bound, int(k))}"
 
 
 def _limit_sentence(bound: AccuracyBound, k: int) -> str:
@@ -161,7 +173,7 @@ def _limit_sentence(bound: AccuracyBound, k: int) -> str:
     if bound.inflation[k] > MIN_TIED_INFLATION:
         sentence += (
             f" The motion does too: were all others known, it would be {number(float(bound.inflation[k]), 2)} times "
-            f"smaller; hardest to tell from {_label(bound, int(bound.partner[k]))} "
+            f"smaller; hardest to tell from {short_formula(bound.names[int(bound.partner[k])])} "
             f"(correlation {bound.correlation[k]:.3f})."
         )
     elif relative > WELL:
@@ -220,20 +232,11 @@ def _correlation_factor(bound: AccuracyBound) -> float:
     return float(np.median(factors)) if factors else 1.0
 
 
-def _label(bound: AccuracyBound, k: int) -> str:
-    """Return the formula of a base parameter; of a long one the first parameter and how many follow."""
-    name = bound.names[k]
-    if len(name) <= MAX_NAME_LENGTH:
-        return name
-    lead, *others = name.replace(" - ", " + ").split(" + ")
-    return f"{lead} (+{len(others)} more)" if others else name
-
-
 def bound_page(bound: AccuracyBound) -> str:
     """Return the bound as one HTML page: findings, table, figure, noise, settings."""
     relative, identification = bound.relative, bound.identification
     well = int((relative <= WELL).sum())
-    labels = [_label(bound, k) for k in range(len(bound.names))]
+    labels = [short_formula(bound.names[k]) for k in range(len(bound.names))]
     facts = Facts(
         (
             (f"{well} of {len(relative)}", f"base parameters within {WELL:g} % at best"),
@@ -250,7 +253,12 @@ def bound_page(bound: AccuracyBound) -> str:
         PageSection("What could be reached", blocks),
         PageSection(
             "Bound",
-            (_BOUND_NOTE, bound_table(bound), *_formula_table(bound), Figure(bound_figure(bound, labels), caption)),
+            (
+                _BOUND_NOTE,
+                bound_table(bound),
+                *formula_blocks(bound.names),
+                Figure(bound_figure(bound, labels), caption),
+            ),
         ),
         PageSection("Noise", (noise_table(bound),)),
         PageSection("Warnings", (tuple(map(str, identification.notes)) or "None.",)),
@@ -260,16 +268,6 @@ def bound_page(bound: AccuracyBound) -> str:
     return render(
         f"What could be reached with {identification.model.name}", f"Least standard deviations from {logs}.", sections
     )
-
-
-def _formula_table(bound: AccuracyBound) -> Iterator[PageBlock]:
-    """Yield what the shortened names stand for, where there are any."""
-    shortened = [(_label(bound, k), name) for k, name in enumerate(bound.names) if _label(bound, k) != name]
-    if shortened:
-        columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
-        yield PageTable(
-            columns, tuple(shortened), "Base parameters: the combinations that act on the torque each in its own way"
-        )
 
 
 def _settings(bound: AccuracyBound) -> Iterator[PageBlock]:

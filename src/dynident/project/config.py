@@ -36,7 +36,7 @@ def robot_text(path: Path) -> str:
 
     A xacro file is expanded by that program. Raises ModelError where it cannot be read or is not text.
     """
-    from dynident.files.mesh_inertias import with_mesh_inertias
+    from dynident.files.meshes import with_mesh_inertias
     from dynident.files.xml_text import with_includes
 
     settle(path.parent)  # it may be an export

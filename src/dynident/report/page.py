@@ -32,6 +32,7 @@ MINUS, HARD = "\u2212", "\u00a0"
 UNITS = re.compile(r"\b(N|kg|m|mm|rad|s|Hz)\^(-?\d+)\b(?!\.\d)")
 POWER = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)e([-+]?\d+)(?![\w.]\w|\w)")
 # in a sentence, where a name may hold 1e5
+MAX_FORMULA_LENGTH = 30  # signs of a formula in a table
 SENTENCE_POWER = re.compile(r"(?<![\w.])([-\u2212]?\d+\.\d+(?=e)|[-\u2212]?\d+(?=e[-+]))e([-+]?\d+)(?!\.?\w)")
 MAX_UNBROKEN_LENGTH = 16  # letters of a word in a column of names, from which on it may be broken at its underscores
 MAX_NAME_LENGTH = 22  # letters of a word in a column of names: beside it there is room for numbers on a phone
@@ -222,6 +223,21 @@ class Beside:
 
 
 PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
+
+
+def short_formula(name: str) -> str:
+    """Return the formula of a base parameter; of a long one the first parameter and how many follow."""
+    if len(name) <= MAX_FORMULA_LENGTH:
+        return name
+    lead, *others = name.replace(" - ", " + ").split(" + ")
+    return f"{lead} (+{len(others)} more)" if others else name
+
+
+def formula_blocks(names: Sequence[str]) -> tuple[Fold, ...]:
+    """Return what the shortened formulas of base parameters stand for, where there are any."""
+    rows = tuple((short_formula(name), name) for name in names if short_formula(name) != name)
+    columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
+    return (Fold("What the base parameters stand for", (PageTable(columns, rows),)),) if rows else ()
 
 
 def relative_link(path: str) -> str:

@@ -25,6 +25,7 @@ from dynident.runtime.errors import (
     settings_repr,
     shorten_names,
 )
+from dynident.runtime.families import check_settings
 from dynident.runtime.notes import (
     Finding,
     Messages,
@@ -36,7 +37,6 @@ from dynident.runtime.notes import (
     place_and_text,
     require,
 )
-from dynident.runtime.settings import check_settings
 from dynident.runtime.text import (
     angles,
     capitalise,

@@ -19,7 +19,7 @@ from dynident.models import Floor, RigidBodies, ShapeSource
 from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
-from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable
+from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
 from dynident.runtime import brief, count, install_command, join_names, number
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ RANGE_MARGIN = 0.08  # share of a range above and below it
 WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known well, and fairly
 DURATION_FACTOR = 4.0  # times the duration
 MIN_RELATIVE_VALUE = 1e-9  # of the largest value
-MAX_NAME_LENGTH = 30  # signs of a formula
 MAX_LISTED = 6  # parameters in a sentence
 OPTIMISED_PROGRAMS = (Program.MOTION, Program.ALL)
 _ERRORS_NOTE = (
@@ -253,7 +252,7 @@ def expected_findings(design: Design) -> Iterator[str]:
         worst = _worst_parameter(info)
         if np.isfinite(info.std[worst]):
             yield (
-                f"The least known is {_short_name(info.basis.groupings[worst])}: "
+                f"The least known is {short_formula(info.basis.groupings[worst])}: "
                 f"{number(float(info.value[worst]), 3)} +- {number(float(info.std[worst]), 2)}; what is poorly known "
                 "hardly acts on the torque of this motion."
             )
@@ -303,7 +302,7 @@ def _gain_sentences(info: ExpectedAccuracy, prior_info: ExpectedAccuracy) -> Ite
         yield (
             "Together with what was recorded before, standard errors are smaller than now by a factor of "
             f"{number(float(np.median(ratio)), 2)} in the median, at most {number(float(ratio.max()), 3)} "
-            f"({_short_name(info.basis.groupings[best])})."
+            f"({short_formula(info.basis.groupings[best])})."
         )
     if new := int((~np.isfinite(prior_info.std) & np.isfinite(info.std)).sum()):
         yield f"{count(new, 'base parameter')} that are open now will be known."
@@ -319,7 +318,7 @@ def expected_section(design: Design) -> PageSection:
     """Return the section of the expected standard errors: table, figure, and what no motion can show."""
     info, prior_info = design.expected, _known_before(design)
     rows = np.flatnonzero(has_value(info))
-    labels = [_short_name(info.basis.groupings[k]) for k in rows.tolist()]
+    labels = [short_formula(info.basis.groupings[k]) for k in rows.tolist()]
     caption = (
         f"Expected standard error of the base parameters that have a value, in % of it; the line is at {WELL:g} %."
     )
@@ -330,7 +329,7 @@ def expected_section(design: Design) -> PageSection:
     table = Fold("All numbers", (_expected_table(info, prior_info),))
     return PageSection(
         "Expected standard errors",
-        (*blocks, *_open_blocks(design), table, *_formula_blocks(info), *_no_effect_sentences(info)),
+        (*blocks, *_open_blocks(design), table, *formula_blocks(info.basis.groupings), *_no_effect_sentences(info)),
     )
 
 
@@ -340,7 +339,7 @@ def _expected_table(info: ExpectedAccuracy, prior_info: ExpectedAccuracy | None)
     valued = has_value(info)
     rows = []
     for k in range(len(info.std)):
-        cells = [_short_name(info.basis.groupings[k]), number(float(info.value[k])) if valued[k] else "-"]
+        cells = [short_formula(info.basis.groupings[k]), number(float(info.value[k])) if valued[k] else "-"]
         cells.append(number(float(info.std[k]), 2) if np.isfinite(info.std[k]) else "open")
         shares = (info.relative[k], *(() if prior_info is None else (prior_info.relative[k],)))
         rows.append((*cells, *(number(float(share), 2) if valued[k] else "-" for share in shares)))
@@ -353,18 +352,10 @@ def _open_blocks(design: Design) -> Iterator[PageBlock]:
     rows = []
     for note in (one for one in design.notes if isinstance(one, UnexcitedParameters)):
         how = "" if len(note.joints) == 1 else " at the same time" if note.together else ", each by itself"
-        rows += [(_short_name(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
+        rows += [(short_formula(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
     if rows:
         columns = (Column("base parameter", numeric=False), Column("why", numeric=False))
         yield PageTable(columns, tuple(rows), "What stays open, and why")
-
-
-def _formula_blocks(info: ExpectedAccuracy) -> Iterator[PageBlock]:
-    """Yield what the shortened names stand for, where there are any."""
-    rows = tuple((_short_name(name), name) for name in info.basis.groupings if _short_name(name) != name)
-    if rows:
-        columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
-        yield Fold("What the base parameters stand for", (PageTable(columns, rows),))
 
 
 def _no_effect_sentences(info: ExpectedAccuracy) -> Iterator[PageBlock]:
@@ -373,11 +364,3 @@ def _no_effect_sentences(info: ExpectedAccuracy) -> Iterator[PageBlock]:
         yield f"No motion shows {', '.join(none)}: they have no effect on the torque of this robot."
     if tied := len(info.basis.dependent) - len(none):
         yield f"{count(tied, 'more parameter')} can be known, by whatever motion, only within the combinations above."
-
-
-def _short_name(name: str) -> str:
-    """Return the formula of a base parameter; of a long one the first parameter and how many follow."""
-    if len(name) <= MAX_NAME_LENGTH:
-        return name
-    lead, *others = name.replace(" - ", " + ").split(" + ")
-    return f"{lead} (+{len(others)} more)" if others else name

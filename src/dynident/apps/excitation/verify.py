@@ -9,10 +9,10 @@ limits (bounds, working sets, reserves).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynident.apps.excitation.limits import Feasibility, MotionLimits
 from dynident.apps.excitation.trajectory import ClosestApproach, Trajectory, closest_approach
 from dynident.models import Distances, RigidBodies
-from dynident.project.export import declare_root, strip_to_joints
+from dynident.project.export import PinocchioArm, strip_to_joints
 from dynident.runtime import InputError, brief
 
 if TYPE_CHECKING:
@@ -51,68 +51,32 @@ def pinocchio_torque(model: Model, theta: Array, q: Array, dq: Array, ddq: Array
     # parameters of the bodies among all parameters of the model
     columns = slice(int(widths[index]), int(widths[index + 1]))
     other_terms = tuple(term for term in model.terms if term is not bodies)
-    pinocchio_model = _read_pinocchio_model(bodies)
-    if pinocchio_model is None:
+    try:
+        arm = PinocchioArm.of(strip_to_joints(bodies.xml), bodies)
+    except (ValueError, RuntimeError):  # of names and structures that it does not take
         return None
-    out = _body_torque(pinocchio_model, bodies, theta[columns].reshape(-1, 10), np.stack([q, dq, ddq]))
+    if not all(arm.model.existJointName(body.joint.name) for body in bodies.arm.bodies):
+        return None
+    out = arm.torque((q, dq, ddq), _inverse_dynamics(arm, theta[columns].reshape(-1, 10)))
     if other_terms:
         out += replace(model, terms=other_terms, load=None).regressor(q, dq, ddq) @ np.delete(theta, columns)
     return out
 
 
-def _read_pinocchio_model(bodies: RigidBodies) -> Any:
-    """Read the arm with Pinocchio; None where it cannot."""
+def _inverse_dynamics(arm: PinocchioArm, theta: Array) -> Callable[[Array, Array, Array], Array]:
+    """Return the torque of bodies with parameters (B, 10) by Pinocchio's regressor, as a function of the state."""
     import pinocchio as pin
 
-    try:
-        pinocchio_model = pin.buildModelFromXML(declare_root(strip_to_joints(bodies.xml), bodies.file.root))
-    except (ValueError, RuntimeError):  # of names and structures that it does not take
-        return None
-    return (
-        pinocchio_model if all(pinocchio_model.existJointName(body.joint.name) for body in bodies.arm.bodies) else None
-    )
-
-
-def _body_torque(pinocchio_model: Any, bodies: RigidBodies, theta: Array, states: Array) -> Array:
-    """Return the torque (N, n) of bodies with parameters (B, 10) in states q, dq and ddq (3, N, n)."""
-    import pinocchio as pin
-
-    data, arm = pinocchio_model.createData(), bodies.arm
-    pinocchio_model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
-    joint_ids = [pinocchio_model.getJointId(body.joint.name) for body in arm.bodies]
-    columns = [pinocchio_model.joints[joint_id].idx_v for joint_id in joint_ids]
-    all_parameters = np.zeros((pinocchio_model.njoints, 10))
+    data, joint_ids = arm.model.createData(), arm.joint_ids
+    all_parameters = np.zeros((arm.model.njoints, 10))
     # Pinocchio has an inertia for each joint, listed or not: bodies that are not fitted have none
-    all_parameters[[joint_ids[k] for k in arm.parameter_bodies]] = theta
-    fixed_positions = {
-        pinocchio_model.getJointId(name): x
-        for name, x in arm.fixed_positions.items()
-        if pinocchio_model.existJointName(name)
-    }
-    out = np.empty((states.shape[1], len(joint_ids)))
-    for row, positions, velocities, accelerations in zip(out, *arm.body_states(*states), strict=True):
-        # velocities and accelerations by Pinocchio's numbering; joints that stand still have zeros
-        rates = np.zeros((2, pinocchio_model.nv))
-        rates[:, columns] = velocities, accelerations
-        configuration = _configuration(pinocchio_model, fixed_positions | dict(zip(joint_ids, positions, strict=True)))
-        regressor = np.reshape(
-            pin.computeJointTorqueRegressor(pinocchio_model, data, configuration, *rates), (pinocchio_model.nv, -1)
-        )
-        row[:] = (regressor @ all_parameters[1:].ravel())[columns]
-    # from the torques of the bodies' joints to those of the model's joints, which may drive several
-    return np.asarray(out @ arm.drive)
+    all_parameters[[joint_ids[k] for k in arm.bodies.arm.parameter_bodies]] = theta
 
+    def torque(q: Array, dq: Array, ddq: Array) -> Array:
+        regressor = np.reshape(pin.computeJointTorqueRegressor(arm.model, data, q, dq, ddq), (arm.model.nv, -1))
+        return np.asarray(regressor @ all_parameters[1:].ravel())
 
-def _configuration(pinocchio_model: Any, positions: dict[int, float]) -> Array:
-    """Return the configuration for Pinocchio, where a continuous joint is a point on a circle."""
-    import pinocchio as pin
-
-    out: Array = pin.neutral(pinocchio_model)
-    for k, x in positions.items():
-        joint = pinocchio_model.joints[k]
-        if joint.nv == 1:
-            out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
-    return out
+    return torque
 
 
 class LimitError(InputError):

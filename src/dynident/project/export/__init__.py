@@ -1,6 +1,6 @@
 """The identified model as files for other programs."""
 
-from dynident.project.export.formats import Mjcf, Numpy, Urdf, Yaml, declare_root, identified_yaml
+from dynident.project.export.formats import Mjcf, Numpy, PinocchioArm, Urdf, Yaml, identified_yaml
 from dynident.project.export.identified import IdentifiedModel
 from dynident.project.export.numpy_module import identified_module
 from dynident.project.export.proof import export, export_files, exports, prove, random_states, spread
@@ -22,11 +22,11 @@ __all__ = [
     "IdentifiedModel",
     "Mjcf",
     "Numpy",
+    "PinocchioArm",
     "Proof",
     "Urdf",
     "Yaml",
     "check_payload_link",
-    "declare_root",
     "export",
     "export_files",
     "exports",

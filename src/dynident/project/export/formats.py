@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import PurePath
 from typing import Any, ClassVar
 from xml.sax.saxutils import quoteattr
@@ -93,36 +94,73 @@ def torque_by_dynident(text: str, identified: IdentifiedModel, states: States) -
     return np.asarray(torque + coefficients[0] * dq + coefficients[1] * np.sign(dq) + rotor * ddq)
 
 
+@dataclass(frozen=True, eq=False)
+class PinocchioArm:
+    """The ``bodies`` of an arm as Pinocchio reads them: its ``model``, whose joints have an order of their own."""
+
+    model: Any
+    bodies: RigidBodies
+
+    @classmethod
+    def of(cls, text: str, bodies: RigidBodies) -> PinocchioArm:
+        """Read a URDF; ValueError or RuntimeError for names and structures that Pinocchio does not take."""
+        import pinocchio as pin
+
+        model = pin.buildModelFromXML(declare_root(text, bodies.file.root))
+        model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
+        return cls(model, bodies)
+
+    @property
+    def joint_ids(self) -> list[int]:
+        """Pinocchio's numbers of the joints of the bodies; that of a joint it does not have is its number of joints."""
+        return [self.model.getJointId(body.joint.name) for body in self.bodies.arm.bodies]
+
+    @property
+    def columns(self) -> list[int]:
+        """The places of the joints of the bodies among Pinocchio's velocities."""
+        return [self.model.joints[joint_id].idx_v for joint_id in self.joint_ids]
+
+    def torque(self, states: States, inverse_dynamics: Callable[[Array, Array, Array], Array]) -> Array:
+        """Return the torque (N, n) of the model's joints in ``states`` q, dq, ddq (N, n).
+
+        ``inverse_dynamics`` gives Pinocchio's torque of its configuration, velocity and acceleration.
+        """
+        arm, joint_ids, columns = self.bodies.arm, self.joint_ids, self.columns
+        standing = {
+            self.model.getJointId(name): x for name, x in arm.fixed_positions.items() if self.model.existJointName(name)
+        }
+        out = np.empty((len(states[0]), len(columns)))
+        for row, q, dq, ddq in zip(out, *arm.body_states(*states), strict=True):
+            # velocities and accelerations by Pinocchio's numbering; joints that stand still have zeros
+            rates = np.zeros((2, self.model.nv))
+            rates[:, columns] = dq, ddq
+            configuration = self._configuration(standing | dict(zip(joint_ids, q, strict=True)))
+            row[:] = inverse_dynamics(configuration, *rates)[columns]
+        # from the torques of the bodies' joints to those of the model's joints, which may drive several
+        return np.asarray(out @ arm.drive)
+
+    def _configuration(self, positions: Mapping[int, float]) -> Array:
+        """Return the configuration for Pinocchio, in which a continuous joint is a point of a circle."""
+        import pinocchio as pin
+
+        out: Array = pin.neutral(self.model)
+        for joint_id, x in positions.items():
+            joint = self.model.joints[joint_id]
+            if joint.nv == 1:
+                out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+        return out
+
+
 def torque_by_pinocchio(text: str, identified: IdentifiedModel, states: States) -> Array:
     """Return the torque of a URDF that Pinocchio reads; fixed joints stay fixed in its full model."""
     import pinocchio as pin
 
     bodies, _ = identified.bodies
-    model = pin.buildModelFromXML(declare_root(text, bodies.file.root))
-    arm, data = bodies.arm, model.createData()
-    names = [body.joint.name for body in arm.bodies]
-    model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
-    # Pinocchio has an order of joints of its own
-    columns = [model.joints[model.getJointId(name)].idx_v for name in names]
-    standing = {name: x for name, x in arm.fixed_positions.items() if model.existJointName(name)}
-
-    def position(q: Array) -> Array:
-        """Return the configuration of Pinocchio, in which a continuous joint is a point of a circle."""
-        out: Array = pin.neutral(model)
-        for name, x in {**standing, **dict(zip(names, q, strict=True))}.items():
-            joint = model.joints[model.getJointId(name)]
-            if joint.nv == 1:
-                out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
-        return out
-
-    out = np.empty((len(states[0]), len(names)))
-    for row, q, dq, ddq in zip(out, *arm.body_states(*states), strict=True):
-        full = np.zeros((2, model.nv))
-        full[:, columns] = dq, ddq
-        row[:] = pin.rnea(model, data, position(q), *full)[columns]
-    driven_columns = [columns[k] for k in arm.driven]
-    damping, friction = (np.asarray(x)[driven_columns] for x in (model.damping, model.friction))
-    return np.asarray(out @ arm.drive + damping * states[1] + friction * np.sign(states[1]))
+    arm = PinocchioArm.of(text, bodies)
+    torque = arm.torque(states, partial(pin.rnea, arm.model, arm.model.createData()))
+    driven = [arm.columns[k] for k in bodies.arm.driven]
+    damping, friction = (np.asarray(x)[driven] for x in (arm.model.damping, arm.model.friction))
+    return np.asarray(torque + damping * states[1] + friction * np.sign(states[1]))
 
 
 def declare_root(text: str, root: str) -> str:

@@ -8,7 +8,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.files.mesh_inertias import inertial_element, named_body_nodes
+from dynident.files.meshes import inertial_element, named_body_nodes
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies, to_physical
 from dynident.project.export.identified import Drives, IdentifiedModel, LinkInertias, drives, link_inertias

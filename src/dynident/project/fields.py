@@ -109,7 +109,7 @@ def _read_number(value: object) -> float:
     raise ValueError("a finite number is expected")
 
 
-def _bounded_reader(lower: float, upper: float, unit: str = "") -> Callable[[object], float]:
+def bounded_reader(lower: float, upper: float, unit: str = "") -> Callable[[object], float]:
     """Return a reader of numbers from ``lower`` to ``upper``, beyond which a value can only be a mistake."""
 
     def read(value: object) -> float:
@@ -120,7 +120,7 @@ def _bounded_reader(lower: float, upper: float, unit: str = "") -> Callable[[obj
     return read
 
 
-def _whole_number_reader(upper: int) -> Callable[[object], int]:
+def whole_number_reader(upper: int) -> Callable[[object], int]:
     """Return a reader of whole numbers from 1 to ``upper``."""
 
     def read(value: object) -> int:
@@ -183,13 +183,13 @@ def _by_name_reader(read: Callable[[object], Any]) -> Callable[[object], Any]:
 def _read_positive(value: object) -> float:
     if (number := _read_number(value)) <= 0:
         raise ValueError("a number greater than 0 is expected")
-    return _bounded_reader(MIN_MAGNITUDE, MAX_MAGNITUDE)(number)
+    return bounded_reader(MIN_MAGNITUDE, MAX_MAGNITUDE)(number)
 
 
 def _read_non_negative(value: object) -> float:
     if (number := _read_number(value)) < 0:
         raise ValueError("a number of at least 0 is expected")
-    return _bounded_reader(MIN_MAGNITUDE, MAX_MAGNITUDE)(number) if number else 0.0
+    return bounded_reader(MIN_MAGNITUDE, MAX_MAGNITUDE)(number) if number else 0.0
 
 
 def _read_windows(value: object) -> tuple[Interval, ...]:
@@ -252,21 +252,21 @@ def _json_schema(**words: Any) -> WithJsonSchema:
 
 
 SHORT_LIST = BeforeValidator(_check_list_length)
-Number = Annotated[float, BeforeValidator(_bounded_reader(-MAX_MAGNITUDE, MAX_MAGNITUDE))]
-Gravity = Annotated[float, BeforeValidator(_bounded_reader(-1e3, 1e3, " m/s^2"))]
-Tilt = Annotated[float, BeforeValidator(_bounded_reader(-3.2, 3.2, " rad"))]
-TimeOffsetValue = Annotated[float, BeforeValidator(_bounded_reader(-MAX_TIME_OFFSET, MAX_TIME_OFFSET, " s"))]
+Number = Annotated[float, BeforeValidator(bounded_reader(-MAX_MAGNITUDE, MAX_MAGNITUDE))]
+Gravity = Annotated[float, BeforeValidator(bounded_reader(-1e3, 1e3, " m/s^2"))]
+Tilt = Annotated[float, BeforeValidator(bounded_reader(-3.2, 3.2, " rad"))]
+TimeOffsetValue = Annotated[float, BeforeValidator(bounded_reader(-MAX_TIME_OFFSET, MAX_TIME_OFFSET, " s"))]
 Positive = Annotated[float, BeforeValidator(_read_positive), _json_schema(type="number", exclusiveMinimum=0)]
 NonNegative = Annotated[float, BeforeValidator(_read_non_negative), _json_schema(type="number", minimum=0)]
 Count = Annotated[
-    int, BeforeValidator(_whole_number_reader(MAX_COUNT)), _json_schema(type="integer", minimum=1, maximum=MAX_COUNT)
+    int, BeforeValidator(whole_number_reader(MAX_COUNT)), _json_schema(type="integer", minimum=1, maximum=MAX_COUNT)
 ]
 CountOrEach = Annotated[
-    int | Mapping[str, int] | None, BeforeValidator(_by_name_reader(_whole_number_reader(MAX_COUNT)))
+    int | Mapping[str, int] | None, BeforeValidator(_by_name_reader(whole_number_reader(MAX_COUNT)))
 ]
 Order = Annotated[
     int,
-    BeforeValidator(_whole_number_reader(HIGHEST_ORDER)),
+    BeforeValidator(whole_number_reader(HIGHEST_ORDER)),
     _json_schema(type="integer", minimum=1, maximum=HIGHEST_ORDER),
 ]
 PositiveOrEach = Annotated[float | Mapping[str, float] | None, BeforeValidator(_by_name_reader(_read_positive))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -19,7 +19,17 @@ from dynident.apps.excitation.motion import MotionRequest
 from dynident.identification import Identification
 from dynident.models import Model
 from dynident.project.config import nominal_values
-from dynident.project.fields import Name, NonNegative, Number, Positive, PositiveOrEach, Section, as_number
+from dynident.project.fields import (
+    Name,
+    NonNegative,
+    Number,
+    Positive,
+    PositiveOrEach,
+    Section,
+    as_number,
+    bounded_reader,
+    whole_number_reader,
+)
 from dynident.project.python_file import error_text
 from dynident.runtime import ConfigError, brief, choices
 
@@ -34,29 +44,6 @@ def _read_margin(value: object) -> float:
     if not 0.0 <= (number := as_number(value)) <= MAX_MARGIN:
         raise ValueError(f"a share from 0 to {MAX_MARGIN} is expected, such as 0.1 for 10 %")
     return number
-
-
-def _range_reader(lower: float, upper: float, unit: str) -> Callable[[object], float]:
-    """Return a reader of numbers from ``lower`` to ``upper``, beyond which a value can only be a mistake."""
-
-    def read(value: object) -> float:
-        if not lower <= (number := as_number(value)) <= upper:
-            raise ValueError(f"a number from {lower:g} to {upper:g} {unit} is expected")
-        return number
-
-    return read
-
-
-def _count_reader(upper: int) -> Callable[[object], int]:
-    """Return a reader of whole numbers from 1 to ``upper``."""
-
-    def read(value: object) -> int:
-        number = as_number(value)
-        if not (1 <= number <= upper and number == int(number)):
-            raise ValueError(f"a whole number from 1 to {upper} is expected")
-        return int(number)
-
-    return read
 
 
 def _read_seed(value: object) -> int:
@@ -75,10 +62,10 @@ def _read_folder(value: object, info: ValidationInfo) -> Path:
 
 Folder = Annotated[Path, BeforeValidator(_read_folder)]
 Share = Annotated[float, BeforeValidator(_read_margin)]
-Seconds = Annotated[float, BeforeValidator(_range_reader(0.1, 3600.0, "s"))]
-Rate = Annotated[float, BeforeValidator(_range_reader(1.0, 20_000.0, "Hz"))]
-Harmonics = Annotated[int, BeforeValidator(_count_reader(50))]
-Starts = Annotated[int, BeforeValidator(_count_reader(1000))]
+Seconds = Annotated[float, BeforeValidator(bounded_reader(0.1, 3600.0, " s"))]
+Rate = Annotated[float, BeforeValidator(bounded_reader(1.0, 20_000.0, " Hz"))]
+Harmonics = Annotated[int, BeforeValidator(whole_number_reader(50))]
+Starts = Annotated[int, BeforeValidator(whole_number_reader(1000))]
 Seed = Annotated[int, BeforeValidator(_read_seed)]
 
 

@@ -16,13 +16,13 @@ from dynident.identification.cross_validation import Gain, SmootherChoice, facto
 from dynident.identification.dataset import Dataset, RoleMotions
 from dynident.identification.recipe import Recipe
 from dynident.identification.terms import (
-    KINDS,
     JointExcitation,
     NotChosen,
     PlainTerms,
     TermChoice,
     choose_terms,
     kind_of_class,
+    library_kinds,
 )
 from dynident.identification.terms.candidates import TooFewSamplesError
 from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, trial_samples
@@ -31,7 +31,6 @@ from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.motion.log import Motion, thin_motions
 from dynident.regression import EVERYTHING, Regression, Selection, merge_factors
 from dynident.runtime import Note, Severity, brief, call_part, report_progress
-from dynident.runtime.families import TERMS
 
 ROUNDS = 2  # the bodies make up for friction that grows with the load while it is left out
 
@@ -316,7 +315,7 @@ def _eligible_names(model: Model) -> set[str]:
     """Return the names of the parameters of all terms that might be chosen."""
     # Sizes do not matter here: any excitation gives the names of the parameters.
     excitations = [JointExcitation(model.joints, joint, 1.0, 1.0, 1.0) for joint in model.joints]
-    terms = [kind.sizes(excitation)[0] for excitation in excitations for kind in KINDS]
+    terms = [kind.sizes(excitation)[0] for excitation in excitations for kind in library_kinds()]
     return {parameter.name for term in terms for parameter in term.parameters}
 
 
@@ -333,11 +332,8 @@ def choose_model_terms(
     ``choose_terms``.
     """
     bodies = drop_load_dependence(model if tilt is None else tilt_base(model, *tilt))
-    # classes of the library that say themselves in what sizes they are tried need no entry among the kinds
-    library = ((kind, TERMS.get(kind)) for kind in TERMS.table)
-    named = [(kind, term_class) for kind, term_class in library if hasattr(term_class, "proposed")]
-    named += [(term_class.__name__, term_class) for term_class in proposed]
-    kinds = (*KINDS, *(kind_of_class(name, term_class) for name, term_class in named))
+    named = ((term_class.__name__, term_class) for term_class in proposed)
+    kinds = (*library_kinds(), *(kind_of_class(name, term_class) for name, term_class in named))
     try:
         return choose_terms(bodies, tuple(map(bodies.remembering, motions)), selection, kinds=kinds)
     except TooFewSamplesError:

@@ -113,7 +113,8 @@ def bounded_reader(lower: float, upper: float, unit: str = "") -> Callable[[obje
     """Return a reader of numbers from ``lower`` to ``upper``, beyond which a value can only be a mistake."""
 
     def read(value: object) -> float:
-        if not lower <= (number := _read_number(value)) <= upper:
+        number = as_number(value) if unit else _read_number(value)
+        if not lower <= number <= upper:
             raise ValueError(f"a number from {lower:g} to {upper:g}{unit} is expected")
         return number
 
@@ -125,10 +126,8 @@ def whole_number_reader(upper: int) -> Callable[[object], int]:
 
     def read(value: object) -> int:
         """Read a whole number; ValueError where it is another, or out of range."""
-        number = _read_number(value)
-        if number != int(number) or number < 1:
-            raise ValueError("a whole number of at least 1 is expected")
-        if number > upper:
+        number = as_number(value)
+        if not (1 <= number <= upper and number == int(number)):
             raise ValueError(f"a whole number from 1 to {upper} is expected")
         return int(number)
 

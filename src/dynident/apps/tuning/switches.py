@@ -14,7 +14,7 @@ from dynident.apps.tuning.curve import degree_of
 from dynident.apps.tuning.tuning import MAX_DEGREE, MIN_DEGREE, Tuning, Window
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.identification import Identification
-from dynident.identification.terms import KINDS, JointExcitation
+from dynident.identification.terms import JointExcitation, library_kinds
 from dynident.identification.terms.candidates import combine_terms
 from dynident.identification.terms.samples import TermSamples, columns_of, select_samples
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
@@ -137,7 +137,7 @@ class Offers:
         ]
         basis, names = _basis(rows), set[str]()
         loaded = any(load.any() for load in self.loads)
-        for kind in KINDS:
+        for kind in library_kinds():
             if kind.name not in names and (loaded or not kind.needs_load):
                 names.add(kind.name)
                 sizes = kind.sizes(self._excitation(joint, j))
@@ -176,7 +176,7 @@ def kind_of(term: Term) -> str:
 
 def _names() -> dict[type, str]:
     joint = Joint("joint")
-    return {type(kind.sizes(JointExcitation((joint,), joint, 1.0, 1.0, 1.0))[0]): kind.name for kind in KINDS}
+    return {type(kind.sizes(JointExcitation((joint,), joint, 1.0, 1.0, 1.0))[0]): kind.name for kind in library_kinds()}
 
 
 _NAMES = _names()
@@ -245,7 +245,7 @@ class Switches:
 
 def _order_kinds(kinds: Sequence[str], own_kinds: Sequence[str]) -> list[str]:
     """Return kinds in one order, whatever the order of switching: the joint's own first."""
-    order = [*own_kinds, *(candidate.name for candidate in KINDS)]
+    order = [*own_kinds, *(candidate.name for candidate in library_kinds())]
     return sorted(set(kinds), key=lambda kind: order.index(kind) if kind in order else len(order))
 
 

@@ -1,7 +1,6 @@
 """The choice of the terms beside the bodies, joint by joint, by what they predict of motion that was not fitted."""
 
 from dynident.identification.terms.candidates import (
-    KINDS,
     CandidateKind,
     JointExcitation,
     NotChosen,
@@ -11,11 +10,11 @@ from dynident.identification.terms.candidates import (
     TermTrial,
     TrialOutcome,
     kind_of_class,
+    library_kinds,
 )
 from dynident.identification.terms.choose import choose_terms
 
 __all__ = [
-    "KINDS",
     "CandidateKind",
     "JointExcitation",
     "NotChosen",
@@ -26,4 +25,5 @@ __all__ = [
     "TrialOutcome",
     "choose_terms",
     "kind_of_class",
+    "library_kinds",
 ]

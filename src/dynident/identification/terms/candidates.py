@@ -29,6 +29,7 @@ from dynident.models.friction import (
     WideCoulomb,
 )
 from dynident.runtime import InputError, Note, Severity, brief
+from dynident.runtime.families import TERMS
 
 WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; others make up for coarser ones
 # likewise: beside the sign, over which friction still rises
@@ -145,6 +146,12 @@ KINDS = (
     CandidateKind("drift", partial(_sized_terms, Drift, "time", "duration", (0.3, 1.0, 3.0)), strict=True),
 )
 PLAIN_KINDS = ("offset", "rotor", "viscous", "coulomb")
+
+
+def library_kinds() -> tuple[CandidateKind, ...]:
+    """Return the kinds that are tried, and after these the terms of ``TERMS`` that say themselves how they are."""
+    terms = ((kind, TERMS.get(kind)) for kind in TERMS.table)
+    return (*KINDS, *(kind_of_class(kind, term) for kind, term in terms if hasattr(term, "proposed")))
 
 
 class TrialOutcome(Enum):

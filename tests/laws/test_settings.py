@@ -101,7 +101,7 @@ CAUSES = {
     "many terms": ("model", "terms", [1] * 1000, ("model.terms: at most 100 entries",)),
     "too many S": ("spline", "S", [1, 1], ("S has 2 entries, but the data have 1 column",)),
     "narrow": ("model", "coulomb_width", 5e-324, ("model.coulomb_width: a number from 1e-15",)),
-    "true": ("filter", "order", True, ("filter.order: a finite number is expected; got True",)),
+    "true": ("filter", "order", True, ("filter.order: a whole number from 1 to 12 is expected; got True",)),
     "nan": ("", "zero", {"slider": float("nan")}, ("zero.slider: a finite number is expected; got nan",)),
 }
 

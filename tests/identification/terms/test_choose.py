@@ -8,7 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.identification.terms import KINDS, TermChoice, TermTrial, TrialOutcome, choose_terms, kind_of_class
+from dynident.identification.terms import (
+    TermChoice,
+    TermTrial,
+    TrialOutcome,
+    choose_terms,
+    kind_of_class,
+    library_kinds,
+)
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.regression import Regression, Selection
@@ -105,7 +112,7 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
     assert trials["dahl"].gain > 2.0 * trials["dahl"].std > 0
     assert dict(trials["dahl"].settings)["length"] == pytest.approx(0.02, rel=0.5)
     assert trials["stribeck"].outcome in (TrialOutcome.TOO_SMALL, TrialOutcome.NEGATIVE, TrialOutcome.WITHIN_ERROR)
-    assert {one.kind for one in choice.trials_of("j2")} >= {kind.name for kind in KINDS} - {
+    assert {one.kind for one in choice.trials_of("j2")} >= {kind.name for kind in library_kinds()} - {
         "offset",
         "viscous",
         "rotor",
@@ -176,7 +183,7 @@ def test_a_class_that_proposes_itself_takes_part() -> None:
     def law(t: np.ndarray, q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray:
         return simulated.coulomb(t, q, dq, load) + 2.0 * dq**3
 
-    kinds = (*(kind for kind in KINDS if kind.presumed), kind_of_class("cubic", Cubic))
+    kinds = (*(kind for kind in library_kinds() if kind.presumed), kind_of_class("cubic", Cubic))
     choice = choose_terms(Model((bodies(),)), [recorded(law, 1)], kinds=kinds)
     found = [one for one in choice.trials if one.kind == "cubic"]
     assert len(found) == 3

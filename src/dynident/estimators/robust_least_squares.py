@@ -187,7 +187,7 @@ class RobustLeastSquares(LinearEstimator):
     >>> log = dy.Log(t, log.q, wrong, log.joints)
     >>> for estimator in (dy.LeastSquares(), dy.RobustLeastSquares("tukey")):
     ...     found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=estimator)
-    ...     print(", ".join(f"{one:.4f}" for one in found.estimate.value))
+    ...     print(", ".join(f"{value:.4f}" for value in found.estimate.value))
     0.0832, 0.2524
     0.0824, 0.2497
     """

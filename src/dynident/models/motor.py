@@ -155,7 +155,7 @@ class CoupledMotor(_MotorTerm):
     >>> import dynident as dy
     >>> wrist = tuple(map(dy.Joint, ("joint_5", "joint_6")))
     >>> motor = dy.CoupledMotor(wrist, {"joint_5": 1, "joint_6": 1}, name="m6", coulomb=False)
-    >>> [one.name for one in motor.parameters]
+    >>> [parameter.name for parameter in motor.parameters]
     ['Ia_m6', 'Fv_m6']
     """
 
@@ -239,7 +239,7 @@ class CoupledFriction(_MotorTerm):
     >>> wrist = tuple(map(dy.Joint, ("joint_5", "joint_6")))
     >>> both = {"joint_5": 1, "joint_6": 1}
     >>> more = dy.models.CoupledFriction(wrist, both, name="m6", law="power", settings={"exponent": 0.3})
-    >>> [one.name for one in more.parameters]
+    >>> [parameter.name for parameter in more.parameters]
     ['power_m6']
     """
 

@@ -142,7 +142,7 @@ class RigidBodies(Term):
     >>> leaf = dy.RigidBodies(text, source="door.urdf")
     >>> leaf
     <RigidBodies of 'door.urdf' (urdf): hinge; 10 parameters>
-    >>> {one.name: one.value for one in leaf.parameters[:2]}
+    >>> {parameter.name: parameter.value for parameter in leaf.parameters[:2]}
     {'leaf.mass': 20.0, 'leaf.mx': 8.0}
     """
 

@@ -77,7 +77,7 @@ def _parameter_meanings(model: Model) -> Iterator[tuple[str, str]]:
     """Yield the formula of each parameter: for bodies by the unknowns, else its part of the torque."""
     for term in model.terms:
         if isinstance(term, Lagrangian) or getattr(term, "expressions", None):
-            yield from ((one.name, formula(one.expression)) for one in term.parameters)
+            yield from ((parameter.name, formula(parameter.expression)) for parameter in term.parameters)
         else:
             for equation in term.equations:
                 words = equation_words(term, equation, "")

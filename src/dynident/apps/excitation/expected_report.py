@@ -350,7 +350,7 @@ def _expected_table(info: ExpectedAccuracy, prior_info: ExpectedAccuracy | None)
 def _open_blocks(design: Design) -> Iterator[PageBlock]:
     """Yield what stays open, with the motion that would show it."""
     rows = []
-    for note in (one for one in design.notes if isinstance(one, UnexcitedParameters)):
+    for note in (entry for entry in design.notes if isinstance(entry, UnexcitedParameters)):
         how = "" if len(note.joints) == 1 else " at the same time" if note.together else ", each by itself"
         rows += [(short_formula(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
     if rows:

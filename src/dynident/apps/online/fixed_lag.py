@@ -147,8 +147,8 @@ class FixedLag:
     >>> from dynident.apps.online import FixedLag, StreamSmoothing
     >>> stream = FixedLag(("hinge",), StreamSmoothing(0.01, np.array([0.02])), lag=0.2, window=50)
     >>> t = np.arange(200) * 0.01
-    >>> for one in stream.push(t, np.sin(t)[:, None], np.cos(t)[:, None]):
-    ...     print(one.motion)
+    >>> for block in stream.push(t, np.sin(t)[:, None], np.cos(t)[:, None]):
+    ...     print(block.motion)
     <Motion 'stream': 50 samples of hinge; 0 to 0.49 s, 100 Hz; 32 usable; natural cubic smoothing spline, fixed lag>
     <Motion 'stream': 50 samples of hinge; 0.5 to 0.99 s, 100 Hz; 50 usable; natural cubic smoothing spline, fixed lag>
     <Motion 'stream': 50 samples of hinge; 1 to 1.49 s, 100 Hz; 50 usable; natural cubic smoothing spline, fixed lag>

@@ -127,7 +127,7 @@ def find_payload(
     >>> text += hinge.format("shoulder", "base", "upper", 0) + hinge.format("elbow", "upper", "fore", 0.4) + "</robot>"
     >>> bodies = dy.RigidBodies(text)
     >>> arm, rng = dy.Model((bodies, dy.Viscous(bodies.joints))), np.random.default_rng(0)
-    >>> empty = np.array([*(one.value for one in bodies.parameters), 0.5, 0.3])
+    >>> empty = np.array([*(parameter.value for parameter in bodies.parameters), 0.5, 0.3])
     >>> full = empty.copy()
     >>> full[[10, 11, 16, 19]] += 1.0, 0.3, 0.09, 0.09  # a point at 0.3 m of the fore arm
     >>> t = np.arange(2000) * 0.005

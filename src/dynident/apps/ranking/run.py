@@ -100,8 +100,8 @@ def compare(
     ...         np.savetxt(file, recorded(w), delimiter=",", header="t,x,f", comments="")
     ...     _ = Path(folder, "robot.yaml").write_text(text)
     ...     found = dy.compare(Path(folder, "robot.yaml"), smoothers=["difference"], estimators=["least_squares"])
-    >>> for one in found.rows:
-    ...     print(one.combination.name, one.is_worse)
+    >>> for row in found.rows:
+    ...     print(row.combination.name, row.is_worse)
     spline (rule constraint) / least_squares False
     difference / least_squares True
     """

@@ -364,7 +364,7 @@ class Power(FrictionBySpeed):
 
     >>> import dynident as dy
     >>> friction = dy.models.friction.Power((dy.Joint("elbow"), dy.Joint("rail", "prismatic")), exponent=0.5)
-    >>> [(one.name, one.unit) for one in friction.parameters]
+    >>> [(parameter.name, parameter.unit) for parameter in friction.parameters]
     [('Fp_elbow', 'N m (s/rad)^0.5'), ('Fp_rail', 'N (s/m)^0.5')]
     """
 

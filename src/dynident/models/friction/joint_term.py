@@ -344,7 +344,7 @@ class Viscous(PerJoint):
 
     >>> import dynident as dy
     >>> friction = dy.Viscous((dy.Joint("shoulder"), dy.Joint("rail", "prismatic")))
-    >>> [(one.name, one.unit) for one in friction.parameters]
+    >>> [(parameter.name, parameter.unit) for parameter in friction.parameters]
     [('Fv_shoulder', 'N m s/rad'), ('Fv_rail', 'N s/m')]
     """
 

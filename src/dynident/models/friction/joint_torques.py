@@ -212,7 +212,7 @@ class Ripple(JointTerm):
 
     >>> import dynident as dy
     >>> ripple = dy.models.friction.Ripple((dy.Joint("shoulder"), dy.Joint("elbow")), on=("elbow",), cycles=(100, 200))
-    >>> [one.name for one in ripple.parameters]
+    >>> [parameter.name for parameter in ripple.parameters]
     ['ripple_elbow_sin100', 'ripple_elbow_cos100', 'ripple_elbow_sin200', 'ripple_elbow_cos200']
     """
 
@@ -308,7 +308,7 @@ class Spring(JointTerm):
     parameters from those of the bodies.
 
     >>> import dynident as dy
-    >>> [one.name for one in dy.models.friction.Spring((dy.Joint("shoulder"),)).parameters]
+    >>> [parameter.name for parameter in dy.models.friction.Spring((dy.Joint("shoulder"),)).parameters]
     ['spring_shoulder_sin1', 'spring_shoulder_cos1']
     """
 

@@ -109,7 +109,7 @@ class FourierSeries(Smoother):
             "harmonics": tuple(fit.harmonics.tolist()),
             "sigma": tuple((scatter(t, fit.residual, value) if periods >= MIN_PERIODS_TO_COMPARE else noise).tolist()),
             "noise": tuple(noise.tolist()),
-            "whiteness": tuple(_whiteness(one) for one in fit.residual.T),
+            "whiteness": tuple(_whiteness(column) for column in fit.residual.T),
         }
         for x in (q, dq, ddq):
             x.flags.writeable = False  # no copy is made then

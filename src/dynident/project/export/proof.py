@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 MIN_TORQUE_SHARE = 1e-6  # a joint's torque counts as no smaller than this share of the largest joint's
 FOREIGN = {"Pinocchio": ("pinocchio", "pin"), "MuJoCo": ("mujoco", "mujoco")}  # their modules and packages
 ALWAYS: tuple[Exporter, ...] = (Yaml(), Numpy())
-ROBOT: Mapping[str, Exporter] = {one.format: one for one in (Urdf(), Mjcf())}
+ROBOT: Mapping[str, Exporter] = {exporter.format: exporter for exporter in (Urdf(), Mjcf())}
 
 
 def spread(motions: tuple[Motion, ...], count: int = 500) -> States:
@@ -103,8 +103,8 @@ def exports(found: Identification) -> tuple[Export, ...]:
     estimate = found.estimate
     identified = IdentifiedModel(found.model, estimate.value, found.errors.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.validations))
-    made = [(one, export(identified, one, states)) for one in _usual(identified)]
-    return tuple(replace(file, errors=tuple(_errors(found, identified, one, file))) for one, file in made)
+    made = [(exporter, export(identified, exporter, states)) for exporter in _usual(identified)]
+    return tuple(replace(file, errors=tuple(_errors(found, identified, exporter, file))) for exporter, file in made)
 
 
 def _errors(
@@ -114,20 +114,20 @@ def _errors(
     if not file.ready or file.written is None:
         return
     for log in found.validations:
-        known = own = log.errors.relative_error
+        model_error = file_error = log.errors.relative_error
         if file.written.left_out:
             motion = log.motion
             parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
             states = [(motion.q[s], motion.dq[s], motion.ddq[s]) for s in parts]
-            torque = np.concatenate([exporter.torque(identified, one) for one in states])
-            own = relative_error(motion.tau[motion.mask], torque[motion.mask])
-        yield FileError(log.name, log.role, known, own)
+            torque = np.concatenate([exporter.torque(identified, block) for block in states])
+            file_error = relative_error(motion.tau[motion.mask], torque[motion.mask])
+        yield FileError(log.name, log.role, model_error, file_error)
 
 
 def export_files(model: Model) -> tuple[str, ...]:
     """Return the names of the files that ``exports`` gives for a model."""
     identified = IdentifiedModel(model, np.zeros(len(model.parameters)))
-    return tuple(one.file(identified) for one in _usual(identified))
+    return tuple(exporter.file(identified) for exporter in _usual(identified))
 
 
 def _usual(identified: IdentifiedModel) -> tuple[Exporter, ...]:

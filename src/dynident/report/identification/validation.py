@@ -282,7 +282,7 @@ def prediction_frame(logs: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame
 
 
 @dataclass(frozen=True)
-class TimeColumn:
+class StampColumn:
     """The ``name`` of a column of time stamps, and their ``unit`` in s."""
 
     name: str
@@ -314,7 +314,7 @@ class SmoothedTable:
 
 
 def smooth_columns(
-    table: Columns, time: TimeColumn, columns: Sequence[str], rule: Rule, sigma: float | None = None
+    table: Columns, time: StampColumn, columns: Sequence[str], rule: Rule, sigma: float | None = None
 ) -> SmoothedTable:
     """Smooth ``columns`` of a table, by default all but the ``time``; ``sigma`` in their unit, None: estimated.
 

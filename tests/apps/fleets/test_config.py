@@ -11,7 +11,6 @@ import polars as pl
 import pytest
 
 from dynident.apps.fleets.config import (
-    MAX_NAME_LENGTH,
     FleetLog,
     FleetSettings,
     RobotChanges,
@@ -38,7 +37,7 @@ def test_no_two_names_share_a_folder_and_none_leaves_it() -> None:
     assert len({one.casefold() for one in found.values()}) == len(NAMES)
     for one in found.values():
         assert set(one) <= SAFE
-        assert 0 < len(one) <= MAX_NAME_LENGTH
+        assert 0 < len(one) <= 80
         assert not one.startswith(".")
         assert not one.endswith(".")
 

@@ -25,11 +25,7 @@ from dynident.runtime import Use
 from dynident.validation import TorqueErrors
 
 NAMES = ("m1", "h1", "m2", "f")
-
-
 BASE = np.array([[1.0, 0.0, 0.4, 0.0], [0.0, 1.0, 0.1, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
-
 COVARIANCE = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.01]])
 
 
@@ -168,16 +164,12 @@ def test_a_lower_verdict_or_a_lost_proof_is_worse() -> None:
 
 
 HOSTILE = "<script>alert('x')</script>"
-
-
 FIRST_FULL = replace(
     FIRST,
     use=Use.CONTROL,
     logs=(log(2.0), log(1.0, "monday", "train", "y")),
     exports=(ExportRecord("arm.urdf", "urdf", "ab" * 32, True, 0.0, True),),
 )
-
-
 WORSE = replace(
     FIRST_FULL,
     name="two",

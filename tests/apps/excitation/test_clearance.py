@@ -21,8 +21,6 @@ from dynident.models.geometry import LipschitzDistances
 from tests.robots import ARM, joint, link, urdf
 
 SHARES = np.linspace(0, 1, 201)
-
-
 BODIES = (
     Floor(0.1),
     Box("box", (0.1, -0.1, 0.2), (0.4, 0.5, 0.3)),
@@ -161,11 +159,7 @@ def test_obstacles_have_names() -> None:
 
 
 AROUND = (Floor(-0.3), Box("table", (0.6, 0.0, 0.2), (0.4, 0.4, 0.4)), Cylinder("post", (-0.4, 0.3), 0.1))
-
-
 MIMIC = '<mimic joint="first" multiplier="-0.5" offset="0.2"/>'
-
-
 BRANCHED = urdf(
     *(link(name, 1.0) for name in ("base", "a", "b", "c", "d")),
     joint("first", "revolute", "base", "a", (0.0, 0.0, 0.3), axis=(0.0, 1.0, 0.0)),

@@ -24,8 +24,6 @@ pytest.importorskip("pinocchio", reason="Pinocchio is not installed: there are n
 
 
 AROUND = (Floor(-0.2), Box("table", (0.6, 0.0, 0.2), (0.4, 0.4, 0.4)), Cylinder("post", (-0.4, 0.3), 0.1))
-
-
 JOINTS = ("one", "revolute", "base", "arm"), ("two", "revolute", "arm", "hand", (0.3, 0.0, 0.0))
 
 
@@ -150,8 +148,6 @@ def test_without_pinocchio_there_is_none(monkeypatch) -> None:
 
 
 LIMIT = '<limit effort="10" velocity="2" lower="-2.8" upper="2.8"/>'
-
-
 CHAIN = dy.RigidBodies(
     urdf(
         *(link(name, 1.0) for name in ("base", "a", "b", "c", "d")),

@@ -118,8 +118,6 @@ def test_terms_that_remember_are_left_out_with_what_belongs_to_them():
 
 
 FREE = Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
-
-
 SHORT = Plan(1, (Stage(1.0, 8), Stage(0.1, 8)))
 
 

@@ -76,19 +76,11 @@ def test_too_little_time_and_no_room_are_said():
 
 
 WEIGHTS = np.array([1.0, 4.0])
-
-
 BODIES, VISCOUS, COULOMB, OFFSET = MODEL.terms
-
-
 SMOOTH = replace(AROUND, model=Model((BODIES, VISCOUS, OFFSET), name="smooth.urdf"), theta=np.delete(THETA, [22, 23]))
-
-
 ONE = replace(
     AROUND, model=Model((BODIES, VISCOUS, Coulomb(COULOMB.joints, on=("bend",)), OFFSET)), theta=np.delete(THETA, 22)
 )
-
-
 SLOW = min_fit_speeds(MODEL, LIMITS)
 
 

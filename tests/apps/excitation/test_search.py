@@ -142,8 +142,6 @@ def test_a_smaller_motion_keeps_what_the_larger_did_not():
 
 
 SHORT = (Stage(1.0, 10), Stage(0.1, 10, 0.5))
-
-
 ONE = interior(space=OPEN)
 
 

@@ -1,6 +1,6 @@
 """The last check: torque by another route, and refusal of what leaves a limit, jumps, or is not at rest."""
 
-import pickle
+import re
 import sys
 from dataclasses import dataclass, replace
 
@@ -89,7 +89,7 @@ def way(duration=2.0, start=LOW, end=HIGH):
 def refused(courses, limits=LIMITS, **kwargs):
     with pytest.raises(LimitError) as caught:
         verify(trajectory(*courses), Feasibility(MODEL, THETA, limits, **kwargs))
-    return caught.value
+    return str(caught.value)
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
@@ -117,14 +117,14 @@ def test_a_limit_that_is_left_between_samples_is_named_with_joint_time_and_value
     else:
         old = getattr(LIMITS, names[place])
         limits = replace(LIMITS, **{names[place]: old * np.array([share * (1 - 2e-6), 1.0])})
-    error = refused([way()], limits)
-    assert (error.quantity, error.joint) == (quantity, "lift")
-    assert 0 <= error.time <= 2.0
-    assert abs(error.value) > abs(error.limit) * 0.999999
-    text = str(error)
-    assert f"joint 'lift' at {error.time:.4f} s: {quantity} is {error.value:.6g}, beyond its limit" in text
-    again = pickle.loads(pickle.dumps(error))
-    assert (str(again), again.limit) == (text, error.limit)
+    words = re.fullmatch(
+        r"joint 'lift' at (.*) s: (.*) is (.*), beyond its limit (.*); the trajectory is refused\.",
+        refused([way()], limits),
+    )
+    time, value, limit = (float(words[k]) for k in (1, 3, 4))
+    assert words[2] == quantity
+    assert 0 <= time <= 2.0
+    assert abs(value) >= abs(limit)
 
 
 def test_what_is_used_of_the_limits_is_what_fine_samples_say():
@@ -140,15 +140,11 @@ def test_what_is_used_of_the_limits_is_what_fine_samples_say():
 
 
 def test_jumps_between_pieces_and_motion_at_the_ends_are_refused():
-    error = refused([way(), way(start=HIGH + 0.01, end=LOW)])
-    assert (error.quantity, error.time) == ("position", 2.0)
-    assert "position jumps by 0.01" in str(error)
+    assert "at 2.0000 s: position jumps by 0.01;" in refused([way(), way(start=HIGH + 0.01, end=LOW)])
     moving = Quintic(2.0, rest_state(LOW), np.array([[0.6, 0.1], [0.5, 0.0], [0.0, 0.0]]))
-    error = refused([moving, way(start=HIGH, end=LOW)])
-    assert (error.quantity, error.joint, error.time) == ("velocity", "lift", 2.0)
-    error = refused([moving])
-    assert "velocity is 0.5 where the trajectory should be at rest" in str(error)
-    assert refused([Quintic(2.0, moving.end * [[1], [1], [0]], rest_state(HIGH))]).time == 0.0
+    assert "joint 'lift' at 2.0000 s: velocity jumps" in refused([moving, way(start=HIGH, end=LOW)])
+    assert "at 2.0000 s: velocity is 0.5 where the trajectory should be at rest" in refused([moving])
+    assert "at 0.0000 s: " in refused([Quintic(2.0, moving.end * [[1], [1], [0]], rest_state(HIGH))])
 
 
 @dataclass(frozen=True)
@@ -169,22 +165,18 @@ class Faulty:
     ("order", "by", "quantity"), [(0, 0.01, "position"), (1, 0.01, "position"), (2, 0.3, "velocity")]
 )
 def test_derivatives_that_do_not_belong_together_are_refused(order, by, quantity):
-    error = refused([Faulty(order, by)])
-    assert error.quantity == quantity
-    assert 0.69 < error.time < 1.11
-    assert "jumps" in str(error)
+    time = re.search(rf"at (.*) s: {quantity} jumps", refused([Faulty(order, by)]))[1]
+    assert 0.69 < float(time) < 1.11
 
 
 def test_numbers_that_are_none_are_refused():
     for order in range(4):
-        assert "nan" in str(refused([Faulty(order, np.nan)]))
+        assert "nan" in refused([Faulty(order, np.nan)])
 
 
 def test_something_too_near_is_named():
-    error = refused([way(start=np.array([-0.6, 0.0]), end=np.array([0.6, 0.0]))], space=Post(), clearance=0.02)
-    assert error.quantity == "distance"
-    assert error.joint == "lower and post"
-    assert "'lower' and 'post' are -50.00 mm apart at 1.0000 s, nearer than the clearance of 20 mm" in str(error)
+    said = refused([way(start=np.array([-0.6, 0.0]), end=np.array([0.6, 0.0]))], space=Post(), clearance=0.02)
+    assert "'lower' and 'post' are -50.00 mm apart at 1.0000 s, nearer than the clearance of 20 mm" in said
     stands = trajectory(Hold(1.0, np.array([-0.6, 0.0])))
     found = verify(stands, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02), shapes=Post(radius=0.05))
     assert found.nearest_shapes.distance == pytest.approx(found.nearest.distance + 0.05)

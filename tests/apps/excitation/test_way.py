@@ -26,11 +26,7 @@ from dynident.apps.excitation.way import (
 from tests.apps.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post, scaled, smooth_and_at_rest
 
 seeds = st.integers(0, 2**32 - 1)
-
-
 SIZES = {"velocity": 2.0, "acceleration": 8.0, "jerk": 160.0, "torque": np.inf}
-
-
 BOX = MotionLimits(
     ("a", "b"), np.full(2, -2.0), np.full(2, 1.5), **{k: np.full(2, v) for k, v in SIZES.items()}, by_rule={}, beyond={}
 )

@@ -36,8 +36,6 @@ def both(log: int, value: np.ndarray) -> None:
 
 
 FAULTS = {1: rubs, 3: carries, 5: slips, 7: wears, 8: both}
-
-
 FOUND = {(1, FRICTION_A), (3, PAYLOAD), (5, OFFSET_B), (7, RIPPLE), (8, FRICTION_A), (8, PAYLOAD)}
 
 

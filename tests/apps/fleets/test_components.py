@@ -20,8 +20,6 @@ from dynident.runtime import InputError
 from tests.apps.fleets.simulated import FRICTION_A, GROUPS, PAYLOAD, SCATTER, SIZE, B, E, fleet, group
 
 BLOCKS = tuple(np.array(block) for block in ((0, 1), (2,)))
-
-
 TRUE = np.array([[1.0, 0.8, 0.0], [0.8, 2.0, 0.0], [0.0, 0.0, 0.25]])
 
 
@@ -183,8 +181,6 @@ def test_what_a_log_says_of_the_robot_is_less_than_of_the_day() -> None:
 
 
 STEP, DRIFT = np.repeat([0.0, 1.0], [3, 5]), np.linspace(0.0, 1.0, 8)
-
-
 PARTS = VarianceComponents(tuple(np.arange(B)[:, None]), np.diag((0.03 * SIZE) ** 2), 1.7)
 
 

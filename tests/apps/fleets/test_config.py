@@ -23,11 +23,7 @@ from dynident.apps.fleets.config import (
 from dynident.runtime import ConfigError, InputError
 
 ODD = ["con", "NUL.txt", "ö" * 100, "x" * 300, "x" * 299, "a\0b", "\ud800", "a.", " "]
-
-
 NAMES = ["arm", "ARM", "..", ".", "a/b", "a\\b", "a=2Fb", *ODD]
-
-
 SAFE = set(string.ascii_letters + string.digits + "._-=")
 
 

@@ -28,8 +28,6 @@ from tests.apps.fleets.made import FLEET, RECIPE, write_log
 from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, SIZE, fleet
 
 JOINTS = Joint("a"), Joint("b"), Joint("rail", "prismatic")
-
-
 SAMPLES, DAILY = 1000.0, 0.06  # of a log; how much residuals differ from log to log
 
 

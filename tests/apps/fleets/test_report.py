@@ -34,8 +34,6 @@ from tests.report.fleets import MEAN, NONE, PAYLOAD, RESIDUAL, SIZE, STD, change
 from tests.report.test_page import Outline
 
 START = datetime(2026, 1, 5)
-
-
 MARKS = (Mark(3.0, "step", (2.0, 3.0)),)
 
 

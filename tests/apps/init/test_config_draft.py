@@ -24,11 +24,7 @@ from dynident.project.shortcuts import read_robot
 from tests.robots import joint, link, urdf
 
 LIMIT = '<limit effort="30" velocity="5" lower="-2" upper="2"/>'
-
-
 TENSOR = np.diag([0.02, 0.02, 0.01])
-
-
 ARM = urdf(
     link("base", 1.0),
     link("upper", 2.0, (0.1, 0.0, 0.2), tensor=TENSOR),
@@ -40,14 +36,8 @@ ARM = urdf(
     joint("finger", "prismatic", "fore", "left", inside='<limit effort="9" velocity="1" lower="0.01" upper="0.04"/>'),
     joint("other_finger", "prismatic", "fore", "right", inside='<mimic joint="finger"/>'),
 )
-
-
 N = 800
-
-
 T = np.arange(N) * 0.005
-
-
 SOUND = {
     "time": T,
     "elbow.position": np.sin(3 * T),
@@ -357,11 +347,7 @@ def test_a_finger_that_does_not_move_is_locked_where_it_stands(tmp_path):
 
 
 CURRENT_TENSOR = np.diag([0.05, 0.05, 0.02])
-
-
 CURRENT_LIMIT = '<limit effort="60" velocity="5" lower="-3" upper="3"/>'
-
-
 GAINS = np.array([9.0, -5.0])
 
 

@@ -74,8 +74,6 @@ def test_motions_are_cut_and_joined_with_their_memory() -> None:
 
 
 Array = NDArray[np.float64]
-
-
 STEP, WIDTH, NAMES = 0.004, (0.01, 0.016), ("one", "two")
 
 

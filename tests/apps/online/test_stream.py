@@ -23,8 +23,6 @@ position: {{ one: {{ column: a, unit: deg }}, two: {{ column: b, unit: rad }} }}
 torque: {{ one: {{ column: m.0, unit: N m, gain: 2.0 }}, two: {{ sum: {{ m.1: 1.0, m.0: -1.0 }}, unit: N m }} }}
 train: [ {{ file: {file} }} ]
 """
-
-
 JOINTS = (Joint("one"), Joint("two"))
 
 
@@ -36,8 +34,6 @@ def reader(tmp_path: Path, file: str = "log.csv", **changes: str) -> SampleReade
 
 
 HEAD = "t,a,b,m.0,m.1,more"
-
-
 ROWS = ["0,180,1.0,1.5,2.0,x", "10,90,1.5,1.0,2.5,"]
 
 

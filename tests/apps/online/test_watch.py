@@ -47,14 +47,10 @@ from dynident.runtime import ConfigError, InputError, Severity
 from tests.project.watched import CHANGE, SETTINGS, result, rows
 
 FRICTION, PAYLOAD, RESIDUAL = GroupKind.FRICTION, GroupKind.PAYLOAD, GroupKind.RESIDUAL
-
-
 CHANGED = Changed(
     60.0, PAYLOAD, "wrist", 30.0, (29.0, 31.0), ("m", "mx", "my"), ("kg", "kg m", "kg m"),
     (0.5, 0.001, 0.3), (0.01, 0.01, np.inf), (0.7, 0.001, 0.3), 50.0,
 )  # fmt: skip
-
-
 SAID: list[tuple[Event, str]] = [
     (BaselineKnown(600.0, 0.0, (1.0, 0.5), (0.4, 0.4)),
      "elbow 1.0, wrist 0.50; more than twice that of the identification at elbow."),
@@ -152,8 +148,6 @@ def test_a_state_of_another_version_is_said(tmp_path: Path) -> None:
 
 
 Array = NDArray[np.float64]
-
-
 HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
 
 

@@ -86,11 +86,7 @@ def test_results_that_do_not_know_their_covariance_are_refused() -> None:
 
 
 TRUTH = physical_components(CARRIED)
-
-
 KNOWN = PayloadRequest(gain_error=0.0)
-
-
 GAIN = 1.05
 
 

@@ -105,8 +105,6 @@ def test_an_empty_row_has_all_columns() -> None:
 
 
 TIMES = ("seconds",)
-
-
 FEW: dict[str, Any] = {"smoothers": [dy.Difference("central")], "estimators": ["least_squares", Halved()], "folds": 2}
 
 

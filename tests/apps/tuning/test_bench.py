@@ -107,8 +107,6 @@ def test_folds_together_are_all_samples() -> None:
 
 
 Change = Callable[[Tuning], Tuning]
-
-
 CHANGES: dict[str, Change] = {
     "nothing": lambda one: one,
     "one joint": lambda one: one.with_degree(1.0, 1),

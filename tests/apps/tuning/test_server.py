@@ -64,8 +64,6 @@ pytest.importorskip("flask")
 
 
 HOST = "127.0.0.1:8050"
-
-
 OWN = {"REQUEST_METHOD": "GET", "HTTP_HOST": HOST, "PATH_INFO": "/secret/alive"}
 
 

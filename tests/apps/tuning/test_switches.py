@@ -14,11 +14,7 @@ from dynident.runtime import ModelError
 from tests.apps.tuning.arms import BODIES, JOINTS, MODEL, THETA, recording
 
 MOTOR = CoupledMotor(BODIES.joints, {"shoulder": 1.0, "twist": -1.0}, name="m")
-
-
 GIVEN = Model((BODIES, Viscous(BODIES.joints, names=("a", "b", "c")), Coulomb(BODIES.joints, width=0.02), MOTOR))
-
-
 OFFERED: tuple[dict[str, tuple[Term, ...]], ...] = (
     {},
     {"stribeck": (Stribeck(BODIES.joints, on=("rail",), velocity=0.1),)},

@@ -86,19 +86,15 @@ def test_a_file_without_limits_or_with_limits_that_contradict(kind, inside, name
 
 
 @pytest.mark.parametrize(
-    ("given", "margin", "named"),
+    ("given", "named"),
     [
-        ({"henge": JointLimits()}, 0.1, "did you mean 'hinge'"),
-        ({"hinge": JointLimits(lower=4.0)}, 0.1, r"lower 4 \(given\) and upper 3 \(file\)"),
-        ({"hinge": JointLimits(velocity=-1.0)}, 0.1, "velocity is -1"),
-        ({"hinge": JointLimits(jerk=np.nan)}, 0.1, "jerk is nan"),
-        ({}, 1.0, "margin is 1"),
-        ({}, -0.1, "margin is -0.1"),
+        ({"henge": JointLimits()}, "did you mean 'hinge'"),
+        ({"hinge": JointLimits(lower=4.0)}, r"lower 4 \(given\) and upper 3 \(file\)"),
     ],
 )
-def test_what_a_user_gives_wrong_is_named(given, margin, named):
+def test_what_a_user_gives_wrong_is_named(given, named):
     with pytest.raises(ConfigError, match=named):
-        motion_limits(arm(), given, margin)
+        motion_limits(arm(), given)
 
 
 def test_a_format_without_velocity_limits_asks_for_them():

@@ -9,7 +9,6 @@ from dynident.apps.excitation import Piece, Purpose, Trajectory, slow_down
 from dynident.apps.excitation.family import Fourier
 from dynident.apps.excitation.trajectory import closest_approach
 from dynident.apps.excitation.way import Quintic, rest_state
-from dynident.runtime import ConfigError
 
 
 @dataclass(frozen=True)
@@ -62,11 +61,6 @@ def test_times_of_any_order_have_their_states():
     assert TWO.states(np.empty(0)).shape == (4, 0, 2)
 
 
-def test_a_trajectory_of_nothing_is_refused():
-    with pytest.raises(ConfigError, match="no pieces"):
-        Trajectory(("a",), ())
-
-
 def test_the_path_is_the_same_and_its_derivatives_are_smaller() -> None:
     series = Fourier(2.0, 3)
     x = np.random.default_rng(0).standard_normal((2, series.size))
@@ -80,11 +74,6 @@ def test_the_path_is_the_same_and_its_derivatives_are_smaller() -> None:
     h = 1e-4
     ends = slow.states(np.array([3.0 - h, 3.0, 3.0 + h]))
     assert (ends[0, 2] - ends[0, 0]) / (2 * h) == pytest.approx(ends[1, 1], rel=1e-5)
-
-
-def test_a_motion_is_not_made_faster() -> None:
-    with pytest.raises(ConfigError, match="at least 1"):
-        slow_down(Trajectory(("a",), (Piece(Fourier(1.0, 1).course(np.ones((1, 3))), Purpose.MOTION),)), 0.5)
 
 
 TRAJECTORY = Trajectory(

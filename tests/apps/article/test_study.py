@@ -45,35 +45,14 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "study.parquet"
 
 
-def known(path: Path) -> list[int]:
-    with study_table(path) as table:
-        return sorted(run for run in range(10) if key(run) in table)
-
-
-def test_a_table_comes_back(path: Path) -> None:
-    with study_table(path) as table:
-        table.add([row(run) for run in range(3)])
-    assert repr(pl.read_parquet(path).to_dicts()) == repr([row(run) for run in range(3)])
-    assert [one.name for one in path.parent.iterdir()] == [path.name]
-    assert known(path) == [0, 1, 2]
-
-
 def test_what_gave_nothing_is_tried_again(path: Path) -> None:
     outcomes = list(FitOutcome)
     with study_table(path) as table:
         table.add([row(run, outcome) for run, outcome in enumerate(outcomes)])
-    found = {outcomes[run] for run in known(path)}
-    assert found == {FitOutcome.OK, FitOutcome.NOTED, FitOutcome.UNSETTLED}
-    assert len(pl.read_parquet(path)) == len(outcomes)
-
-
-def test_with_rerun_nothing_is_known(path: Path) -> None:
     with study_table(path) as table:
-        table.add([row(0), row(1)])
-    with study_table(path, rerun=True) as table:
-        assert len(table) == 0
-        table.add([row(1) | {"value": [7.0]}])
-    assert dict(pl.read_parquet(path)["run", "value"].iter_rows()) == {0: [0.0, -3.0], 1: [7.0]}
+        known = {outcome for run, outcome in enumerate(outcomes) if key(run) in table}
+    assert known == {FitOutcome.OK, FitOutcome.NOTED, FitOutcome.UNSETTLED}
+    assert len(pl.read_parquet(path)) == len(outcomes)
 
 
 ROOT = Path(__file__).parents[3]

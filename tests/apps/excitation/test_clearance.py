@@ -10,7 +10,6 @@ from dynident.apps.excitation import CapsuleSpace
 from dynident.apps.excitation.clearance import (
     body_distance,
     distance_rate_bounds,
-    obstacle_name,
     reach_bounds,
     segment_distance,
     signed_distance,
@@ -147,15 +146,6 @@ def test_the_floor_is_a_height() -> None:
     found, normal = signed_distance(Floor(0.2))(np.array([[3.0, 1.0, 0.5]]))
     assert found == pytest.approx([0.3])
     assert normal.tolist() == [[0, 0, 1]]
-
-
-def test_what_is_no_obstacle_has_no_distance() -> None:
-    with pytest.raises(TypeError, match="str is no obstacle"):
-        signed_distance("wall")
-
-
-def test_obstacles_have_names() -> None:
-    assert [obstacle_name(one) for one in (Floor(), Cylinder("post", (0, 0), 1))] == ["floor", "post"]
 
 
 AROUND = (Floor(-0.3), Box("table", (0.6, 0.0, 0.2), (0.4, 0.4, 0.4)), Cylinder("post", (-0.4, 0.3), 0.1))

@@ -8,7 +8,6 @@ from dynident.apps.fleets import ChangeShape, History, find_changes, pool_robots
 from dynident.apps.fleets.changes import course, design
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.result import baseline
-from dynident.runtime import InputError
 from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, RIPPLE, SIZE, B, E, fleet, robot
 
 CARRIED = np.array([0.02, 0.0, 0.05])

@@ -31,7 +31,7 @@ from tests.apps.payload.arms import CARRIED, SIX, recorded, result
 
 @cache
 def weighed() -> Payload:
-    return find_payload(result(), {"weighed": recorded("weighed", CARRIED)}, request=PayloadRequest(known_mass=3.0))
+    return find_payload(result(), {"loaded": recorded("loaded", CARRIED)}, request=PayloadRequest(known_mass=3.0))
 
 
 def written(folder: Path, **changes: Any) -> Path:
@@ -114,33 +114,28 @@ def test_a_result_stands_alone() -> None:
         read_loaded(result(), ["a.json", "b.csv"])
 
 
-@cache
-def found() -> Payload:
-    return find_payload(result(), {"loaded": recorded("loaded", CARRIED)}, request=PayloadRequest(known_mass=3.0))
-
-
 def test_the_tables_hold_the_payload() -> None:
-    assert payload_words(found()).startswith("arm_tool0 carries 3 ± ")
-    assert [row[0] for row in payload_table(found()).rows][:2] == ["mass", "centre of mass, x"]
-    assert [row[0] for table in gains_table(found()) for row in table.rows] == ["j1", "j2", "j3", "j4", "j5", "j6"]
-    assert [row[0] for table in torque_table(found()) for row in table.rows] == ["loaded"]
-    assert "gains" in [row[0] for row in shares_table(found()).rows]
-    removed = replace(found(), request=replace(found().request, removed=True, known_mass=None))
+    assert payload_words(weighed()).startswith("arm_tool0 carries 3 ± ")
+    assert [row[0] for row in payload_table(weighed()).rows][:2] == ["mass", "centre of mass, x"]
+    assert [row[0] for table in gains_table(weighed()) for row in table.rows] == ["j1", "j2", "j3", "j4", "j5", "j6"]
+    assert [row[0] for table in torque_table(weighed()) for row in table.rows] == ["loaded"]
+    assert "gains" in [row[0] for row in shares_table(weighed()).rows]
+    removed = replace(weighed(), request=replace(weighed().request, removed=True, known_mass=None))
     assert "carried" in payload_words(removed)
     assert list(gains_table(removed)) == []
 
 
 def test_the_page_holds_all_of_it_and_escapes_names() -> None:
-    evil = replace(found(), mount=replace(found().mount, frame="</script><b>"), notes=(notes.NoPayload(0.1, 0.2),))
+    evil = replace(weighed(), mount=replace(weighed().mount, frame="</script><b>"), notes=(notes.NoPayload(0.1, 0.2),))
     page = payload_page(evil, result())
     assert "</script><b>" not in page
     assert "no payload is seen: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg." in page
     assert "Gains of the drives" in page
-    assert payload_page(replace(found(), logs=()), result()).count("Two results are compared") == 1
+    assert payload_page(replace(weighed(), logs=()), result()).count("Two results are compared") == 1
 
 
 def test_of_no_payload_the_mass_alone_is_shown() -> None:
-    none = replace(found(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
+    none = replace(weighed(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
     assert payload_words(none) == "No payload is seen on arm_tool0: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg."
     assert [row[0] for row in payload_table(none).rows] == ["mass"]
     assert {len(row) for row in shares_table(none).rows} == {2}

@@ -98,8 +98,8 @@ class Sure:
 def test_intervals_cover_or_do_not() -> None:
     table = run_study([Still()], [Sure(), Mean()], LEVELS, 4)
     sure, mean = (statistics(table.filter(method=name), 2) for name in ("sure", "mean"))
-    assert sure.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
-    assert mean.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
+    assert sure.covered_share(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
+    assert mean.covered_share(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
     assert (sure.unsettled, mean.unsettled) == (8, 0)
     assert set(table.filter(method="sure")["reason"]) == {"NotConverged"}
 

@@ -40,7 +40,7 @@ BOX = {"name": "table", "centre": [0, 0, 0], "size": [1, 1, 1]}
         ({"file_rate": "fast"}, "file_rate: a number from 1 to 20000 Hz"),
         ({"program": "dance"}, "program: 'dance' is not a choice"),
         ({"parameters": ["m"]}, "`parameters`, those that matter, go with `criterion: a`"),
-        ({"margin": 0.95}, "margin: a share from 0 to 0.9"),
+        ({"margin": 0.95}, "margin: a number from 0 to 0.9"),
         ({"seed": -1}, "seed: a whole number of at least 0"),
         ({"noise": {"j": 0}}, "noise: a number greater than 0"),
         ({"limits": {"j": {"lower": 1, "upper": -1}}}, "limits.j: `lower` must be below `upper`, but 1 >= -1"),

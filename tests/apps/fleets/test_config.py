@@ -63,7 +63,7 @@ def read(folder: Path, text: str) -> FleetSettings:
         (f"recipe: r.yaml\n{LOGS}table: t.csv\n", "either `logs`.*or `table`"),
         (f"recipe: r.yaml\n{LOGS}tabel: t.csv\n", "unknown key 'tabel'; did you mean 'table'"),
         (f"recipe: [1]\n{LOGS}", "recipe: a file name is expected"),
-        (f"recipe: r.yaml\n{LOGS}false_alarms: 2\n", "false_alarms: a share from 0.0001 to 0.5"),
+        (f"recipe: r.yaml\n{LOGS}false_alarms: 2\n", "false_alarms: a number from 0.0001 to 0.5"),
         (f"recipe: r.yaml\n{LOGS}robots: {{ a: {{ torqe: {{}} }} }}\n", "robots.a: unknown key 'torqe'; did you mean"),
         (f"recipe: r.yaml\n{LOGS}robots: {{ a: {{ model: {{ terms: auto }} }} }}\n", "robots.a: .*those of the recipe"),
         (f"recipe: r.yaml\n{LOGS}window: [3, 1]\n", "window"),

@@ -300,7 +300,7 @@ class Statistics:
     interval: Array
     unsettled: int = 0
 
-    def coverage(self, true: Array) -> Array:
+    def covered_share(self, true: Array) -> Array:
         """Return the share (p) of the intervals that contain the true values (p); nan where there are none."""
         inside = (self.interval[:, :, 0] <= true) & (true <= self.interval[:, :, 1])
         return np.asarray(inside.mean(axis=0) if len(inside) else np.full(self.interval.shape[1], np.nan))

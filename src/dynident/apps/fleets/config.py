@@ -30,7 +30,7 @@ from dynident.files.results import read_table, table_kind
 from dynident.files.text import call_polars
 from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_text
-from dynident.project.fields import CountOrEach, Name, Number, Section, TimeOffsetValue, Windows, as_number
+from dynident.project.fields import CountOrEach, Name, Number, Section, TimeOffsetValue, Windows, bounded_reader
 from dynident.project.python_file import error_text
 from dynident.project.result_format import section_schema
 from dynident.runtime import ConfigError, InputError, choices, join_names
@@ -46,7 +46,6 @@ PARTS = f"{TABLE}.parts"
 # readable names of folders on any system: no device of Windows, no point at either end
 PLAIN_NAME = re.compile(r"(?!(?i:con|prn|aux|nul|com\d|lpt\d)(\.|$))[\w-]([\w.-]{0,78}[\w-])?", re.ASCII)
 PlainSettings = Mapping[str, Any]
-MIN_FALSE_ALARMS, MAX_FALSE_ALARMS = 1e-4, 0.5  # of false alarms: a smaller rate needs too many draws
 
 FIELD = re.compile(r"\{([^{}]*)\}")
 WILDCARDS = re.compile(r"(\*\*/?|\*|\?|\{[^{}]*\})")
@@ -61,8 +60,8 @@ DATE_FORMAT_HINT = "give `date_format`, such as %d.%m.%Y, if they are written in
 def folder_names(names: Iterable[str]) -> dict[str, str]:
     """Return a folder for each name, by name: readable, the same in every run, and never one for two names.
 
-    A name of letters, digits, points and hyphens is its own folder. In others, in those that are too long, and those
-    that are alike on a system that ignores case, what is odd is an underscore, and a digest follows.
+    A name of letters, digits, points, hyphens and underscores is its own folder. In others, in those that are too
+    long, and those that are alike on a system that ignores case, what is odd is an underscore, and a digest follows.
 
     >>> folder_names(["arm-1", "../etc"])
     {'arm-1': 'arm-1', '../etc': '_etc=f7f9121fdb53'}
@@ -94,22 +93,8 @@ def _read_file_name(value: object, info: ValidationInfo) -> Path:
     return Path((info.context or {}).get("folder", "."), str(value))
 
 
-def _read_text(value: object) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise ValueError("a text is expected")
-    return value
-
-
-def _read_rate(value: object) -> float:
-    number = as_number(value)
-    if not MIN_FALSE_ALARMS <= number <= MAX_FALSE_ALARMS:
-        raise ValueError(f"a share from {MIN_FALSE_ALARMS} to {MAX_FALSE_ALARMS} is expected, such as 0.01 for 1 %")
-    return number
-
-
-Share = Annotated[float, BeforeValidator(_read_rate)]
+Share = Annotated[float, BeforeValidator(bounded_reader(1e-4, 0.5))]  # a smaller rate needs too many draws
 FileName = Annotated[Path, BeforeValidator(_read_file_name)]
-Text = Annotated[str, BeforeValidator(_read_text)]
 
 
 class RobotChanges(Section):
@@ -152,9 +137,9 @@ class FleetSettings(Section):
     """
 
     recipe: FileName
-    logs: Text | None = None
-    table: Text | None = None
-    date_format: Text | None = None
+    logs: Name | None = None
+    table: Name | None = None
+    date_format: Name | None = None
     window: Windows = ()
     width: CountOrEach = None
     type: Name = "robot"

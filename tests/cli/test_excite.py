@@ -78,7 +78,7 @@ def test_a_trial_that_would_need_more_torque_is_left_out(
     designed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def carried(*_: object) -> None:
-        raise LimitError("torque", "bend", 1.0, 20.0, 15.0, "beyond its limit")
+        raise LimitError("beyond its limit")
 
     monkeypatch.setattr("dynident.apps.excitation.run.verify", carried)
     (tmp_path / "trial.csv").write_text("of another motion")

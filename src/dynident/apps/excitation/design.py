@@ -228,7 +228,7 @@ def design(
     start in collision, where no motion is found, and where a motion fails the last check.
     """
     model, theta, request, memory_notes = without_memory(model, np.asarray(theta, dtype=float), request)
-    check_request(model, theta, limits, space, request)
+    check_request(limits, space, request)
     report_progress("finding base parameters")
     basis = structural_base_parameters(model)
     feasible = Feasibility(model, theta, limits, space, request.clearance)

@@ -145,7 +145,8 @@ def read_excitation(
         robots = ", ".join(SUFFIXES)
         raise InputError(f"{path}: give a robot file ({robots}), a configuration (.yaml) or a result.json.")
     identification = load(path, allow_code=allow_code) if kind == ".json" else None
-    config = identification.provenance.configuration if identification else _config_source(path, kind)
+    config = SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
+    config = identification.provenance.configuration if identification else config
     motion_settings = _motion_settings(config, settings, changes)
     robot = _robot_settings_of(path, identification, config)
     remember_inputs(path)
@@ -160,7 +161,8 @@ def read_excitation(
         prior = nominal_knowledge(load_model(replace_auto_terms(robot), path.parent if config else "."))
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
-    limits = motion_limits(prior.model, _joint_limits(motion_settings), motion_settings.margin)
+    user_limits = {name: JointLimits(**limit.model_dump()) for name, limit in motion_settings.limits.items()}
+    limits = motion_limits(prior.model, user_limits, motion_settings.margin)
     origin, sigma = torque_noise(prior, motion_settings.noise, limits, motion_settings.margin, motion_settings.rate)
     request = MotionRequest(
         sigma,
@@ -191,10 +193,6 @@ def _model_file(path: Path, kind: str, identification: Identification | None, co
     model = load_yaml(config.text, config.path)["model"]
     file_name = model.get("file") if isinstance(model, Mapping) else model
     return path.parent / file_name if isinstance(file_name, str) and ":" not in file_name else None
-
-
-def _config_source(path: Path, kind: str) -> SourceFile | None:
-    return SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
 
 
 def _robot_settings_of(path: Path, identification: Identification | None, config: SourceFile | None) -> Robot | None:
@@ -263,10 +261,6 @@ def _motion_settings(
     ):
         return motion_settings.model_copy(update={"period": MAX_PERIOD_SHARE * motion_settings.duration})
     return motion_settings
-
-
-def _joint_limits(settings: ExcitationSettings) -> dict[str, JointLimits]:
-    return {name: JointLimits(**limit.model_dump()) for name, limit in settings.limits.items()}
 
 
 def _start_pose(settings: ExcitationSettings, joints: tuple[str, ...]) -> Array | None:

@@ -18,7 +18,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from dynident.apps.article import FitOutcome, run_study, statistics
-from dynident.apps.article.study import KEY, generator
+from dynident.apps.article.study import KEY, generator, study_table
 from dynident.estimators import DataRank, Estimate, Residual
 from dynident.estimators.notes import NotConverged, RankDeficient
 from dynident.models.simulation import Recording
@@ -28,6 +28,32 @@ from dynident.runtime.jobs import cluster as software
 from dynident.runtime.jobs.cluster import code_version
 from dynident.runtime.kernel import Kernel
 from tests.apps.article.work import HANGS, LEVELS, SEEN, TROUBLES, Mean, Still, without_seconds
+
+
+def row(run: int, status: FitOutcome = FitOutcome.OK) -> dict[str, Any]:
+    key = {"scenario": "s", "method": "m", "level": 1e-6, "run": run, "seed": 0, "version": "1"}
+    numbers = {"value": [0.1 * run, -3.0], "std": [float("inf"), float("nan")], "interval": []}
+    return key | {"status": status.value, "reason": "no ä reason", "seconds": 0.25} | numbers
+
+
+def key(run: int) -> tuple[Any, ...]:
+    return tuple(row(run)[name] for name in KEY)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "study.parquet"
+
+
+def test_what_gave_nothing_is_tried_again(path: Path) -> None:
+    outcomes = list(FitOutcome)
+    with study_table(path) as table:
+        table.add([row(run, outcome) for run, outcome in enumerate(outcomes)])
+    with study_table(path) as table:
+        known = {outcome for run, outcome in enumerate(outcomes) if key(run) in table}
+    assert known == {FitOutcome.OK, FitOutcome.NOTED, FitOutcome.UNSETTLED}
+    assert len(pl.read_parquet(path)) == len(outcomes)
+
 
 ROOT = Path(__file__).parents[3]
 
@@ -72,8 +98,8 @@ class Sure:
 def test_intervals_cover_or_do_not() -> None:
     table = run_study([Still()], [Sure(), Mean()], LEVELS, 4)
     sure, mean = (statistics(table.filter(method=name), 2) for name in ("sure", "mean"))
-    assert sure.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
-    assert mean.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
+    assert sure.covered_share(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
+    assert mean.covered_share(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
     assert (sure.unsettled, mean.unsettled) == (8, 0)
     assert set(table.filter(method="sure")["reason"]) == {"NotConverged"}
 

@@ -1,7 +1,8 @@
-"""The logs of a fleet by pattern and by table, and their dates."""
+"""The configuration of a fleet: its logs by pattern and by table, their dates and folders."""
 
 from __future__ import annotations
 
+import string
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,81 @@ from typing import Any
 import polars as pl
 import pytest
 
-from dynident.apps.fleets.config import FleetLog, FleetSettings, fleet_logs, parse_date
+from dynident.apps.fleets.config import (
+    FleetLog,
+    FleetSettings,
+    RobotChanges,
+    fleet_logs,
+    fleet_schema,
+    folder_names,
+    parse_date,
+    read_fleet_settings,
+)
 from dynident.runtime import ConfigError, InputError
+
+ODD = ["con", "NUL.txt", "ö" * 100, "x" * 300, "x" * 299, "a\0b", "\ud800", "a.", " "]
+NAMES = ["arm", "ARM", "..", ".", "a/b", "a\\b", "a=2Fb", *ODD]
+SAFE = set(string.ascii_letters + string.digits + "._-=")
+
+
+def test_no_two_names_share_a_folder_and_none_leaves_it() -> None:
+    found = folder_names(NAMES)
+    assert list(found) == NAMES
+    assert len({one.casefold() for one in found.values()}) == len(NAMES)
+    for one in found.values():
+        assert set(one) <= SAFE
+        assert 0 < len(one) <= 80
+        assert not one.startswith(".")
+        assert not one.endswith(".")
+
+
+@pytest.mark.parametrize("name", ["arm-07", "UR10e_3", "2026-11-22T10.30"])
+def test_usual_names_stay_as_they_are(name: str) -> None:
+    assert folder_names([name]) == {name: name}
+
+
+def test_a_folder_does_not_depend_on_other_names_that_differ() -> None:
+    assert folder_names(["arm", "leg"])["arm"] == folder_names(["arm"])["arm"]
+
+
+LOGS = "logs: logs/{robot}/{date}.csv\n"
+
+
+def read(folder: Path, text: str) -> FleetSettings:
+    (folder / "fleet.yaml").write_text(text)
+    return read_fleet_settings(folder / "fleet.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (LOGS, "recipe: is missing"),
+        ("recipe: r.yaml\n", "either `logs`.*or `table`"),
+        (f"recipe: r.yaml\n{LOGS}table: t.csv\n", "either `logs`.*or `table`"),
+        (f"recipe: r.yaml\n{LOGS}tabel: t.csv\n", "unknown key 'tabel'; did you mean 'table'"),
+        (f"recipe: [1]\n{LOGS}", "recipe: a file name is expected"),
+        (f"recipe: r.yaml\n{LOGS}false_alarms: 2\n", "false_alarms: a number from 0.0001 to 0.5"),
+        (f"recipe: r.yaml\n{LOGS}robots: {{ a: {{ torqe: {{}} }} }}\n", "robots.a: unknown key 'torqe'; did you mean"),
+        (f"recipe: r.yaml\n{LOGS}robots: {{ a: {{ model: {{ terms: auto }} }} }}\n", "robots.a: .*those of the recipe"),
+        (f"recipe: r.yaml\n{LOGS}window: [3, 1]\n", "window"),
+        ("- 1\n", "a mapping"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read(tmp_path, text)
+
+
+def test_file_names_start_at_the_folder(tmp_path: Path) -> None:
+    assert read(tmp_path, f"recipe: r.yaml\n{LOGS}").recipe == tmp_path / "r.yaml"
+
+
+def test_the_schema_has_all_keys_and_no_others() -> None:
+    schema = fleet_schema()
+    assert schema["properties"].keys() == FleetSettings.model_fields.keys()
+    assert schema["$defs"]["RobotChanges"]["properties"].keys() == RobotChanges.model_fields.keys()
+    assert schema["additionalProperties"] is False
+
 
 DAY = datetime(2026, 11, 22)
 

@@ -1,4 +1,4 @@
-"""A ranking in words and tables."""
+"""A ranking in words, tables, figures, and as a page on which no name acts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from dynident.apps.ranking import CombinationOutcome, RankedCombination
+from dynident.apps.ranking import CombinationOutcome, RankedCombination, cost_figure, ranking_figure
+from dynident.apps.ranking.page import ranking_page
 from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
 from dynident.checks.motion_notes import LoopDiffers
 from dynident.files.results import json_text
@@ -177,3 +178,54 @@ def test_all_numbers_are_in_the_json() -> None:
     assert data["rows"][0]["truth"]["over_bound"] == 1.2
     assert data["rows"][-1]["status"] == "failed"
     assert data["rows"][-1]["error"] is None
+
+
+def test_each_combination_has_its_line_and_mark() -> None:
+    found = ranking(6, 10)
+    figure = ranking_figure(found)
+    marks = [one for one in figure.data if one["mode"] == "markers"]
+    assert [one["name"] for one in marks] == [f"smoother{k}" for k in range(6)]
+    heights = [y for one in marks for y in one["y"]]
+    assert len(set(heights)) == len(heights) == 59
+    assert figure.layout["yaxis"]["ticktext"] == [f"estimator{k}" for k in range(10)]
+    assert marks[0]["marker"]["symbol"][:2] == ["circle", "circle-open"]
+    assert figure.layout["height"] < 1300
+    assert figure.layout["xaxis"]["type"] == "log"
+    assert figure.figure()
+    assert cost_figure(found).figure()
+
+
+def test_without_chance_there_are_no_whiskers() -> None:
+    figure = ranking_figure(untold(ranking()))
+    assert not any("error_x" in one for one in figure.data)
+    assert "type" not in figure.layout["xaxis"]
+
+
+HOSTILE = "<script>alert('x')</script>"
+
+
+def test_the_page_has_all_parts_and_escapes_names() -> None:
+    text = ranking_page(ranking(joint=HOSTILE))
+    assert HOSTILE not in text
+    assert "<b>too short</b>" not in text
+    titles = ("Which to take", "Errors", "All combinations", "By joint", "Against the truth", "Without an estimate")
+    for title in titles:
+        assert f">{title}" in text
+
+
+def test_the_badge_tells_what_comes_before_any_ranking() -> None:
+    assert "yours is among the best" in ranking_page(ranking())
+    finding = Finding(Severity.ERROR, None, Remark(HOSTILE))
+    text = ranking_page(replace(ranking(), findings=(finding,)))
+    assert "correct first what was found" in text
+    assert "yours is among the best" not in text
+    assert HOSTILE not in text
+
+
+def test_a_page_without_chance_truth_or_estimates() -> None:
+    found = untold(ranking())
+    plain = replace(found, rows=tuple(replace(one, truth=None) for one in found.rows), absent=())
+    assert "Against the truth" not in ranking_page(plain)
+    none = ranking_page(replace(found, rows=found.rows[-1:]))
+    assert "By joint" not in none
+    assert "no estimate" in none

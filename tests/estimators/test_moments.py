@@ -9,7 +9,7 @@ import pytest
 
 from dynident.estimators.instrument_moments import moments_of, score_information
 from dynident.estimators.instruments import InstrumentKind, Instruments
-from dynident.estimators.least_squares import solve_least_squares, weight_joints
+from dynident.estimators.least_squares import LinearFit, solve_least_squares, weight_joints
 from dynident.models import Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.lagrangian import two_link_arm
@@ -40,9 +40,8 @@ def noisy(one: Motion, seed: int, size: float = 0.3) -> Motion:
 
 
 def solved(rows: Regression, others: Regression, weights: np.ndarray = WEIGHTS):
-    _, rank = weight_joints(rows.triangular_factors, weights, rows.model.parameters)
-    found = moments_of(rows, others, rank, weights)
-    return found, rank
+    factor, rank = weight_joints(rows.triangular_factors, weights, rows.model.parameters)
+    return moments_of(rows, others, LinearFit(factor, rank, rows.triangular_factors.total, weights)), rank
 
 
 def dense(regression: Regression, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.estimators import GeneralisedLeastSquares, LeastSquares
-from dynident.estimators.least_squares import solve_least_squares
+from dynident.estimators import GeneralisedLeastSquares, LeastSquares, Problem
 from dynident.estimators.noise import HausmanTest
 from dynident.estimators.notes import WhiteningCostly
 from dynident.regression import ParallelFilter, Regression, Selection, Whitening, rank_of
@@ -36,14 +35,13 @@ def test_slow_noise_is_seldom_taken_for_what_the_model_lacks() -> None:
 def _apart(low: ParallelFilter | None) -> tuple[HausmanTest, Whitening]:
     motion = replace(multisine_motion(ARM, samples=1500), mask=np.arange(1500) % 700 > 20)
     plain = Regression(ARM, (motion,), Selection(low))
-    factor = plain.triangular_factors.stack()
-    return HausmanTest(plain, np.ones(2), factor, rank_of(factor)), COLOURED
+    return HausmanTest(plain, LeastSquares().reduced(Problem(ARM, (motion,), plain))), COLOURED
 
 
 def test_the_distance_is_that_of_the_torques() -> None:
     apart, _ = _apart(None)
     by = np.random.default_rng(0).standard_normal((len(ARM.parameters), 2))
-    start = solve_least_squares(apart.factor, apart.rank).value
+    start = apart.fit.solution.value
     rest = [apart.plain.triangular_factors.residual(start + one).sum() for one in (0.0 * by[:, 0], *by.T)]
     np.testing.assert_allclose(apart.distance(by), np.array(rest[1:]) - rest[0], rtol=1e-6)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -137,6 +137,16 @@ class LinearEstimator(Estimator):
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate without constraints; for a deficient rank a note names the parameters that are tied together."""
         return estimate_of(problem, self.reduced(problem))
+
+
+class SampledEstimator(LinearEstimator):
+    """Base of those that need all samples; searches take least squares in their place."""
+
+    needs_samples: ClassVar[bool] = True
+
+    def quick(self) -> LeastSquares:
+        """Return least squares with one weight for each joint."""
+        return LeastSquares(weights="per_joint")
 
 
 def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
@@ -274,3 +284,8 @@ class LeastSquares(LinearEstimator):
     def __str__(self) -> str:
         name = "least squares" + ", weighted by joint" * (self.weights == "per_joint")
         return settings_text(name, self, ("weights",))
+
+
+def rows_by_joint(problem: Problem) -> LinearFit:
+    """Return the rows of a problem, each joint weighted by its residual."""
+    return LeastSquares(weights="per_joint").reduced(problem)

@@ -18,11 +18,10 @@ from dynident.estimators.estimator import Consistency, DataRank, Estimate, Estim
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
     MAX_RANK_TOLERANCE,
+    LeastSquares,
     LinearEstimator,
     LinearFit,
     Weights,
-    joint_weights,
-    weight_joints,
 )
 from dynident.estimators.notes import (
     ConstraintsCostly,
@@ -228,8 +227,11 @@ class PhysicallyConsistent(Estimator):
         Raises ConfigError where settings name parameters or bodies that the model does not have, or the constraints
         contradict each other, and ModelError where the program cannot be solved.
         """
+        return self.constrain(problem, self._weighted_rows(problem))
+
+    def constrain(self, problem: Problem, rows: LinearFit) -> Estimate:
+        """Return the consistent estimate of rows that are at hand; raises as the call does."""
         model, triangular = problem.model, problem.regression.triangular_factors
-        rows = self._weighted_rows(problem)
         factor, directions = rows.factor, rows.directions
         bodies = estimate_sizes(bodies_of(model.parameters), model.parameters, triangular)
         effect = np.linalg.norm(factor, axis=0)
@@ -273,12 +275,9 @@ class PhysicallyConsistent(Estimator):
     def _weighted_rows(self, problem: Problem) -> LinearFit:
         """Return the weighted rows to fit: those of ``fit``, where it is given."""
         linear: Any = self.fit  # checked when it was set
-        if linear is not None:
-            return call_part(linear.reduced, problem, LinearFit)
-        triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
-        weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.threshold)
-        factor, directions = weight_joints(triangular, weights, parameters, self.threshold)
-        return LinearFit(factor, directions, triangular.total, None if self.weights == "equal" else weights)
+        if linear is None:
+            return LeastSquares(self.threshold, self.weights, self.iterations).reduced(problem)
+        return call_part(linear.reduced, problem, LinearFit)
 
     def quick(self) -> PhysicallyConsistent:
         """Return a fit of the same torque, without the cost of each constraint and with any prior."""

@@ -11,13 +11,7 @@ from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
-from dynident.estimators.least_squares import (
-    LinearEstimator,
-    LinearFit,
-    fit_from_information,
-    joint_weights,
-    weight_joints,
-)
+from dynident.estimators.least_squares import LinearEstimator, LinearFit, fit_from_information, rows_by_joint
 from dynident.estimators.notes import ErrorsInRegressor
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
@@ -185,19 +179,16 @@ class TotalLeastSquares(LinearEstimator):
         A note tells where errors of the regressor are a good part of what the motion shows. Raises ConfigError where
         ``errors`` names parameters that the model does not have, and InputError where there is no solution.
         """
-        regression, parameters = problem.regression, problem.model.parameters
-        triangular = regression.triangular_factors
-        w = joint_weights(triangular, "per_joint", 3, parameters)
-        factor, rank = weight_joints(triangular, w, parameters)
+        plain = rows_by_joint(problem)
+        w, rank = np.asarray(plain.weights), plain.directions
         C = self._error_covariance(problem, w)
         if not C.any():
-            return LinearFit(factor, rank, triangular.total, w)
-        torque = None if self.torque is None else float(triangular.rows @ np.square(w * self.torque))
-        solution = _solve_total(factor, C, rank, triangular.total, torque)
+            return plain
+        rows = problem.regression.triangular_factors.rows
+        torque = None if self.torque is None else float(rows @ np.square(w * self.torque))
+        solution = _solve_total(plain.factor, C, rank, plain.total, torque)
         notes = _error_notes(solution, problem.model)
-        return replace(
-            fit_from_information(solution.value, solution.information, rank, triangular.total, notes), weights=w
-        )
+        return replace(fit_from_information(solution.value, solution.information, rank, plain.total, notes), weights=w)
 
     def _error_covariance(self, problem: Problem, w: Array) -> Array:
         """Return C (p, p), the sum of the covariances of the errors of all rows, weighted by joint (n)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dynident.identification import HeldOut, LargestResidual, Verdict, WorstRun
 from dynident.identification import verdict as why
-from dynident.identification.verdict import CommonGain, MotionRatios, Zeros
+from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros
 from dynident.runtime import Finding, Remark, Severity, Use
 from dynident.validation import ResidualRipple, Reversals
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.notes import Unsettled
+from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, Unsettled
 from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
-from dynident.runtime import Note, brief, check_settings, join_names
+from dynident.runtime import ConfigError, Note, brief, check_settings, choices, join_names
 
 Array = NDArray[np.float64]
 
@@ -257,3 +257,25 @@ class Estimator(ABC):
     def among(self, names: Collection[str]) -> Estimator:  # noqa: ARG002
         """Return the estimator without its settings for parameters other than ``names``."""
         return self
+
+
+def check_parameters(names: Collection[str], model: Model, where: str) -> None:
+    """Raise ConfigError where a setting, ``where``, names parameters that the model does not have."""
+    for name in names:
+        if name not in model.names:
+            raise ConfigError(f"{where}: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
+
+
+def prior_values(prior: str | Iterable[tuple[str, float]], model: Model) -> Array:
+    """Return a prior (p), "nominal" or pairs of name and value, nan where a parameter has none."""
+    if prior == "nominal":
+        return np.array([np.nan if parameter.value is None else parameter.value for parameter in model.parameters])
+    values = {} if isinstance(prior, str) else dict(prior)
+    check_parameters(values, model, "prior")
+    return np.array([values.get(name, np.nan) for name in model.names])
+
+
+def prior_notes(provenance: Sequence[Provenance]) -> tuple[Note, ...]:
+    """Return the notes on how many parameters a prior determines, and nothing does."""
+    kinds = ((Provenance.PRIOR, DecidedByPrior), (Provenance.UNIDENTIFIABLE, NotIdentifiable))
+    return tuple(kind(provenance.count(which)) for which, kind in kinds if which in provenance)

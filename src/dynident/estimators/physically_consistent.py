@@ -14,7 +14,17 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Consistency, DataRank, Estimate, Estimator, Problem, Provenance
+from dynident.estimators.estimator import (
+    Consistency,
+    DataRank,
+    Estimate,
+    Estimator,
+    Problem,
+    Provenance,
+    check_parameters,
+    prior_notes,
+    prior_values,
+)
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
     MAX_RANK_TOLERANCE,
@@ -25,9 +35,7 @@ from dynident.estimators.least_squares import (
 )
 from dynident.estimators.notes import (
     ConstraintsCostly,
-    DecidedByPrior,
     HeldByConstraints,
-    NotIdentifiable,
     PriorApproached,
     RankDeficient,
 )
@@ -55,7 +63,7 @@ from dynident.estimators.programs import (
 )
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, Note, call_part, choices, settings_repr, settings_text
+from dynident.runtime import ConfigError, Note, call_part, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_GAP = 1e-6  # duality gap above which the prior was not reached
@@ -121,13 +129,9 @@ def shift_notes(
 
 def rank_notes(information: Information, provenance: tuple[Provenance, ...], gap: float) -> tuple[Note, ...]:
     """Return notes on what the data do not determine, and on a prior that was not reached (duality ``gap``)."""
-    kinds: dict[Provenance, type[DecidedByPrior | NotIdentifiable]] = {
-        Provenance.PRIOR: DecidedByPrior,
-        Provenance.UNIDENTIFIABLE: NotIdentifiable,
-    }
     return (
         *([RankDeficient(information.rank, len(provenance))] if information.rank < len(provenance) else []),
-        *(kind(provenance.count(which)) for which, kind in kinds.items() if which in provenance),
+        *prior_notes(provenance),
         *([PriorApproached(gap)] if gap > MAX_GAP else []),
     )
 
@@ -237,7 +241,10 @@ class PhysicallyConsistent(Estimator):
         effect = np.linalg.norm(factor, axis=0)
         scale = parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
         information = information_from_factor(factor, scale, directions, rows.total)
-        constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
+        constraints, prior = (
+            self._constraints(model, bodies, scale),
+            prior_values(self.prior if isinstance(self.prior, str) else dict(self.prior).items(), model),
+        )
         target = np.where(np.isnan(prior), 0.0, prior)
         # first program: fit the data under the constraints; the prior counts only along informed directions
         strength = 0.0 if self.strength == "auto" else self.strength
@@ -312,7 +319,8 @@ class PhysicallyConsistent(Estimator):
     def _constraints(self, model: Model, bodies: tuple[BodyConstraint, ...], scale: Array) -> Constraints:
         parameters = model.parameters
         limits = list(sign_limits(parameters, [role for role in NONNEGATIVE_ROLES if getattr(self, role)]))
-        bounds = {_parameter_index(name, model, "bounds"): sides for name, sides in dict(self.bounds).items()}
+        check_parameters(dict(self.bounds), model, "bounds")
+        bounds = {model.names.index(name): sides for name, sides in dict(self.bounds).items()}
         limits.append(interval_limit("bounds", parameters, bounds))
         sides = self._named_bounds().get("total mass")
         if sides is not None:
@@ -322,14 +330,6 @@ class PhysicallyConsistent(Estimator):
         limits.append(centre_of_mass_limit("centre of mass", bodies, len(parameters), dict(self.centre_of_mass)))
         scaled_limits = tuple(limit.scale_rows(scale) for limit in limits if len(limit.rows))
         return Constraints(scaled_limits, bodies if self.inertia else (), self.margin)
-
-    def _prior(self, model: Model) -> Array:
-        """Return the prior (p), nan where there is none."""
-        if self.prior == "nominal":
-            return np.array([np.nan if x.value is None else x.value for x in model.parameters])
-        values = {} if isinstance(self.prior, str) else dict(self.prior)
-        prior_values = {_parameter_index(name, model, "prior"): value for name, value in values.items()}
-        return np.array([prior_values.get(k, np.nan) for k in range(len(model.names))])
 
     def _body_prior(self, constraints: Constraints, prior: Array) -> Array:
         """Return the prior (p) of the bodies that have a physically consistent one, nan for all other parameters."""
@@ -368,12 +368,6 @@ def _check_bounds(name: str, lower: float | None, upper: float | None) -> None:
         )
     if lower is not None and upper is not None and lower > upper:
         raise ConfigError(f"{name}: the lower limit {lower} lies above the upper limit {upper}; exchange them.")
-
-
-def _parameter_index(name: str, model: Model, where: str) -> int:
-    if name not in model.names:
-        raise ConfigError(f"{where}: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
-    return model.names.index(name)
 
 
 def _clip_to_limits(theta: Array, constraints: Constraints) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -10,9 +10,9 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Consistency, Estimate, Problem, Provenance
+from dynident.estimators.estimator import Consistency, Estimate, Problem, Provenance, prior_notes, prior_values
 from dynident.estimators.least_squares import LinearEstimator, LinearFit, estimate_of, joint_weights, weight_joints
-from dynident.estimators.notes import DecidedByPrior, DrawnToPrior, NotIdentifiable
+from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, parameter_scales
 from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
 from dynident.models import Model
@@ -24,7 +24,7 @@ from dynident.regression import (
     merge_factors,
     rank_of,
 )
-from dynident.runtime import ConfigError, Note, choices, report_progress, settings_repr, settings_text
+from dynident.runtime import ConfigError, Note, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 NamedPrior = Literal["nominal", "none"]
@@ -112,7 +112,7 @@ class Ridge(LinearEstimator):
             value=value,
             covariance=estimate.covariance + np.outer(shift, shift),
             residual=fit.residual(problem, value),
-            notes=(*estimate.notes, *_undetermined_notes(provenance)),
+            notes=(*estimate.notes, *prior_notes(provenance)),
             provenance=provenance,
             consistency=Consistency(unconstrained=information.base),
         )
@@ -140,14 +140,11 @@ class Ridge(LinearEstimator):
 
     def _prior(self, model: Model) -> Array:
         """Return the prior (p), nan where a parameter has none."""
-        if self.prior == "none":
-            return np.zeros(len(model.names))
-        if self.prior == "nominal":
-            return np.array([np.nan if parameter.value is None else parameter.value for parameter in model.parameters])
-        for name in self._prior_values:
-            if name not in model.names:
-                raise ConfigError(f"prior: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
-        return np.array([self._prior_values.get(name, np.nan) for name in model.names])
+        return (
+            np.zeros(len(model.names))
+            if self.prior == "none"
+            else prior_values("nominal" if self.prior == "nominal" else self._prior_values.items(), model)
+        )
 
     @property
     def _prior_values(self) -> dict[str, float]:
@@ -233,8 +230,3 @@ def _prediction_errors(part: TriangularFactors, information: Information, prior:
 def _provenance(free: NDArray[np.bool_], prior: NDArray[np.bool_]) -> tuple[Provenance, ...]:
     order = (Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
     return tuple(order[k] for k in np.select([~free, prior], [0, 1], 2))
-
-
-def _undetermined_notes(provenance: Sequence[Provenance]) -> tuple[Note, ...]:
-    kinds = ((Provenance.PRIOR, DecidedByPrior), (Provenance.UNIDENTIFIABLE, NotIdentifiable))
-    return tuple(kind(provenance.count(which)) for which, kind in kinds if which in provenance)

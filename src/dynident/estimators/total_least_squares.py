@@ -10,14 +10,14 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Problem
+from dynident.estimators.estimator import Problem, check_parameters
 from dynident.estimators.least_squares import LinearEstimator, LinearFit, fit_from_information, rows_by_joint
 from dynident.estimators.notes import ErrorsInRegressor
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
 from dynident.regression import Rank, Regression, Selection, one_thread
-from dynident.runtime import ConfigError, InputError, Note, brief, choices, settings_repr, settings_text
+from dynident.runtime import ConfigError, InputError, Note, brief, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_WINDOW = 1024  # samples of a spectrum, at most
@@ -197,9 +197,7 @@ class TotalLeastSquares(LinearEstimator):
             return (
                 _motion_error_covariance(problem, w, np.random.default_rng(SEED)) if problem.logs else np.zeros((1, 1))
             )
-        for name in self._stated_errors:
-            if name not in model.names:
-                raise ConfigError(f"errors: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
+        check_parameters(self._stated_errors, model, "errors")
         size = np.array([self._stated_errors.get(name, 0.0) for name in model.names])
         rows = (triangular.rows * np.square(w)) @ model.support
         return np.diag(np.square(size) * rows)

@@ -190,7 +190,7 @@ def _stretches(regression: Regression, blocks: int) -> Sequence[RegressionPart]:
 
 def _training_regression(identification: Identification) -> Regression:
     """Return the linear problem of an identification."""
-    motions = tuple(validation.motion for validation in identification.validations if validation.role == "train")
+    motions = identification.training_motions
     return Regression(identification.model, motions, identification.recipe.selection(identification.model.joints))
 
 

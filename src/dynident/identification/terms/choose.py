@@ -23,30 +23,32 @@ from dynident.identification.terms.candidates import (
     fixed_terms,
     largest_lines,
 )
+from dynident.identification.terms.grams import (
+    Folds,
+    JointGrams,
+    Normal,
+    Prior,
+    add_ridge,
+    normal_matrices,
+    other_joint_normals,
+    prior_of,
+    try_groups,
+)
 from dynident.identification.terms.motors import MotorEquations, coupled_motors, motor_search
 from dynident.identification.terms.samples import (
     N_CLASSES,
-    Folds,
     JointEquations,
-    JointGrams,
     TermSamples,
-    add_ridge,
     columns_of,
     correlation_length,
     select_samples,
-    try_groups,
 )
 from dynident.identification.terms.search import (
     JointSearch,
-    Normal,
-    Prior,
     SearchFolds,
     TermEntry,
     TermGroup,
     gain_share,
-    normal_matrices,
-    other_joint_normals,
-    prior_of,
     renumber_columns,
 )
 from dynident.models import CoupledMotor, Model, Term

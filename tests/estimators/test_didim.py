@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators import Didim, InstrumentalVariables, LeastSquares, OutputError, PhysicallyConsistent
+from dynident.estimators import Didim, InstrumentalVariables, OutputError
 from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
 from dynident.models import Model
 from dynident.models.lagrangian import two_link_arm
 from dynident.models.simulation import PID, Function, simulate_recording
-from dynident.runtime import ConfigError, InputError, MissingInputError
+from dynident.runtime import InputError, MissingInputError
 from dynident.testing.estimator import close_loops, multisine_motion
 from dynident.testing.estimator import make_problem as plain
 from tests.estimators.looped import MODEL, TRUTH, driven, loop, posed, recorded
@@ -67,15 +67,6 @@ def test_a_controller_may_have_an_integral() -> None:
     assert np.isfinite(found.value).all()
 
 
-def test_physics_is_an_option() -> None:
-    problem = posed(recorded(MOTION, CONTROLLER, 0))
-    free, found = Didim()(problem), PhysicallyConsistent(fit=Didim())(problem)
-    np.testing.assert_allclose(found.value, free.value, rtol=1e-6)
-    assert found.residual.correlated
-    bounded = PhysicallyConsistent(fit=Didim(), bounds={"M": (6.0, None)})(problem)
-    assert bounded.value[0] == pytest.approx(6.0, rel=1e-6)
-
-
 def test_needs_a_controller_that_sees_the_positions() -> None:
     log, motion = recorded(MOTION, None, 0)
     with pytest.raises(MissingInputError, match=r"log 0: the closed loop is to be simulated, but .* `simulation`"):
@@ -121,12 +112,3 @@ def test_says_that_it_has_not_converged() -> None:
     (note,) = [one for one in found.notes if isinstance(one, StillSimulating)]
     assert note.iterations == 1
     assert not found.converged
-
-
-def test_settings_are_checked() -> None:
-    with pytest.raises(ConfigError, match="iterations = 0"):
-        Didim(iterations=0)
-
-
-def test_a_search_simulates_nothing() -> None:
-    assert Didim().quick() == LeastSquares(weights="per_joint")

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators import Didim, LeastSquares, OutputError, PhysicallyConsistent
+from dynident.estimators import Didim, OutputError
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log, Motion
-from dynident.runtime import GIGABYTE, ConfigError, InputError, MissingInputError, budget_scope, progress_to, set_budget
+from dynident.runtime import GIGABYTE, InputError, MissingInputError, budget_scope, progress_to, set_budget
 from tests.estimators.looped import MODEL, STEP, TRUTH, driven, posed, recorded
 
 RUNS = 20
@@ -127,21 +127,3 @@ def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_simulated(
             with pytest.raises(InputError, match=words), progress_to(steps.append):
                 estimator(problem)
     assert not steps
-
-
-def test_settings_are_checked() -> None:
-    for bad, message in (
-        ({"loop": "half"}, "loop = 'half'"),
-        ({"torque": "felt"}, "torque = 'felt'"),
-        ({"segment": 0.0}, "segment = 0"),
-        ({"iterations": 0}, "iterations = 0"),
-    ):
-        with pytest.raises(ConfigError, match=message):
-            OutputError(**bad)  # type: ignore[arg-type]
-
-
-def test_physics_is_an_option() -> None:
-    problem = posed(recorded(MOTION, CONTROLLER, 0))
-    free, found = OutputError()(problem), PhysicallyConsistent(fit=OutputError())(problem)
-    np.testing.assert_allclose(found.value, free.value, rtol=1e-6)
-    assert isinstance(OutputError().quick(), LeastSquares)

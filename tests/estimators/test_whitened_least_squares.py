@@ -1,4 +1,4 @@
-"""Weighted and generalised least squares: their bound, simpler cases, and what is said of a residual that is no noise."""
+"""Weighted and generalised least squares: their bound, simpler cases, and a residual that is no noise."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
@@ -15,6 +15,7 @@ from dynident.identification.terms.grams import (
     JointGrams,
     Normal,
     TrialFits,
+    normal_matrices,
     try_groups,
 )
 from dynident.models import Term
@@ -153,6 +154,15 @@ class JointSearch:
     def columns(self) -> list[int]:
         """The columns that have entered."""
         return [i for entry in self.entered for i in entry.columns]
+
+    @property
+    def normal(self) -> Normal:
+        """The normal matrices of the model's parameters from the equations of this joint."""
+        return normal_matrices(self.grams, self.columns, self.division.train, self.weight)
+
+    def entries(self, names: Collection[str]) -> list[TermEntry]:
+        """Return the groups of the kinds with these names, each in its first size."""
+        return [TermEntry(group, 0) for group in self.groups if group.kind.name in names]
 
     def forward(self, other_normals: Normal) -> None:
         """Add the best group, or a simpler one within a standard error of it, until none is good enough."""

@@ -76,10 +76,10 @@ every_dependence = pytest.mark.parametrize(("which", "groups"), DEPENDENT, ids=l
 @every_dependence
 def test_rank_deficiency_names_exactly_the_columns_tied(which: tuple[str, ...], groups: tuple[tuple[int, ...]]) -> None:
     fit = fitted(dependent(*which), data()[1])
-    assert set(fit.groups) == set(groups)
-    assert fit.rank == COLUMNS - len(groups)
+    assert set(fit.directions.groups) == set(groups)
+    assert fit.directions.rank == COLUMNS - len(groups)
     assert np.flatnonzero(fit.directions.undetermined_mask).tolist() == sorted(k for group in groups for k in group)
-    assert fit.condition > 1e12
+    assert fit.directions.condition > 1e12
 
 
 @every_dependence
@@ -92,9 +92,11 @@ def test_other_columns_are_fitted_as_if_one_of_each_group_was_not_there(
     clean = fitted(X[:, kept], y)
     sure = [k for k in kept if not fit.directions.undetermined_mask[k]]
     place = [kept.index(k) for k in sure]
-    assert clean.rank == len(kept)
+    assert clean.directions.rank == len(kept)
     np.testing.assert_allclose(fit.value[sure], clean.value[place], rtol=1e-10)
-    np.testing.assert_allclose(fit.inverse[np.ix_(sure, sure)], clean.inverse[np.ix_(place, place)], rtol=1e-9)
+    np.testing.assert_allclose(
+        fit.directions.inverse[np.ix_(sure, sure)], clean.directions.inverse[np.ix_(place, place)], rtol=1e-9
+    )
     assert fit.rss == pytest.approx(clean.rss, rel=1e-12)
 
 
@@ -109,7 +111,7 @@ def test_solution_is_of_least_norm_in_scaled_columns(which: tuple[str, ...], gro
 
 def test_no_column_has_an_effect() -> None:
     fit = fitted(np.zeros((ROWS, 2)), data()[1])
-    assert (fit.rank, fit.groups, fit.condition) == (0, ((0,), (1,)), np.inf)
+    assert (fit.directions.rank, fit.directions.groups, fit.directions.condition) == (0, ((0,), (1,)), np.inf)
     np.testing.assert_array_equal(fit.value, [0, 0])
     assert fit.rss == pytest.approx(np.sum(data()[1] ** 2))
 
@@ -118,15 +120,15 @@ def test_solution_residual_and_condition_by_hand() -> None:
     """y = 1, 2, 6 over a constant and over x = -1, 0, 1: mean 3, slope 5/2, residuals 1/2, -1, 1/2."""
     fit = fitted(np.array([[1.0, -1], [1, 0], [1, 1]]), np.array([1.0, 2, 6]))
     np.testing.assert_allclose(fit.value, [3, 2.5], rtol=1e-14)
-    np.testing.assert_allclose(fit.inverse, [[1 / 3, 0], [0, 1 / 2]], atol=1e-15)
-    assert (fit.rank, fit.groups) == (2, ())
+    np.testing.assert_allclose(fit.directions.inverse, [[1 / 3, 0], [0, 1 / 2]], atol=1e-15)
+    assert (fit.directions.rank, fit.directions.groups) == (2, ())
     assert fit.rss == pytest.approx(1.5, rel=1e-14)
-    assert fit.condition == pytest.approx(1.0)
+    assert fit.directions.condition == pytest.approx(1.0)
 
 
 def test_condition_too_large_for_a_float_is_infinite() -> None:
     fit = solve_least_squares(np.array([[1.0, 1.0, 1.0], [0.0, 1e-310, 0.0], [0.0, 0.0, 0.0]]))
-    assert (fit.condition, fit.groups) == (np.inf, ((0, 1),))
+    assert (fit.directions.condition, fit.directions.groups) == (np.inf, ((0, 1),))
 
 
 @pytest.mark.parametrize("which", [(), ("equal",), ("three", "zero")])
@@ -134,12 +136,14 @@ def test_units_of_the_columns_do_not_matter(which: tuple[str, ...]) -> None:
     X, y = dependent(*which), data()[1]
     units = 10.0 ** np.array([-6, 3, 6, -2, 5, 0])
     fit, other = fitted(X, y), fitted(X * units, y)
-    assert (other.rank, other.groups) == (fit.rank, fit.groups)
+    assert (other.directions.rank, other.directions.groups) == (fit.directions.rank, fit.directions.groups)
     np.testing.assert_allclose(other.value * units, fit.value, rtol=1e-10)
-    np.testing.assert_allclose(other.inverse * np.outer(units, units), fit.inverse, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        other.directions.inverse * np.outer(units, units), fit.directions.inverse, rtol=1e-9, atol=1e-12
+    )
     assert other.rss == pytest.approx(fit.rss, rel=1e-12)
     if not which:
-        assert other.condition == pytest.approx(fit.condition, rel=1e-12)
+        assert other.directions.condition == pytest.approx(fit.directions.condition, rel=1e-12)
 
 
 @pytest.mark.parametrize(("tolerance", "rank"), [(1e-12, COLUMNS), (1e-6, COLUMNS - 1)])
@@ -147,8 +151,8 @@ def test_tolerance_decides_on_nearly_dependent_columns(tolerance: float, rank: i
     X, y = data()
     X[:, 3] = X[:, 2] + 1e-8 * X[:, 3]
     fit = fitted(X, y, tolerance=tolerance)
-    assert fit.rank == rank
-    assert fit.groups == (() if rank == COLUMNS else ((2, 3),))
+    assert fit.directions.rank == rank
+    assert fit.directions.groups == (() if rank == COLUMNS else ((2, 3),))
 
 
 def problem(model: Model, theta: Array, noise: Array, still: tuple[int, ...] = (), samples: int = 100) -> Problem:

@@ -78,7 +78,7 @@ def test_intervals_hold_what_they_promise_on_correlated_residuals() -> None:
         theta = fit(regression)
         std = np.sqrt(np.diag(robust_covariance(regression, theta)))
         white = solve_least_squares(regression.triangular_factors.stack())
-        plain = np.sqrt(np.diag(white.inverse) * white.rss / (2 * N - 4))
+        plain = np.sqrt(np.diag(white.directions.inverse) * white.rss / (2 * N - 4))
         held.append(np.abs(theta - truth) < 1.96 * std)
         naive.append(np.abs(theta - truth) < 1.96 * plain)
     assert (np.mean(held, axis=0) > 0.85).all()

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from dynident.estimators.estimator import Problem
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
+    ROUNDING,
     LinearFit,
     SampledEstimator,
+    rounding_floor,
     rows_by_joint,
     solve_least_squares,
     weight_joints,
@@ -33,7 +35,6 @@ Array = NDArray[np.float64]
 MAX_ORDER = 200  # order
 ORDER_ROUNDS = 3  # rounds after which the orders stay
 MIN_STEP = 0.01  # root mean square step of the parameters that is none, in standard errors
-ROUNDING = 1e-7  # of the torque: a smaller residual is no noise
 MAX_RESIDUAL_RATIO = 1.1  # residual of a joint over that of least squares that is said
 MAX_CORRELATION = 0.1  # correlation of whitened residuals that is said
 
@@ -132,7 +133,7 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit
     triangular = problem.regression.triangular_factors
     plain = rows_by_joint(problem)
     unwhitened_rank, start, value = plain.directions, plain.solution.value, plain.solution.value
-    floor, names = _rounding_floor(triangular), [joint.name for joint in problem.model.joints]
+    floor, names = rounding_floor(triangular), [joint.name for joint in problem.model.joints]
     orders: Sequence[int] | None = None
     costly_note: WhiteningCostly | None = None
     # alternate between the noise of the last residual and the fit to rows whitened by it
@@ -156,12 +157,6 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit
         *((costly_note,) if costly_note else ()),
     )
     return LinearFit(factor, rank, triangular.total, notes=notes, whitening=noise)
-
-
-def _rounding_floor(triangular: TriangularFactors) -> Array:
-    """Return for each joint (n) the deviation below which a residual is rounding."""
-    size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
-    return np.asarray(ROUNDING * np.where(size > 0, size, size.max(initial=0.0) or 1.0))
 
 
 def _whiten_rows(

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from dynident.estimators.estimator import Problem
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
+    ROUNDING,
     LinearFit,
     SampledEstimator,
+    rounding_floor,
     rows_by_joint,
 )
 from dynident.estimators.notes import Downweighted, StillMoving
@@ -25,7 +27,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MAX_KEPT_BYTES = 2**28  # bytes of rows that are kept
 NORMAL_MAD = 0.6744897501960817  # median absolute deviation of a standard normal error
-ROUNDING = 1e-7  # of the torque: the least scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +54,11 @@ class RowErrors:
 
     def scale(self, regression: Regression) -> Array:
         """Return the scale (n) of each joint by the median of its absolute residuals, not below rounding."""
-        triangular = regression.triangular_factors
-        # a joint whose torque is explained exactly would otherwise outweigh all others
-        size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
-        floor = ROUNDING * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
         deviations = [
             np.median(np.abs(residual)) / NORMAL_MAD if len(residual) else 0.0
             for residual in self.by_joint(self.residuals)
         ]
-        return np.maximum(deviations, floor)
+        return np.maximum(deviations, rounding_floor(regression.triangular_factors))
 
     def by_joint(self, values: Sequence[Array]) -> list[Array]:
         """Return the fitted ones of the values (N, n) of each motion, joint by joint."""

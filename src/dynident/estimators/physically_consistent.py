@@ -6,9 +6,9 @@ the logs: ``staged`` fits the data; ``prior`` moves only along the directions th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -22,8 +22,10 @@ from dynident.estimators.estimator import (
     Problem,
     Provenance,
     check_parameters,
+    check_prior,
     prior_notes,
     prior_values,
+    to_tuples,
 )
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
@@ -202,23 +204,19 @@ class PhysicallyConsistent(Estimator):
     costs: bool = True
     fit: Estimator | None = None
 
+    by_parameter: ClassVar[tuple[str, ...]] = ("bounds", "prior")
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "total_mass", _to_tuples(self.total_mass))
-        for name in ("bounds", "centre_of_mass", "prior"):
-            setting = getattr(self, name)
-            if isinstance(setting, Mapping):
-                object.__setattr__(self, name, tuple((key, _to_tuples(value)) for key, value in setting.items()))
+        for setting in ("total_mass", "centre_of_mass"):
+            object.__setattr__(self, setting, to_tuples(getattr(self, setting)))
         self._check_settings()
 
     def _check_settings(self) -> None:
         if not isinstance(self.fit, LinearEstimator | None):
             raise ConfigError(f"fit = {self.fit!r}: is not linear in the parameters; give one such as LeastSquares().")
-        for name, value in () if isinstance(self.prior, str) else dict(self.prior).items():
-            if not abs(value) <= MAX_LIMIT:
-                raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_LIMIT:g} in size.")
+        check_prior(self.values_of("prior"))
         for name, sides in self._named_bounds().items():
             _check_bounds(name, *sides)
         for name, (lower, upper) in dict(self.centre_of_mass).items():
@@ -243,7 +241,7 @@ class PhysicallyConsistent(Estimator):
         information = information_from_factor(factor, scale, directions, rows.total)
         constraints, prior = (
             self._constraints(model, bodies, scale),
-            prior_values(self.prior if isinstance(self.prior, str) else dict(self.prior).items(), model),
+            prior_values(self.prior, model),
         )
         target = np.where(np.isnan(prior), 0.0, prior)
         # first program: fit the data under the constraints; the prior counts only along informed directions
@@ -295,21 +293,6 @@ class PhysicallyConsistent(Estimator):
         """Whether the fit whose rows are taken needs the samples."""
         return self.fit is not None and self.fit.needs_samples
 
-    @property
-    def named(self) -> tuple[str, ...]:
-        """The parameters that bounds and prior name."""
-        prior = () if isinstance(self.prior, str) else dict(self.prior)
-        return tuple(dict.fromkeys((*dict(self.bounds), *prior)))
-
-    def among(self, names: Collection[str]) -> PhysicallyConsistent:
-        """Return the fit without bounds and prior of parameters other than these."""
-
-        def select_named(entries: Any) -> tuple[tuple[str, Any], ...]:
-            return tuple((name, value) for name, value in dict(entries).items() if name in names)
-
-        prior = self.prior if isinstance(self.prior, str) else select_named(self.prior)
-        return replace(self, bounds=select_named(self.bounds), prior=prior)
-
     def _named_bounds(self) -> dict[str, Bounds]:
         mass = self.total_mass
         if mass is None:
@@ -352,11 +335,6 @@ class PhysicallyConsistent(Estimator):
 
     def __str__(self) -> str:
         return settings_text("physically consistent least squares", self)
-
-
-def _to_tuples(value: Any) -> Any:
-    """Turn lists and arrays into tuples, so that settings can be hashed."""
-    return tuple(map(_to_tuples, value)) if isinstance(value, (list, tuple, np.ndarray)) else value
 
 
 def _check_bounds(name: str, lower: float | None, upper: float | None) -> None:

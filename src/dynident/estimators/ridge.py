@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Consistency, Estimate, Problem, Provenance, prior_notes, prior_values
+from dynident.estimators.estimator import (
+    Consistency,
+    Estimate,
+    Problem,
+    Provenance,
+    check_prior,
+    prior_notes,
+    prior_values,
+)
 from dynident.estimators.least_squares import LinearEstimator, LinearFit, estimate_of, joint_weights, weight_joints
 from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, parameter_scales
@@ -24,11 +32,11 @@ from dynident.regression import (
     merge_factors,
     rank_of,
 )
-from dynident.runtime import ConfigError, Note, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 NamedPrior = Literal["nominal", "none"]
-MAX_STRENGTH, MAX_PRIOR = 1e9, 1e9
+MAX_STRENGTH = 1e9
 STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(-10, 5))  # that are tried
 FOLDS = 10
 MIN_ROWS_PER_PARAMETER = 3  # times the parameters: with fewer there is nothing to predict
@@ -69,26 +77,12 @@ class Ridge(LinearEstimator):
     prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     strength: Annotated[float, Ge(0), Le(MAX_STRENGTH)] | Literal["auto"] = "auto"
 
+    by_parameter: ClassVar[tuple[str, ...]] = ("prior",)
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
-        if isinstance(self.prior, Mapping):
-            object.__setattr__(self, "prior", tuple(self.prior.items()))
         super().__post_init__()
-        for name, value in self._prior_values.items():
-            if not abs(value) <= MAX_PRIOR:
-                raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_PRIOR:g} in size.")
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """The parameters that the prior names."""
-        return tuple(self._prior_values)
-
-    def among(self, names: Collection[str]) -> Ridge:
-        """Return the estimator without the prior of parameters other than these."""
-        if isinstance(self.prior, str):
-            return self
-        return replace(self, prior=tuple(entry for entry in self._prior_values.items() if entry[0] in names))
+        check_prior(self.values_of("prior"))
 
     def quick(self) -> Ridge:
         """Return the fit without a search for the strength."""
@@ -140,15 +134,7 @@ class Ridge(LinearEstimator):
 
     def _prior(self, model: Model) -> Array:
         """Return the prior (p), nan where a parameter has none."""
-        return (
-            np.zeros(len(model.names))
-            if self.prior == "none"
-            else prior_values("nominal" if self.prior == "nominal" else self._prior_values.items(), model)
-        )
-
-    @property
-    def _prior_values(self) -> dict[str, float]:
-        return {} if isinstance(self.prior, str) else dict(self.prior)
+        return np.zeros(len(model.names)) if self.prior == "none" else prior_values(self.prior, model)
 
     def __str__(self) -> str:
         return settings_text("ridge regression", self)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Gt, Le
@@ -141,37 +141,21 @@ class TotalLeastSquares(LinearEstimator):
     errors: Literal["motion"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "motion"
     torque: Annotated[float, Gt(0), Le(MAX_ERROR)] | None = None
 
+    by_parameter: ClassVar[tuple[str, ...]] = ("errors",)
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
-        if isinstance(self.errors, Mapping):
-            object.__setattr__(self, "errors", tuple(self.errors.items()))
         super().__post_init__()
-        for name, value in self._stated_errors.items():
+        for name, value in self.values_of("errors").items():
             if not 0 <= value <= MAX_ERROR:
                 raise ConfigError(
                     f"errors: {name} = {value}; give a standard deviation, a number from 0 to {MAX_ERROR:g}."
                 )
 
     @property
-    def named(self) -> tuple[str, ...]:
-        """The parameters of which the columns' errors are given."""
-        return tuple(self._stated_errors)
-
-    @property
     def needs_samples(self) -> bool:
         """Whether it repeats the smoothing of the samples."""
         return self.errors == "motion"
-
-    def among(self, names: Collection[str]) -> TotalLeastSquares:
-        """Return the estimator without the errors of other columns than these."""
-        if isinstance(self.errors, str):
-            return self
-        return replace(self, errors=tuple(entry for entry in self._stated_errors.items() if entry[0] in names))
-
-    @property
-    def _stated_errors(self) -> dict[str, float]:
-        return {} if isinstance(self.errors, str) else dict(self.errors)
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the fit by its value and information, or the rows of least squares where nothing has errors.
@@ -197,8 +181,9 @@ class TotalLeastSquares(LinearEstimator):
             return (
                 _motion_error_covariance(problem, w, np.random.default_rng(SEED)) if problem.logs else np.zeros((1, 1))
             )
-        check_parameters(self._stated_errors, model, "errors")
-        size = np.array([self._stated_errors.get(name, 0.0) for name in model.names])
+        stated = self.values_of("errors")
+        check_parameters(stated, model, "errors")
+        size = np.array([stated.get(name, 0.0) for name in model.names])
         rows = (triangular.rows * np.square(w)) @ model.support
         return np.diag(np.square(size) * rows)
 

@@ -114,10 +114,11 @@ class InstrumentalRun:
         if repetition is not None and (self.source == "repeated" or _is_repetition(repetition, motion)):
             return repetition
         if self.source == "repeated":
-            raise MissingInputError(
+            message = (
                 f"{motion.source}: instruments `repeated` need another recording of the same motion in the training, "
                 "or a motion that repeats itself, and there is none. Record it twice, or leave `instruments` at auto."
             )
+            raise MissingInputError(message)
         return lagged_instruments(
             problem.model, motion, log_of(problem, k), problem.regression.filter, self.settings.lag
         )
@@ -145,9 +146,8 @@ class InstrumentalRun:
             self.notes.append(StartedElsewhere(kind))
             return simulations
         if self.source == "simulated":
-            raise not_simulated_error(
-                self.problem.motions[loops[0] : loops[0] + 1], alternative, "instruments `repeated` or `lagged`"
-            )
+            others = "instruments `repeated` or `lagged`"
+            raise not_simulated_error(self.problem.motions[loops[0] : loops[0] + 1], alternative, others)
         self.notes.append(NotSimulated(reason_of(alternative)))
         return {k: self.measured_instruments(k) for k in loops}
 

@@ -12,7 +12,7 @@ import pytest
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, NextStep, Recipe, identify, judge
 from dynident.identification import verdict as why
-from dynident.identification.verdict_rules import next_steps
+from dynident.identification.next_steps import TrainingParts, _odd_parts, next_steps, parts_of
 from dynident.identification.verdict_steps import (
     Cover,
     ExcitingMotion,
@@ -21,11 +21,8 @@ from dynident.identification.verdict_steps import (
     SetRight,
     Sharpen,
     SlowReversals,
-    TrainingParts,
-    _odd_parts,
     gain_points,
     judged_log,
-    parts_of,
 )
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log

@@ -11,7 +11,7 @@ import pytest
 from dynident.estimators import Consistency, LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
 from dynident.identification import verdict as why
-from dynident.identification.verdict import CommonGain, MotionRatios, Zeros, unknowns
+from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros, unknowns
 from dynident.identification.verdict_rules import constraint_effect
 from dynident.identification.verdict_steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
 from dynident.models import Model, RigidBodies

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.checks import channel_notes, log_notes, stamps
 from dynident.checks.stamps import MINIMUM_SAMPLES
 from dynident.identification import arm_rests, rest_blocks
-from dynident.identification.dataset import TorqueOutliers, equal_runs
+from dynident.identification.outliers import TorqueOutliers, equal_runs
 from dynident.motion.log import Log
 from dynident.motion.smoothers import repair_log
 from dynident.motion.smoothers.smoother import suspects

@@ -35,7 +35,7 @@ from dynident.checks.torque import Agreement, agreement, agreement_findings, loo
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, align_motion, find_base_tilt, tilt_base
 from dynident.identification.calibration import preliminary_setup, with_plain_terms
-from dynident.identification.dataset import torque_outliers, without_outliers
+from dynident.identification.outliers import torque_outliers, without_outliers
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.smoothers import smooth_log

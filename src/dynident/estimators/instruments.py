@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
 from dynident.estimators.notes import Unsettled
-from dynident.estimators.simulated_recordings import controller_of, failure_of, no_controller_error, not_simulated_error
+from dynident.estimators.simulated_recordings import controller_of, failure_of
 from dynident.models import Model
 from dynident.models.simulation import Failure, simulate_recording, ticks
 from dynident.motion.filters import frequency_response
 from dynident.motion.log import Log, Motion
 from dynident.regression import ParallelFilter, Regression, Selection, fitted_rows
 from dynident.regression.groups import repeated_rows
-from dynident.runtime import ConfigError, InputError, MissingInputError, Note, Severity, WordedEnum, brief, short
+from dynident.runtime import ConfigError, InputError, Note, Severity, WordedEnum, brief, short
 
 
 class InstrumentKind(WordedEnum):
@@ -167,16 +167,6 @@ def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments
     return Instruments(model.remembering(simulated_motion.shift(motion.time_offset)), InstrumentKind.SIMULATED)
 
 
-def missing_controller_error(motion: Motion) -> MissingInputError:
-    """Return the error where a recording has no controller."""
-    return no_controller_error(motion, "instruments are", "leave `instruments` at auto")
-
-
-def loop_failure_error(motion: Motion, failure: Failure) -> InputError:
-    """Return the error where the first model fails in the loop, whatever made it."""
-    return not_simulated_error([motion], failure, "instruments `repeated` or `lagged`")
-
-
 RowIndices = NDArray[np.intp]
 MAX_COPY_DISTANCE = 1e-9  # of a joint's range: positions that are as near are the same samples
 MAX_COPIED_SHARE = 0.1  # share of such samples from which a recording is no other pass
@@ -220,14 +210,6 @@ def _is_copy(motion: Motion, other_motion: Motion, rows: RowIndices, other_rows:
     span = np.ptp(motion.q, axis=0)
     is_equal = np.abs(motion.q[rows] - other_motion.q[other_rows]) <= MAX_COPY_DISTANCE * span
     return bool(is_equal[:, span > 0].all(axis=1).mean() > MAX_COPIED_SHARE)
-
-
-def no_repetition_error(motion: Motion) -> MissingInputError:
-    """Return the error where a motion has no other pass."""
-    return MissingInputError(
-        f"{motion.source}: instruments `repeated` need another recording of the same motion in the training, or a "
-        "motion that repeats itself, and there is none. Record it twice, or leave `instruments` at auto."
-    )
 
 
 MIN_LAG_SAMPLES = 3  # samples: central differences so far apart share none

@@ -221,7 +221,9 @@ class _TiltGain:
 def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:
     """Return the least-squares solution (p) and its standard errors (p), inf where there are none."""
     fit = solve_least_squares(triangular.stack())
-    return fit.value, np.sqrt(np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.rank, 1))))
+    return fit.value, np.sqrt(
+        np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.directions.rank, 1)))
+    )
 
 
 def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:

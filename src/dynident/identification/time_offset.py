@@ -163,9 +163,7 @@ def find_time_offset(
     Noise in the motion, which is less between samples, and accelerations that a smoother attenuates can look like
     an offset. ``repeat`` (p to sets of motions) returns motions without an offset and their torque for the
     estimated parameters; the offset that is found in these is subtracted. Where it or the remainder is beyond the
-    range, the offset is zero. ``min_speed`` (n) is that of the fit, and of the speed without offset, so that all
-    trials have the same samples; ``progress`` is called with each trial. Raises the errors of ``Regression`` and
-    the estimator.
+    range, the offset is zero. Raises the errors of ``Regression`` and the estimator.
     """
     rows = subsample(motions, trial_samples(model), TRIAL_OFFSETS[-1])
     if sum(map(len, rows)) < MIN_SAMPLES:

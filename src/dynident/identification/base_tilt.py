@@ -27,9 +27,11 @@ from dynident.regression import (
     Selection,
     TriangularFactors,
     factorise,
+    fitted_mask,
     merge_factors,
     rank_of,
 )
+from dynident.regression.whitening import long_run
 from dynident.runtime import ConfigError, Note, Severity, angles, percent
 
 Array = NDArray[np.float64]
@@ -161,9 +163,11 @@ def _search_tilt(
     solution = least_squares(
         residual, np.full(2, START_TILT), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20
     )
-    std = np.sqrt(
-        np.diag(np.linalg.pinv(solution.jac.T @ solution.jac)) * 2.0 * solution.cost / max(solution.fun.size - 2, 1)
-    )
+    # rows of both are by joint; the samples of a motion follow each other
+    n = len(model.joints)
+    lines, e = solution.jac.reshape(n, -1, 2), solution.fun.reshape(n, -1)
+    ends = np.cumsum([len(motion) for motion in thin])[:-1]
+    std = _correlated_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1))
     x, y = (float(v) for v in solution.x * (np.abs(solution.x) > 2.0 * std))
 
     def error(x: float, y: float) -> float:
@@ -209,13 +213,14 @@ class _TiltGain:
             _project_factors(_append_columns(tilted_model, fold, slopes, selection), directions) for fold in folds
         ]
         gain = gain_from_errors(prediction_errors(level, level), prediction_errors(tilted, tilted))
-        std, merged_level = _solve_with_std(merge_factors(tilted))[1], merge_factors(level)
+        merged_tilted, merged_level = merge_factors(tilted), merge_factors(level)
+        std = _linear_std(tilted_model, motions, slopes, directions, merged_tilted.stack(), selection)
         residual, torque = (
             merged_level.residual(_solve_with_std(merged_level)[0]).sum(),
             np.square(merged_level.factors[:, :, -1]).sum(),
         )
         error = 100.0 * float(np.sqrt(residual / torque)) if torque > 0 else 0.0
-        return cls(gain, (float(std[-2]), float(std[-1])), error)
+        return cls(gain, (float(std[0]), float(std[1])), error)
 
 
 def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:
@@ -224,6 +229,44 @@ def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:
     return fit.value, np.sqrt(
         np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.directions.rank, 1)))
     )
+
+
+def _correlated_std(lines: Sequence[Array], residuals: Sequence[Array]) -> Array:
+    """Return the standard errors (2) of both angles where residuals are correlated: of A^-1 S A^-1.
+
+    ``lines`` (n, N, 2) are the derivatives of the ``residuals`` (n, N) of each motion by the angles, from which all
+    other parameters are eliminated. Infinite for angles that have no effect.
+    """
+    A = sum(np.einsum("jti,jtk->ik", line, line) for line in lines)
+    S = long_run([np.einsum("jti,jt->ti", line, e) for line, e in zip(lines, residuals, strict=True)])
+    if not np.all(np.diag(A) > 0):
+        return np.full(2, np.inf)
+    inverse = np.linalg.pinv(A)
+    return np.asarray(np.sqrt(np.diag(inverse @ S @ inverse)))
+
+
+def _linear_std(
+    model: Model,
+    motions: tuple[Motion, ...],
+    slopes: Sequence[Array],
+    directions: Array,
+    factor: Array,
+    selection: Selection,
+) -> Array:
+    """Return the standard errors (2) of a tilt whose ``slopes`` are columns of the ``factor`` beside the directions."""
+    r = directions.shape[1]
+    fit = solve_least_squares(factor)
+    # what the directions explain of each slope does not tell anything of the tilt
+    shared = directions @ np.linalg.lstsq(factor[:r, :r], factor[:r, r : r + 2], rcond=None)[0]
+    lines, residuals = [], []
+    for motion, slope in zip(motions, slopes, strict=True):
+        states, used = motion.states(), fitted_mask(motion, selection.min_speed).T
+        lines.append(
+            np.stack([(slope[k] - model.torque(**states, theta=shared[:, k])).T * used for k in range(2)], axis=2)
+        )
+        torque = model.torque(**states, theta=directions @ fit.value[:r]) + np.tensordot(fit.value[r:], slope, 1)
+        residuals.append((motion.tau - torque).T * used)
+    return _correlated_std(lines, residuals)
 
 
 def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:

@@ -2,10 +2,10 @@
 
 All vectors have the axes of the base; those of a body are about the origin of its joint frame. Motions go from the base
 to the tips, and the torque of a joint is what its axis takes of the wrench of all that it carries (Featherstone 2008,
-"Rigid body dynamics algorithms"). The derivatives need also the momentum, and the moments U = sum v r' dm of the velocity, of
-what a joint carries (Singh, Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body dynamics using
-spatial vector algebra"; 12 numbers remain of their 6 x 6 matrices). Arrays begin with the components of vectors, and
-end with bodies and samples.
+"Rigid body dynamics algorithms"). The derivatives need also the momentum, and the moments U = sum v r' dm of the
+velocity, of what a joint carries (Singh, Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body
+dynamics using spatial vector algebra"; 12 numbers remain of their 6 x 6 matrices). Arrays begin with the components of
+vectors, and end with bodies and samples.
 """
 
 from __future__ import annotations

@@ -326,7 +326,7 @@ class _Rule:
     ``items`` is the rule of the entries of a tuple, of which there are ``count`` unless it is None, or of a mapping.
     """
 
-    texts: tuple[str, ...]
+    texts: tuple[str | int, ...]
     whole: bool
     limits: tuple[tuple[str, float], ...]
     optional: bool

@@ -79,7 +79,7 @@ def test_a_mark_is_where_its_rule_chooses(validated_arm: Bench) -> None:
         ("min_speed", -1, "at least 0"),
         ("decimate", 2.5, "must be a whole number"),
         ("cutoff", -1, "positive"),
-        ("offset", "inf", "time_offset = inf"),
+        ("offset", "inf", "time offset is inf"),
         ("exclude", [1.0, 1.0], "drag over some samples"),
         ("exclude", [None, 1.0], "no number"),
         ("mark:best", None, "there is no mark 'best'"),

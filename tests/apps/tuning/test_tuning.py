@@ -33,7 +33,7 @@ def test_windows_that_meet_are_one() -> None:
         ({"degree": (9.0, 0.0)}, r"log10\(S/n\), is 9"),
         ({"degree": (float("nan"), 0.0)}, "degree"),
         ({"min_speed": (-1.0, 0.0)}, "minimum speed is -1"),
-        ({"time_offset": float("inf")}, "time_offset = inf"),
+        ({"time_offset": float("inf")}, "time offset is inf"),
         ({"excluded": (("a", 2.0, 1.0),)}, "'a': 2 to 1 s; it must stop after it starts"),
         ({"excluded": (("a", 2.0, float("nan")),)}, "excluded window of 'a'"),
     ],

@@ -20,7 +20,7 @@ from dynident.motion.smoothers.smoother import (
     position_noise,
     with_rest,
 )
-from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, smooth
+from dynident.motion.splines import GCV, REML, RULES, Constraint, Fixed, Interpolation, Rule, smooth
 from dynident.runtime import ConfigError, InputError, setting_text, settings_text, short
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class SplineSettings:
     @classmethod
     def of(cls, part: Spline) -> SplineSettings:
         """Return the settings that build ``part``; ConfigError for a rule of another package."""
-        name = next((name for name, rule in RULES.items() if type(part.rule) is rule), None)
+        name: Any = next((name for name, rule in RULES.items() if type(part.rule) is rule), None)
         if name is None:
             raise ConfigError(f"the rule {part.rule!r} has no name in a configuration.")
         rule_settings: dict[str, Any] = dict(vars(part.rule))
@@ -95,13 +95,6 @@ class SplineSettings:
         return Spline(RULES[self.rule](**rule_settings), self.sigma, self.ends, self.factor)
 
 
-RULES: Mapping[RuleName, type[Rule]] = {
-    "constraint": Constraint,
-    "gcv": GCV,
-    "reml": REML,
-    "interpolate": Interpolation,
-    "fixed": Fixed,
-}
 RULE_TEXTS: Mapping[type[Rule], str] = {
     GCV: "generalised cross-validation",
     REML: "restricted maximum likelihood",
@@ -192,8 +185,8 @@ class Spline(Smoother):
         if isinstance(rule, Constraint):
             how = _smoothing_degree(rule, self.factor)
         else:
-            names = {GCV: "by generalised cross-validation", REML: "by restricted maximum likelihood"}
-            how = names.get(type(rule), settings_text(type(rule).__name__, rule))
+            is_criterion = type(rule) in (GCV, REML)
+            how = f"by {RULE_TEXTS[type(rule)]}" if is_criterion else settings_text(type(rule).__name__, rule)
             extras += (
                 []
                 if self.factor == 1.0 or isinstance(rule, Fixed)

@@ -146,7 +146,7 @@ def nominal_values(model: Model) -> Array:
     for term in model.terms:
         joints, values_by_joint = ("",) * len(term.parameters), dict[str, float]()
         # friction and rotor inertia come from attributes of the file's joints, other terms without a value are zero
-        if isinstance(term, PerJoint) and term.role in NOMINAL_ATTRIBUTES:
+        if isinstance(term, PerJoint) and not term.memory and term.role in NOMINAL_ATTRIBUTES:
             joints = term.acts_on
             values_by_joint = {
                 key: value for part in bodies for key, value in getattr(part, NOMINAL_ATTRIBUTES[term.role]).items()

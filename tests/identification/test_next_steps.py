@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -135,7 +135,6 @@ def test_motion_beyond_the_training_is_to_be_trained() -> None:
     assert of_kind(inside, Cover) == []
 
 
-@dataclass(frozen=True)
 class Removing(Note):
     """A note that says what it removes."""
 
@@ -146,7 +145,6 @@ class Removing(Note):
         return (("slider", self.size),) if self.size else ()
 
 
-@dataclass(frozen=True)
 class Advice(Note):
     """A note that says what to do."""
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,11 +76,10 @@ def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
     assert verdict.held_out is None
 
 
-@dataclass(frozen=True)
 class NoSimulation(Note):
     """A note whose bearing is its type's."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
 
 
 def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification) -> None:

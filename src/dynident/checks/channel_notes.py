@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import floor, log10
 
 from dynident.runtime import Note, count, instant, percent, short
@@ -10,7 +9,6 @@ from dynident.runtime import Note, count, instant, percent, short
 MAX_SAMPLE_INTERVAL = 0.15  # s: samples further apart may be stamped in another unit
 
 
-@dataclass(frozen=True)
 class TooFewSamples(Note):
     """A log has fewer samples than the ``least`` number that can be smoothed; ``step`` (s) is their spacing."""
 
@@ -27,7 +25,6 @@ class TooFewSamples(Note):
         return f"only {count}{spacing}; at least {self.least} are needed: {remedy}"
 
 
-@dataclass(frozen=True)
 class LongGap(Note):
     """The first of ``count`` gaps: its length (s), the time (s) before it, and its length over the median step."""
 
@@ -45,7 +42,6 @@ class LongGap(Note):
         )
 
 
-@dataclass(frozen=True)
 class UnevenSteps(Note):
     """The time steps vary: rms ``jitter`` over the median ``step`` (s), ``shortest`` and ``longest`` step (s)."""
 
@@ -63,7 +59,6 @@ class UnevenSteps(Note):
         )
 
 
-@dataclass(frozen=True)
 class NeverMoves(Note):
     """A position has at most three distinct values, the first of them ``near`` (rad or m)."""
 
@@ -80,7 +75,6 @@ class NeverMoves(Note):
         )
 
 
-@dataclass(frozen=True)
 class PerhapsDegrees(Note):
     """A position spans more rad, or reaches more rad/s, than a robot arm does."""
 
@@ -96,7 +90,6 @@ class PerhapsDegrees(Note):
         )
 
 
-@dataclass(frozen=True)
 class QuantisedPosition(Note):
     """Most samples of a position differ by fewer than ``counts`` steps of ``resolution`` (rad or m)."""
 
@@ -112,7 +105,6 @@ class QuantisedPosition(Note):
         )
 
 
-@dataclass(frozen=True)
 class ConstantTorque(Note):
     """A torque (N m or N) is the same throughout."""
 
@@ -126,7 +118,6 @@ class ConstantTorque(Note):
         )
 
 
-@dataclass(frozen=True)
 class ArmAtRest(Note):
     """The whole arm is at rest between two times (s), which is ``kept`` in the fit or not."""
 
@@ -146,7 +137,6 @@ class ArmAtRest(Note):
         )
 
 
-@dataclass(frozen=True)
 class EquallySpaced(Note):
     """Equal spacing at a ``rate`` (Hz) is used instead of the stamps, whose steps have an rms ``jitter``.
 
@@ -167,7 +157,6 @@ class EquallySpaced(Note):
         )
 
 
-@dataclass(frozen=True)
 class StampsJitter(Note):
     """The positions would be ``factor`` times less noisy with equal spacing.
 
@@ -192,7 +181,6 @@ class StampsJitter(Note):
         )
 
 
-@dataclass(frozen=True)
 class SamplingJitter(Note):
     """The time steps have an rms ``jitter``.
 
@@ -212,7 +200,6 @@ class SamplingJitter(Note):
         )
 
 
-@dataclass(frozen=True)
 class LostSamples(Note):
     """Samples missing between the others, their share of all, and the longest step over the median."""
 
@@ -229,7 +216,6 @@ class LostSamples(Note):
         )
 
 
-@dataclass(frozen=True)
 class RepeatedPositions(Note):
     """Share of positions that repeat the previous one in motion; about one in ``every`` is new, 0 where none is."""
 
@@ -247,7 +233,6 @@ class RepeatedPositions(Note):
         )
 
 
-@dataclass(frozen=True)
 class WrappedPosition(Note):
     """A position jumps ``count`` times by its whole range ``period`` (rad, m), first after sample ``row`` at ``time``
     (s)."""
@@ -267,7 +252,6 @@ class WrappedPosition(Note):
         )
 
 
-@dataclass(frozen=True)
 class WrongTimeUnit(Note):
     """A rate (Hz) and speed (rad/s, m/s) that no recording has.
 
@@ -292,7 +276,6 @@ class WrongTimeUnit(Note):
         )
 
 
-@dataclass(frozen=True)
 class PerhapsMillimetres(Note):
     """A sliding joint whose span (m) or speed (m/s) is larger than usual."""
 

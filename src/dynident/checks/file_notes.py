@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
 
 from dynident.runtime import Note, Remark, Use, join_names, percent, short, vector
 
@@ -23,7 +21,6 @@ class Unusable(Remark):
     topic = "unusable"
 
 
-@dataclass(frozen=True)
 class GravityIgnored(Note):
     """The gravity of a robot file (m/s^2), and the one that is used instead."""
 
@@ -38,12 +35,11 @@ class GravityIgnored(Note):
         )
 
 
-@dataclass(frozen=True)
 class OtherGravity(Note):
     """The gravity that the torques fit and the one assumed (m/s^2, in the root link's frame)."""
 
     topic = "gravity"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     fitted: tuple[float, ...]
     assumed: tuple[float, ...]
 
@@ -55,7 +51,6 @@ class OtherGravity(Note):
         )
 
 
-@dataclass(frozen=True)
 class ReversedSign(Note):
     """A torque that opposes the nominal one, by its correlation.
 
@@ -63,7 +58,7 @@ class ReversedSign(Note):
     """
 
     topic = "sign"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     correlation: float | None
 
     def __str__(self) -> str:
@@ -76,12 +71,11 @@ class ReversedSign(Note):
         )
 
 
-@dataclass(frozen=True)
 class OddScale(Note):
     """A torque of ``scale`` times the nominal one, which should be in ``unit``."""
 
     topic = "scale"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     scale: float
     unit: str
 
@@ -92,12 +86,11 @@ class OddScale(Note):
         )
 
 
-@dataclass(frozen=True)
 class UnrelatedTorque(Note):
     """A torque that hardly correlates with the nominal one, which is ``ratio`` times as large."""
 
     topic = "foreign"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     ratio: float
     correlation: float
 
@@ -109,7 +102,6 @@ class UnrelatedTorque(Note):
         )
 
 
-@dataclass(frozen=True)
 class ImpossibleInertia(Note):
     """How the inertia of a link violates physical consistency, in the words of ``consistency_violations``."""
 
@@ -120,7 +112,6 @@ class ImpossibleInertia(Note):
         return f"{self.violation}. No body can have such an inertia. {FROM_CAD}"
 
 
-@dataclass(frozen=True)
 class NoMass(Note):
     """The links that a joint moves have no mass."""
 
@@ -134,7 +125,6 @@ class NoMass(Note):
         )
 
 
-@dataclass(frozen=True)
 class FloatingBase(Note):
     """A joint with several coordinates carries the whole robot, which is taken as fixed."""
 
@@ -147,7 +137,6 @@ class FloatingBase(Note):
         )
 
 
-@dataclass(frozen=True)
 class SeveralLimbs(Note):
     """Several joints move limbs of a base with a mass, which is taken as fixed; it may be a trunk."""
 
@@ -162,7 +151,6 @@ class SeveralLimbs(Note):
         )
 
 
-@dataclass(frozen=True)
 class OnlyShapes(Note):
     """A link has shapes of files instead of an inertia."""
 
@@ -176,7 +164,6 @@ class OnlyShapes(Note):
         )
 
 
-@dataclass(frozen=True)
 class PointMass(Note):
     """A link has a mass (kg) without an inertia about its centre."""
 
@@ -190,7 +177,6 @@ class PointMass(Note):
         )
 
 
-@dataclass(frozen=True)
 class FarCentre(Note):
     """The distance (m) of a centre of mass from its link's frame."""
 
@@ -204,7 +190,6 @@ class FarCentre(Note):
         )
 
 
-@dataclass(frozen=True)
 class LargeGyration(Note):
     """A largest moment (kg m^2) and its radius of gyration (m), large for the mass (kg) and size (m) of the link."""
 
@@ -222,7 +207,6 @@ class LargeGyration(Note):
         )
 
 
-@dataclass(frozen=True)
 class InertiaAboutOrigin(Note):
     """The links whose inertias may be about the origins of their frames."""
 
@@ -237,7 +221,6 @@ class InertiaAboutOrigin(Note):
         )
 
 
-@dataclass(frozen=True)
 class EqualLinks(Note):
     """Links with the same mass (kg) and moments; ``alone`` says that there are no others."""
 
@@ -253,7 +236,6 @@ class EqualLinks(Note):
         return f"{', '.join(self.links)} {description} copied, or simple shapes? They are a weak prior."
 
 
-@dataclass(frozen=True)
 class OddTotalMass(Note):
     """A mass of all links (kg) that no arm has."""
 
@@ -264,7 +246,6 @@ class OddTotalMass(Note):
         return f"the total mass of all links is {short(self.mass, 4)} kg. Are the masses in kg?"
 
 
-@dataclass(frozen=True)
 class EmptyRange(Note):
     """A lower limit of position that is not below the upper one (rad or m)."""
 
@@ -279,7 +260,6 @@ class EmptyRange(Note):
         )
 
 
-@dataclass(frozen=True)
 class LimitNotPositive(Note):
     """A limit that is not positive: of "effort" or "velocity"."""
 
@@ -291,7 +271,6 @@ class LimitNotPositive(Note):
         return f"its {self.quantity} limit is {self.value:g}: simulators use it as given. Correct it."
 
 
-@dataclass(frozen=True)
 class NoLimit(Note):
     """The joints without a limit of "effort" or "velocity"."""
 
@@ -311,7 +290,6 @@ class AffectedColumns(StrEnum):
     BOTH = "position and torque"
 
 
-@dataclass(frozen=True)
 class JointsSwapped(Note):
     """The columns of two joints fit the other joint better.
 
@@ -319,7 +297,7 @@ class JointsSwapped(Note):
     """
 
     topic = "swapped"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     joints: tuple[str, str]
     channel: AffectedColumns
     before: float
@@ -338,12 +316,11 @@ class JointsSwapped(Note):
         )
 
 
-@dataclass(frozen=True)
 class ColumnReversed(Note):
     """The columns of a joint fit with the other sign; errors (%) as above."""
 
     topic = "sign"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     channel: AffectedColumns
     before: float
     after: float
@@ -356,12 +333,11 @@ class ColumnReversed(Note):
         )
 
 
-@dataclass(frozen=True)
 class OtherAxis(Note):
     """Another axis (3) of a joint, in its own frame, fits better than that of the file; errors (%) as above."""
 
     topic = "axis"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     given: tuple[float, ...]
     fitted: tuple[float, ...]
     before: float

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 from dynident.checks.robot_notes import Costly
 from dynident.runtime import Note, Remark, Use, WordedEnum, count, join_names, percent, short
 
@@ -17,7 +14,6 @@ class NotSmoothed(Remark):
     topic = "motion"
 
 
-@dataclass(frozen=True)
 class FewReversals(Note):
     """The number of reversals of a joint."""
 
@@ -32,7 +28,6 @@ class FewReversals(Note):
         )
 
 
-@dataclass(frozen=True)
 class HardlyMoves(Note):
     """The span of a joint in all of the training, and that of the joint that moves the most (rad or m).
 
@@ -54,7 +49,6 @@ class HardlyMoves(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopDiffers(Note):
     """The share of a joint's torque by which its controller, at the measured motion, commands another one."""
 
@@ -68,7 +62,6 @@ class LoopDiffers(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopGain(Note):
     """The measured torque is ``factor`` times what the controller commands.
 
@@ -88,7 +81,6 @@ class LoopGain(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopUnused(Note):
     """Columns that are named as reference positions but used by no controller."""
 
@@ -103,7 +95,6 @@ class LoopUnused(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopVelocity(Note):
     """The number of steps over which drives difference positions: as ``given``, and as it fits the measured torque.
 
@@ -127,7 +118,6 @@ class LoopVelocity(Note):
         )
 
 
-@dataclass(frozen=True)
 class PositionBeyondLimits(Note):
     """The range of a position, and the one that the robot file allows (rad or m).
 
@@ -153,7 +143,6 @@ class PositionBeyondLimits(Note):
         )
 
 
-@dataclass(frozen=True)
 class VelocityAboveLimit(Note):
     """A peak velocity and its limit in the robot file (rad/s or m/s)."""
 
@@ -168,7 +157,6 @@ class VelocityAboveLimit(Note):
         )
 
 
-@dataclass(frozen=True)
 class EffortAboveLimit(Note):
     """A peak torque and its limit in the robot file, in ``unit``.
 
@@ -189,7 +177,6 @@ class EffortAboveLimit(Note):
         )
 
 
-@dataclass(frozen=True)
 class EffortFarBelowLimit(Note):
     """A peak torque below a thousandth of its limit in the robot file, in ``unit``."""
 
@@ -206,7 +193,6 @@ class EffortFarBelowLimit(Note):
         )
 
 
-@dataclass(frozen=True)
 class CorrelatedParameters(Note):
     """The number of base parameters, and their condition number in these motions."""
 
@@ -241,7 +227,6 @@ class SearchKind(WordedEnum):
     PAIRS = "pairs", "exchanged columns were looked for only among joints that follow each other."
 
 
-@dataclass(frozen=True)
 class SearchLeftOut(Note):
     """A search that was skipped because the model has so many joints and parameters."""
 
@@ -255,7 +240,6 @@ class SearchLeftOut(Note):
         return f"the model has {size}, so that {self.search.words}"
 
 
-@dataclass(frozen=True)
 class OtherPayload(Costly):
     """The last link is ``mass`` (kg) heavier in one log than in training.
 
@@ -264,7 +248,7 @@ class OtherPayload(Costly):
     """
 
     topic = "payload"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     mass: float
     std: float
     share: float
@@ -278,7 +262,6 @@ class OtherPayload(Costly):
         )
 
 
-@dataclass(frozen=True)
 class OddLog(Note):
     """One log does not fit together with the others.
 
@@ -287,7 +270,7 @@ class OddLog(Note):
     """
 
     topic = "odd log"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     before: float
     after: float
 

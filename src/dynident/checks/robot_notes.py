@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import degrees
-from typing import ClassVar
 
 from dynident.runtime import Note, Use, WordedEnum, angles, percent, short, vector
 
@@ -110,7 +109,6 @@ class Rival:
         return f"joint {self.joint}: {change}" if self.joint else change
 
 
-@dataclass(frozen=True)
 class Costly(Note):
     """Base of notes that forbid a use by what the fault costs.
 
@@ -134,14 +132,13 @@ class Costly(Note):
         return f"On this path at twice the speed it changes the torque by {percent(self.cost, 2)}."
 
 
-@dataclass(frozen=True)
 class WrongValue(Costly):
     """Base of values that a model takes as known and that are wrong; ``joint_cost`` (%) is that of the worst joint.
 
     The user can correct them, so that any of them forbids simulation.
     """
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     joint_cost: float = field(default=0.0, kw_only=True)
 
     @property
@@ -150,7 +147,6 @@ class WrongValue(Costly):
         return Use.CONTROL if self.joint_cost > MAX_JOINT_COST else self.forbids
 
 
-@dataclass(frozen=True)
 class TorqueGain(WrongValue):
     """The torque of a joint is ``factor`` times what the other joints require.
 
@@ -176,7 +172,6 @@ class TorqueGain(WrongValue):
         return f"check its `gain`: the torque is {short(self.factor)} times what the other joints ask for."
 
 
-@dataclass(frozen=True)
 class ClockWrong(WrongValue):
     """A second of the stamps is ``factor`` seconds; ``others`` explain the residual as well."""
 
@@ -199,7 +194,6 @@ class ClockWrong(WrongValue):
         return f"check the sampling rate and the unit of the time: a second seems to be {short(self.factor)} s."
 
 
-@dataclass(frozen=True)
 class ZeroOff(WrongValue):
     """The robot's joint stands at the logged position plus ``offset`` (rad or m)."""
 
@@ -222,7 +216,6 @@ class ZeroOff(WrongValue):
         return f"set `zero`: the joint seems to be at the logged position {self.offset:+.3g} (rad or m)."
 
 
-@dataclass(frozen=True)
 class LengthWrong(WrongValue):
     """A component ("x", "y" or "z", in the parent link's frame) of a joint's origin: in the file and as fitted (m)."""
 
@@ -250,7 +243,6 @@ class LengthWrong(WrongValue):
         )
 
 
-@dataclass(frozen=True)
 class AxisTilted(WrongValue):
     """A joint's frame, or its axis ``alone``, is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
 
@@ -279,7 +271,6 @@ class AxisTilted(WrongValue):
         return f"check its {self._part} in the robot file, which seems to be turned by {short(self.angle, 2)} rad."
 
 
-@dataclass(frozen=True)
 class TiltedBase(WrongValue):
     """The base is turned by ``x`` and then ``y`` (rad) about these axes; ``std`` of both; errors (%) of the torque."""
 
@@ -304,7 +295,6 @@ class TiltedBase(WrongValue):
         return f"set `base_tilt: estimate`: the base seems to be tilted by {angles(self.x, self.y, 2)}."
 
 
-@dataclass(frozen=True)
 class MissingTerm(Costly):
     """An effect that the model lacks at a joint: its value in SI units.
 
@@ -337,14 +327,12 @@ class MissingTerm(Costly):
         return f"the model lacks {self.effect.effect.removesuffix(',')}{partner}. {self.effect.remedy}"
 
 
-@dataclass(frozen=True)
 class TermLeftOut(MissingTerm):
     """A missing effect that the library has as a term, so that it forbids simulation at any cost."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
 
 
-@dataclass(frozen=True)
 class LeftAtReversals(Note):
     """The residual torque near the reversals of a joint.
 
@@ -366,7 +354,6 @@ class LeftAtReversals(Note):
         )
 
 
-@dataclass(frozen=True)
 class Unexplained(Note):
     """The low-passed torque that is neither white noise nor explained by anything searched: ``left`` % of it.
 
@@ -375,7 +362,7 @@ class Unexplained(Note):
     """
 
     topic = "unexplained"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     left: float
     joint_left: float
 

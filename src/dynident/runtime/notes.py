@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, Self, TypeVar, dataclass_transform
 
 from dynident.runtime.errors import InputError, join_names
 
@@ -45,8 +45,16 @@ class Use(StrEnum):
     DO_NOT_USE = "do not use"
 
 
-@dataclass(frozen=True)
-class Note:
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+class Statement:
+    """Base of data that say themselves by ``str``; each class derived from it is a frozen dataclass."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        dataclass(frozen=True)(cls)
+
+
+class Note(Statement):
     """Base of all notes: the fields hold the figures, ``str`` is the sentence, mostly without a full stop.
 
     The type determines severity and bearing. ``topic`` is a stable name for programs, empty where there is none.
@@ -83,7 +91,6 @@ class Note:
         return ""
 
 
-@dataclass(frozen=True)
 class Remark(Note):
     """A warning given as text, from reading a file or a configuration."""
 

@@ -157,7 +157,7 @@ def test_what_the_checks_find_gains_what_it_removes() -> None:
     worse = replace(log, errors=replace(log.errors, rmse={"slider": 2 * NOISE}, relative_error=8.0))
     found = replace(sound, validations=(sound.validations[0], worse))
     notes = [Removing(0.5 * NOISE**2), Removing(1e-4 * NOISE**2), Removing(2 * NOISE**2), Advice(), Removing()]
-    findings = [Finding(Severity.INFO, "slider", note) for note in notes]
+    findings = [Finding(note, "slider", severity=Severity.INFO) for note in notes]
     steps = of_kind(replace(found, warnings=tuple(findings)), SetRight)
     assert [step.finding for step in steps] == [findings[2], findings[0], findings[3]]
     assert steps[0].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 2 / 4)))

@@ -19,7 +19,7 @@ from dynident.checks import file_notes
 from dynident.checks.file_notes import AffectedColumns
 from dynident.checks.misfit import FitCase, misfit
 from dynident.checks.suspects import displace_joint
-from dynident.runtime import Finding, Note, Severity, brief
+from dynident.runtime import Finding, Note, brief
 
 Array = NDArray[np.float64]
 MIN_ERROR_TO_TRY = 0.03  # relative error of the torque from which something else is tried
@@ -63,8 +63,7 @@ def better_alternative(case: FitCase) -> Iterator[Finding]:
     # an alternative must be much better than the case as given, and better than simple terms that the model may lack
     if min_error < MAX_ERROR_RATIO * before and min_error < _relative_error(_with_plain_terms(case)):
         after, best = next(pair for pair in trials if pair[0] < MAX_TIE_RATIO * min_error)
-        note = best.note(100.0 * before, 100.0 * after)
-        yield Finding(Severity.WARNING, best.joint, note)
+        yield Finding(best.note(100.0 * before, 100.0 * after), best.joint)
 
 
 def _relative_error(case: FitCase) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import floor, log10
 
-from dynident.runtime import Note, count, instant, percent, short
+from dynident.runtime import Note, Severity, count, instant, percent, short
 
 MAX_SAMPLE_INTERVAL = 0.15  # s: samples further apart may be stamped in another unit
 
@@ -12,6 +12,7 @@ MAX_SAMPLE_INTERVAL = 0.15  # s: samples further apart may be stamped in another
 class TooFewSamples(Note):
     """A log has fewer samples than the ``least`` number that can be smoothed; ``step`` (s) is their spacing."""
 
+    severity = Severity.ERROR
     topic = "samples"
     samples: int
     least: int
@@ -28,6 +29,7 @@ class TooFewSamples(Note):
 class LongGap(Note):
     """The first of ``count`` gaps: its length (s), the time (s) before it, and its length over the median step."""
 
+    severity = Severity.ERROR
     topic = "gap"
     length: float
     after: float
@@ -78,6 +80,7 @@ class NeverMoves(Note):
 class PerhapsDegrees(Note):
     """A position spans more rad, or reaches more rad/s, than a robot arm does."""
 
+    severity = Severity.ERROR
     topic = "degrees"
     span: float
     speed: float
@@ -187,6 +190,7 @@ class SamplingJitter(Note):
     Equal spacing makes positions ``factor`` times noisier, None where unclear.
     """
 
+    severity = Severity.INFO
     topic = "jitter"
     jitter: float
     factor: float | None
@@ -237,6 +241,7 @@ class WrappedPosition(Note):
     """A position jumps ``count`` times by its whole range ``period`` (rad, m), first after sample ``row`` at ``time``
     (s)."""
 
+    severity = Severity.ERROR
     topic = "wrapped"
     count: int
     period: float
@@ -258,6 +263,7 @@ class WrongTimeUnit(Note):
     With the stamps multiplied by ``factor`` both would be plausible.
     """
 
+    severity = Severity.ERROR
     topic = "time unit"
     rate: float
     speed: float

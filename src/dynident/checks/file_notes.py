@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from dynident.runtime import Note, Remark, Use, join_names, percent, short, vector
+from dynident.runtime import Note, Remark, Severity, Use, join_names, percent, short, vector
 
 FROM_CAD = "Take it from CAD, or identify it with `kind: consistent`."
 
@@ -12,12 +12,14 @@ FROM_CAD = "Take it from CAD, or identify it with `kind: consistent`."
 class Unread(Remark):
     """What is in a robot file and was not read."""
 
+    severity = Severity.INFO
     topic = "unread"
 
 
 class Unusable(Remark):
     """Why a file cannot be checked."""
 
+    severity = Severity.ERROR
     topic = "unusable"
 
 
@@ -140,6 +142,7 @@ class FloatingBase(Note):
 class SeveralLimbs(Note):
     """Several joints move limbs of a base with a mass, which is taken as fixed; it may be a trunk."""
 
+    severity = Severity.INFO
     topic = "limbs"
     base: str
     joints: tuple[str, ...]
@@ -154,6 +157,7 @@ class SeveralLimbs(Note):
 class OnlyShapes(Note):
     """A link has shapes of files instead of an inertia."""
 
+    severity = Severity.INFO
     topic = "shapes"
 
     def __str__(self) -> str:
@@ -167,6 +171,7 @@ class OnlyShapes(Note):
 class PointMass(Note):
     """A link has a mass (kg) without an inertia about its centre."""
 
+    severity = Severity.INFO
     topic = "point"
     mass: float
 
@@ -274,6 +279,7 @@ class LimitNotPositive(Note):
 class NoLimit(Note):
     """The joints without a limit of "effort" or "velocity"."""
 
+    severity = Severity.INFO
     topic = "limits"
     quantity: str
     joints: tuple[str, ...]

@@ -132,7 +132,7 @@ class MissingEffect:
         removed = tuple(entry for entry in cost.removed if entry[0] in (names[self.j], partner))
         note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all, removed=removed)
         severity = Severity.WARNING if self.share > MIN_WARNING_SHARE or note.forbidden else Severity.INFO
-        return Finding(severity, names[self.j], note)
+        return Finding(note, names[self.j], severity=severity)
 
 
 def find_missing_effects(fit: Misfit) -> list[MissingEffect]:
@@ -298,7 +298,7 @@ def payload_findings(
     for name, motion in held_out.items() if last else ():
         note = _other_payload(fit_case(model, [*motions, motion], parallel_filter, min_speed, PAYLOAD_SAMPLES), last)
         if note is not None:
-            yield Finding(Severity.WARNING, None, note, source=name)
+            yield Finding(note, source=name)
 
 
 def _other_payload(case: FitCase, last: Sequence[int]) -> OtherPayload | None:
@@ -356,8 +356,7 @@ def unexplained_findings(fit: Misfit) -> Iterator[Finding]:
     share = 100.0 * float(np.sqrt(power.sum() / (torque.sum() or np.inf)))
     if share > MAX_SIMULATION_COST:
         j = int(np.argmax(power))
-        note = Unexplained(share, 100.0 * float(np.sqrt(power[j] / torque[j])))
-        yield Finding(Severity.WARNING, case.model.joints[j].name, note)
+        yield Finding(Unexplained(share, 100.0 * float(np.sqrt(power[j] / torque[j]))), case.model.joints[j].name)
 
 
 def reversal_findings(
@@ -377,7 +376,7 @@ def reversal_findings(
         share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], fit.weight[:, j] > 0)
         excess_error = 100.0 * share**0.5 * float(fit.error[j])
         if share > MIN_REVERSAL_SHARE and excess_error > MIN_REVERSAL_ERROR:
-            yield Finding(Severity.WARNING, joint.name, LeftAtReversals(excess_error, share))
+            yield Finding(LeftAtReversals(excess_error, share), joint.name)
 
 
 def _share_near(squared: Array, near_reversals: NDArray[np.bool_], counted: NDArray[np.bool_]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dynident.checks.robot_notes import Costly
-from dynident.runtime import Note, Remark, Use, WordedEnum, count, join_names, percent, short
+from dynident.runtime import Note, Remark, Severity, Use, WordedEnum, count, join_names, percent, short
 
 ASTRAY = "What is found by simulating the loop is wrong by more than its errors say."
 
@@ -11,6 +11,7 @@ ASTRAY = "What is found by simulating the loop is wrong by more than its errors 
 class NotSmoothed(Remark):
     """Why the motion of the recordings could not be found or fitted."""
 
+    severity = Severity.ERROR
     topic = "motion"
 
 
@@ -84,6 +85,7 @@ class LoopGain(Note):
 class LoopUnused(Note):
     """Columns that are named as reference positions but used by no controller."""
 
+    severity = Severity.INFO
     topic = "loop"
     columns: tuple[str, ...]
 

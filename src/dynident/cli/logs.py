@@ -93,9 +93,9 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
 def _unusable_result(error: Exception) -> CheckResult:
     from dynident.checks import CheckResult
     from dynident.checks.file_notes import Unusable
-    from dynident.runtime import Finding, Severity
+    from dynident.runtime import Finding
 
-    return CheckResult((Finding(Severity.ERROR, None, Unusable(str(error))),))
+    return CheckResult((Finding(Unusable(str(error))),))
 
 
 def _check_robot_file(path: Path) -> CheckResult:

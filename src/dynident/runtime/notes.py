@@ -102,17 +102,20 @@ class Remark(Note):
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and the ``message``, what was found.
+    """One finding: the ``message``, what was found, and the ``joint`` it concerns (None: all of them).
 
-    ``source`` is the log or file and ``link`` the link concerned, each empty where there is none. ``str`` is the place
-    and the message.
+    ``source`` is the log or file and ``link`` the link concerned, each empty where there is none. ``severity`` is that
+    of the message unless it is given. ``str`` is the place and the message.
     """
 
-    severity: Severity
-    joint: str | None
     message: Note
+    joint: str | None = None
     source: str = ""
     link: str = ""
+    severity: Severity = None  # type: ignore[assignment]  # never None when it is made
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "severity", self.severity or self.message.severity)
 
     def __str__(self) -> str:
         part = f"link {self.link!r}" if self.link else f"joint {self.joint!r}" if self.joint else ""

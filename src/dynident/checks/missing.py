@@ -25,7 +25,7 @@ from dynident.identification.verdict_rules import SPEED_FACTOR
 from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion, subsample, thin_motions
 from dynident.regression import ParallelFilter
-from dynident.runtime import Finding, Severity, brief
+from dynident.runtime import Finding, Noun, Severity
 
 Array = NDArray[np.float64]
 
@@ -101,8 +101,7 @@ TRIED_KINDS = {  # the kinds by which a choice of terms has tried an effect
 Effect = tuple[TermKind, int, int | None, float, Array]  # kind, joint, other joint, period (rad or m), column (M, n)
 
 
-@dataclass(frozen=True, eq=False)
-class MissingEffect:
+class MissingEffect(Noun):
     """An effect that would explain much of the residual, with the score test of it.
 
     It is one of joint ``j``, with the joint ``partner``; ``period`` is that of a ripple. ``fast_column`` is its
@@ -116,8 +115,6 @@ class MissingEffect:
     column: Array
     fast_column: Array
     score: ScoreTest
-
-    __repr__ = brief
 
     @property
     def share(self) -> float:

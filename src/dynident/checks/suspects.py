@@ -7,7 +7,7 @@ Gauss-Newton steps.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, misfi
 from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity
 from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJoint
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Rivals = tuple[Rival, ...]
@@ -31,8 +31,7 @@ MAX_STEPS = 8
 MAX_SETTLED_STEP = 0.1  # of a standard error: a smaller step ends the search
 
 
-@dataclass(frozen=True, eq=False)
-class Suspect:
+class Suspect(Noun):
     """An unknown of a ``joint`` (None: of all), with what is needed to test and to correct it.
 
     ``derivative`` is that of the torque with respect to it, at zero, in a fit; ``correct_case`` returns the case
@@ -51,11 +50,8 @@ class Suspect:
     order: int
     in_use: Callable[[FitCase, float], FitCase] = lambda case, _: case
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class SuspectEstimate:
+class SuspectEstimate(Noun):
     """The estimate of a suspect: ``value``, ``std``, the ``share`` that it explains, and the corrected case."""
 
     suspect: Suspect
@@ -63,8 +59,6 @@ class SuspectEstimate:
     std: float
     share: float
     case: FitCase
-
-    __repr__ = brief
 
     @property
     def rival(self) -> Rival:

@@ -84,10 +84,10 @@ STEPS = [
     steps.Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
     steps.HoldOutFaster(2.52),
     steps.SetRight(
-        Finding(Severity.INFO, "a", robot_notes.MissingTerm(robot_notes.TermKind.VISCOUS, 1.0, 0.1, 0.3)),
+        Finding(robot_notes.MissingTerm(robot_notes.TermKind.VISCOUS, 1.0, 0.1, 0.3), "a", severity=Severity.INFO),
         gain=0.5,
     ),
-    steps.SetRight(Finding(Severity.WARNING, None, robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
+    steps.SetRight(Finding(robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
     steps.CheckRipple(("a",)),
 ]
 SENTENCES = Path(__file__).with_name("sentences.txt").read_text("utf-8").splitlines()  # in the order of the facts

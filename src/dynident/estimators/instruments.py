@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,6 @@ class InstrumentKind(WordedEnum):
     LAGGED = "lagged", "the motion before and after each sample"
 
 
-@dataclass(frozen=True)
 class InstrumentsUsed(Note):
     """The ``kinds`` of instruments, the longest ``lag`` (s) of those that have one, and what became of least squares.
 
@@ -37,7 +35,7 @@ class InstrumentsUsed(Note):
     most, by ``moved`` standard errors; none where no parameter is determined by itself.
     """
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     kinds: tuple[InstrumentKind, ...]
     correlation: float
     lag: float | None = None
@@ -56,7 +54,6 @@ class InstrumentsUsed(Note):
         return f"instruments are {kinds} {correlation}{change}{noise}"
 
 
-@dataclass(frozen=True)
 class WeakInstruments(Note):
     """The instruments explain little of the regressor in a direction of which ``parameter`` has the largest part:
     their ``correlation``, and the F ``statistic`` of the first stage."""
@@ -72,7 +69,6 @@ class WeakInstruments(Note):
         )
 
 
-@dataclass(frozen=True)
 class NotSimulated(Note):
     """Instruments are not simulated, since the first model fails in the controller's loop, for a ``reason``."""
 
@@ -85,7 +81,6 @@ class NotSimulated(Note):
         )
 
 
-@dataclass(frozen=True)
 class MotionMovesOn(Unsettled):
     """The simulated motion, and with it the value, still moves after so many ``iterations``: by ``moved`` standard
     errors in the last one. Where a simulation failed, the ``reason`` says why."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,6 @@ EDGE_SHARE = 0.1  # share of a stretch left out at either end
 START_TILT = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
-@dataclass(frozen=True)
 class BaseTilt(Note):
     """The base tilt: rotations about the root link's x and y axes, in rad, with standard errors ``std``, and training
     error (%) ``before`` and ``after`` correction.
@@ -52,7 +50,7 @@ class BaseTilt(Note):
     standard error, or 2 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
     """
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     x: float
     y: float
     std: tuple[float, float]
@@ -73,7 +71,6 @@ class BaseTilt(Note):
         return f"the base is tilted by {angles(self.x, self.y, 2)} (+- {dx:.2f} and {dy:.2f}); {change}"
 
 
-@dataclass(frozen=True)
 class SteepBase(Note):
     """A base tilt by ``x`` and ``y`` (rad) would be more than a mounting error: the base is taken as level."""
 

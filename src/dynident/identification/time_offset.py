@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,6 @@ MIN_ERROR_REDUCTION = 0.005  # share of the error that a time offset must remove
 MIN_SIGNIFICANCE = 3.0  # standard errors that it must differ from zero by
 
 
-@dataclass(frozen=True)
 class TimeOffset(Note):
     """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction.
 
@@ -62,7 +61,7 @@ class TimeOffset(Note):
     """
 
     topic = "time offset"
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     seconds: float
     before: float
     after: float

@@ -134,7 +134,7 @@ def _order_actions(
 
 def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
     """Yield findings of the checks and notes of the estimate that forbid a use, each kind once."""
-    notes = (Finding(note.severity, None, note) for note in identification.estimate.notes)
+    notes = (Finding(note, severity=note.severity) for note in identification.estimate.notes)
     kinds: dict[object, list[Finding]] = {}
     for finding in (*identification.findings, *notes):
         if finding.forbids is use:

@@ -321,7 +321,7 @@ def _build_validation(part: ValidationPart, source: str) -> LogValidation:
 
 def _build_finding(part: FindingPart, source: str) -> Finding:
     message = _build_noun(Note, part.message, source)
-    return Finding(part.severity, part.joint, message, part.source, part.link)
+    return Finding(message, part.joint, source=part.source, link=part.link, severity=part.severity)
 
 
 def _build_noun(base: type[Noun], part: TaggedPart, source: str) -> Noun:

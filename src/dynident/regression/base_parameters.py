@@ -207,7 +207,6 @@ def structural_base_parameters(
     return base_parameters(factor, model.parameters, tolerance)
 
 
-@dataclass(frozen=True)
 class UnexcitedParameters(Note):
     """Base parameters that the data do not excite, and the joints whose motion would excite them.
 

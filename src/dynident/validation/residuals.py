@@ -184,7 +184,6 @@ class FollowTest:
         return self.p_value < TEST_LEVEL
 
 
-@dataclass(frozen=True)
 class SmoothedAway(Note):
     """Smoothing took away motion on a ``log``: of ``joints``, most of all of the first, for which ``share`` (%) of what
     was taken away follows the motion, and with it ``lost`` (%) of the acceleration."""

@@ -142,7 +142,7 @@ def test_a_best_that_cross_validation_contradicts_is_not_recommended() -> None:
 
 
 def test_what_forbids_any_model_comes_first() -> None:
-    finding = Finding(Severity.ERROR, "elbow", Remark("turns <b>the other way</b>"), source="monday")
+    finding = Finding(Remark("turns <b>the other way</b>"), "elbow", source="monday", severity=Severity.ERROR)
     first = ranking_findings(replace(ranking(), findings=(finding,)))[0]
     assert first == "Before any of them is used: monday: elbow: turns <b>the other way</b>."
     loop = replace(finding, severity=Severity.WARNING, message=LoopDiffers(0.7))

@@ -176,7 +176,6 @@ def _total_base_information(basis: BaseParameters, information: Array, prior: Ar
     return np.asarray(base if prior is None else base + base_information(basis, prior))
 
 
-@dataclass(frozen=True)
 class Interrupted(Note):
     """The search was stopped before its end; the motion is the best so far, within all limits."""
 

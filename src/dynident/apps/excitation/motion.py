@@ -75,7 +75,6 @@ class MotionRequest:
     __repr__ = brief
 
 
-@dataclass(frozen=True)
 class LeftOut(Note):
     """Terms with memory, by their kind, were left out of the design: their information is not counted."""
 

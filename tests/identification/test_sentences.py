@@ -126,7 +126,7 @@ def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
 
 
 def test_a_reason_that_asks_ends_with_its_question_mark() -> None:
-    asking = why.ForbiddingFindings((Finding(Severity.WARNING, "a", Remark("is it in degrees?")),))
+    asking = why.ForbiddingFindings((Finding(Remark("is it in degrees?"), "a"),))
     plain, said = why.TorqueErrorTooLarge("fast", 12.0, 10.0), "Against its use: a: is it in degrees?"
     assert second(Use.DO_NOT_USE, asking) == said
     assert second(Use.DO_NOT_USE, asking, plain) == f"{said} And {plain}."

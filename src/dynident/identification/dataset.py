@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from dynident.identification.outliers import mask_outliers
 from dynident.identification.recipe import Recipe, Rests, without_rests
@@ -19,18 +18,16 @@ Motions = dict[str, dict[str, Motion]]
 MAX_EXCLUDED_SHARE = 0.05  # share of a held-out log that may be excluded without a warning
 
 
-@dataclass(frozen=True)
 class NotFitted(Note):
     """The torque equations of these ``joints`` are not fitted, as the recipe asks; they are predicted and judged."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     joints: tuple[str, ...]
 
     def __str__(self) -> str:
         return f"torques that are not fitted, only predicted and judged, by `unfitted`: {', '.join(self.joints)}"
 
 
-@dataclass(frozen=True)
 class NotJudged(Note):
     """Of the held-out ``log`` the configuration excludes a ``share`` (%): its error is that of the rest."""
 
@@ -52,12 +49,11 @@ def exclusion_notes(validations: Sequence[LogValidation]) -> Iterator[NotJudged]
             yield NotJudged(validation.name, 100.0 * float(excluded.mean()))
 
 
-@dataclass(frozen=True)
 class SubstituteUsed(Note):
     """The ``log``, which is judged and not fitted, has not the motion that the smoother is made for, whose class is
     ``smoother``; it is smoothed by another ``method``."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     log: str
     smoother: str
     method: str

@@ -30,7 +30,6 @@ MIN_RESIDUAL_SHARE = 0.01  # of a torque's rms, the least usual residual
 MIN_CLIPPED_EXCESS = 2.0  # usual residuals by which the model exceeds a clipped torque, on average
 
 
-@dataclass(frozen=True)
 class HeldOutOutliers(Note):
     """Wrong torques in a held-out ``log``: ``count``, ``joints``, and the ``error`` (%) with and ``without`` them."""
 

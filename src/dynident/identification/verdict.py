@@ -9,7 +9,7 @@ from dynident.identification.unobservable import Unobservable
 from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
 from dynident.models.simulation import Failure
 from dynident.regression import UnexcitedParameters
-from dynident.runtime import Finding, Use, join_names, number, percent, place_and_text, rough, shorten
+from dynident.runtime import Finding, Statement, Use, join_names, number, percent, place_and_text, rough, shorten
 from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
@@ -23,8 +23,7 @@ _USE_SENTENCES = {
 }
 
 
-@dataclass(frozen=True)
-class Reason:
+class Reason(Statement):
     """Base of the reasons; errors are in %."""
 
     usual_remedy: ClassVar[Remedy | None] = None
@@ -35,7 +34,6 @@ class Reason:
         return self.usual_remedy
 
 
-@dataclass(frozen=True)
 class NoHoldOut(Reason):
     """No log was held out."""
 
@@ -45,7 +43,6 @@ class NoHoldOut(Reason):
         return "no log was held out, so the error on unseen motion is not known"
 
 
-@dataclass(frozen=True)
 class ForbiddingFindings(Reason):
     """Findings of the checks, or notes of the estimate, that forbid a use: ``findings`` of one kind."""
 
@@ -56,7 +53,6 @@ class ForbiddingFindings(Reason):
         return ": ".join(filter(None, place_and_text(self.findings))).removesuffix(".")
 
 
-@dataclass(frozen=True)
 class Repeats(Reason):
     """All held-out logs repeat a motion of the training: ``pairs`` of their names."""
 
@@ -68,7 +64,6 @@ class Repeats(Reason):
         return f"{repeats}: the error on another motion is not known"
 
 
-@dataclass(frozen=True)
 class SlowHoldOut(Reason):
     """The held-out motions have at most ``share`` of the speed of the training, so that little is seen of inertia."""
 
@@ -83,7 +78,6 @@ class SlowHoldOut(Reason):
         return f"the held-out motion has only {rough(100 * self.share)} of the speed of the training"
 
 
-@dataclass(frozen=True)
 class SilentTorque(Reason):
     """The torque of these ``joints`` does not change in any training log."""
 
@@ -94,7 +88,6 @@ class SilentTorque(Reason):
         return f"the torque of {', '.join(self.joints)} does not change in any training log"
 
 
-@dataclass(frozen=True)
 class TorqueErrorTooLarge(Reason):
     """The torque ``error`` on a held-out ``log`` exceeds the ``limit``."""
 
@@ -115,7 +108,6 @@ class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
         return f"unfiltered, {super().__str__()}"
 
 
-@dataclass(frozen=True)
 class JointErrorsTooLarge(Reason):
     """Single joints have a torque error above the ``limit``: pairs of name and error."""
 
@@ -129,7 +121,6 @@ class JointErrorsTooLarge(Reason):
         return f"on {self.log} some joints have a torque error above {self.limit:g} %: {bad}"
 
 
-@dataclass(frozen=True)
 class NotCarriedOver(Reason):
     """The error on a held-out ``log`` is ``ratio`` times that of the training."""
 
@@ -141,7 +132,6 @@ class NotCarriedOver(Reason):
         return f"the error on {self.log} is {self.ratio:.2g} times the training error: the model does not generalise"
 
 
-@dataclass(frozen=True)
 class TrainedWorse(Reason):
     """The ``error`` on a training ``log`` is large, ``ratio`` times that held out: the fit has outliers, or a fault."""
 
@@ -157,7 +147,6 @@ class TrainedWorse(Reason):
         )
 
 
-@dataclass(frozen=True)
 class MassMatrixNotPositive(Reason):
     """The mass matrix has an ``eigenvalue`` that is not positive."""
 
@@ -168,7 +157,6 @@ class MassMatrixNotPositive(Reason):
         return f"the mass matrix is not positive definite (eigenvalue {self.eigenvalue:.3g})"
 
 
-@dataclass(frozen=True)
 class MostlyUnexcited(Reason):
     """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
 
@@ -180,7 +168,6 @@ class MostlyUnexcited(Reason):
         return f"the data do not excite {self.unexcited} of {self.total} base parameters"
 
 
-@dataclass(frozen=True)
 class PartlyUnexcited(Reason):
     """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
 
@@ -192,7 +179,6 @@ class PartlyUnexcited(Reason):
         return f"the data do not excite {unexcited}: motions that do are not predicted"
 
 
-@dataclass(frozen=True)
 class HeldBack(Reason):
     """Physical constraints hold the parameters far from the least-squares estimate.
 
@@ -221,7 +207,6 @@ class DrawnBack(HeldBack):
     doubt = "the prior is wrong or too strong, or the model lacks an effect"
 
 
-@dataclass(frozen=True)
 class NegativeValues(Reason):
     """Parameters with ``names`` are negative, which is not physical."""
 
@@ -232,7 +217,6 @@ class NegativeValues(Reason):
         return f"negative values, which are not physical: {join_names(self.names, MAX_NAMES)}"
 
 
-@dataclass(frozen=True)
 class InertiasFree(Reason):
     """The bodies' inertias were not constrained to be physically consistent."""
 
@@ -242,7 +226,6 @@ class InertiasFree(Reason):
         return "the bodies' inertias were not constrained to be physically consistent"
 
 
-@dataclass(frozen=True)
 class NoFreeRun(Reason):
     """No free simulation was asked for."""
 
@@ -252,7 +235,6 @@ class NoFreeRun(Reason):
         return "no free simulation was run"
 
 
-@dataclass(frozen=True)
 class FreeRunFails(Reason):
     """The free simulations of these ``logs`` fail, the first for this ``failure``."""
 
@@ -263,7 +245,6 @@ class FreeRunFails(Reason):
         return f"the free simulation of {', '.join(self.logs)} fails: {self.failure}"
 
 
-@dataclass(frozen=True)
 class FreeRunAstray(Reason):
     """The free simulation of a ``log`` has a large ``error`` (% of the motion of a ``joint``).
 

@@ -215,7 +215,7 @@ def test_the_page_has_all_parts_and_escapes_names() -> None:
 
 def test_the_badge_tells_what_comes_before_any_ranking() -> None:
     assert "yours is among the best" in ranking_page(ranking())
-    finding = Finding(Severity.ERROR, None, Remark(HOSTILE))
+    finding = Finding(Remark(HOSTILE), severity=Severity.ERROR)
     text = ranking_page(replace(ranking(), findings=(finding,)))
     assert "correct first what was found" in text
     assert "yours is among the best" not in text

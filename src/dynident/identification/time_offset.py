@@ -188,8 +188,10 @@ def find_time_offset(
     if np.isnan(best):
         return TimeOffset(0.0, before, before)
     refined, std = _refine_offset(model, motions, rows, best, quick_estimator)
-    # noise of the motion makes waves, of which the search takes the deepest: another value fits as well
-    if error(refined) < (1.0 + MIN_ERROR_REDUCTION) * after:
+    # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
+    # slope gives is better, unless it fits clearly worse
+    takes_slope = error(refined) < (1.0 + MIN_ERROR_REDUCTION) * after
+    if takes_slope:
         best, after = refined, error(refined)
     no_offset = TimeOffset(0.0, before, before, std)
     if not after < (1.0 - MIN_ERROR_REDUCTION) * before or abs(best) < MIN_SIGNIFICANCE * std:
@@ -202,9 +204,9 @@ def find_time_offset(
         fast = _keep_fast(repeated_motions, selection)
         repeated_error, repeated_floor = errors_of(fast)
         offset, *_ = _minimise_error(repeated_error, TRIAL_OFFSETS[:NEAREST_TRIALS], repeated_floor)
-        spurious_offsets.append(
-            _refine_offset(model, fast, rows, offset, quick_estimator)[0] if np.isfinite(offset) else offset
-        )
+        if takes_slope and np.isfinite(offset):
+            offset, _ = _refine_offset(model, fast, rows, offset, quick_estimator)
+        spurious_offsets.append(offset)
     if not np.isfinite(spurious_offsets).all():  # smoothing alone shows one beyond the range
         return no_offset
     if count_repeated := len(spurious_offsets):  # what they share is of the smoother; how they differ is chance

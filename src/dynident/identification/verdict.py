@@ -100,7 +100,6 @@ class TorqueErrorTooLarge(Reason):
         return f"the torque error on {self.log} is {percent(self.error)}, above {self.limit:g} %"
 
 
-@dataclass(frozen=True)
 class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
     """A torque error of the unfiltered torque that is too large, where the fit has a low-pass."""
 

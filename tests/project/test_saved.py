@@ -124,7 +124,7 @@ def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
     assert_same(again.residual.whitening, noise)
     spoilt = path.read_text().replace("-0.3", "-1.3")
     path.write_text(spoilt)
-    with pytest.raises(InputError, match=r"result.json: estimate.residual.whitening: .* joint 1: .* is not stable"):
+    with pytest.raises(ConfigError, match=r"result.json: .* noise of joint 1: .* is not stable"):
         load(path, model)
 
 
@@ -203,15 +203,17 @@ def test_a_result_of_version_1_is_read() -> None:
     [
         (("version",), 2, "has version 2"),
         (("format",), "other", "is no result"),
-        (("parameters", 0, "value"), "much", r"parameters\[0\]\.value: input should be a valid number"),
+        (("parameters", 0, "value"), "much", r"parameters\[0\]\.value: should be a valid number, .*; got 'much'"),
         (("parameters", 0, "value"), "NaN", "a parameter has no value"),
         (("parameters", 0, "provenance"), "guess", r"parameters\[0\]\.provenance"),
-        (("estimate", "covariance"), [[1.0]], r"estimate\.covariance has not the shape \(4, 4\)"),
-        (("estimate", "notes"), [{"kind": "Nonsense"}], "'Nonsense' is no kind of Note"),
-        (("estimate", "notes"), [{"kind": "RankDeficient"}], "RankDeficient: rank: field required"),
+        (("estimate", "covariance"), [[1.0]], r"estimate\.covariance: has not the shape \(4, 4\)"),
+        (("estimate", "notes"), [{"kind": "Nonsense"}], r"estimate\.notes\[0\]: 'Nonsense' is no kind of Note"),
+        (("estimate", "notes"), [{"kind": "RankDeficient"}], r"estimate\.notes\[0\]\.rank: is missing"),
         (("recipe", "estimator", "kind"), "least_square", "did you mean 'least_squares'"),
-        (("calibration", "smoother", "chosen"), 99, "99, but there are 11 candidates"),
-        (("validations",), None, "validations: input should be a valid list"),
+        (("calibration", "smoother", "candidates"), [{}], "smoother: needs a `kind`"),
+        (("estimate", "value"), [0.0], r"estimate\.value: is not read from a file"),
+        (("mass_matrix", "q"), [[0.0]], r"mass_matrix\.q\[0\]: should be a valid number"),
+        (("validations",), None, "validations: a list is expected; got None"),
         (("recipe", "base_tilt"), [0.1, 0.0], "no term has a gravity"),
     ],
 )

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from dynident.motion.log import Motion
 from dynident.motion.smoothers import cutoff_complaint
 from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock
-from dynident.runtime import ConfigError, brief
+from dynident.runtime import Axes, ConfigError, brief
 
 Array = NDArray[np.float64]
 
@@ -164,8 +165,8 @@ class Whitening:
     Raises ConfigError where an autoregression is not stable, or the covariance not positive definite.
     """
 
-    coefficients: tuple[Array, ...]
-    covariance: Array
+    coefficients: tuple[Annotated[Array, Axes("m")], ...]
+    covariance: Annotated[Array, Axes("n", "n")]
 
     __repr__ = brief
 

@@ -37,6 +37,7 @@ from dynident.runtime.notes import (
     place_and_text,
     require,
 )
+from dynident.runtime.saved_fields import LEFT_OUT, Axes, Part, Tagged, saved_fields
 from dynident.runtime.text import (
     angles,
     capitalise,
@@ -55,7 +56,9 @@ from dynident.runtime.text import (
 
 __all__ = [
     "GIGABYTE",
+    "LEFT_OUT",
     "MEMORY_VARIABLE",
+    "Axes",
     "BudgetedFunction",
     "ConfigError",
     "DynidentError",
@@ -66,9 +69,11 @@ __all__ = [
     "MissingInputError",
     "ModelError",
     "Note",
+    "Part",
     "Remark",
     "Severity",
     "Step",
+    "Tagged",
     "Use",
     "WordedEnum",
     "angles",
@@ -92,6 +97,7 @@ __all__ = [
     "report_progress",
     "require",
     "rough",
+    "saved_fields",
     "set_budget",
     "setting_text",
     "settings_repr",

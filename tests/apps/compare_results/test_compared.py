@@ -62,11 +62,10 @@ def test_files_that_are_gone_are_said_and_not_needed(folder: Path, tmp_path: Pat
 
 
 def _wrong(data: dict[str, Any], part: str) -> dict[str, Any]:
-    base = data["base_parameters"]
     changes: dict[str, Any] = {
         "version": data | {"version": 7},
         "format": data | {"format": "another"},
-        "matrix": data | {"base_parameters": base | {"covariance": [[1.0]]}},
+        "matrix": data | {"errors": data["errors"] | {"base_covariance": [[1.0]]}},
         "kind": data | {"parameters": 3},
     }
     return dict(changes[part])
@@ -77,7 +76,7 @@ def _wrong(data: dict[str, Any], part: str) -> dict[str, Any]:
     [
         ("version", "identify again"),
         ("format", "is no result"),
-        ("matrix", "covariance is not"),
+        ("matrix", r"errors\.base_covariance: has not the shape"),
         ("kind", "parameters"),
     ],
 )

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import bridge_gaps, frozen_samples, noise_sigma, spikes, stretches, torn_ends
-from dynident.runtime import ConfigError, InputError, MissingInputError, brief, call_part, part_text, short
+from dynident.runtime import ConfigError, InputError, MissingInputError, Part, brief, call_part, part_text, short
 
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 
 
-class Smoother(ABC):
+class Smoother(Part, ABC):
     """Base of all smoothers: converts a ``Log`` to a ``Motion``.
 
     A smoother is a frozen dataclass of settings. It keeps t, tau, joints and source, does not use tau, and masks out

@@ -94,7 +94,7 @@ class Tagged:
         if not isinstance(value, Mapping):
             raise ValueError("a mapping with a `kind` is expected")
         # only classes of the family: a file must not make anything else be built
-        classes = {subclass.__name__: subclass for subclass in _subclasses(cls)}
+        classes: dict[str, Any] = {subclass.__name__: subclass for subclass in _subclasses(cls)}
         kind = value.get("kind")
         if not isinstance(kind, str) or kind not in classes:
             raise ValueError(f"{kind!r} is no kind of {cls.__name__} that is known")

@@ -30,8 +30,8 @@ from dynident.regression import ParallelFilter, Whitening
 from dynident.runtime import ConfigError, InputError, ModelError
 from tests.cli.commands import configure, write_log
 from tests.identification.test_base_tilt import tilted
-from tests.project.keeps import wrong
 from tests.project.same import assert_same
+from tests.project.schemas import wrong
 
 DATA = Path(__file__).parents[1] / "data"
 Made = tuple[Model, Identification]
@@ -110,7 +110,7 @@ def test_what_is_saved_is_read_again_to_the_last_bit(made: Made, tmp_path: Path)
     path = found.save(tmp_path / "deep" / "result.json")
     again = load(path, model)
     assert_same(found, again)
-    assert list(wrong(schema := result_schema(), json.loads(path.read_text()), schema)) == []
+    assert wrong(result_schema(), json.loads(path.read_text())) == []
     assert again.save(tmp_path / "again.json").read_text() == path.read_text()
 
 

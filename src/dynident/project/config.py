@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, combinations, product
@@ -20,7 +19,7 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import SourceFile
 from dynident.models import INERTIAL, CoupledMotor, Joint, Model, RigidBodies, Term
 from dynident.models.friction import PerJoint
-from dynident.project.fields import Channel, Interval, interval_words
+from dynident.project.fields import Channel, Interval, interval_ends, interval_words
 from dynident.project.parts import build
 from dynident.project.python_file import CODE, XACRO_CODE, error_text, load_from_file, resolve_file, run_user_code
 from dynident.project.settings import AUTO, Config, RobotSettings, robot_settings
@@ -246,8 +245,8 @@ def _overlap_warnings(config: Config) -> Iterator[str]:
 
 
 def _has_overlap(held_out_window: Interval, training_window: Interval) -> bool:
-    start = max(-math.inf if window[0] is None else window[0] for window in (held_out_window, training_window))
-    return start < min(math.inf if window[1] is None else window[1] for window in (held_out_window, training_window))
+    starts, stops = zip(interval_ends(held_out_window), interval_ends(training_window), strict=True)
+    return max(starts) < min(stops)
 
 
 def _name_logs(config: Config, source: str) -> Config:

@@ -87,6 +87,12 @@ def unit_factor(unit: str, dimension: str, where: str) -> float:
     raise ConfigError(f"{where}: {unit!r} is {fault}; {choices(unit, factors)}")
 
 
+def interval_ends(interval: Interval) -> tuple[float, float]:
+    """Return the ends of a window, infinite where they are open."""
+    start, stop = interval
+    return -math.inf if start is None else start, math.inf if stop is None else stop
+
+
 def interval_words(interval: Interval) -> str:
     """Return a window as text for the name of a log, such as ``0-20 s``."""
     start, stop = interval

@@ -24,7 +24,7 @@ from dynident.files.tables import DAY, PARQUET, DataTable, join_tables, recordin
 from dynident.identification import PieceFactors, PiecePlan, Span, Stretch
 from dynident.models import Joint
 from dynident.motion.log import Log
-from dynident.project.fields import Interval, unit_factor
+from dynident.project.fields import Interval, interval_ends, unit_factor
 from dynident.project.logs import log_of, without_excluded
 from dynident.project.settings import Config, LogSpec, check_joints
 from dynident.project.signals import column_names
@@ -219,8 +219,8 @@ def _window_numbers(t: Array, windows: Sequence[Interval]) -> NDArray[Any]:
     if not windows:
         return np.zeros(len(t), dtype=int)
     out = np.full(len(t), -1)
-    for k, (start, stop) in enumerate(windows):
-        out[(t >= (-np.inf if start is None else start)) & (t <= (np.inf if stop is None else stop))] = k
+    for k, (start, stop) in enumerate(map(interval_ends, windows)):
+        out[(t >= start) & (t <= stop)] = k
     return out
 
 

@@ -8,7 +8,7 @@ parameters, and the base parameters, are rows of a table instead. Numbers that a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from dynident.models import Joint, MassMatrixCheck
 from dynident.project.fields import Section
 from dynident.project.python_file import error_text
 from dynident.project.settings import Config
-from dynident.regression import UnexcitedParameters
+from dynident.regression import BaseParameters, UnexcitedParameters
 from dynident.runtime import Axes, Finding, InputError, Note
 from dynident.validation import LogValidation
 
@@ -79,16 +79,17 @@ class BaseTable(ResultPart):
     singular_values: Annotated[Array, Axes("s")]
     scale: Annotated[Array, Axes("p")]
 
-    def combination(self, names: Sequence[str], source: str) -> Array:
-        """Return the combinations (r, p) of the parameters by name; InputError where one is not among them."""
-        index = {name: k for k, name in enumerate(names)}
-        combination = np.zeros((len(self.parameters), len(names)))
-        for k, row in enumerate(self.parameters):
+    def build(self, names: tuple[str, ...], source: str) -> BaseParameters:
+        """Return the base parameters of the parameters by name; InputError where one is not among them."""
+        index, rows = {name: k for k, name in enumerate(names)}, self.parameters
+        combination = np.zeros((len(rows), len(names)))
+        for k, row in enumerate(rows):
             for name, coefficient in {row.lead: 1.0, **row.combination}.items():
                 if name not in index:
                     raise InputError(f"{source}: base_parameters: there is no parameter {name!r}; identify again.")
                 combination[k, index[name]] = coefficient
-        return combination
+        leads = tuple(index[row.lead] for row in rows)
+        return BaseParameters(names, len(rows), self.singular_values, leads, combination, self.scale)
 
 
 class BasePart(ResultPart):

@@ -17,9 +17,8 @@ from dynident.identification import Identifiability, Identification, Sources, St
 from dynident.models import Model
 from dynident.project.config import has_changed, is_xacro, load_model, parse_config
 from dynident.project.parts import build
-from dynident.project.result_format import BaseTable, ResultFile, ResultTables, read_result
+from dynident.project.result_format import ResultFile, ResultTables, read_result
 from dynident.project.settings import AUTO, PLAIN_TERMS, RobotSettings, robot_settings
-from dynident.regression import BaseParameters
 from dynident.runtime import ConfigError, InputError, ModelError
 from dynident.runtime.families import PartFamily
 
@@ -58,8 +57,8 @@ def identification_of(
         _complete_estimate(file, model, source),
         _complete_errors(file),
         Identifiability(
-            _build_base(base.on_data, model.names, source),
-            _build_base(base.structural, model.names, source),
+            None if base.on_data is None else base.on_data.build(model.names, source),
+            None if base.structural is None else base.structural.build(model.names, source),
             base.unexcited,
         ),
         file.validations,
@@ -153,11 +152,3 @@ def _complete_errors(file: ResultFile) -> StandardErrors:
 def _code_folder(sources: Sources, source: str) -> Path:
     """Return where the relative names of Python files start."""
     return Path(source if sources.configuration is None else sources.configuration.path).parent
-
-
-def _build_base(table: BaseTable | None, names: tuple[str, ...], source: str) -> BaseParameters | None:
-    if table is None:
-        return None
-    combination = table.combination(names, source)
-    leads = tuple(names.index(row.lead) for row in table.parameters)
-    return BaseParameters(names, len(leads), table.singular_values, leads, combination, table.scale)

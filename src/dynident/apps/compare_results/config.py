@@ -43,7 +43,9 @@ def read_compared(path: Path, name: str) -> ComparedResult:
     names = tuple(row.name for row in file.parameters)
     base = file.base_parameters.on_data
     combination, scale = (
-        (np.eye(len(names)), np.ones(len(names))) if base is None else (base.combination(names, str(path)), base.scale)
+        (np.eye(len(names)), np.ones(len(names)))
+        if base is None
+        else (base.build(names, str(path)).combination, base.scale)
     )
     rows = file.parameters if base is None else base.parameters
     std = [float("inf") if row.std is None else row.std for row in rows]

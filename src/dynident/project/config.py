@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from dynident.files.folder import settle
 from dynident.files.opener import XML_WEIGHT, open_input, read_text, real_path, remember_inputs
@@ -19,9 +18,9 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import SourceFile
 from dynident.models import INERTIAL, CoupledMotor, Joint, Model, RigidBodies, Term
 from dynident.models.friction import PerJoint
-from dynident.project.fields import Channel, Interval, interval_ends, interval_words
+from dynident.project.fields import Channel, Interval, interval_ends, interval_words, read_settings
 from dynident.project.parts import build
-from dynident.project.python_file import CODE, XACRO_CODE, error_text, load_from_file, resolve_file, run_user_code
+from dynident.project.python_file import CODE, XACRO_CODE, load_from_file, resolve_file, run_user_code
 from dynident.project.settings import AUTO, Config, RobotSettings, robot_settings
 from dynident.runtime import ConfigError, ModelError, choices, join_names
 from dynident.runtime.families import TERMS
@@ -178,10 +177,7 @@ def parse_config(
     data = load_yaml(text, source)
     if isinstance(data, dict) and "recipe" in data and "model" not in data:
         raise ConfigError(f"{source}: is the file of a fleet, for `dynident fleet`; a configuration has a `model`.")
-    try:
-        config = Config.model_validate(data, context={"folder": folder, "code": folder if allow_code else None})
-    except ValidationError as error:
-        raise ConfigError(error_text(error, data, source)) from None
+    config = read_settings(Config, data, source, folder=folder, code=folder if allow_code else None)
     _keep_files(config, Path(folder))
     return _name_logs(config, source)
 

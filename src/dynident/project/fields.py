@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -20,6 +20,7 @@ from pydantic import (
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     StrictBool,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     model_validator,
@@ -28,6 +29,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.models import Joint
 from dynident.motion.smoothers import MAX_TIME_OFFSET
+from dynident.project.python_file import error_text
 from dynident.regression import HIGHEST_ORDER
 from dynident.runtime import ConfigError, choices
 
@@ -301,6 +303,21 @@ class Section(BaseModel):
                 words = f"unknown key {str(key)!r}; {choices(str(key), cls.model_fields)}"
                 raise PydanticCustomError("unknown_key", "{words}", {"words": words})
         return data
+
+
+S = TypeVar("S", bound=Section)
+
+
+def read_settings(section: type[S], data: Any, source: str, **context: Any) -> S:
+    """Return settings, checked; ConfigError, led by ``source``, that names each place where ``data`` is wrong.
+
+    In the ``context``, ``folder`` is where relative file names start, and ``code`` where those of Python files do:
+    without it these are refused.
+    """
+    try:
+        return section.model_validate(data, context=context)
+    except ValidationError as error:
+        raise ConfigError(error_text(error, data, source)) from None
 
 
 def by_kind(

@@ -233,12 +233,7 @@ def _time_stamps(table: DataTable, config: Config, rows: int) -> Array:
         return np.arange(rows) / config.time.rate
     name = config.time.column or ""
     column = table.column(name, "time")
-    bad = bad_values(column)
-    if len(bad):
-        raise InputError(
-            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} "
-            f"({len(bad)} such rows); delete these rows."
-        )
+    check_times(table, name, column)
     factor = unit_factor(config.time.unit, "time", "time.unit")
     if (unit := table.units.get(name)) is not None and factor != unit_factor(unit, "time", "time.unit"):
         raise ConfigError(
@@ -265,6 +260,16 @@ def _episode_hint(table: DataTable) -> str:
     if name is None:
         return ""
     return f"does the file hold several recordings, by {name!r}? Then write each to a file of its own; else "
+
+
+def check_times(table: DataTable, name: str, t: Array) -> None:
+    """Raise InputError where a row of the column has no valid time."""
+    bad = bad_values(t)
+    if len(bad):
+        raise InputError(
+            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} ({len(bad)} such rows); "
+            "delete these rows."
+        )
 
 
 def bad_values(values: Array) -> NDArray[np.intp]:

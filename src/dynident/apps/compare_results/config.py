@@ -42,11 +42,9 @@ def read_compared(path: Path, name: str) -> ComparedResult:
     file = read_result(ResultTables, result_values(path), str(path))
     names = tuple(row.name for row in file.parameters)
     base = file.base_parameters.on_data
-    combination, scale = (
-        (np.eye(len(names)), np.ones(len(names)))
-        if base is None
-        else (base.build(names, str(path)).combination, base.scale)
-    )
+    combination, scale = np.eye(len(names)), np.ones(len(names))
+    if base is not None:
+        combination, scale = base.build(names, str(path)).combination, base.scale
     rows = file.parameters if base is None else base.parameters
     std = [float("inf") if row.std is None else row.std for row in rows]
     # without a stored covariance, base parameters count as uncorrelated

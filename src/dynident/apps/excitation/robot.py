@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.config import (
@@ -38,8 +37,8 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identification, SourceFile
 from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Obstacle, RigidBodies, Space
 from dynident.project.config import config_text, load_model
+from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
-from dynident.project.python_file import error_text
 from dynident.project.result_read import replace_auto_terms
 from dynident.project.saved import load
 from dynident.project.settings import RobotSettings, robot_settings
@@ -229,10 +228,7 @@ def _lone_model(data: Any, path: Path) -> Robot | None:
     model = data["model"]
     if not isinstance(model, Mapping):
         return robot_settings(str(model), context) or str(model)
-    try:
-        return RobotSettings.model_validate(model, context=context)
-    except ValidationError as error:
-        raise ConfigError(error_text(error, model, f"{path}: model")) from None
+    return read_settings(RobotSettings, model, f"{path}: model", **context)
 
 
 def _motion_settings(

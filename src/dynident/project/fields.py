@@ -320,34 +320,6 @@ def read_settings(section: type[S], data: Any, source: str, **context: Any) -> S
         raise ConfigError(error_text(error, data, source)) from None
 
 
-def by_kind(
-    sections: Mapping[str, type[Section]], of_file: type[Section] | None = None
-) -> Callable[[Any, Any, ValidationInfo], Any]:
-    """Return a validator that reads a mapping by its `kind` as one of the sections, whose errors have its place.
-
-    A kind that names something of a Python file is read as ``of_file``, where that is given.
-    """
-    section_types = (*sections.values(), *(() if of_file is None else (of_file,)))
-
-    def read(value: Any, _: Any, info: ValidationInfo) -> Any:
-        """Read a section by its kind; a section that is already made, or none, is returned unchanged."""
-        if value is None or isinstance(value, section_types):
-            # without a known kind the fields of all kinds would be reported as wrong
-            return value
-        if not isinstance(value, Mapping):
-            raise PydanticCustomError("mapping_type", "a mapping")
-        kind: Any = value.get("kind")
-        if of_file is not None and isinstance(kind, str) and kind.rpartition(":")[0].endswith(".py"):
-            return of_file.model_validate(value, context=info.context)
-        if not isinstance(kind, str) or kind not in sections:
-            words = f"{kind!r} is not a choice; {choices(str(kind), sections)}"
-            words = words if "kind" in value else f"needs a `kind`: {', '.join(sections)}"
-            raise PydanticCustomError("words", "{words}", {"words": words})
-        return sections[kind].model_validate(value, context=info.context)
-
-    return read
-
-
 class Channel(Section):
     """A signal in ``unit``: gain * (column, or the sum of columns times their coefficients) + offset."""
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,6 @@ from dynident.models import Model
 from dynident.project.config import has_changed, is_xacro, load_model, parse_config
 from dynident.project.parts import build
 from dynident.project.result_format import ResultFile, ResultTables, read_result
-from dynident.project.settings import AUTO, PLAIN_TERMS, RobotSettings, robot_settings
 from dynident.runtime import ConfigError, InputError, ModelError
 from dynident.runtime.families import PartFamily
 
@@ -35,11 +32,7 @@ def identification_of(
     was, and ConfigError where a part cannot be built.
     """
     tables = read_result(ResultTables, data, source)
-    if model is None:
-        # results from before terms could be chosen have no choice: the plain set is meant
-        calibration = data.get("calibration")
-        has_plain_terms = not isinstance(calibration, dict) or calibration.get("terms") is None
-        model = model_of(tables.provenance, source, plain_terms=has_plain_terms, allow_code=allow_code)
+    model = model or _load_model(tables.provenance, source, allow_code=allow_code)
     code_folder, joints = _code_folder(tables.provenance, source) if allow_code else None, model.joints
 
     def build_part(family: PartFamily, settings: Any) -> Any:
@@ -74,16 +67,18 @@ def _model_as_used(model: Model, file: ResultFile, source: str) -> Model:
     choice, tilt = file.calibration.terms, file.recipe.base_tilt
     model = model if choice is None else model.with_terms(*choice.terms)
     model = tilt_base(model, *tilt) if isinstance(tilt, tuple) else model
-    check_parameters(model, [row.name for row in file.parameters], source)
+    names = tuple(row.name for row in file.parameters)
+    if names != model.names:
+        odd = next(iter(set(names) ^ set(model.names)), "")
+        raise ModelError(f"{source}: its parameters are not those of the model ({odd!r}); identify again.")
     return model if file.model.load is None else replace(model, load=file.model.load)
 
 
-def model_of(sources: Sources, source: str, *, plain_terms: bool = True, allow_code: bool = False) -> Model:
+def _load_model(sources: Sources, source: str, *, allow_code: bool) -> Model:
     """Return the model of a configuration, or of a robot file alone, which must be as it was.
 
-    Where a robot file is gone, its text in the result is used. ``plain_terms`` tells that no terms were chosen:
-    the plain set then stands for terms left to the logs, as in versions that knew no choice. Raises InputError
-    where there is neither, ModelError where the model's file is gone or has changed.
+    Where a robot file is gone, its text in the result is used. Raises InputError where there is neither, ModelError
+    where the model's file is gone or has changed.
     """
     configuration, robot = sources.configuration, sources.model
     is_gone = robot is not None and bool(robot.text) and not os.path.exists(robot.path)
@@ -97,28 +92,10 @@ def model_of(sources: Sources, source: str, *, plain_terms: bool = True, allow_c
     if configuration is not None:
         folder = Path(configuration.path).parent
         config = parse_config(configuration.text, folder, f"{source}, its configuration", allow_code=allow_code)
-        return load_model(
-            replace_auto_terms(config.model) if plain_terms else config.model, folder, text, allow_code=allow_code
-        )
+        return load_model(config.model, folder, text, allow_code=allow_code)
     if robot is not None:
-        settings = robot_settings(robot.path) or robot.path
-        return load_model(replace_auto_terms(settings) if plain_terms else settings, text=text, allow_code=allow_code)
+        return load_model(robot.path, text=text, allow_code=allow_code)
     raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
-
-
-def replace_auto_terms(spec: str | RobotSettings) -> str | RobotSettings:
-    """Return the settings of a model with the plain set in place of terms that are chosen."""
-    if not isinstance(spec, RobotSettings):
-        return spec
-    terms = [(term,) if term != AUTO else PLAIN_TERMS for term in spec.terms]
-    return spec.model_copy(update={"terms": tuple(chain.from_iterable(terms))})
-
-
-def check_parameters(model: Model, names: Sequence[str], source: str) -> None:
-    """Raise ModelError unless the parameters of a result are those of the model."""
-    if tuple(names) != model.names:
-        odd = next(iter(set(names) ^ set(model.names)), "")
-        raise ModelError(f"{source}: its parameters are not those of the model ({odd!r}); identify again.")
 
 
 def _complete_estimate(file: ResultFile, model: Model, source: str) -> Estimate:

@@ -230,18 +230,6 @@ def test_what_is_wrong_in_a_file_is_named(
         load(tmp_path / "r.json")
 
 
-def test_a_part_of_a_file_is_run_only_where_it_is_allowed(tmp_path: Path) -> None:
-    model, found = by_least_squares()
-    data = json.loads(found.save(tmp_path / "r.json").read_text())
-    (tmp_path / "mine.py").write_text("raise SystemExit('it was run')")
-    data["recipe"]["estimator"] = {"kind": f"{tmp_path / 'mine.py'}:Mine"}
-    (tmp_path / "r.json").write_text(json.dumps(data))
-    with pytest.raises(ConfigError, match="which a result does not run"):
-        load(tmp_path / "r.json", model)
-    with pytest.raises(ConfigError, match=r"mine\.py failed .* it was run"):
-        load(tmp_path / "r.json", model, allow_code=True)
-
-
 def test_a_recording_is_named_by_the_keys_of_the_configuration(tmp_path: Path) -> None:
     write_log(tmp_path)
     assert log_spec("other.csv", read_config(configure(tmp_path))).label == "other"

@@ -32,7 +32,8 @@ def identification_of(
     was, and ConfigError where a part cannot be built.
     """
     tables = read_result(ResultTables, data, source)
-    model = model or _load_model(tables.provenance, source, allow_code=allow_code)
+    if model is None:
+        model = _load_model(tables.provenance, source, allow_code=allow_code)
     code_folder, joints = _code_folder(tables.provenance, source) if allow_code else None, model.joints
 
     def build_part(family: PartFamily, settings: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,7 +28,7 @@ from dynident.project.project import run
 from dynident.project.result_format import result_schema
 from dynident.project.saved import load, read_log_like, save
 from dynident.regression import ParallelFilter, Whitening
-from dynident.runtime import ConfigError, InputError, ModelError
+from dynident.runtime import ConfigError, DynidentError, InputError, ModelError
 from tests.cli.commands import configure, write_log
 from tests.identification.test_base_tilt import tilted
 from tests.project.same import assert_same
@@ -228,6 +229,27 @@ def test_what_is_wrong_in_a_file_is_named(
     (tmp_path / "r.json").write_text(json.dumps(data))
     with pytest.raises((InputError, ConfigError), match=words):
         load(tmp_path / "r.json")
+
+
+VALUES = (None, True, -1, 10**30, 1.5, "x", "NaN", "auto", [], {}, [[]], [1, [2]], [None], {"a": 1}, {"kind": []})
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_result_with_any_value_anywhere_is_read_or_refused(made: Made, tmp_path: Path, seed: int) -> None:
+    model, found = made
+    rng = random.Random(seed)
+    node = data = json.loads(found.save(tmp_path / "r.json").read_text())
+    while True:
+        key = rng.choice(list(node) if isinstance(node, dict) else range(len(node)))
+        if not (isinstance(node[key], dict | list) and node[key]) or rng.random() < 0.25:
+            break
+        node = node[key]
+    node[key] = rng.choice(VALUES)
+    (tmp_path / "r.json").write_text(json.dumps(data))
+    try:
+        load(tmp_path / "r.json", model)
+    except DynidentError as error:
+        assert "r.json" in str(error)  # noqa: PT017
 
 
 def test_a_recording_is_named_by_the_keys_of_the_configuration(tmp_path: Path) -> None:

@@ -41,9 +41,9 @@ def identification_of(
 
     try:
         file = read_result(ResultFile, data, source, build=build_part)
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error}") from error
-    model = _model_as_used(model, file, source)
+        model = _model_as_used(model, file)
+    except (ConfigError, ModelError) as error:
+        raise type(error)(f"{source}: {error}") from error
     base = file.base_parameters
     return Identification(
         model,
@@ -63,7 +63,7 @@ def identification_of(
     )
 
 
-def _model_as_used(model: Model, file: ResultFile, source: str) -> Model:
+def _model_as_used(model: Model, file: ResultFile) -> Model:
     """Return the model with the terms that were chosen, on its tilted base; its parameters are those of the file."""
     choice, tilt = file.calibration.terms, file.recipe.base_tilt
     model = model if choice is None else model.with_terms(*choice.terms)
@@ -71,7 +71,7 @@ def _model_as_used(model: Model, file: ResultFile, source: str) -> Model:
     names = tuple(row.name for row in file.parameters)
     if names != model.names:
         odd = next(iter(set(names) ^ set(model.names)), "")
-        raise ModelError(f"{source}: its parameters are not those of the model ({odd!r}); identify again.")
+        raise ModelError(f"its parameters are not those of the model ({odd!r}); identify again.")
     return model if file.model.load is None else replace(model, load=file.model.load)
 
 

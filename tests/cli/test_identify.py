@@ -33,7 +33,7 @@ class TestIdentify:
         found = {one["name"]: one for one in result["parameters"]}
         for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
             assert abs(found[name]["value"] - true) < max(6 * found[name]["std_independent"], 0.02), name
-        assert result["estimate"]["rank"] == 4
+        assert result["estimate"]["determined"]["rank"] == 4
         train, held = errors_by_log(result, "train"), errors_by_log(result, "validation")
         assert len(train) == len(held) == 1
         for errors in (*train.values(), *held.values()):

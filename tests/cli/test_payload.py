@@ -66,7 +66,7 @@ def test_a_weighed_payload_and_then_another(folder: Path) -> None:
 def test_what_is_wrong_is_said(folder: Path) -> None:
     result, log = folder / "out" / "result.json", folder / "next.csv"
     old = json.loads(result.read_text())
-    old["base_parameters"]["covariance"] = None
+    old["errors"]["base_covariance"] = None
     (folder / "old.json").write_text(json.dumps(old))
     for arguments, said in (
         ((result, log, "--frame", "hand"), "'hand' is no link"),

@@ -69,50 +69,11 @@ def test_a_measured_torque_needs_no_controller(tmp_path):
     assert build_recipe(config_of(tmp_path, CASCADE)).restart is None
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("slider: {reference", "sledge: {reference", "no joint 'sledge'; did you mean 'slider'"),
-        ("unit: mm", "unit: deg", "simulation.joints.slider.reference.unit"),
-        ("{b: extra}", "{c: extra}", "there is no recording 'c'"),
-        ("saturation: 10", "saturation: -1", "saturation is -1; give a positive number"),
-    ],
-)
-def test_settings_that_do_not_fit(tmp_path, old, new, words):
-    recordings(tmp_path)
-    config = config_of(tmp_path, CASCADE.replace(old, new))
-    with pytest.raises(ConfigError, match=words):
-        read_logs(config.train[0], config, SLIDER)
-
-
 def test_a_controller_behind_gears_is_refused(tmp_path):
     recordings(tmp_path)
     config = config_of(tmp_path, CASCADE, "transmission: {slider: {slider: 5}}")
     with pytest.raises(ConfigError, match="use `kind: measured_torque`"):
         read_logs(config.train[0], config, SLIDER)
-
-
-@pytest.mark.parametrize(
-    ("changes", "old", "new", "words"),
-    [
-        ({}, "kp: kp", "kp: kq", "simulation.joints.slider.kp: no scalar 'kq'"),
-        ({}, "column: r", "column: s", "no column 's'"),
-        ({}, "{b: extra}", "extra", "no column 'extra'"),
-        ({"r": np.arange(100.0)}, "", "", "the reference of the controller is not one valid number per time stamp"),
-        ({"r": np.full(101, np.nan)}, "", "", "the reference of the controller is not one valid number"),
-    ],
-)
-def test_recordings_that_lack_what_the_controller_needs(tmp_path, changes, old, new, words):
-    recordings(tmp_path, **changes)
-    config = config_of(tmp_path, CASCADE.replace(old, new))
-    with pytest.raises(InputError, match=words):
-        read_logs(config.train[0], config, SLIDER)
-
-
-@pytest.mark.parametrize("text", ["{kind: other}", "{restart: 1}", "{kind: measured_torque, restart: 0}"])
-def test_kinds_and_values_are_checked(tmp_path, text):
-    with pytest.raises(ConfigError, match="simulation"):
-        config_of(tmp_path, text)
 
 
 PD = """{kind: pd, joints: {slider: {reference: {column: r, unit: mm}, kp: kp, kd: 3, gain: 2, saturation: 10,
@@ -138,6 +99,7 @@ def test_a_pd_controller_has_its_references_and_gains(tmp_path):
 
 
 def test_a_pid_controller_has_its_integral(tmp_path):
+    assert controlled(tmp_path, PID.replace("kp: kp", "kp: 0")) is not None
     drive = controlled(tmp_path, PID)
     q, dq = np.array([np.sin(0.5) - 0.01]), np.array([np.cos(0.5)])
     tau, state = drive.advance(0.5, 0.01, q, dq, np.array([0.1]))
@@ -160,33 +122,40 @@ def test_a_function_is_found_by_another_process(tmp_path):
     assert float(done.stdout) == pytest.approx(2 * (7 * 0.01 - 0.2))
 
 
+REFERENCE = "the reference of the controller is not one valid number"
+
+
 @pytest.mark.parametrize(
     ("simulation", "old", "new", "words"),
     [
-        (PD, "kp: kp", "kp: 0", "simulation.joints.slider: with these gains, of which one is 0, the joint does not"),
-        (PID, "kp: kp", "kp: 0", None),
+        ("{kind: other}", "", "", "simulation: 'other' is not a choice"),
+        ("{restart: 1}", "", "", "simulation: needs a `kind`: cascade"),
+        ("3", "", "", "simulation: a mapping"),
+        ("{kind: measured_torque, restart: 0}", "", "", "simulation.restart: a number greater than 0"),
+        (CASCADE, "slider: {reference", "sledge: {reference", "no joint 'sledge'; did you mean 'slider'"),
+        (CASCADE, "unit: mm", "unit: deg", "simulation.joints.slider.reference.unit"),
+        (CASCADE, "{b: extra}", "{c: extra}", "there is no recording 'c'"),
+        (CASCADE, "{b: extra}", "extra", "no column 'extra'"),
+        (CASCADE, "saturation: 10", "saturation: -1", "saturation is -1; give a positive number"),
+        (CASCADE, "kp: kp", "kp: kq", "simulation.joints.slider.kp: no scalar 'kq'"),
+        (CASCADE, "column: r", "column: s", "no column 's'"),
+        (CASCADE, "column: r", "column: short", f"{REFERENCE} per time stamp"),
+        (CASCADE, "column: r", "column: nothing", REFERENCE),
         (CASCADE, "kv: 3", "kv: 0", "simulation.joints.slider: with these gains"),
+        (PD, "kp: kp", "kp: 0", "simulation.joints.slider: with these gains, of which one is 0, the joint does not"),
         (PD, "mm/s", "rad/s", "velocity_reference.unit: 'rad/s' is a unit of angular velocity, not of velocity"),
         (PD, "column: v", "column: w", "simulation.joints.slider.velocity_reference|no column 'w'"),
         (PD, "kd: 3, ", "", "simulation.joints.slider.kd: "),
         (PD, "kd: 3", "kd: 3, ki: 1", "unknown key 'ki'"),
-        (
-            PD,
-            "saturation: 10",
-            "saturation: 0",
-            "simulation.joints.slider.saturation: saturation is 0; give a positive",
-        ),
+        (PD, "saturation: 10", "saturation: 0", "joints.slider.saturation: saturation is 0; give a positive"),
         (LAW, "law.py:law", "law.py:low", "has no function 'low'; did you mean 'law'"),
         (LAW, "law.py:law", "low.py:law", "simulation"),
         (LAW, "law.py:law", "law:law", "'law:law' is not a choice"),
     ],
 )
 def test_what_cannot_be_a_controller_names_place_and_cure(tmp_path, simulation, old, new, words):
-    if words is None:
-        assert controlled(tmp_path, simulation.replace(old, new)) is not None
-        return
     with pytest.raises((ConfigError, InputError), match=words):
-        controlled(tmp_path, simulation.replace(old, new))
+        controlled(tmp_path, simulation.replace(old, new), short=np.arange(100.0), nothing=np.full(101, np.nan))
 
 
 def test_a_result_does_not_run_the_file_of_a_function_unasked(tmp_path):

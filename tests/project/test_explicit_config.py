@@ -11,6 +11,7 @@ import polars as pl
 import pytest
 import yaml
 
+import dynident as dy
 from dynident.estimators import PhysicallyConsistent, RobustLeastSquares
 from dynident.identification import Identification, identify
 from dynident.models import Model
@@ -167,16 +168,12 @@ def test_a_saved_result_that_chose_is_read_and_predicts_the_same(chosen: Identif
     assert again.save(tmp_path / "again.json").read_text() == (tmp_path / "result.json").read_text()
 
 
-def test_a_result_from_before_terms_were_chosen_has_the_plain_set(tmp_path: Path) -> None:
-    """Its configuration leaves ``terms`` out, and meant them."""
-    path = write(tmp_path / "a", ["rotor", "viscous", "coulomb", "offset"])
-    found = run(path)
-    saved = found.save(tmp_path / "result.json")
-    text = saved.read_text(encoding="utf-8")
-    terms = yaml.safe_dump({"model": {"terms": ["rotor", "viscous", "coulomb", "offset"]}}).partition("\n")[2]
-    saved.write_text(text.replace(terms.replace("\n", "\\n"), ""), encoding="utf-8")
-    assert saved.read_text(encoding="utf-8") != text
-    assert load(saved).model.names == found.model.names
+def test_a_result_without_terms_is_of_the_bodies_alone(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")
+    motion = recorded(simulated.none, 1)
+    log = Log(motion.t, motion.q, motion.tau, motion.joints, "log")
+    found = dy.identify(tmp_path / "arm.urdf", log, estimator=dy.LeastSquares(), smoother=dy.Difference(), terms=None)
+    assert load(found.save(tmp_path / "result.json")).model.names == found.model.names == Model((bodies(),)).names
 
 
 def test_other_sections_are_kept(tmp_path: Path) -> None:

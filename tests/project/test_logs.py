@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -12,7 +13,8 @@ from dynident.checks.motion_notes import LoopUnused
 from dynident.models import Joint
 from dynident.project import logs
 from dynident.project.config import parse_config
-from dynident.project.logs import read_logs
+from dynident.project.logs import read_logs, recording_argument
+from dynident.project.settings import LogSpec
 from dynident.runtime import ConfigError, InputError, Severity
 from tests.project.files import npz, written
 
@@ -299,3 +301,11 @@ def test_samples_are_excluded_that_the_configuration_names(tmp_path):
 def test_a_window_in_which_nothing_is_to_be_excluded_is_a_warning(tmp_path):
     (warning,) = read(tmp_path, recording(), spec=", window: [0, 1], exclude: [1.2, 1.3]").warnings
     assert warning == "a: there is no sample to exclude in 1.2-1.3 s; what is used runs from 0 to 1 s."
+
+
+def test_a_recording_is_named_as_it_is_typed(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    here, there = tmp_path / "logs" / "q.csv", tmp_path.parent / "tau.csv"
+    assert recording_argument(LogSpec.model_validate({"file": str(here)})) == str(Path("logs") / "q.csv")
+    both = LogSpec.model_validate({"file": {"q": str(here), "tau": str(there)}})
+    assert recording_argument(both) == f"q={Path('logs') / 'q.csv'},tau={there}"

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,17 @@ from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, Unsettled
 from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
-from dynident.runtime import ConfigError, Note, brief, check_settings, choices, join_names
+from dynident.runtime import (
+    LEFT_OUT,
+    Axes,
+    ConfigError,
+    Note,
+    Part,
+    brief,
+    check_settings,
+    choices,
+    join_names,
+)
 
 Array = NDArray[np.float64]
 MAX_PRIOR = 1e9  # in size
@@ -58,7 +68,7 @@ class DataRank:
 
     rank: int
     condition: float = math.nan
-    directions: Rank | None = None
+    directions: Annotated[Rank | None, LEFT_OUT] = None
 
     __repr__ = brief
 
@@ -73,11 +83,11 @@ class Pieces:
     """
 
     recording: tuple[str, ...]
-    begins: Array
-    ends: Array
-    rows: NDArray[np.int_]
-    torque: Array
-    residual: Array
+    begins: Annotated[Array, Axes("K")]
+    ends: Annotated[Array, Axes("K")]
+    rows: Annotated[NDArray[np.int_], Axes("K", "n")]
+    torque: Annotated[Array, Axes("K", "n")]
+    residual: Annotated[Array, Axes("K", "n")]
 
     __repr__ = brief
 
@@ -100,11 +110,11 @@ class Residual:
     the estimate account for its correlation in time.
     """
 
-    sigma: Array
+    sigma: Annotated[Array, Axes("n")]
     samples: int
-    weights: Array | None = None
-    sample_weights: tuple[Array, ...] = ()
-    slopes: tuple[Array, ...] = ()
+    weights: Annotated[Array, Axes("n")] | None = None
+    sample_weights: Annotated[tuple[Array, ...], LEFT_OUT] = ()
+    slopes: Annotated[tuple[Array, ...], LEFT_OUT] = ()
     pieces: Pieces | None = None
     whitening: Whitening | None = None
     correlated: bool = False
@@ -155,7 +165,7 @@ class Consistency:
 
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
-    unconstrained: Array | None = None
+    unconstrained: Annotated[Array, Axes("p")] | None = None
 
     __repr__ = brief
 
@@ -174,16 +184,16 @@ class Estimate:
     count, too.
     """
 
-    parameters: tuple[Parameter, ...]
-    value: Array
-    covariance: Array
+    parameters: Annotated[tuple[Parameter, ...], LEFT_OUT]
+    value: Annotated[Array, LEFT_OUT]
+    covariance: Annotated[Array, Axes("p", "p")]
     determined: DataRank
     residual: Residual
     notes: tuple[Note, ...] = ()
-    provenance: tuple[Provenance, ...] = ()
+    provenance: Annotated[tuple[Provenance, ...], LEFT_OUT] = ()
     consistency: Consistency | None = None
-    interval: Array | None = None
-    information: Array | None = None
+    interval: Annotated[Array, Axes("p", 2)] | None = None
+    information: Annotated[Array, Axes("p", "p")] | None = None
 
     def __repr__(self) -> str:
         rows = zip(self.parameters, self.value, self.std, strict=True)
@@ -228,7 +238,7 @@ class Estimate:
         return None if self.residual.whitening is None or directions is None else directions.unweighted or directions
 
 
-class Estimator(ABC):
+class Estimator(Part, ABC):
     """Base of the estimators: a frozen dataclass of settings, which maps a problem to an estimate.
 
     All but the call has a default, which an estimator overrides where it differs. Settings outside the limits of their

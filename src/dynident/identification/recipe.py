@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from reprlib import repr as short_repr
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, Spline, position_noise, repair_log, smooth_log
 from dynident.motion.splines import stretches
 from dynident.regression import EVERYTHING, ParallelFilter, Selection
-from dynident.runtime import ConfigError, Note, Severity, choices, settings_repr, short
+from dynident.runtime import LEFT_OUT, ConfigError, Note, Severity, choices, settings_repr, short
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -313,7 +313,7 @@ class Recipe:
     outliers: Literal["mask", "keep"] = "mask"
     rests: Literal["trim", "keep"] = "trim"
     terms: Literal["auto"] | None = None
-    proposed: tuple[type, ...] = ()
+    proposed: Annotated[tuple[type, ...], LEFT_OUT] = ()
     unfitted: tuple[str, ...] = ()
 
     __repr__ = settings_repr

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from dynident.identification.recipe import Recipe
 from dynident.models import MassMatrixCheck, Model
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import Finding, InputError, KeepsFacts, Messages, Note, brief
+from dynident.runtime import LEFT_OUT, Axes, Finding, InputError, KeepsFacts, Messages, Note, brief
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
 from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
@@ -50,14 +50,14 @@ class StandardErrors:
     versions; the last one also for logs in pieces.
     """
 
-    std: Array
-    std_independent: Array
-    base_std: Array | None = None
-    base_std_independent: Array | None = None
-    base_covariance: Array | None = None
-    base_by_joint: Array | None = None
-    base_shares: Array | None = None
-    base_by_load: Array | None = None
+    std: Annotated[Array, LEFT_OUT]
+    std_independent: Annotated[Array, LEFT_OUT]
+    base_std: Annotated[Array | None, LEFT_OUT] = None
+    base_std_independent: Annotated[Array | None, LEFT_OUT] = None
+    base_covariance: Annotated[Array, Axes("r", "r")] | None = None
+    base_by_joint: Annotated[Array, Axes("r", "n")] | None = None
+    base_shares: Annotated[Array, Axes("n")] | None = None
+    base_by_load: Annotated[Array, Axes("r", "n")] | None = None
 
     __repr__ = brief
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.models.term import Joint, Past, Term
-from dynident.runtime import DynidentError, ModelError, brief, short, vector
+from dynident.runtime import Axes, DynidentError, ModelError, brief, short, vector
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
@@ -186,7 +186,7 @@ class MassMatrixCheck:
     """
 
     smallest: float
-    q: Array
+    q: Annotated[Array, Axes("n")]
     positive: bool
 
     __repr__ = brief

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import ModelError, brief
+from dynident.runtime import ModelError, Part, brief
 
 if TYPE_CHECKING:
     from dynident.models.robot_files import RobotFile, RobotJointLimits
@@ -123,7 +123,7 @@ class Past:
     __repr__ = brief
 
 
-class Term(ABC):
+class Term(Part, ABC):
     """Base of all terms, each an effect of the model: tau_term = Y(q, dq, ddq) theta_term.
 
     A term is a frozen, picklable dataclass, vectorised over samples: q, dq, ddq are (N, n). It has ``joints``,

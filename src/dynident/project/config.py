@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, combinations, product
@@ -11,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from dynident.files.folder import settle
 from dynident.files.opener import XML_WEIGHT, open_input, read_text, real_path, remember_inputs
@@ -20,9 +18,9 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import SourceFile
 from dynident.models import INERTIAL, CoupledMotor, Joint, Model, RigidBodies, Term
 from dynident.models.friction import PerJoint
-from dynident.project.fields import Channel, Interval, interval_words
+from dynident.project.fields import Channel, Interval, interval_ends, interval_words, read_settings
 from dynident.project.parts import build
-from dynident.project.python_file import CODE, XACRO_CODE, error_text, load_from_file, resolve_file, run_user_code
+from dynident.project.python_file import CODE, XACRO_CODE, load_from_file, resolve_file, run_user_code
 from dynident.project.settings import AUTO, Config, RobotSettings, robot_settings
 from dynident.runtime import ConfigError, ModelError, choices, join_names
 from dynident.runtime.families import TERMS
@@ -179,10 +177,7 @@ def parse_config(
     data = load_yaml(text, source)
     if isinstance(data, dict) and "recipe" in data and "model" not in data:
         raise ConfigError(f"{source}: is the file of a fleet, for `dynident fleet`; a configuration has a `model`.")
-    try:
-        config = Config.model_validate(data, context={"folder": folder, "code": folder if allow_code else None})
-    except ValidationError as error:
-        raise ConfigError(error_text(error, data, source)) from None
+    config = read_settings(Config, data, source, folder=folder, code=folder if allow_code else None)
     _keep_files(config, Path(folder))
     return _name_logs(config, source)
 
@@ -246,8 +241,8 @@ def _overlap_warnings(config: Config) -> Iterator[str]:
 
 
 def _has_overlap(held_out_window: Interval, training_window: Interval) -> bool:
-    start = max(-math.inf if window[0] is None else window[0] for window in (held_out_window, training_window))
-    return start < min(math.inf if window[1] is None else window[1] for window in (held_out_window, training_window))
+    starts, stops = zip(interval_ends(held_out_window), interval_ends(training_window), strict=True)
+    return max(starts) < min(stops)
 
 
 def _name_logs(config: Config, source: str) -> Config:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -20,6 +20,7 @@ from pydantic import (
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     StrictBool,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     model_validator,
@@ -28,6 +29,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.models import Joint
 from dynident.motion.smoothers import MAX_TIME_OFFSET
+from dynident.project.python_file import error_text
 from dynident.regression import HIGHEST_ORDER
 from dynident.runtime import ConfigError, choices
 
@@ -85,6 +87,12 @@ def unit_factor(unit: str, dimension: str, where: str) -> float:
     dimensions = [name for name, units in UNITS.items() if key in {u.replace(" ", "") for u in units}]
     fault = f"a unit of {dimensions[0]}, not of {dimension}" if dimensions else f"not a unit of {dimension}"
     raise ConfigError(f"{where}: {unit!r} is {fault}; {choices(unit, factors)}")
+
+
+def interval_ends(interval: Interval) -> tuple[float, float]:
+    """Return the ends of a window, infinite where they are open."""
+    start, stop = interval
+    return -math.inf if start is None else start, math.inf if stop is None else stop
 
 
 def interval_words(interval: Interval) -> str:
@@ -297,32 +305,19 @@ class Section(BaseModel):
         return data
 
 
-def by_kind(
-    sections: Mapping[str, type[Section]], of_file: type[Section] | None = None
-) -> Callable[[Any, Any, ValidationInfo], Any]:
-    """Return a validator that reads a mapping by its `kind` as one of the sections, whose errors have its place.
+S = TypeVar("S", bound=Section)
 
-    A kind that names something of a Python file is read as ``of_file``, where that is given.
+
+def read_settings(section: type[S], data: Any, source: str, **context: Any) -> S:
+    """Return settings, checked; ConfigError, led by ``source``, that names each place where ``data`` is wrong.
+
+    In the ``context``, ``folder`` is where relative file names start, and ``code`` where those of Python files do:
+    without it these are refused.
     """
-    section_types = (*sections.values(), *(() if of_file is None else (of_file,)))
-
-    def read(value: Any, _: Any, info: ValidationInfo) -> Any:
-        """Read a section by its kind; a section that is already made, or none, is returned unchanged."""
-        if value is None or isinstance(value, section_types):
-            # without a known kind the fields of all kinds would be reported as wrong
-            return value
-        if not isinstance(value, Mapping):
-            raise PydanticCustomError("mapping_type", "a mapping")
-        kind: Any = value.get("kind")
-        if of_file is not None and isinstance(kind, str) and kind.rpartition(":")[0].endswith(".py"):
-            return of_file.model_validate(value, context=info.context)
-        if not isinstance(kind, str) or kind not in sections:
-            words = f"{kind!r} is not a choice; {choices(str(kind), sections)}"
-            words = words if "kind" in value else f"needs a `kind`: {', '.join(sections)}"
-            raise PydanticCustomError("words", "{words}", {"words": words})
-        return sections[kind].model_validate(value, context=info.context)
-
-    return read
+    try:
+        return section.model_validate(data, context=context)
+    except ValidationError as error:
+        raise ConfigError(error_text(error, data, source)) from None
 
 
 class Channel(Section):

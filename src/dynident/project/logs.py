@@ -24,7 +24,7 @@ from dynident.models import Joint
 from dynident.models.simulation import HasTimes
 from dynident.motion.log import Log
 from dynident.project.columns import is_reference
-from dynident.project.fields import Interval, interval_words
+from dynident.project.fields import Interval, interval_ends, interval_words
 from dynident.project.settings import Config, LogSpec, LoopSettings, check_joints
 from dynident.project.signals import RecordedSignals, bad_values, column_names, controller, has_torques, signals
 from dynident.runtime import (
@@ -116,16 +116,22 @@ def read_roles(config: Config, joints: Sequence[Joint]) -> tuple[dict[str, dict[
     logs: dict[str, dict[str, Log]] = {"train": {}, "validation": {}}
     warnings: list[str] = []
     read = _RecordingCache([*config.train, *config.validation])
-    for role, role_logs in logs.items():
+    for role, spec in _specs_by_role(config):
+        reading = read_logs(spec, config, joints, read=read)
+        for log in reading.logs:
+            if log.source in logs[role]:
+                raise ConfigError(f"{role}: two logs are called {log.source!r}; give one of them another `name`.")
+            logs[role][log.source] = log
+        warnings += reading.warnings
+    return logs, tuple(warnings)
+
+
+def _specs_by_role(config: Config) -> Iterator[tuple[str, LogSpec]]:
+    """Yield all recordings with their role, each once it is to be read."""
+    for role in ("train", "validation"):
         for spec in getattr(config, role):
             report_progress(f"reading {spec.label}")
-            reading = read_logs(spec, config, joints, read=read)
-            for log in reading.logs:
-                if log.source in role_logs:
-                    raise ConfigError(f"{role}: two logs are called {log.source!r}; give one of them another `name`.")
-                role_logs[log.source] = log
-            warnings += reading.warnings
-    return logs, tuple(warnings)
+            yield role, spec
 
 
 def read_with_findings(
@@ -140,17 +146,15 @@ def read_with_findings(
     findings: list[Finding] = []
     references: list[str] = []
     read = _RecordingCache([*config.train, *config.validation])
-    for role, role_logs in logs.items():
-        for spec in getattr(config, role):
-            report_progress(f"reading {spec.label}")
-            try:
-                reading = _read_unchecked(spec, config, joints, read)
-            except InputError as error:
-                findings.append(Finding(Remark(str(error)), source=spec.label, severity=Severity.ERROR))
-                continue
-            role_logs.update({log.source: log for log in reading.logs})
-            findings += [Finding(Remark(text)) for text in reading.warnings]
-            references += [name for name in reading.unused if is_reference(name, config.position)]
+    for role, spec in _specs_by_role(config):
+        try:
+            reading = _read_unchecked(spec, config, joints, read)
+        except InputError as error:
+            findings.append(Finding(Remark(str(error)), source=spec.label, severity=Severity.ERROR))
+            continue
+        logs[role].update({log.source: log for log in reading.logs})
+        findings += [Finding(Remark(text)) for text in reading.warnings]
+        references += [name for name in reading.unused if is_reference(name, config.position)]
     # columns that look like references, left unused, mean that the loop could be simulated but is not
     if references and not isinstance(config.simulation, LoopSettings):
         findings.append(Finding(LoopUnused(tuple(dict.fromkeys(references)))))
@@ -190,13 +194,13 @@ def _read_unchecked(
 
 def without_excluded(log: Log, spec: LogSpec) -> Log:
     """Return a log with the samples excluded that its recording names."""
-    return log.exclude((-np.inf if a is None else a, np.inf if b is None else b) for a, b in spec.exclude)
+    return log.exclude(map(interval_ends, spec.exclude))
 
 
 def _exclusion_warnings(spec: LogSpec, logs: Sequence[Log]) -> Iterator[str]:
     """Yield a warning for each window in which nothing is to be excluded."""
     for window in spec.exclude:
-        start, stop = (-np.inf if window[0] is None else window[0], np.inf if window[1] is None else window[1])
+        start, stop = interval_ends(window)
         if not any(((log.t >= start) & (log.t <= stop)).any() for log in logs):
             yield (
                 f"{spec.label}: there is no sample to exclude in {interval_words(window)}; "
@@ -252,7 +256,7 @@ def _prefix_names(parts: Mapping[str, Mapping[str, T]]) -> dict[str, T]:
 
 def _cut_window(recording: RecordedSignals, window: Interval, joints: Sequence[Joint], name: str) -> Log:
     """Return the log of one window; values outside it need not be finite."""
-    start, stop = (-np.inf if window[0] is None else window[0], np.inf if window[1] is None else window[1])
+    start, stop = interval_ends(window)
     t, source = recording.t, recording.table.source
     rows = np.flatnonzero((t >= start) & (t <= stop))
     if len(rows) < 2:

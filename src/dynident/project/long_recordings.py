@@ -24,10 +24,10 @@ from dynident.files.tables import DAY, PARQUET, DataTable, join_tables, recordin
 from dynident.identification import PieceFactors, PiecePlan, Span, Stretch
 from dynident.models import Joint
 from dynident.motion.log import Log
-from dynident.project.fields import Interval, unit_factor
+from dynident.project.fields import Interval, interval_ends, unit_factor
 from dynident.project.logs import log_of, without_excluded
 from dynident.project.settings import Config, LogSpec, check_joints
-from dynident.project.signals import column_names
+from dynident.project.signals import check_times, column_names
 from dynident.runtime import ConfigError, InputError, Step, brief, memory_budget, report_progress
 from dynident.runtime.families import SMOOTHERS, TERMS
 from dynident.runtime.jobs import Limits, Status, run_jobs
@@ -136,12 +136,7 @@ class LongLog:
             at += part.rows
 
     def _check_stamps(self, table: DataTable, name: str, t: Array, last: float) -> None:
-        bad = np.flatnonzero(~np.isfinite(t))
-        if len(bad):
-            raise InputError(
-                f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} ({len(bad)} such rows); "
-                "delete these rows."
-            )
+        check_times(table, name, t)
         if t[0] < last:
             raise InputError(
                 f"{table.source}: begins at {t[0]:.9g} s, before the end of what precedes it ({last:.9g} s): the parts "
@@ -219,8 +214,8 @@ def _window_numbers(t: Array, windows: Sequence[Interval]) -> NDArray[Any]:
     if not windows:
         return np.zeros(len(t), dtype=int)
     out = np.full(len(t), -1)
-    for k, (start, stop) in enumerate(windows):
-        out[(t >= (-np.inf if start is None else start)) & (t <= (np.inf if stop is None else stop))] = k
+    for k, (start, stop) in enumerate(map(interval_ends, windows)):
+        out[(t >= start) & (t <= stop)] = k
     return out
 
 

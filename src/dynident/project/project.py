@@ -48,13 +48,8 @@ from dynident.runtime.jobs import Limits
 
 def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
-    filter_settings = config.filter
-    parallel_filter = (
-        None
-        if filter_settings is None
-        else ParallelFilter(filter_settings.decimate, filter_settings.cutoff, filter_settings.order)
-    )
-    tilt = config.model.base_tilt if isinstance(config.model, RobotSettings) else "none"
+    parallel_filter = None if config.filter is None else ParallelFilter(**dict(config.filter))
+    robot = config.model if isinstance(config.model, RobotSettings) else None
     restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
     smoother, estimator = build_part(config.smoother), build_part(config.estimator)
     # a model of Python code has all its terms, a robot file may leave them to the training logs
@@ -64,12 +59,12 @@ def build_recipe(config: Config) -> Recipe:
         parallel_filter,
         config.min_speed,
         config.time_offset,
-        None if tilt == "none" else tilt,
+        None if robot is None or robot.base_tilt == "none" else robot.base_tilt,
         restart,
         config.outliers,
         config.rests,
-        "auto" if isinstance(config.model, RobotSettings) and config.model.chooses_terms else None,
-        config.model.proposed if isinstance(config.model, RobotSettings) else (),
+        "auto" if robot is not None and robot.chooses_terms else None,
+        () if robot is None else robot.proposed,
         config.unfitted,
     )
 
@@ -184,8 +179,7 @@ def read_project(path: str | Path) -> Project:
     Raises ConfigError where it is wrong, ModelError where its model cannot be built.
     """
     path = as_path(path)
-    text = config_text(path)
-    return _build_project(parse_config(text, path.parent, str(path)), path, text)
+    return parse_project(config_text(path), path)
 
 
 def parse_project(text: str, path: Path, source: str | None = None) -> Project:
@@ -193,10 +187,7 @@ def parse_project(text: str, path: Path, source: str | None = None) -> Project:
 
     Raises the errors of ``read_project``.
     """
-    return _build_project(parse_config(text, path.parent, source or str(path)), path, text)
-
-
-def _build_project(config: Config, path: Path, text: str) -> Project:
+    config = parse_config(text, path.parent, source or str(path))
     report_progress("building the model")
     model = load_model(config.model, path.parent)
     file = model_file(config.model, path.parent)

@@ -1,27 +1,33 @@
 """The format of ``result.json``, version 1: what validates a file that is read, and gives its JSON schema.
 
-Dataclasses whose fields are plain values are used as they are; the others have a section here. Numbers that
-are not finite are the texts ``Infinity``, ``-Infinity`` and ``NaN``.
+The groups of a file are the nouns of a result, by the types of their fields. Values and standard errors of the
+parameters, and the base parameters, are rows of a table instead. Numbers that are not finite are the texts
+``Infinity``, ``-Infinity`` and ``NaN``.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
-from dynident.estimators import Provenance
-from dynident.identification import BaseTilt, PriorStrength, Sources, TimeOffset
-from dynident.identification.terms import TrialOutcome
-from dynident.models import Joint
+from dynident.estimators import Estimate, Provenance
+from dynident.identification import Calibration, Recipe, Sources, StandardErrors
+from dynident.models import Joint, MassMatrixCheck
 from dynident.project.fields import Section
+from dynident.project.python_file import error_text
 from dynident.project.settings import Config
-from dynident.runtime import Severity
-from dynident.validation import Driver, NoiseFloor, ResidualTest, TorqueErrors
+from dynident.regression import BaseParameters, UnexcitedParameters
+from dynident.runtime import Axes, Finding, InputError, Note
+from dynident.validation import LogValidation
 
+Array = NDArray[np.float64]
 FORMAT, VERSION = "dynident result", 1
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
@@ -34,45 +40,16 @@ class ResultPart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
 
 
-class TaggedPart(BaseModel):
-    """A value of one of several classes, such as a note or the settings of a part, tagged by its ``kind``."""
-
-    model_config = ConfigDict(frozen=True, extra="allow")
-    kind: str
-
-
 class ModelPart(ResultPart):
     """The model as it was used, which is built from ``provenance``: its name and joints, and the parameters of its
     bodies by a first fit, where friction depends on their load."""
 
     name: str
     joints: tuple[Joint, ...]
-    load: list[float] | None = None
+    load: tuple[float, ...] | None = None
 
 
-class FilterPart(ResultPart):
-    """The parallel filter of the fit: decimation, and the cut-off (Hz) and order of the low-pass."""
-
-    decimate: int
-    cutoff: float | None
-    order: int
-
-
-class RecipePart(ResultPart):
-    """The recipe as used: ``time_offset`` and ``restart`` in s, ``base_tilt`` in rad, speeds in rad/s or m/s."""
-
-    smoother: TaggedPart
-    estimator: TaggedPart
-    filter: FilterPart | None
-    min_speed: dict[str, float] | float | None
-    time_offset: float
-    base_tilt: tuple[float, float] | None
-    restart: float | None
-    outliers: Literal["mask", "keep"] = "keep"
-    rests: Literal["trim", "keep"] = "keep"
-
-
-class ParameterPart(ResultPart):
+class ParameterRow(ResultPart):
     """A parameter: its value, standard errors (see ``StandardErrors``), unit, and what it was determined by."""
 
     name: str
@@ -81,58 +58,6 @@ class ParameterPart(ResultPart):
     std_independent: float
     unit: str
     provenance: Provenance | None
-
-
-class PiecesPart(ResultPart):
-    """What a fit in pieces leaves of the torque, one row for each piece and one column for each joint; see
-    ``Pieces``."""
-
-    recording: list[str]
-    begins: list[float]
-    ends: list[float]
-    rows: list[list[int]]
-    torque: list[list[float]]
-    residual: list[list[float]]
-
-
-class WhiteningPart(ResultPart):
-    """The noise by which rows were whitened: coefficients of the autoregression of each joint, and the covariance of
-    the innovations."""
-
-    coefficients: list[list[float]]
-    covariance: list[list[float]]
-
-
-class ResidualPart(ResultPart):
-    """The torque that the fit leaves: standard deviation and weight of each joint, number of samples."""
-
-    sigma: list[float]
-    samples: int
-    weights: list[float] | None
-    pieces: PiecesPart | None = None
-    whitening: WhiteningPart | None = None
-    correlated: bool = False
-
-
-class ConsistencyPart(ResultPart):
-    """How the estimate relates to physics; see ``Consistency``. ``unconstrained`` in the order of ``parameters``."""
-
-    eigenvalues: dict[str, float]
-    costs: dict[str, float]
-    unconstrained: list[float] | None = None
-
-
-class EstimatePart(ResultPart):
-    """What is known of all parameters together; rows and columns of matrices in the order of ``parameters``."""
-
-    rank: int
-    condition: float
-    residual: ResidualPart
-    consistency: ConsistencyPart | None
-    notes: list[TaggedPart]
-    covariance: list[list[float]]
-    interval: list[tuple[float, float]] | None
-    information: list[list[float]] | None
 
 
 class BaseRow(ResultPart):
@@ -147,123 +72,49 @@ class BaseRow(ResultPart):
     unit: str
 
 
-class BasePart(ResultPart):
+class BaseTable(ResultPart):
     """Base parameters; singular values, and the scales of the columns, in the order of ``parameters``."""
 
     parameters: list[BaseRow]
-    singular_values: list[float]
-    scale: list[float]
+    singular_values: Annotated[Array, Axes("s")]
+    scale: Annotated[Array, Axes("p")]
+
+    def build(self, names: tuple[str, ...], source: str) -> BaseParameters:
+        """Return the base parameters of the parameters by name; InputError where one is not among them."""
+        index, rows = {name: k for k, name in enumerate(names)}, self.parameters
+        combination = np.zeros((len(rows), len(names)))
+        for k, row in enumerate(rows):
+            for name, coefficient in {row.lead: 1.0, **row.combination}.items():
+                if name not in index:
+                    raise InputError(f"{source}: base_parameters: there is no parameter {name!r}; identify again.")
+                combination[k, index[name]] = coefficient
+        leads = tuple(index[row.lead] for row in rows)
+        return BaseParameters(names, len(rows), self.singular_values, leads, combination, self.scale)
 
 
-class IdentifiabilityPart(ResultPart):
-    """Base parameters that the data show, those that any motion could show, and what the data leave out.
+class BasePart(ResultPart):
+    """Base parameters that the data show, those that any motion could show, and what the data leave out."""
 
-    ``covariance``, ``by_joint``, ``shares`` and ``by_load``: of those on the data, or of all parameters where these are
-    null; see ``StandardErrors``.
-    """
-
-    on_data: BasePart | None
-    structural: BasePart | None
-    unexcited: list[TaggedPart]
-    covariance: list[list[float]] | None = None
-    by_joint: list[list[float]] | None = None
-    shares: list[float] | None = None
-    by_load: list[list[float]] | None = None
+    on_data: BaseTable | None
+    structural: BaseTable | None
+    unexcited: tuple[UnexcitedParameters, ...]
 
 
-class RunPart(ResultPart):
-    """Errors of a free simulation; see ``FreeRun``."""
+class ResultTables(ResultPart):
+    """What of a result can be read without its model and parts."""
 
-    driver: Driver
-    restart: float | None
-    joints: tuple[str, ...]
-    relative_error: dict[str, float]
-    motion_error: dict[str, float]
-    rms: dict[str, float]
-    torque_error: dict[str, float]
-    failure: TaggedPart | None
-
-
-class ValidationPart(ResultPart):
-    """How well the model does on one log."""
-
-    name: str
-    role: Literal["train", "validation"]
-    errors: TorqueErrors
-    residuals: dict[str, ResidualTest]
-    free_run: RunPart | None
-    floors: dict[str, NoiseFloor] = {}
+    format: Literal["dynident result"]
+    version: Literal[1]
+    parameters: list[ParameterRow]
+    report: dict[str, Any] | None = None
+    base_parameters: BasePart
+    errors: StandardErrors
+    validations: tuple[LogValidation, ...]
+    model: ModelPart
+    provenance: Sources
 
 
-class CandidatePart(ResultPart):
-    """A smoother that was tried, and its cross-validated torque error (%)."""
-
-    smoother: TaggedPart
-    error: float
-
-
-class ChoicePart(ResultPart):
-    """The smoothers that were tried, and the place of the one that was chosen, from 0."""
-
-    chosen: int
-    candidates: list[CandidatePart]
-
-
-class TrialPart(ResultPart):
-    """A kind of term that was tried on a joint, and what became of it; see ``TermTrial``."""
-
-    joint: str
-    kind: str
-    settings: dict[str, Any]
-    gain: float
-    std: float
-    outcome: TrialOutcome
-    faster: float | None = None
-    faster_std: float | None = None
-
-
-class TermsPart(ResultPart):
-    """The terms that were chosen, in the order in which the model has them, and all that was tried; see
-    ``TermChoice``."""
-
-    joints: tuple[str, ...]
-    chosen: list[TaggedPart]
-    trials: list[TrialPart]
-    before: tuple[float, ...]
-    after: tuple[float, ...]
-    min_speed: tuple[float, ...]
-    load: tuple[float, ...] | None = None
-
-
-class CalibrationPart(ResultPart):
-    """How smoother, time offset, tilt of the base, terms, strength of the prior were found; null where not sought."""
-
-    smoother: ChoicePart | None
-    time_offset: TimeOffset | None
-    base_tilt: BaseTilt | None
-    prior_strength: PriorStrength | None = None
-    terms: TermsPart | None = None
-
-
-class MassPart(ResultPart):
-    """The smallest eigenvalue of the mass matrix, and the pose of it."""
-
-    smallest: float
-    q: list[float]
-    positive: bool
-
-
-class FindingPart(ResultPart):
-    """An error or a warning of the checks that were run beside the fit; see ``Finding``."""
-
-    severity: Severity
-    joint: str | None
-    message: TaggedPart
-    source: str
-    link: str
-
-
-class ResultFile(ResultPart):
+class ResultFile(ResultTables):
     """A result of ``dynident identify``, or of ``Identification.save``.
 
     ``report`` holds, where the command wrote it, the verdict, notes and warnings in words, and the files of the model;
@@ -272,20 +123,43 @@ class ResultFile(ResultPart):
 
     model_config = ConfigDict(frozen=True, extra="ignore", title="dynident result, version 1")
 
-    format: Literal["dynident result"]
-    version: Literal[1]
-    parameters: list[ParameterPart]
-    report: dict[str, Any] | None = None
-    validations: list[ValidationPart]
-    recipe: RecipePart
-    calibration: CalibrationPart
-    base_parameters: IdentifiabilityPart
-    estimate: EstimatePart
-    mass_matrix: MassPart | None
-    warnings: list[TaggedPart]
-    findings: list[FindingPart] = []
-    model: ModelPart
-    provenance: Sources
+    recipe: Recipe
+    calibration: Calibration
+    estimate: Estimate
+    mass_matrix: MassMatrixCheck | None
+    warnings: tuple[Note, ...]
+    findings: tuple[Finding, ...] = ()
+
+
+Tables = TypeVar("Tables", bound=ResultTables)
+
+
+def read_result(kind: type[Tables], data: dict[str, Any], source: str, **context: Any) -> Tables:
+    """Return the plain values of a result as ``kind``, whose parts the function ``build`` of the context makes.
+
+    Raises InputError, led by ``source``, where it is no result of this version, or its values do not fit.
+    """
+    if data.get("format") != FORMAT:
+        raise InputError(f"{source}: is no result of `dynident identify`: it needs `format`: {FORMAT!r}.")
+    if data.get("version") != VERSION:
+        raise InputError(
+            f"{source}: has version {data.get('version')!r}, and this dynident reads {VERSION}; identify again, or "
+            "take another dynident."
+        )
+    try:
+        return kind.model_validate(data, context={"sizes": _sizes(data), **context})
+    except ValidationError as error:
+        raise InputError(f"{error_text(error, data, source)}; identify again.") from None
+
+
+def _sizes(data: Mapping[str, Any]) -> dict[str, int]:
+    """Return how many parameters (p), joints (n) and base parameters (r) there are, nothing of damaged tables."""
+    try:
+        p, n, base = len(data["parameters"]), len(data["model"]["joints"]), data["base_parameters"]["on_data"]
+        # without base parameters, the covariance is that of the standard ones
+        return {"p": p, "n": n, "r": p if base is None else len(base["parameters"])}
+    except (LookupError, TypeError):
+        return {}
 
 
 class _ResultSchema(GenerateJsonSchema):
@@ -293,6 +167,9 @@ class _ResultSchema(GenerateJsonSchema):
 
     def float_schema(self, schema: core_schema.FloatSchema) -> dict[str, Any]:
         return {"anyOf": [super().float_schema(schema), {"enum": NOT_FINITE}]}
+
+    def encode_default(self, dft: Any) -> Any:
+        return "NaN" if isinstance(dft, float) and math.isnan(dft) else super().encode_default(dft)
 
 
 def config_schema() -> dict[str, Any]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from dataclasses import is_dataclass
 from enum import Enum
 from hashlib import sha256
 from pathlib import Path
@@ -13,23 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from dynident.estimators import Estimate
 from dynident.files.folder import settle
 from dynident.files.opener import content, real_path, refuse_inputs, remember_inputs, watch_inputs
 from dynident.files.results import as_path, write_json
 from dynident.files.yaml_text import is_deep
-from dynident.identification import Calibration, Identification, Recipe, SmootherChoice, Sources
-from dynident.identification.terms import TermChoice
+from dynident.identification import Identification, Sources
 from dynident.models import Model
-from dynident.models.simulation import Failure
 from dynident.project.config import parse_config
 from dynident.project.logs import Reading, log_spec, read_logs
-from dynident.project.result_format import FORMAT, VERSION, ResultFile
+from dynident.project.result_format import FORMAT, VERSION
 from dynident.project.result_read import identification_of
 from dynident.regression import BaseParameters
-from dynident.runtime import Finding, InputError, ModelError, Note
-from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
-from dynident.validation import LogValidation
+from dynident.runtime import InputError, ModelError, Part, Tagged, saved_fields
+from dynident.runtime.families import part_family
 
 JSON_WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
@@ -40,30 +36,30 @@ def result_data(identification: Identification, report: Mapping[str, Any] | None
     Signals, sample weights and the directions of the rank are left out. Raises ConfigError where a part has settings
     without a plain form.
     """
-    mass, notes = identification.mass, identification.notes
+    base, model = identification.base, identification.model
     data = {
         "format": FORMAT,
         "version": VERSION,
         "parameters": list(_parameter_rows(identification)),
-        "report": report,
-        "validations": [_validation_values(entry) for entry in identification.validations],
-        "recipe": _recipe_values(identification.recipe),
-        "calibration": _calibration_values(identification.calibration),
-        "base_parameters": _identifiability_values(identification),
-        "estimate": _estimate_values(identification.estimate),
-        "mass_matrix": mass and {"smallest": mass.smallest, "q": mass.q, "positive": bool(mass.positive)},
-        "warnings": [_tagged_values(note) for note in notes],
-        "findings": [_finding_values(entry) for entry in identification.findings],
-        "model": {
-            "name": identification.model.name,
-            "joints": [asdict(joint) for joint in identification.model.joints],
-            "load": identification.model.load,
+        **({} if report is None else {"report": report}),
+        "validations": identification.validations,
+        "recipe": identification.recipe,
+        "calibration": identification.calibration,
+        "base_parameters": {
+            "on_data": base.on_data and _base_values(base.on_data, identification, on_data=True),
+            "structural": base.structural and _base_values(base.structural, identification),
+            "unexcited": base.unexcited,
         },
-        "provenance": asdict(identification.provenance),
+        "errors": identification.errors,
+        "estimate": identification.estimate,
+        "mass_matrix": identification.mass,
+        "warnings": identification.notes,
+        "findings": identification.findings,
+        "model": {"name": model.name, "joints": model.joints, "load": model.load},
+        "provenance": identification.provenance,
     }
-    plain: dict[str, Any] = _to_json_value(data)
-    ResultFile.model_validate(plain)  # what is written can be read
-    return plain if report is not None else {key: value for key, value in plain.items() if key != "report"}
+    plain: dict[str, Any] = _plain_values(data)
+    return plain
 
 
 def _parameter_rows(identification: Identification) -> Iterator[dict[str, Any]]:
@@ -79,107 +75,20 @@ def _parameter_rows(identification: Identification) -> Iterator[dict[str, Any]]:
         }
 
 
-def _estimate_values(estimate: Estimate) -> dict[str, Any]:
-    residual = estimate.residual
-    whitening = residual.whitening
-    # parts that few estimators have are left out instead of written as null
-    optional_parts: dict[str, Any] = {} if residual.pieces is None else {"pieces": vars(residual.pieces)}
-    if residual.correlated:
-        optional_parts["correlated"] = True
-    if whitening is not None:
-        optional_parts["whitening"] = {"coefficients": whitening.coefficients, "covariance": whitening.covariance}
-    return {
-        "rank": estimate.determined.rank,
-        "condition": estimate.determined.condition,
-        "residual": {
-            "sigma": residual.sigma,
-            "samples": residual.samples,
-            "weights": residual.weights,
-            **optional_parts,
-        },
-        "consistency": None if estimate.consistency is None else asdict(estimate.consistency),
-        "notes": [_tagged_values(note) for note in estimate.notes],
-        "covariance": estimate.covariance,
-        "interval": estimate.interval,
-        "information": estimate.information,
+def _base_values(basis: BaseParameters, identification: Identification, *, on_data: bool = False) -> dict[str, Any]:
+    """Return base parameters by name; those ``on_data`` with their values and standard errors where they are known."""
+    estimate, errors = identification.estimate, identification.errors
+    columns = {
+        "value": basis.to_base(estimate.value),
+        "std": errors.base_std,
+        "std_independent": errors.base_std_independent,
     }
-
-
-def _recipe_values(recipe: Recipe) -> dict[str, Any]:
-    (smoother,) = recipe.smoothers
-    return {
-        "smoother": SMOOTHERS.describe(smoother),
-        "estimator": ESTIMATORS.describe(recipe.estimator),
-        "filter": None if recipe.filter is None else asdict(recipe.filter),
-        "min_speed": recipe.min_speed,
-        "time_offset": recipe.time_offset,
-        "base_tilt": recipe.base_tilt,
-        "restart": recipe.restart,
-        "outliers": recipe.outliers,
-        "rests": recipe.rests,
-    }
-
-
-def _calibration_values(calibration: Calibration) -> dict[str, Any]:
-    offset, tilt, strength = calibration.time_offset, calibration.base_tilt, calibration.prior_strength
-    return {
-        "smoother": None if calibration.smoother is None else _smoother_choice_values(calibration.smoother),
-        "time_offset": None if offset is None else asdict(offset),
-        "base_tilt": None if tilt is None else asdict(tilt),
-        "prior_strength": None if strength is None else asdict(strength),
-        "terms": None if calibration.terms is None else _term_choice_values(calibration.terms),
-    }
-
-
-def _term_choice_values(choice: TermChoice) -> dict[str, Any]:
-    trials = [{**vars(entry), "settings": dict(entry.settings)} for entry in choice.trials]
-    plain = {key: value for key, value in vars(choice).items() if key != "terms"}
-    return plain | {"trials": trials, "chosen": [TERMS.describe(entry) for entry in choice.terms]}
-
-
-def _smoother_choice_values(choice: SmootherChoice) -> dict[str, Any]:
-    pairs = zip(choice.candidates, choice.errors, strict=True)
-    return {
-        "chosen": choice.candidates.index(choice.smoother),
-        "candidates": [{"smoother": SMOOTHERS.describe(candidate), "error": error} for candidate, error in pairs],
-    }
-
-
-def _identifiability_values(identification: Identification) -> dict[str, Any]:
-    base, units = identification.base, identification.estimate.units
-    return {
-        "on_data": base.on_data and _base_values(base.on_data, units, identification),
-        "structural": base.structural and _base_values(base.structural, units),
-        "unexcited": [_tagged_values(note) for note in base.unexcited],
-        "covariance": identification.errors.base_covariance,
-        "by_joint": identification.errors.base_by_joint,
-        "shares": identification.errors.base_shares,
-        "by_load": identification.errors.base_by_load,
-    }
-
-
-def _base_values(
-    basis: BaseParameters, units: Sequence[str], identification: Identification | None = None
-) -> dict[str, Any]:
-    """Return base parameters by name, with their values and standard errors where they are known."""
-    estimates = {}
-    if identification is not None:
-        columns = (
-            basis.to_base(identification.estimate.value),
-            identification.errors.base_std,
-            identification.errors.base_std_independent,
-        )
-        estimates = {
-            key: column
-            for key, column in zip(("value", "std", "std_independent"), columns, strict=True)
-            if column is not None
-        }
     # of each combination only the coefficients that are not zero
     rows = [
         {
             "name": name,
-            **{key: column[k] for key, column in estimates.items()},
-            "unit": units[lead],
+            **{key: column[k] for key, column in columns.items() if on_data and column is not None},
+            "unit": estimate.units[lead],
             "lead": basis.names[lead],
             "combination": {basis.names[j]: basis.combination[k, j] for j in np.flatnonzero(basis.combination[k])},
         }
@@ -188,39 +97,21 @@ def _base_values(
     return {"parameters": rows, "singular_values": basis.singular_values, "scale": basis.scale}
 
 
-def _validation_values(log: LogValidation) -> dict[str, Any]:
-    run = log.free_run
-    keys = ("driver", "restart", "joints", "relative_error", "motion_error", "rms", "torque_error")
-    return {
-        "name": log.name,
-        "role": log.role,
-        "errors": asdict(log.errors),
-        "residuals": {joint: asdict(test) for joint, test in log.residuals.items()},
-        "floors": {joint: asdict(floor) for joint, floor in log.floors.items()},
-        "free_run": run
-        and {key: getattr(run, key) for key in keys} | {"failure": run.failure and _tagged_values(run.failure)},
-    }
-
-
-def _finding_values(finding: Finding) -> dict[str, Any]:
-    return {**vars(finding), "message": _tagged_values(finding.message)}
-
-
-def _tagged_values(noun: Note | Failure) -> dict[str, Any]:
-    """Return the fields of a note or failure, tagged with the name of its class."""
-    return {"kind": type(noun).__name__, **asdict(noun)}
-
-
-def _to_json_value(value: Any) -> Any:
-    """Return a value in types that JSON knows; numbers that are not finite become texts."""
+def _plain_values(value: Any) -> Any:
+    """Return nouns and their fields in types that JSON knows; numbers that are not finite become texts."""
+    if isinstance(value, Part):
+        return _plain_values(part_family(type(value)).describe(value))
+    if is_dataclass(value) and not isinstance(value, type):
+        tag: dict[str, Any] = {"kind": type(value).__name__} if isinstance(value, Tagged) else {}
+        return tag | {name: _plain_values(getattr(value, name)) for name in saved_fields(type(value))}
     if isinstance(value, Mapping):
-        return {str(key): _to_json_value(item) for key, item in value.items()}
+        return {str(key): _plain_values(item) for key, item in value.items()}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, np.ndarray | np.generic):
-        return _to_json_value(value.tolist())
+        return _plain_values(value.tolist())
     if isinstance(value, list | tuple):
-        return [_to_json_value(item) for item in value]
+        return [_plain_values(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     return value
@@ -266,13 +157,6 @@ def load(path: str | Path, model: Model | None = None, *, allow_code: bool = Fal
     if not isinstance(model, Model | None):
         raise ModelError(f"load: the model is a {type(model).__name__}; give the Model that was identified.")
     data, source = result_values(as_path(path)), str(path)
-    if data.get("format") != FORMAT:
-        raise InputError(f"{path}: is no result of `dynident identify`: it needs `format`: {FORMAT!r}.")
-    if data.get("version") != VERSION:
-        raise InputError(
-            f"{path}: has version {data.get('version')!r}, and this dynident reads {VERSION}; identify again, or take "
-            "another dynident."
-        )
     identification = identification_of(data, source, model, allow_code=allow_code)
     for file in source_files(identification.provenance):
         remember_inputs(file)

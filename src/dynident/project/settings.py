@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from glob import has_magic
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationInfo, WrapValidator, model_validator
+from pydantic_core import PydanticCustomError
 
 from dynident.models import Joint
 from dynident.project.fields import (
@@ -36,7 +38,6 @@ from dynident.project.fields import (
     Tilt,
     TimeOffsetValue,
     Windows,
-    by_kind,
     check_known_names,
     check_same_names,
     unit_factor,
@@ -164,9 +165,25 @@ SIMULATION_KINDS: Mapping[str, type[Section]] = {
     "pid": PIDSettings,
     "measured_torque": TorqueInputSettings,
 }
+
+
+def _read_simulation(value: Any, _: Any, info: ValidationInfo) -> Any:
+    """Read the section of its `kind`, so that errors have its place and are of no other kind."""
+    if value is None or isinstance(value, Section):
+        return value
+    if not isinstance(value, Mapping):
+        raise PydanticCustomError("mapping_type", "a mapping")
+    kind = str(value.get("kind"))
+    section = FunctionSettings if kind.rpartition(":")[0].endswith(".py") else SIMULATION_KINDS.get(kind)
+    if section is None:
+        words = f"{value['kind']!r} is not a choice; {choices(kind, SIMULATION_KINDS)}" if "kind" in value else ""
+        words = words or f"needs a `kind`: {', '.join(SIMULATION_KINDS)}"
+        raise PydanticCustomError("words", "{words}", {"words": words})
+    return section.model_validate(value, context=info.context)
+
+
 Simulation = Annotated[
-    CascadeSettings | PDSettings | PIDSettings | FunctionSettings | TorqueInputSettings,
-    WrapValidator(by_kind(SIMULATION_KINDS, of_file=FunctionSettings)),
+    CascadeSettings | PDSettings | PIDSettings | FunctionSettings | TorqueInputSettings, WrapValidator(_read_simulation)
 ]
 
 
@@ -279,6 +296,14 @@ class RobotSettings(Section):
     def chooses_terms(self) -> bool:
         """Whether the training logs choose terms."""
         return AUTO in self.terms
+
+
+def with_plain_terms(spec: str | RobotSettings) -> str | RobotSettings:
+    """Return the settings of a model with the plain set in place of terms that the training logs choose."""
+    if not isinstance(spec, RobotSettings):
+        return spec
+    terms = [PLAIN_TERMS if term == AUTO else (term,) for term in spec.terms]
+    return spec.model_copy(update={"terms": tuple(chain.from_iterable(terms))})
 
 
 class FilterSettings(Section):

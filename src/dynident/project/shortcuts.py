@@ -7,9 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, Literal, TypedDict, TypeVar, Unpack
-
-from pydantic import ValidationError
+from typing import Any, Literal, TypedDict, Unpack
 
 from dynident import checks, identification
 from dynident.checks import CheckResult
@@ -20,10 +18,9 @@ from dynident.models import Joint, Model
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Smoother, Spline
 from dynident.project.config import load_model, load_robot
-from dynident.project.fields import UNITS, Section
+from dynident.project.fields import UNITS, read_settings
 from dynident.project.logs import log_spec, read_logs
 from dynident.project.project import model_source, read_project, stamp
-from dynident.project.python_file import error_text
 from dynident.project.settings import Config, LogSpec, RobotSettings, robot_settings
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, InputError, ModelError, choices
@@ -31,7 +28,7 @@ from dynident.runtime import ConfigError, InputError, ModelError, choices
 Robot = Model | str | Path
 Logs = Log | Mapping[str, Log] | Sequence[Log]
 Channels = Mapping[str, Any]
-S = TypeVar("S", bound=Section)
+HERE = {"folder": ".", "code": "."}  # where relative names start
 
 
 class RecipeFields(TypedDict, total=False):
@@ -190,7 +187,7 @@ def read_robot(
     ('leaf.Izz', 'Fv_hinge')
     """
     data = {"file": str(path), "joints": joints, "terms": terms, **settings}
-    return load_robot(_validate(RobotSettings, data, "read_robot"))
+    return load_robot(read_settings(RobotSettings, data, "read_robot", **HERE))
 
 
 def read_log(
@@ -240,7 +237,7 @@ def read_log(
         # reading needs only the names and kinds of the joints, no dynamics
         joints = tuple(Joint(joint, _joint_kind(channel.unit)) for joint, channel in log_config.position.items())
     # window and name are checked as those of a configuration are; the file is that of the recording
-    log_options = _validate(LogSpec, {"file": "-", "window": window, "name": name}, "read_log")
+    log_options = read_settings(LogSpec, {"file": "-", "window": window, "name": name}, "read_log", **HERE)
     reading = read_logs(
         spec.model_copy(update={"window": log_options.window, "name": log_options.name}), log_config, joints
     )
@@ -313,7 +310,7 @@ def _declared_config(path: str | Path, channels: Mapping[str, Any], settings: Ma
         "train": [{"file": str(path)}],
         **settings,
     }
-    return _validate(Config, data, "read_log")
+    return read_settings(Config, data, "read_log", **HERE)
 
 
 def _read_channels(channels: Any, key: str) -> Any:
@@ -336,11 +333,3 @@ def _read_channel(channel: Any, where: str, example: str) -> Any:
 
 def _joint_kind(unit: str) -> Literal["revolute", "prismatic"]:
     return "prismatic" if unit.replace(" ", "") in UNITS["length"] else "revolute"
-
-
-def _validate(section: type[S], data: Mapping[str, Any], source: str) -> S:
-    """Return settings, checked; ConfigError, led by ``source``, where one is wrong."""
-    try:
-        return section.model_validate(dict(data), context={"folder": ".", "code": "."})
-    except ValidationError as error:
-        raise ConfigError(error_text(error, data, source)) from None

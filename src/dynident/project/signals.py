@@ -233,12 +233,7 @@ def _time_stamps(table: DataTable, config: Config, rows: int) -> Array:
         return np.arange(rows) / config.time.rate
     name = config.time.column or ""
     column = table.column(name, "time")
-    bad = bad_values(column)
-    if len(bad):
-        raise InputError(
-            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} "
-            f"({len(bad)} such rows); delete these rows."
-        )
+    check_times(table, name, column)
     factor = unit_factor(config.time.unit, "time", "time.unit")
     if (unit := table.units.get(name)) is not None and factor != unit_factor(unit, "time", "time.unit"):
         raise ConfigError(
@@ -265,6 +260,16 @@ def _episode_hint(table: DataTable) -> str:
     if name is None:
         return ""
     return f"does the file hold several recordings, by {name!r}? Then write each to a file of its own; else "
+
+
+def check_times(table: DataTable, name: str, t: Array) -> None:
+    """Raise InputError where a row of the column has no valid time."""
+    bad = bad_values(t)
+    if len(bad):
+        raise InputError(
+            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} ({len(bad)} such rows); "
+            "delete these rows."
+        )
 
 
 def bad_values(values: Array) -> NDArray[np.intp]:
@@ -313,7 +318,12 @@ def _logged_controller(
         return CascadePD(kp=kp, kv=kv, **common_fields)
     kp, ki = reader.gains("kp"), reader.gains("ki") if isinstance(settings, PIDSettings) else None
     reader.check_stiffness(kp if ki is None else np.hypot(kp, ki))
-    pd = PD(kp=kp, kd=reader.gains("kd"), velocity_reference=reader.velocity_references(), **common_fields)
+    pd = PD(
+        kp=kp,
+        kd=reader.gains("kd"),
+        velocity_reference=reader.signal("velocity_reference", VELOCITIES),
+        **common_fields,
+    )
     return pd if ki is None else PID(pd, ki)
 
 
@@ -321,32 +331,23 @@ class _DriveReader:
     """Reads the signals and gains of the joints' drives, as the settings name them, from a recording."""
 
     def __init__(self, signals: RecordedSignals, drives: Sequence[LoopJoint], joints: Sequence[Joint]) -> None:
-        self.table, self.rows, self.drives, self.joints = signals.table, len(signals.t), drives, joints
+        self.table, self.rows = signals.table, len(signals.t)
+        self.drives = list(zip(drives, joints, strict=True))
 
-    def signal(self, name: str, units: Mapping[str, str]) -> Array:
-        """Return a channel of the drives (N, n)."""
-        columns = [
-            self._channel_column(getattr(drive, name), joint, name, units) for drive, joint in self._drives_and_joints()
-        ]
-        return np.column_stack(columns)
-
-    def velocity_references(self) -> Array | None:
-        """Return the references of the velocities (N, n), zero at joints without one; None where no joint has one."""
-        channels = [channel.velocity_reference if isinstance(channel, PDJoint) else None for channel in self.drives]
-        if all(channel is None for channel in channels):
-            return None
-        name = "velocity_reference"
-        return np.column_stack(
-            [
-                np.zeros(self.rows) if channel is None else self._channel_column(channel, joint, name, VELOCITIES)
-                for channel, joint in zip(channels, self.joints, strict=True)
-            ]
-        )
+    def signal(self, name: str, units: Mapping[str, str]) -> Array | None:
+        """Return a channel of the drives (N, n), zero at joints without one; None where no joint has one."""
+        columns = []
+        for drive, joint in self.drives:
+            columns.append(np.zeros(self.rows))
+            if (channel := getattr(drive, name, None)) is not None:
+                columns[-1] = channel_values(self.table, {joint.name: channel}, [joint], SETTINGS_PATH, units)[:, 0]
+                _require_valid(self.table, name.replace("_", " "), columns[-1], self.rows)
+        return np.column_stack(columns) if any(getattr(drive, name, None) for drive, _ in self.drives) else None
 
     def feedforward(self, spec: LogSpec) -> Array:
         """Return the feedforward of the drives (N, n) in a recording, zero where there is none."""
         columns = []
-        for drive, joint in self._drives_and_joints():
+        for drive, joint in self.drives:
             column = drive.column(spec.label)
             where = f"{SETTINGS_PATH}.{joint.name}.feedforward"
             columns.append(np.zeros(self.rows) if column is None else self.table.column(column, where))
@@ -355,27 +356,17 @@ class _DriveReader:
 
     def gains(self, name: str) -> Array:
         """Return a number of each drive (n), infinite where it is not given."""
-        values = [
-            (getattr(drive, name), f"{SETTINGS_PATH}.{joint.name}.{name}") for drive, joint in self._drives_and_joints()
-        ]
+        values = [(getattr(drive, name), f"{SETTINGS_PATH}.{joint.name}.{name}") for drive, joint in self.drives]
         return np.array([np.inf if value is None else self.table.constant(value, where) for value, where in values])
 
     def check_stiffness(self, stiffness: Array) -> None:
         """Raise ConfigError for a joint whose position does not matter to its controller."""
-        for joint, value in zip(self.joints, stiffness, strict=True):
+        for (_, joint), value in zip(self.drives, stiffness, strict=True):
             if not value:
                 raise ConfigError(
                     f"{SETTINGS_PATH}.{joint.name}: with these gains, of which one is 0, the joint does not follow its "
                     "reference; give its gains, or simulate from the torque (`kind: measured_torque`)."
                 )
-
-    def _drives_and_joints(self) -> list[tuple[LoopJoint, Joint]]:
-        return list(zip(self.drives, self.joints, strict=True))
-
-    def _channel_column(self, channel: Channel, joint: Joint, name: str, units: Mapping[str, str]) -> Array:
-        values = channel_values(self.table, {joint.name: channel}, [joint], SETTINGS_PATH, units)[:, 0]
-        _require_valid(self.table, name.replace("_", " "), values, self.rows)
-        return values
 
 
 def _require_valid(table: DataTable, name: str, values: Array, size: int) -> None:

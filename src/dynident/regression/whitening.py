@@ -29,7 +29,7 @@ from dynident.motion.log import Motion, mark_read_only
 from dynident.motion.smoothers import cutoff_complaint
 from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock
-from dynident.runtime import ConfigError, brief, check_settings
+from dynident.runtime import Axes, ConfigError, brief, check_settings
 
 Array = NDArray[np.float64]
 
@@ -161,8 +161,8 @@ class Whitening:
     Raises ConfigError where an autoregression is not stable, or the covariance not positive definite.
     """
 
-    coefficients: tuple[Array, ...]
-    covariance: Array
+    coefficients: tuple[Annotated[Array, Axes("m")], ...]
+    covariance: Annotated[Array, Axes("n", "n")]
 
     __repr__ = brief
 

@@ -39,6 +39,7 @@ from dynident.runtime.notes import (
     place_and_text,
     require,
 )
+from dynident.runtime.saved_fields import LEFT_OUT, Axes, Part, Tagged, saved_fields
 from dynident.runtime.text import (
     angles,
     capitalise,
@@ -57,7 +58,9 @@ from dynident.runtime.text import (
 
 __all__ = [
     "GIGABYTE",
+    "LEFT_OUT",
     "MEMORY_VARIABLE",
+    "Axes",
     "BudgetedFunction",
     "ConfigError",
     "DynidentError",
@@ -69,10 +72,12 @@ __all__ = [
     "ModelError",
     "Note",
     "Noun",
+    "Part",
     "Remark",
     "Severity",
     "Statement",
     "Step",
+    "Tagged",
     "Use",
     "WordedEnum",
     "angles",
@@ -96,6 +101,7 @@ __all__ = [
     "report_progress",
     "require",
     "rough",
+    "saved_fields",
     "set_budget",
     "setting_text",
     "settings_repr",

@@ -146,6 +146,12 @@ def family_of(hint: Any) -> PartFamily | None:
     return next((family for family in (SMOOTHERS, ESTIMATORS) if place in (family.protocol, family.base)), None)
 
 
+def part_family(cls: type) -> PartFamily:
+    """Return the family of a class of parts, or of the base of them."""
+    bases = set(map(_import_path, cls.__mro__))
+    return next(family for family in (SMOOTHERS, TERMS, ESTIMATORS) if family.base in bases)
+
+
 def settings_type(part: type) -> Any:
     """Return the dataclass that holds the settings of a part's class: most often the class itself."""
     return getattr(part, "Settings", part)

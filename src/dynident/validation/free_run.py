@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.models import Model
 from dynident.models.simulation import Failure, longest_stretch, simulate_recording, ticks
 from dynident.motion.log import Controller, Motion
-from dynident.runtime import ConfigError, InputError, brief
+from dynident.runtime import LEFT_OUT, ConfigError, InputError, brief
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class FreeRun:
     rms: Mapping[str, float]
     torque_error: Mapping[str, float]
     failure: Failure | None = None
-    signals: RunSignals | None = None
+    signals: Annotated[RunSignals | None, LEFT_OUT] = None
 
     __repr__ = brief
 

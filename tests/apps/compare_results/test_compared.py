@@ -66,7 +66,7 @@ def test_files_that_are_gone_are_said_and_not_needed(folder: Path, tmp_path: Pat
     [
         (lambda data: data.update(version=7), "identify again"),
         (lambda data: data.update(format="another"), "is no result"),
-        (lambda data: data["base_parameters"].update(covariance=[[1.0]]), "covariance is not"),
+        (lambda data: data["errors"].update(base_covariance=[[1.0]]), r"errors\.base_covariance: has not the shape"),
         (lambda data: data.update(parameters=3), "parameters"),
         (lambda data: data["parameters"][0].update(value=1e308), "a parameter of 1e"),
     ],

@@ -7,20 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from dynident.apps.compare_results.comparison import ComparedLog, ComparedResult, ExportRecord
 from dynident.files.opener import content, real_path
 from dynident.identification import Sources
 from dynident.project.config import parse_config
 from dynident.project.logs import recording_of
-from dynident.project.result_format import FORMAT, VERSION, BasePart, ResultFile
-from dynident.project.result_read import first_error_text
+from dynident.project.result_format import ResultTables, read_result
 from dynident.project.saved import result_values
 from dynident.runtime import ConfigError, InputError, Use
 
-Array = NDArray[np.float64]
 MAX_PARAMETER = 1e100  # of parameters: squares of larger ones are infinite, and nothing differs from them
 
 
@@ -43,21 +39,17 @@ def read_compared(path: Path, name: str) -> ComparedResult:
 
     Raises InputError where the file is no result, is older than version 1, or its values do not fit.
     """
-    data = result_values(path)
-    if data.get("format") != FORMAT or data.get("version") != VERSION:
-        raise InputError(f"{path}: is no result of this version of `dynident identify`; identify again.")
-    try:
-        file = ResultFile.model_validate(data)
-    except ValidationError as error:
-        raise InputError(first_error_text(error, str(path))) from None
+    file = read_result(ResultTables, result_values(path), str(path))
     names = tuple(row.name for row in file.parameters)
     base = file.base_parameters.on_data
-    combination, scale = (
-        (np.eye(len(names)), np.ones(len(names))) if base is None else _base_combinations(base, names, path)
-    )
+    combination, scale = np.eye(len(names)), np.ones(len(names))
+    if base is not None:
+        combination, scale = base.build(names, str(path)).combination, base.scale
     rows = file.parameters if base is None else base.parameters
     std = [float("inf") if row.std is None else row.std for row in rows]
-    covariance, is_full = _base_covariance(file.base_parameters.covariance, std, path)
+    # without a stored covariance, base parameters count as uncorrelated
+    full_covariance = file.errors.base_covariance
+    covariance = np.diag(np.square(std)) if full_covariance is None else full_covariance
     if not all(abs(row.value) < MAX_PARAMETER for row in file.parameters) or (np.diag(covariance) < 0).any():
         raise InputError(
             f"{path}: holds a parameter of {MAX_PARAMETER:g} or more, or a variance below 0; identify again."
@@ -73,39 +65,14 @@ def read_compared(path: Path, name: str) -> ComparedResult:
         combination,
         scale,
         covariance,
-        is_full,
+        full_covariance is not None,
         tuple(_compared_logs(file)),
         _use_of_report(report),
         tuple(_export_records(report, path)),
     )
 
 
-def _base_combinations(base: BasePart, names: tuple[str, ...], path: Path) -> tuple[Array, Array]:
-    """Return the combinations (r, p) of base parameters, and the scales (p)."""
-    index = {name: k for k, name in enumerate(names)}
-    combination = np.zeros((len(base.parameters), len(names)))
-    for k, row in enumerate(base.parameters):
-        for name, coefficient in row.combination.items():
-            if name not in index:
-                raise InputError(f"{path}: base_parameters: there is no parameter {name!r}; identify again.")
-            combination[k, index[name]] = coefficient
-    if len(base.scale) != len(names):
-        raise InputError(f"{path}: base_parameters.scale has {len(base.scale)} numbers; identify again.")
-    return combination, np.array(base.scale)
-
-
-def _base_covariance(rows: list[list[float]] | None, stds: list[float], path: Path) -> tuple[Array, bool]:
-    """Return the covariance of the base parameters, and whether it is more than its diagonal."""
-    count = len(stds)
-    # without a stored covariance, base parameters count as uncorrelated
-    if rows is None:
-        return np.where(np.eye(count, dtype=bool), np.square(stds), 0.0), False
-    if len(rows) != count or any(len(row) != count for row in rows):
-        raise InputError(f"{path}: base_parameters.covariance is not {count} by {count}; identify again.")
-    return np.array(rows).reshape(count, count), True
-
-
-def _compared_logs(file: ResultFile) -> list[ComparedLog]:
+def _compared_logs(file: ResultTables) -> list[ComparedLog]:
     recordings = _recording_digests(
         file.provenance, [(validation.name, validation.role) for validation in file.validations]
     )

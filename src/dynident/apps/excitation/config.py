@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from dynident.apps.excitation.limits import MotionLimits
 from dynident.apps.excitation.motion import MotionRequest
@@ -28,9 +28,9 @@ from dynident.project.fields import (
     Section,
     as_number,
     bounded_reader,
+    read_settings,
     whole_number_reader,
 )
-from dynident.project.python_file import error_text
 from dynident.runtime import ConfigError, brief, choices
 
 Array = NDArray[np.float64]
@@ -167,10 +167,7 @@ def settings_in(data: Any, source: str, *, alone: bool) -> Mapping[str, Any]:
 def excitation_settings(data: Mapping[str, Any], source: str, folder: str | Path = ".") -> ExcitationSettings:
     """Return settings, checked; file names are relative to ``folder``. ConfigError, led by ``source``, where one is
     wrong."""
-    try:
-        return ExcitationSettings.model_validate(dict(data), context={"folder": folder})
-    except ValidationError as error:
-        raise ConfigError(error_text(error, dict(data), source)) from None
+    return read_settings(ExcitationSettings, dict(data), source, folder=folder)
 
 
 class NoiseOrigin(StrEnum):

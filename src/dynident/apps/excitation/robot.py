@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.config import (
@@ -38,11 +37,10 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identification, SourceFile
 from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Obstacle, RigidBodies, Space
 from dynident.project.config import config_text, load_model
+from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
-from dynident.project.python_file import error_text
-from dynident.project.result_read import replace_auto_terms
 from dynident.project.saved import load
-from dynident.project.settings import RobotSettings, robot_settings
+from dynident.project.settings import RobotSettings, robot_settings, with_plain_terms
 from dynident.runtime import ConfigError, InputError, brief, choices, report_progress
 
 Array = NDArray[np.float64]
@@ -158,7 +156,7 @@ def read_excitation(
         prior = knowledge_of_result(identification)
     elif robot is not None:
         report_progress("building the model")
-        prior = nominal_knowledge(load_model(replace_auto_terms(robot), path.parent if config else "."))
+        prior = nominal_knowledge(load_model(with_plain_terms(robot), path.parent if config else "."))
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
     user_limits = {name: JointLimits(**limit.model_dump()) for name, limit in motion_settings.limits.items()}
@@ -212,7 +210,7 @@ def _prior_from_logs(path: Path, text: str, ready: Callable[[], None]) -> PriorK
     logs = [file for log in (*project.config.train, *project.config.validation) for file in log.file.values()]
     # a fit to part of the logs would be another one than the configuration describes
     if missing_file := next((file for file in logs if not file.exists()), None):
-        model = load_model(replace_auto_terms(project.config.model), path.parent)
+        model = load_model(with_plain_terms(project.config.model), path.parent)
         return nominal_knowledge(model, f"the configuration names {missing_file.name}, which is not there")
     report_progress("identifying from the logs of the configuration")
     identification = project.identify()
@@ -227,10 +225,7 @@ def _lone_model(data: Any, path: Path) -> Robot | None:
     model = data["model"]
     if not isinstance(model, Mapping):
         return robot_settings(str(model), context) or str(model)
-    try:
-        return RobotSettings.model_validate(model, context=context)
-    except ValidationError as error:
-        raise ConfigError(error_text(error, model, f"{path}: model")) from None
+    return read_settings(RobotSettings, model, f"{path}: model", **context)
 
 
 def _motion_settings(

@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import BeforeValidator, StrictBool, ValidationError, ValidationInfo, model_validator
+from pydantic import BeforeValidator, StrictBool, ValidationInfo, model_validator
 
 from dynident.files.opener import (
     content,
@@ -30,8 +30,16 @@ from dynident.files.results import read_table, table_kind
 from dynident.files.text import call_polars
 from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_text
-from dynident.project.fields import CountOrEach, Name, Number, Section, TimeOffsetValue, Windows, bounded_reader
-from dynident.project.python_file import error_text
+from dynident.project.fields import (
+    CountOrEach,
+    Name,
+    Number,
+    Section,
+    TimeOffsetValue,
+    Windows,
+    bounded_reader,
+    read_settings,
+)
 from dynident.project.result_format import section_schema
 from dynident.runtime import ConfigError, InputError, choices, join_names
 
@@ -165,10 +173,7 @@ def read_fleet_settings(path: Path) -> FleetSettings:
     Raises ConfigError with the path of the wrong setting, its value and the choices.
     """
     data = load_yaml(config_text(path), str(path))
-    try:
-        return FleetSettings.model_validate(data, context={"folder": path.parent})
-    except ValidationError as error:
-        raise ConfigError(error_text(error, data, str(path))) from None
+    return read_settings(FleetSettings, data, str(path), folder=path.parent)
 
 
 @dataclass(frozen=True)

@@ -196,6 +196,9 @@ class NotChosen(Note):
         )
 
 
+Setting = int | float | str | bool | tuple[int | float | str, ...] | None
+
+
 @dataclass(frozen=True)
 class TermTrial:
     """A ``kind`` of term that was tried on one ``joint``, with its best ``settings``, beside all others chosen for it.
@@ -207,7 +210,7 @@ class TermTrial:
 
     joint: str
     kind: str
-    settings: tuple[tuple[str, object], ...]
+    settings: tuple[tuple[str, Setting], ...]
     gain: float
     std: float
     outcome: TrialOutcome

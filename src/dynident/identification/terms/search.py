@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import CandidateKind, TermTrial, TrialOutcome
+from dynident.identification.terms.candidates import CandidateKind, Setting, TermTrial, TrialOutcome
 from dynident.identification.terms.grams import (
     Folds,
     JointGrams,
@@ -366,7 +366,7 @@ def _is_as_good(result: _TrialResult, best: _TrialResult) -> bool:
     return bool(shortfall.sum() <= np.sqrt(len(shortfall)) * shortfall.std(ddof=1))
 
 
-def _settings(term: Term) -> tuple[tuple[str, object], ...]:
+def _settings(term: Term) -> tuple[tuple[str, Setting], ...]:
     """Return the constants of a term by name."""
     if isinstance(term, JointTerm):
         return tuple((name, term.constant(name, term.acts_on[0])) for name in term.constants)

@@ -19,6 +19,7 @@ from dynident.runtime import (
     ConfigError,
     InputError,
     MissingInputError,
+    Part,
     brief,
     call_part,
     check_settings,
@@ -32,7 +33,7 @@ BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 
 
-class Smoother(ABC):
+class Smoother(Part, ABC):
     """Base of all smoothers: converts a ``Log`` to a ``Motion``.
 
     A smoother is a frozen dataclass of settings. It keeps t, tau, joints and source, does not use tau, and masks out

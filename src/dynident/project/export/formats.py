@@ -216,43 +216,50 @@ def _remove_shapes(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Urdf:
-    """The robot's own URDF with the identified inertias, damping and friction."""
+class RobotFile:
+    """The robot's own file with identified values; ``armature`` is whether it can hold rotor inertia."""
 
-    format: ClassVar[str] = "urdf"
-    readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": torque_by_pinocchio, "dynident": torque_by_dynident}
+    suffix: ClassVar[str]
+    armature: ClassVar[bool]
 
     def file(self, identified: IdentifiedModel) -> str:
         """Return the name of the robot's file, as that of an identified one."""
-        return f"{_file_stem(identified)}.identified.urdf"
+        name = identified.robot.source if identified.robot else identified.model.name
+        return f"{PurePath(name).stem}.identified{self.suffix}"
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of bodies, damping and friction, and of the armature that the file can hold."""
+        best = place_values(identified, armature=self.armature)
+        bodies, values = best.bodies
+        names = tuple(joint.name for joint in bodies.joints)
+        joint_drives = drives(best, armature=self.armature)
+        return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
+
+
+@dataclass(frozen=True)
+class Urdf(RobotFile):
+    """The robot's own URDF with the identified inertias, damping and friction."""
+
+    format: ClassVar[str] = "urdf"
+    suffix, armature = ".urdf", False
+    readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": torque_by_pinocchio, "dynident": torque_by_dynident}
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the URDF."""
         return identified_urdf(identified)
 
-    def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of bodies, damping and friction."""
-        return _robot_file_torque(identified, states, armature=False)
-
 
 @dataclass(frozen=True)
-class Mjcf:
+class Mjcf(RobotFile):
     """The robot's own MJCF with the identified inertias, damping, friction and armature."""
 
     format: ClassVar[str] = "mjcf"
+    suffix, armature = ".xml", True
     readers: ClassVar[Mapping[str, Reader]] = {"MuJoCo": torque_by_mujoco, "dynident": torque_by_dynident}
-
-    def file(self, identified: IdentifiedModel) -> str:
-        """Return the name of the robot's file, as that of an identified one."""
-        return f"{_file_stem(identified)}.identified.xml"
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the MJCF."""
         return identified_mjcf(identified)
-
-    def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of bodies, damping, friction and armature."""
-        return _robot_file_torque(identified, states, armature=True)
 
 
 @dataclass(frozen=True)
@@ -295,15 +302,3 @@ class Yaml:
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of all terms, with the memory of those that have one at zero."""
         return identified.model.torque(*states, identified.value, np.zeros((len(states[0]), identified.model.memory)))
-
-
-def _file_stem(identified: IdentifiedModel) -> str:
-    return PurePath(identified.robot.source if identified.robot else identified.model.name).stem
-
-
-def _robot_file_torque(identified: IdentifiedModel, states: States, *, armature: bool) -> Array:
-    best = place_values(identified, armature=armature)
-    bodies, values = best.bodies
-    names = tuple(joint.name for joint in bodies.joints)
-    joint_drives = drives(best, armature=armature)
-    return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import chain, count
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -38,11 +39,7 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
     http://wiki.ros.org/urdf/XML). Raises ModelError where the model does not come from a URDF, and for
     inconsistent bodies or negative friction.
     """
-    bodies, _ = identified.bodies
-    if bodies.format != "urdf":
-        raise ModelError(f"{bodies.source}: it is an MJCF, which can be written as `mjcf`, not as `urdf`.")
-    best = place_values(identified, armature=False)
-    joint_drives, shares = drives(best, armature=False), link_inertias(bodies, best.bodies[1])
+    bodies, joint_drives, shares, notes = _robot_content(identified, "urdf", armature=False)
     text = XmlText(bodies.xml)
     joints = {body.joint.name for body in bodies.arm.bodies}
     for node in text.root.children:
@@ -54,8 +51,24 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
     gravity = (
         [] if bodies.gravity == EARTH_GRAVITY else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
     )
-    notes = (*move_notes(identified, best), *joint_drives.notes, *shares.notes, *fixed_joint_notes(bodies, shares))
     return ExportText(str(text), (*joint_drives.left_out, *gravity), notes)
+
+
+def _robot_content(
+    identified: IdentifiedModel, file_format: str, *, armature: bool
+) -> tuple[RigidBodies, Drives, LinkInertias, tuple[str, ...]]:
+    """Return the bodies of a robot file, what it gets of drives and links, and notes on them; ModelError where the
+    file has another format."""
+    bodies, _ = identified.bodies
+    if bodies.format != file_format:
+        kind = {"urdf": "a URDF", "mjcf": "an MJCF"}[bodies.format]
+        raise ModelError(
+            f"{bodies.source}: it is {kind}, which can be written as `{bodies.format}`, not as `{file_format}`."
+        )
+    best = place_values(identified, armature=armature)
+    joint_drives, shares = drives(best, armature=armature), link_inertias(bodies, best.bodies[1])
+    notes = (*move_notes(identified, best), *joint_drives.notes, *shares.notes, *fixed_joint_notes(bodies, shares))
+    return bodies, joint_drives, shares, notes
 
 
 def strip_to_joints(xml: str) -> str:
@@ -132,21 +145,29 @@ def _set_urdf_inertia(text: XmlText, link: XmlNode, theta: Array | None) -> None
             text.delete(inertial)
         return
     mass, centre, tensor = to_physical(theta, link.attributes["name"])
-    values = {key: repr(float(tensor[place])) for key, place in TENSOR_ENTRIES.items()}
     if inertial is None:
-        parts = (
-            f'<origin xyz="{numbers_text(centre)}"/>',
-            f'<mass value="{float(mass)!r}"/>',
-            _element("inertia", values),
-        )
-        text.insert(link, "<inertial>", *("  " + part for part in parts), "</inertial>")
+        text.insert(link, *_inertial_lines(mass, centre, tensor))
         return
     # the tensor is written in the axes of the link: a rotated inertial frame is turned back
     _set_origin(text, inertial, numbers_text(centre))
-    for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", values)):
+    for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", _tensor_attributes(tensor))):
         element = inertial.find(tag)
         if element is not None:  # the parser rejects an <inertial> without them
             text.set(element, attributes)
+
+
+def _tensor_attributes(tensor: Array) -> dict[str, str]:
+    return {key: repr(float(tensor[place])) for key, place in TENSOR_ENTRIES.items()}
+
+
+def _inertial_lines(mass: float | Array, centre: Array, tensor: Array) -> tuple[str, ...]:
+    return (
+        "<inertial>",
+        f'  <origin xyz="{numbers_text(centre)}"/>',
+        f'  <mass value="{float(mass)!r}"/>',
+        f"  {_element('inertia', _tensor_attributes(tensor))}",
+        "</inertial>",
+    )
 
 
 def _set_origin(text: XmlText, inertial: XmlNode, centre: str) -> None:
@@ -188,11 +209,7 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     that would change inertias are removed. Raises ModelError where the model does not come from an MJCF, and for
     inconsistent bodies or negative friction.
     """
-    bodies, _ = identified.bodies
-    if bodies.format != "mjcf":
-        raise ModelError(f"{bodies.source}: it is a URDF, which can be written as `urdf`, not as `mjcf`.")
-    best = place_values(identified, armature=True)
-    joint_drives, shares = drives(best, armature=True), link_inertias(bodies, best.bodies[1])
+    bodies, joint_drives, shares, notes = _robot_content(identified, "mjcf", armature=True)
     text = XmlText(bodies.xml)
     if _is_in_radians(text):
         for node in (element for element in _body_nodes(text) if element.tag in ("body", "frame")):
@@ -201,13 +218,7 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     _set_identified(text, bodies, joint_drives, shares)
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
-    notes = (
-        *move_notes(identified, best),
-        *joint_drives.notes,
-        *shares.notes,
-        *fixed_joint_notes(bodies, shares),
-        *_remove_altering(text),
-    )
+    notes += _remove_altering(text)
     return ExportText(str(text), joint_drives.left_out, notes)
 
 
@@ -301,22 +312,11 @@ def with_payload_link(xml: str, frame: str, mass: float, centre: Array, tensor: 
         raise ModelError("a payload is written into a URDF; this robot file is an MJCF.")
     if frame not in links:
         raise ModelError(f"the payload's frame {frame!r} is no link of the URDF.")
-    name = next(
-        candidate for candidate in (LINK_NAME, *(f"{LINK_NAME}_{k}" for k in range(2, 1000))) if candidate not in links
-    )
-    joint = next(
-        candidate
-        for candidate in (f"{name}_joint", *(f"{name}_joint_{k}" for k in range(2, 1000)))
-        if candidate not in joints
-    )
-    values = " ".join(f'{key}="{float(tensor[place])!r}"' for key, place in TENSOR_ENTRIES.items())
+    name = _free_name(LINK_NAME, links)
+    joint = _free_name(f"{name}_joint", joints)
     lines = (
         f'<link name="{name}">',
-        "  <inertial>",
-        f'    <origin xyz="{numbers_text(centre)}"/>',
-        f'    <mass value="{float(mass)!r}"/>',
-        f"    <inertia {values}/>",
-        "  </inertial>",
+        *(f"  {line}" for line in _inertial_lines(mass, centre, tensor)),
         "</link>",
         f'<joint name="{joint}" type="fixed">',
         f"  <parent link={quoteattr(frame)}/>",
@@ -325,6 +325,10 @@ def with_payload_link(xml: str, frame: str, mass: float, centre: Array, tensor: 
     )
     text.insert(text.root, *lines)
     return str(text)
+
+
+def _free_name(name: str, taken: Collection[str]) -> str:
+    return next(candidate for candidate in chain([name], (f"{name}_{k}" for k in count(2))) if candidate not in taken)
 
 
 def check_payload_link(before: str, after: str, bodies: RigidBodies, added: Array) -> float:

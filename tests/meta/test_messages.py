@@ -15,7 +15,7 @@ from dynident.project.result_format import config_schema, result_schema
 from dynident.runtime.families import EXPORTERS
 
 SOURCE = Path(__file__).parents[2] / "src" / "dynident"
-OTHER = {"S", "numpy_source", "partials"}  # a keyword of the spline, two methods of a term
+OTHER = {"S", "numpy_source", "partials", "shapes"}  # a keyword of the spline, methods of a term
 
 
 def quoted() -> Iterator[tuple[str, str]]:

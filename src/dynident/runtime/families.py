@@ -329,7 +329,8 @@ def check_settings(part: Any) -> None:
 class _Rule:
     """What a field may hold: one of ``texts`` (or of numbers), or a number within limits (a ``whole`` one), or None.
 
-    ``items`` is the rule of the entries of a tuple, of which there are ``count`` unless it is None, or of a mapping.
+    ``items`` is the rule of the entries of a tuple, of which there are ``count`` unless it is None, or of a mapping,
+    whose entries are ``keyed``.
     """
 
     texts: tuple[str | int, ...]
@@ -338,15 +339,17 @@ class _Rule:
     optional: bool
     items: _Rule | None = None
     count: int | None = None
+    keyed: bool = False
 
     def check(self, name: str, value: Any) -> None:
         """Raise ConfigError for a value that the rule forbids."""
         if self.items is not None and isinstance(value, Mapping | list | tuple):
             if self.count not in (None, len(value)):
                 raise ConfigError(f"{name} = {value}; give {self.count} entries.")
-            entries = value.items() if isinstance(value, Mapping) else enumerate(value, 1)
+            # parts keep mappings as pairs of name and value
+            entries = dict(value).items() if self.keyed else enumerate(value, 1)
             for key, entry in entries:
-                self.items.check(f"{name} of {key!r}" if isinstance(value, Mapping) else f"{name}, entry {key},", entry)
+                self.items.check(f"{name} of {key!r}" if self.keyed else f"entry {key} of {name}", entry)
         # choices may be texts beside numbers, or whole numbers alone
         is_choice = isinstance(value, str) or (
             bool(self.texts) and isinstance(self.texts[0], int) and value is not None
@@ -392,4 +395,5 @@ def _rule(hint: Any) -> _Rule:
     sides = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
     pairs = ((side, getattr(limit, key)) for limit in limits for key, side in sides.items() if hasattr(limit, key))
     limit_pairs, optional = tuple(pairs), type(None) in members
-    return _Rule(tuple(texts), number is int, limit_pairs, optional, items, len(entries) if is_fixed else None)
+    count = len(entries) if is_fixed else None
+    return _Rule(tuple(texts), number is int, limit_pairs, optional, items, count, get_origin(nested) is Mapping)

@@ -137,6 +137,10 @@ def excite(
     help="How wrong the gains of the drives may be, all together and each (one standard deviation).",
 )  # fmt: skip
 @click.option(
+    "--gain-change", type=float, default=1.0, show_default=True, metavar="PERCENT",
+    help="How much the gain of a drive may have changed since RESULT was identified.",
+)  # fmt: skip
+@click.option(
     "--friction-change", type=float, default=30.0, show_default=True, metavar="PERCENT",
     help="How much friction and offsets may have drifted, and friction changed by the load, of a joint's friction.",
 )  # fmt: skip
@@ -149,8 +153,8 @@ def excite(
 @ALLOW_CODE
 def payload(
     result: Path, loaded: tuple[str, ...], unloaded: tuple[str, ...], frame: str | None, known_mass: float | None,
-    known_centre: tuple[float, float, float] | None, gains: Path | None, gain_error: float, friction_change: float,
-    load_friction: float, removed: bool, out: Path | None, allow_code: bool,
+    known_centre: tuple[float, float, float] | None, gains: Path | None, gain_error: float, gain_change: float,
+    friction_change: float, load_friction: float, removed: bool, out: Path | None, allow_code: bool,
 ) -> None:  # fmt: skip
     """Identify mass, centre of mass and inertia of what the arm in RESULT (the result.json of identify) carries.
 
@@ -181,7 +185,15 @@ def payload(
         with status():
             known_gains = read_gains(gains) if gains else None
             request = PayloadRequest(
-                frame, known_mass, known_centre, gain_error, known_gains, friction_change, load_friction, removed
+                frame,
+                known_mass,
+                known_centre,
+                gain_error,
+                known_gains,
+                friction_change,
+                load_friction,
+                removed,
+                gain_change,
             )
             report_progress("reading the result")
             saved = read_arm(result, allow_code=allow_code)

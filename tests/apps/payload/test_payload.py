@@ -86,7 +86,7 @@ def test_results_that_do_not_know_their_covariance_are_refused() -> None:
 
 
 TRUTH = physical_components(CARRIED)
-KNOWN = PayloadRequest(gain_error=0.0)
+KNOWN = PayloadRequest(gain_error=0.0, gain_change=0.0)
 GAIN = 1.05
 
 
@@ -162,10 +162,26 @@ def test_a_known_mass_tells_the_gains_and_these_the_next_payload() -> None:
     assert gains.correction == pytest.approx(1 / gains.factor)
     assert weighed().body.mass == pytest.approx(3.0, abs=1e-3)
     lighter = 0.5 * CARRIED
-    one = find_payload(result(GAIN), {"next": recorded("next", lighter, GAIN)}, request=PayloadRequest(gains=gains))
+    one = find_payload(
+        result(GAIN), {"next": recorded("next", lighter, GAIN)}, request=PayloadRequest(gains=gains, gain_change=0.0)
+    )
     assert one.body.mass == pytest.approx(1.5, rel=0.01)
     assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.006)
     assert not any(isinstance(note, GainsUnknown) for note in one.notes)
+
+
+def test_gains_that_change_from_day_to_day_count_unless_a_recording_of_the_day_tells_them() -> None:
+    warm = np.array([1.015, 0.99, 1.01, 0.985, 1.0, 1.01])
+    loaded, unloaded = ({name: recorded(name, body, warm)} for name, body in (("loaded", CARRIED), ("unloaded", None)))
+    fixed, counted = (
+        find_payload(result(), loaded, request=replace(KNOWN, gain_change=change)) for change in (0.0, 1.0)
+    )
+    both = find_payload(result(), loaded, unloaded, replace(KNOWN, gain_change=1.0))
+    assert abs(counted.body.mass - 3.0) < 2 * counted.body.std[0]
+    assert fixed.factor > 2 * counted.factor  # what does not fit makes all errors larger
+    assert abs(both.body.mass - 3.0) < 0.5 * abs(fixed.body.mass - 3.0)
+    assert abs(both.body.mass - 3.0) < 3 * both.body.std[0]
+    assert both.body.std[0] < counted.body.std[0]
 
 
 def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
@@ -180,7 +196,7 @@ def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
 
 
 def test_a_known_centre_tells_the_gains_of_the_wrist() -> None:
-    placed = PayloadRequest(known_mass=3.0, known_centre=tuple(TRUTH[1:4].tolist()))
+    placed = PayloadRequest(known_mass=3.0, known_centre=tuple(TRUTH[1:4].tolist()), gain_change=0.0)
     one = find_payload(result(GAIN), {"weighed": recorded("weighed", CARRIED, GAIN)}, request=placed)
     assert one.body.centre == pytest.approx(TRUTH[1:4], abs=1e-3)
     assert one.gains.std[4] < 0.8 * weighed().gains.std[4]

@@ -35,7 +35,7 @@ from dynident.runtime import InputError, ModelError, report_progress
 
 FORMAT, VERSION = "dynident payload", 1
 NUMBERS = "payload.json"
-REQUESTED = ("known_mass", "known_centre", "gain_error", "friction_change", "load_friction", "removed")
+REQUESTED = ("known_mass", "known_centre", "gain_error", "gain_change", "friction_change", "load_friction", "removed")
 JSON_WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
 

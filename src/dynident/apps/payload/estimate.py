@@ -3,8 +3,9 @@
 Each identification i measures base parameters b_i = B_i theta_i + H_i e + n_i, of covariance C_i
 (``ArmEvidence``). All have one theta; recordings after the result have changes d of friction and offsets,
 which are the same in all of them; those with the payload have its parameters phi in the columns T of its
-body, and changes l of friction, by the load. e are the errors of the gains, k what friction grows by with the
-load, as K_i k, in all of them. d, l, k and e have expected sizes, by which they count as measured to be zero.
+body, and changes l of friction, by the load. e are the errors of the gains, which since the result have changed by g,
+k what friction grows by with the load, as K_i k, in all of them. d, l, k, e and g have expected sizes, by which they
+count as measured to be zero.
 """
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ class PayloadRequest:
     was identified and no longer does. ``known_mass`` (kg) is its mass where it was weighed, ``known_centre`` (3)
     in m in the frame its centre of mass, where that is known to half a millimetre too: it determines the gains of
     the wrist. ``gain_error`` (%) is the standard deviation of the gains of the drives, common to all and of each,
-    where ``gains`` of an earlier payload of known mass are not given. ``friction_change`` (%) is the standard
+    where ``gains`` of an earlier payload of known mass are not given; ``gain_change`` (%) that by which the gain of a
+    drive may differ between the result and the recordings. ``friction_change`` (%) is the standard
     deviation by which friction and offset of a joint may differ between the result and the recordings, and
     friction again by the load, in % of the joint's largest friction parameter. ``load_friction`` (%) is friction
     of a joint that grows with its load, by about this much of the load, which the model does not know. Raises
@@ -80,6 +82,7 @@ class PayloadRequest:
     friction_change: float = 30.0
     load_friction: float = 5.0
     removed: bool = False
+    gain_change: float = 1.0
 
     def __post_init__(self) -> None:
         if self.known_mass is not None and not 0 < self.known_mass < np.inf:
@@ -88,7 +91,11 @@ class PayloadRequest:
             raise ConfigError("the known centre of mass needs the known mass, and three numbers in m.")
         if self.known_centre is not None and max(map(abs, self.known_centre)) > MAX_DISTANCE:
             raise ConfigError(f"the known centre of mass is {max(map(abs, self.known_centre)):g} m away; give it in m.")
-        percentages = {"gain error": self.gain_error, "friction change": self.friction_change}
+        percentages = {
+            "gain error": self.gain_error,
+            "gain change": self.gain_change,
+            "friction change": self.friction_change,
+        }
         for name, value in (percentages | {"friction by the load": self.load_friction}).items():
             if not 0 <= value <= MAX_PERCENT:
                 raise ConfigError(f"the {name} is {value:g} %; give a number from 0 to {MAX_PERCENT:g}.")
@@ -190,6 +197,7 @@ class _UnknownSlices:
     friction: slice
     load: slice
     gains: slice
+    gain_changes: slice
     phi: slice
 
     @classmethod
@@ -225,8 +233,8 @@ class _Measurements:
     evidence: ArmEvidence | None = None
     white: Array | None = None
 
-    def remove_noise(self, x: Array, gains: slice) -> _Measurements:
-        """Return the rows with the residual at x (u) removed from the columns of the gains.
+    def remove_noise(self, x: Array, place: _UnknownSlices) -> _Measurements:
+        """Return the rows with the residual at x (u) removed from the columns of the gains and their changes.
 
         These columns hold the noise of the measurement: gains below the true ones would otherwise make the residual
         smaller.
@@ -235,7 +243,10 @@ class _Measurements:
             return self
         noise = np.linalg.solve(self.white, self.right - self.left @ x)
         left = self.left.copy()
-        left[:, gains] = self.white @ (self.evidence.by_joint - np.outer(noise, self.evidence.shares))
+        clean = self.white @ (self.evidence.by_joint - np.outer(noise, self.evidence.shares))
+        left[:, place.gains] = clean
+        if self.source is not ErrorSource.ARM and place.gain_changes.stop > place.gain_changes.start:
+            left[:, place.gain_changes] = clean
         return replace(self, left=left)
 
 
@@ -256,13 +267,17 @@ def solve_payload(
     n, r = len(model.joints), basis.rank
     has_load = all(measured.by_load is not None for evidence_list in evidence.values() for measured in evidence_list)
     loads = n if has_load and request.load_friction else 0
-    place = _UnknownSlices.of(r, drift.shape[1], friction.shape[1], loads, n, 10)
+    place = _UnknownSlices.of(r, drift.shape[1], friction.shape[1], loads, n, n if request.gain_change else 0, 10)
     rows = [_measurement_rows(measured, source, effects, place, 0.01 * request.load_friction)
             for source, evidence_list in evidence.items() for measured in evidence_list]  # fmt: skip
     size = sum(part.stop - part.start for part in vars(place).values())
     # Changes, gains and body have expected sizes: each counts as a measurement that it is zero.
     rows += _changes_prior(place, size)
     rows.append(_gains_prior(request, place, size, n))
+    changes = np.full(n if request.gain_change else 0, 100.0 / (request.gain_change or 1.0))
+    rows.append(
+        _Measurements(ErrorSource.GAINS, _diagonal_rows(size, place.gain_changes, changes), np.zeros(len(changes)))
+    )
     torque = float(np.abs(basis.scale * theta).max())
     # A prior that only keeps base parameters solvable that no result determines.
     wide = np.full(r, FREE_FACTOR * (torque or 1.0)) / basis.scale[list(basis.independent)]
@@ -271,7 +286,7 @@ def solve_payload(
     # Prior and noise depend on the solution; a few iterations settle both.
     for _ in range(ITERATIONS):
         x = _least_squares([*rows, *_body_prior(place, size, mass, request)])[0]
-        rows, mass = [block.remove_noise(x, place.gains) for block in rows], max(abs(x[place.phi.start]), MIN_MASS)
+        rows, mass = [block.remove_noise(x, place) for block in rows], max(abs(x[place.phi.start]), MIN_MASS)
     return _solution(effects, place, [*rows, *_body_prior(place, size, mass, request)])
 
 
@@ -288,6 +303,8 @@ def _measurement_rows(
         left[:, place.load] = load_share * white @ evidence.by_load
     if source is not ErrorSource.ARM:
         left[:, place.drift] = combination @ effects.drift
+        if place.gain_changes.stop > place.gain_changes.start:
+            left[:, place.gain_changes] = left[:, place.gains]
     if source is ErrorSource.LOADED:
         left[:, place.friction] = combination @ effects.friction
         left[:, place.phi] = combination @ effects.payload

@@ -148,6 +148,7 @@ def _settings(payload: Payload, arm: Identification) -> Iterator[PageBlock]:
         "setting",
         [
             ("frame", payload.mount.frame), ("known mass", known_mass or "none"), ("gains", gains),
+            ("gains may change by", f"{request.gain_change:g} %"),
             ("friction may change by", f"{request.friction_change:g} %"),
             ("friction by the load", f"about {request.load_friction:g} % of it"),
             ("removed", "yes" if request.removed else "no"),

@@ -33,8 +33,8 @@ from dynident.runtime import (
     InputError,
     ModelError,
     Note,
+    Noun,
     Step,
-    brief,
     report_progress,
     settings_repr,
     settings_text,
@@ -157,8 +157,7 @@ class AugmentedKalman(Estimator):
         return settings_text("extended Kalman filter of motion and parameters", self)
 
 
-@dataclass(frozen=True, eq=False)
-class _KalmanRun:
+class _KalmanRun(Noun):
     """One estimation: the pieces, the smooth model with the estimated directions, and the notes.
 
     ``mean_residuals`` maps parameters (p) to the mean torque (B, K, n) that they leave unexplained in each step.
@@ -171,8 +170,6 @@ class _KalmanRun:
     directions: Rank
     notes: tuple[Note, ...]
     mean_residuals: Callable[[Array], Array]
-
-    __repr__ = brief
 
     @classmethod
     def begin(cls, settings: AugmentedKalman, problem: Problem, start: Estimate) -> _KalmanRun:

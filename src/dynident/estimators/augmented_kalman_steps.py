@@ -20,7 +20,7 @@ from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import stretches
 from dynident.regression import fitted_rows
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 SERIES_ORDER = 6  # of the exponential's series
@@ -41,8 +41,7 @@ class FilterStep:
     noise: Array
 
 
-@dataclass(frozen=True, eq=False)
-class FilterSeries:
+class FilterSeries(Noun):
     """B pieces of K steps of length ``step`` (B) s.
 
     ``offset`` (B, K + 1, n): measured minus smoothed positions. ``mean``, ``noise`` (B, K, n): the mean torque
@@ -58,8 +57,6 @@ class FilterSeries:
     active: NDArray[np.bool_]
     sigma: Array
     motion: Array
-
-    __repr__ = brief
 
     def filter_step(self, k: int) -> FilterStep:
         """Return the k-th step of the pieces that have it."""
@@ -181,8 +178,7 @@ def smooth_model(problem: Problem, theta: Array, step: float) -> tuple[Model, tu
     return smooth, widths, tuple(uncertainty)
 
 
-@dataclass(frozen=True, eq=False)
-class Dynamics:
+class Dynamics(Noun):
     """A ``model`` with parameters theta = ``theta`` (p) + ``directions`` (p, r) a.
 
     A state (L = 2 n + r) holds the deviations of q and dq from the smoothed motion, and a. ``moment_noise`` is
@@ -194,8 +190,6 @@ class Dynamics:
     theta: Array
     directions: Array
     moment_noise: float
-
-    __repr__ = brief
 
     @property
     def joint_count(self) -> int:

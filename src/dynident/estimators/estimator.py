@@ -21,8 +21,8 @@ from dynident.runtime import (
     Axes,
     ConfigError,
     Note,
+    Noun,
     Part,
-    brief,
     check_settings,
     choices,
     join_names,
@@ -41,8 +41,7 @@ class Provenance(StrEnum):
     UNIDENTIFIABLE = "unidentifiable"
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Noun):
     """The input of an estimator: the model, the motions to fit, their linear problem, and the logs as measured.
 
     ``logs`` may be empty: the positions of the motions are then used as the measured ones. The positions of the logs
@@ -55,11 +54,8 @@ class Problem:
     logs: tuple[Log, ...] = ()
     time_offset: float = 0.0
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class DataRank:
+class DataRank(Noun):
     """How much the data determine: the ``rank``, and the ``condition`` of the column-scaled regressor.
 
     ``directions`` are the determined directions of the parameters, as many as the rank, where the estimator gives
@@ -70,11 +66,8 @@ class DataRank:
     condition: float = math.nan
     directions: Annotated[Rank | None, LEFT_OUT] = None
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Pieces:
+class Pieces(Noun):
     """The residual torque in each of K pieces of long recordings, to see whether a fit is equally good all the time.
 
     ``recording`` (K) names the recording, ``begins`` and ``ends`` (K) are in s; ``rows`` (K, n) is how many
@@ -89,8 +82,6 @@ class Pieces:
     torque: Annotated[Array, Axes("K", "n")]
     residual: Annotated[Array, Axes("K", "n")]
 
-    __repr__ = brief
-
     @property
     def relative_error(self) -> Array:
         """The residual (n) of all pieces relative to the torque, in %; nan where a joint has no torque."""
@@ -98,8 +89,7 @@ class Pieces:
         return np.asarray(100.0 * np.divide(residual, torque, out=np.full_like(torque, np.nan), where=torque > 0))
 
 
-@dataclass(frozen=True, eq=False)
-class Residual:
+class Residual(Noun):
     """The residual torque of a fit: standard deviation ``sigma`` (n) of each joint (N m or N), of ``samples``.
 
     The weighting of the rows: ``weights`` (n) multiplied the rows of each joint, None where all count the same;
@@ -118,8 +108,6 @@ class Residual:
     pieces: Pieces | None = None
     whitening: Whitening | None = None
     correlated: bool = False
-
-    __repr__ = brief
 
     def weight_rows(self, regression: Regression) -> Regression:
         """Return a regression of these motions, with the whitening and the sample weights of the fit."""
@@ -152,8 +140,7 @@ class Residual:
         return 1.0 / np.maximum(self.sigma, 1e-7 * (self.sigma.max(initial=0.0) or 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Consistency:
+class Consistency(Noun):
     """How an estimate agrees with physics.
 
     ``eigenvalues`` is the smallest eigenvalue of each body's pseudo-inertia, relative to the body's typical mass
@@ -166,8 +153,6 @@ class Consistency:
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
     unconstrained: Annotated[Array, Axes("p")] | None = None
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ errors: scores of paired samples are added before they count as a series.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from dynident.estimators.instruments import Instruments
 from dynident.estimators.least_squares import LinearFit
 from dynident.regression import Rank, Regression
 from dynident.regression.whitening import bandwidth, bartlett
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 # of the torque: a residual below is rounding; of a weighted row without any torque
@@ -25,8 +25,7 @@ MIN_RELATIVE_RESIDUAL, MIN_WEIGHTED_RESIDUAL = 1e-14, 1e-10
 MIN_SINGULAR_VALUE = 1e-9  # relative singular value of W' X below which a direction has no instrument
 
 
-@dataclass(frozen=True, eq=False)
-class InstrumentStrength:
+class InstrumentStrength(Noun):
     """How much of the regressor the instruments explain in the direction where they explain least.
 
     ``correlation`` is the smallest canonical correlation r, ``statistic`` the F statistic N r^2 / (1 - r^2) of
@@ -37,11 +36,8 @@ class InstrumentStrength:
     statistic: float
     direction: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Moments:
+class Moments(Noun):
     """Cross products of rows and instruments by joint, in the r columns of ``basis`` (p, r).
 
     ``cross_product`` = W_j' X_j, ``instruments`` = W_j' W_j and ``regressors`` = X_j' X_j (n, r, r);
@@ -58,8 +54,6 @@ class Moments:
     regressor_torque: Array
     torque_square: Array
     rows: NDArray[np.int_]
-
-    __repr__ = brief
 
     def total(self, per_joint: Array) -> Array:
         """Return the sum over the joints of w_j^2 times ``per_joint`` (n, ...)."""
@@ -171,8 +165,7 @@ def moments_of(rows: Regression, instruments: Regression, plain: LinearFit) -> M
     )
 
 
-@dataclass(frozen=True, eq=False)
-class MomentBlock:
+class MomentBlock(Noun):
     """Samples ``rows`` of a recording: X and W (B, n, r), the torque ``y``, and whether to use it, ``keep`` (B, n).
 
     Entries that are not used are zero.
@@ -183,8 +176,6 @@ class MomentBlock:
     W: Array
     y: Array
     keep: NDArray[np.bool_]
-
-    __repr__ = brief
 
 
 def moment_blocks(rows: Regression, instruments: Regression, basis: Array) -> Iterator[MomentBlock]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from dynident.motion.filters import frequency_response
 from dynident.motion.log import Log, Motion
 from dynident.regression import ParallelFilter, Regression, Selection, fitted_rows
 from dynident.regression.groups import repeated_rows
-from dynident.runtime import ConfigError, InputError, Note, Severity, WordedEnum, brief, short
+from dynident.runtime import ConfigError, InputError, Note, Noun, Severity, WordedEnum, short
 
 
 class InstrumentKind(WordedEnum):
@@ -97,8 +97,7 @@ class MotionMovesOn(Unsettled):
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Instruments:
+class Instruments(Noun):
     """A ``motion`` at the samples of another one, usable where its mask is True; its ``kind`` and ``lag`` (s).
 
     For another pass, ``partner_motion`` is the index of its recording, and ``partner`` (N) the index of the
@@ -110,8 +109,6 @@ class Instruments:
     lag: float | None = None
     partner_motion: int | None = None
     partner: NDArray[np.intp] | None = None
-
-    __repr__ = brief
 
 
 def pair_rows(problem: Problem, instruments: Sequence[Instruments]) -> tuple[Regression, Regression]:

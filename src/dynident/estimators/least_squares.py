@@ -18,7 +18,7 @@ from dynident.estimators.estimator import DataRank, Estimate, Estimator, Problem
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, Whitening, rank_of
-from dynident.runtime import Note, brief, settings_repr, settings_text
+from dynident.runtime import Note, Noun, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
@@ -27,8 +27,7 @@ ROUNDING = 1e-7  # of the torque: a smaller residual is no noise
 MAX_RANK_TOLERANCE = 0.01  # tolerance of a rank: with more, columns that the data show are given up
 
 
-@dataclass(frozen=True, eq=False)
-class LeastSquaresSolution:
+class LeastSquaresSolution(Noun):
     """A least-squares solution: ``value`` (p) (of least norm in scaled columns where the rank is deficient).
 
     ``rss`` is the sum of squared residuals, ``directions`` the rank with the directions that it determines.
@@ -37,8 +36,6 @@ class LeastSquaresSolution:
     value: Array
     rss: float
     directions: Rank
-
-    __repr__ = brief
 
 
 def solve_least_squares(factor: Array, rank: Rank | None = None) -> LeastSquaresSolution:
@@ -56,8 +53,7 @@ def solve_least_squares(factor: Array, rank: Rank | None = None) -> LeastSquares
     return LeastSquaresSolution(value / rank.scale, residual_square, rank)
 
 
-@dataclass(frozen=True, eq=False)
-class LinearFit:
+class LinearFit(Noun):
     """Weighted rows [X | y] of a problem, reduced to the triangular ``factor`` (p + 1, p + 1) of ``total`` rows.
 
     ``directions`` are the directions of the parameters that they determine. The weighting is described as in
@@ -80,8 +76,6 @@ class LinearFit:
     sigma: Array | None = None
     correlated: bool = False
     plain: LinearFit | None = None
-
-    __repr__ = brief
 
     @property
     def solution(self) -> LeastSquaresSolution:

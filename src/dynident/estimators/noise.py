@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators.least_squares import LinearFit
 from dynident.regression import EntryBlock, Rank, Regression, Whitening, is_stable, join_blocks, preceding_counts
-from dynident.runtime import Step, brief, report_progress
+from dynident.runtime import Noun, Step, report_progress
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,8 +26,7 @@ DRAWS = 99  # of which none is as far apart in one of a hundred fits, where the 
 MAX_NUMBERS = 1 << 23  # numbers of noise that are drawn together
 
 
-@dataclass(frozen=True, eq=False)
-class ResidualSeries:
+class ResidualSeries(Noun):
     """A number of each joint at each row, ``values`` (n, N), where it ``is_used`` (n, N).
 
     ``age`` (n, N) counts the used rows directly before each row.
@@ -36,8 +35,6 @@ class ResidualSeries:
     values: Array
     is_used: Mask
     age: NDArray[np.int_]
-
-    __repr__ = brief
 
     def correlations(self, j: int) -> Array:
         """Return the correlation of one joint's values at lags 1 ... MAX_CORRELATION_LAG, zero where not
@@ -52,8 +49,7 @@ class ResidualSeries:
         return correlations
 
 
-@dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(Noun):
     """The torque residuals of some parameters in each uninterrupted stretch of rows.
 
     A joint whose deviation is at most its ``floor`` (n) has nothing but rounding.
@@ -61,8 +57,6 @@ class Residuals:
 
     stretches: tuple[EntryBlock, ...]
     floor: Array
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, regression: Regression, theta: Array, floor: Array) -> Residuals:
@@ -176,8 +170,7 @@ def shrink_correlation(correlation: Array, pairs: Array) -> Array:
     return np.asarray(np.where(off_diagonal, (1.0 - share) * correlation, 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class HausmanTest:
+class HausmanTest(Noun):
     """Least squares of the ``plain`` rows of a regression, reduced to the ``fit``, with weights by joint.
 
     The distance of parameters is the weighted sum of squares of the torque between them, |X (a - b)|^2.
@@ -185,8 +178,6 @@ class HausmanTest:
 
     plain: Regression
     fit: LinearFit
-
-    __repr__ = brief
 
     def distance(self, change: Array) -> Array:
         """Return the distance of parameters that differ by ``change`` (p, k)."""

@@ -25,7 +25,7 @@ from dynident.estimators.simulated_recordings import (
 from dynident.models.simulation import Failure
 from dynident.motion.smoothers import Spline
 from dynident.regression.whitening import bandwidth, bartlett
-from dynident.runtime import DynidentError, InputError, MissingInputError, Note, Step, brief, report_progress
+from dynident.runtime import DynidentError, InputError, MissingInputError, Note, Noun, Step, report_progress
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -84,8 +84,7 @@ def _candidate_fits(problem: Problem, start: Array) -> Iterator[tuple[FirstModel
         yield FirstModel.INSTRUMENTS, InstrumentalVariables(instruments="lagged")(problem).value
 
 
-@dataclass(frozen=True, eq=False)
-class LinearisedStretch:
+class LinearisedStretch(Noun):
     """A stretch linearised at its simulation.
 
     Weighted ``rows`` of theta (B, K n, r) and ``starts`` (B, K n, 2 n) of unit columns, which were ``size`` (B, 2
@@ -97,8 +96,6 @@ class LinearisedStretch:
     size: Array
     residuals: Array
     samples: int
-
-    __repr__ = brief
 
     @cached_property
     def _products(self) -> tuple[Array, Array]:
@@ -231,8 +228,7 @@ def _block_slices(count: int, size: int) -> Iterator[slice]:
         yield slice(start, start + size)
 
 
-@dataclass(frozen=True, eq=False)
-class DescentResult:
+class DescentResult(Noun):
     """The ``value`` (p), the ``information`` (r, r) of the directions from so many ``samples``, and notes."""
 
     value: Array
@@ -240,18 +236,13 @@ class DescentResult:
     samples: int
     notes: tuple[Note, ...]
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class _State:
+class _State(Noun):
     """The state of the iteration: theta (p), the starts of the shots, and the simulations."""
 
     theta: Array
     shots: tuple[Shots, ...]
     runs: tuple[Simulation, ...]
-
-    __repr__ = brief
 
 
 @dataclass(eq=False)

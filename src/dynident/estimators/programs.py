@@ -17,7 +17,7 @@ from dynident.estimators.barrier import Barrier, PenalisedQuadratic
 from dynident.estimators.cone import Optimum, minimise
 from dynident.estimators.physical_constraints import BodyConstraint, Constraints, Limit
 from dynident.regression import Rank
-from dynident.runtime import ConfigError, ModelError, brief
+from dynident.runtime import ConfigError, ModelError, Noun
 
 Array = NDArray[np.float64]
 MARGIN_FACTORS = (1e4, 1e3, 1e2, 10.0, 3.0)  # times the margin, at the point from which the path begins
@@ -103,8 +103,7 @@ STEP_UNITS = (1.0, 1e3, 1e6)  # of d, in standard errors
 MAX_MARGIN_LOSS = 0.4  # share of the margin that the solver may use up; the second program keeps half of the margin
 
 
-@dataclass(frozen=True, eq=False)
-class Information:
+class Information(Noun):
     """The data's information on theta = base + informed d + free w, from the weighted triangular factor.
 
     ``base`` (p): the least-squares solution without a free part; ``informed`` (p, k): steps of ``unit`` in the weighted
@@ -122,8 +121,6 @@ class Information:
     rss: float
     torque: float
     variance: float
-
-    __repr__ = brief
 
     @property
     def rank(self) -> int:

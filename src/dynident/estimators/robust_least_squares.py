@@ -21,7 +21,7 @@ from dynident.estimators.least_squares import (
 )
 from dynident.estimators.notes import Downweighted, StillMoving
 from dynident.regression import Rank, Regression, one_thread, rank_of
-from dynident.runtime import Note, Step, brief, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, Noun, Step, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,14 +29,11 @@ MAX_KEPT_BYTES = 2**28  # bytes of rows that are kept
 NORMAL_MAD = 0.6744897501960817  # median absolute deviation of a standard normal error
 
 
-@dataclass(frozen=True, eq=False)
-class RowErrors:
+class RowErrors(Noun):
     """The residuals of each motion (N, n), and which torques are fitted (N, n)."""
 
     residuals: tuple[Array, ...]
     is_fitted: tuple[Mask, ...]
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, regression: Regression, blocks: Iterable[tuple[int, slice, Array, Mask | None]]) -> RowErrors:
@@ -66,8 +63,7 @@ class RowErrors:
         return [np.concatenate([array[mask[:, j], j] for array, mask in pairs]) for j in range(values[0].shape[1])]
 
 
-@dataclass(frozen=True, eq=False)
-class _RowBlock:
+class _RowBlock(Noun):
     """Rows ``rows`` of the motion with index ``motion``.
 
     The columns ``Q`` (B, n, r), the torque ``y`` (B, n), and which entries are fitted, ``keep`` (B, n), None for
@@ -80,11 +76,8 @@ class _RowBlock:
     y: Array
     keep: Mask | None
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class BaseRows:
+class BaseRows(Noun):
     """The rows of a regression along ``directions`` (p, r), with the torque residuals of a ``start`` (p).
 
     ``cached_blocks`` are the blocks, where they fit into memory; else they are computed on every call.
@@ -94,8 +87,6 @@ class BaseRows:
     start: Array
     directions: Array
     cached_blocks: tuple[_RowBlock, ...] | None = None
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, regression: Regression, start: Array, rank: Rank) -> BaseRows:
@@ -237,8 +228,7 @@ class RobustLeastSquares(SampledEstimator):
         return settings_text(f"robust least squares, {name} weights", self, ("loss",))
 
 
-@dataclass(frozen=True, eq=False)
-class _RobustSolution:
+class _RobustSolution(Noun):
     """The end ``z`` (r) of an iteration, the ``errors`` there, their ``scale`` (n), and the last ``step_size``.
 
     The step is in standard errors of all parameters together.
@@ -248,8 +238,6 @@ class _RobustSolution:
     errors: RowErrors
     scale: Array
     step_size: float
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -31,7 +31,15 @@ from dynident.motion.log import Controller, Log, Motion
 from dynident.motion.smoothers import KalmanSmoother, Smoother
 from dynident.motion.splines import stretches
 from dynident.regression import fitted_rows
-from dynident.runtime import DynidentError, InputError, MissingInputError, ModelError, Step, brief, report_progress
+from dynident.runtime import (
+    DynidentError,
+    InputError,
+    MissingInputError,
+    ModelError,
+    Noun,
+    Step,
+    report_progress,
+)
 
 # times the range of the recorded motion; of the widest range, what counts as that of a joint
 MAX_DISTANCE, MIN_RANGE_SHARE = 30.0, 0.1
@@ -177,19 +185,15 @@ Output = Literal["q", "tau"]
 BLOCK_SAMPLES = 2048  # samples
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+class Simulation(Noun):
     """A simulated stretch: the ``run``, its residuals ``e`` (B, K, n), and their ``count`` (B, K, n), 0 or 1."""
 
     run: SimulatedRecording
     e: Array
     count: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Shots:
+class Shots(Noun):
     """A stretch of a recording to be simulated.
 
     ``rows`` of a ``motion``, which gives the initial states of the pieces and drives the model with its torque;
@@ -206,8 +210,6 @@ class Shots:
     controller: Controller | None = None
     output: Output = "q"
     after: float = 0.0
-
-    __repr__ = brief
 
     @property
     def samples(self) -> int:

@@ -17,7 +17,7 @@ from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
 from dynident.regression import Rank, Regression, Selection, one_thread
-from dynident.runtime import ConfigError, InputError, Note, brief, settings_repr, settings_text
+from dynident.runtime import ConfigError, InputError, Note, Noun, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_WINDOW = 1024  # samples of a spectrum, at most
@@ -26,8 +26,7 @@ MIN_NOISE = 1e-7  # noise, relative to the largest position
 CUTOFF_CANDIDATES = 300  # cut-offs
 
 
-@dataclass(frozen=True, eq=False)
-class MotionNoise:
+class MotionNoise(Noun):
     """The noise of a motion's positions and how far it passes the smoother.
 
     ``density`` (n) is in rad^2/Hz or m^2/Hz, ``cutoff`` (n) is the frequency in Hz at which smoothing halves an
@@ -36,8 +35,6 @@ class MotionNoise:
 
     density: Array
     cutoff: Array
-
-    __repr__ = brief
 
     def draw(self, motion: Motion, rng: np.random.Generator) -> Motion:
         """Return the motion with random errors like its own added to q, dq and ddq.
@@ -191,8 +188,7 @@ class TotalLeastSquares(LinearEstimator):
         return settings_text("total least squares", self)
 
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
+class _Solution(Noun):
     """The ``value`` (p) with its ``information`` (p, p), and where errors matter most.
 
     ``share`` is the largest share of the regressor's square that is error, ``direction`` (p) its direction in
@@ -203,8 +199,6 @@ class _Solution:
     information: Array
     share: float
     direction: Array
-
-    __repr__ = brief
 
 
 def _solve_total(factor: Array, C: Array, rank: Rank, total: int, torque: float | None) -> _Solution:

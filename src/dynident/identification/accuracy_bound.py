@@ -18,7 +18,7 @@ from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import grid_step, noise_sigma, steady_noise
 from dynident.regression import BaseParameters, Regression, Selection, base_parameters, rank_of_information
-from dynident.runtime import ConfigError, InputError, brief, choices, join_names, report_progress
+from dynident.runtime import ConfigError, InputError, Noun, choices, join_names, report_progress
 
 if TYPE_CHECKING:
     import polars as pl
@@ -57,8 +57,7 @@ class Origin:
         return f"as given for {', '.join(self.given_joints)}; else {measured}" if self.given_joints else measured
 
 
-@dataclass(frozen=True, eq=False)
-class Noise:
+class Noise(Noun):
     """Standard deviations (n) of positions ``q`` (rad, m) and torques ``tau`` (N m, N), and their sources.
 
     ``sensor`` (n) is the torque's own noise, from differences of neighbouring samples.
@@ -69,8 +68,6 @@ class Noise:
     sensor: Array
     positions: Origin = Origin()
     torques: Origin = Origin()
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from dynident.regression import (
     merge_factors,
     one_thread,
 )
-from dynident.runtime import ConfigError, InputError, Step, brief, call_part, report_progress
+from dynident.runtime import ConfigError, InputError, Noun, Step, call_part, report_progress
 from dynident.runtime.jobs import Limits, Status, run_jobs
 
 if TYPE_CHECKING:
@@ -40,8 +40,7 @@ MIN_STRETCHES = 10  # stretches, below which what is drawn from them says little
 MIN_STRETCH_SAMPLES = 20  # usable samples of a stretch
 
 
-@dataclass(frozen=True, eq=False)
-class Bootstrap:
+class Bootstrap(Noun):
     """An estimate with the repetitions of its fit on stretches of the training drawn with replacement.
 
     ``value`` (p) is the estimate. ``repetitions`` (B, p) are the values of the repeated fits, shifted by the
@@ -57,8 +56,6 @@ class Bootstrap:
     basis: BaseParameters | None
     blocks: int
     failed: int = 0
-
-    __repr__ = brief
 
     @property
     def std(self) -> Array:

@@ -19,7 +19,7 @@ from dynident.motion.log import Motion
 from dynident.motion.splines import stretches
 from dynident.motion.splines.quintic import local_basis
 from dynident.regression import EVERYTHING, Selection, fitted_rows, rank_of_information
-from dynident.runtime import ConfigError, ModelError, brief
+from dynident.runtime import ConfigError, ModelError, Noun
 
 Array = NDArray[np.float64]
 
@@ -173,8 +173,7 @@ CHUNK_SIZE = 2048  # samples whose products are held at once
 MIN_SAMPLES = 8  # least number of samples of an uninterrupted stretch
 
 
-@dataclass(frozen=True, eq=False)
-class NormalMatrix:
+class NormalMatrix(Noun):
     """The normal matrix of one uninterrupted recording of N samples: m = (N + 2) n coefficients, r parameters.
 
     ``position`` and ``torque`` (3 n, m) are the lower bands of the information of the two measurements on the
@@ -185,8 +184,6 @@ class NormalMatrix:
     torque: Array
     border: Array
     corner: Array
-
-    __repr__ = brief
 
     def information(self, finer_q: float = 1.0, finer_tau: float = 1.0) -> Array:
         """Return the information (r, r) of the parameters, with sigma_q and sigma_tau divided by these factors."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from dynident.identification.outliers import mask_outliers
 from dynident.identification.recipe import Recipe, Rests, without_rests
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import SUBSTITUTE, Smoother, smooth_log
-from dynident.runtime import ConfigError, InputError, Note, Severity, Step, brief, percent, report_progress
+from dynident.runtime import ConfigError, InputError, Note, Noun, Severity, Step, percent, report_progress
 from dynident.validation import LogValidation
 
 Logs = Mapping[str, Mapping[str, Log]]
@@ -74,15 +74,12 @@ def substitute_notes(validations: Sequence[LogValidation]) -> Iterator[Substitut
             yield SubstituteUsed(validation.name, smoothing[SUBSTITUTE], smoothing["method"])
 
 
-@dataclass(frozen=True, eq=False)
-class RoleMotions:
+class RoleMotions(Noun):
     """Motions ``by_role`` ("train", "validation") and name, as they are fitted and judged, and the ``rests`` of the
     training."""
 
     by_role: Motions
     rests: tuple[Rests, ...] = ()
-
-    __repr__ = brief
 
     @property
     def train(self) -> tuple[Motion, ...]:
@@ -95,16 +92,13 @@ class RoleMotions:
         return RoleMotions(self.by_role | {"train": train}, self.rests)
 
 
-@dataclass(frozen=True, eq=False)
-class Dataset:
+class Dataset(Noun):
     """Logs by role ("train", "validation") and name: as ``recorded``, without rests at their ends (``trimmed``), and
     without outliers in what is smoothed and fitted (``repaired``)."""
 
     recorded: Logs
     trimmed: Logs
     repaired: Logs
-
-    __repr__ = brief
 
     @classmethod
     def of(

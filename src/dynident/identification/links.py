@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.estimators import Provenance
 from dynident.models import INERTIAL, RigidBodies, to_physical
 from dynident.models.inertia import COLUMNS, ROWS
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 if TYPE_CHECKING:
     from dynident.identification.result import Identification
@@ -45,8 +44,7 @@ OF_PROVENANCE = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class BodyInertia:
+class BodyInertia(Noun):
     """A body in physical terms: ``mass`` (kg), ``centre`` of mass (3) in m in its joint frame, principal ``moments``
     (3) in kg m^2 about that centre, the smallest first, and their ``axes`` (3, 3), one a column, in the same frame."""
 
@@ -54,8 +52,6 @@ class BodyInertia:
     centre: Array
     moments: Array
     axes: Array
-
-    __repr__ = brief
 
     @property
     def values(self) -> Array:
@@ -72,8 +68,7 @@ class BodyInertia:
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
-@dataclass(frozen=True, eq=False)
-class LinkInertia:
+class LinkInertia(Noun):
     """A link with the ``links`` fixed to it, at index ``body`` of ``Arm.bodies``.
 
     ``file`` and ``found`` are its inertia in the robot file and as identified, None where not known; ``by``
@@ -92,8 +87,6 @@ class LinkInertia:
     std: Array
     sure: NDArray[np.bool_]
     by: Mapping[DeterminedBy, int]
-
-    __repr__ = brief
 
     @property
     def name(self) -> str:

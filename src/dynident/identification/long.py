@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -51,8 +51,8 @@ from dynident.runtime import (
     InputError,
     ModelError,
     Note,
+    Noun,
     Severity,
-    brief,
     call_part,
     percent,
     report_progress,
@@ -87,8 +87,7 @@ class InPieces(Note):
         )
 
 
-@dataclass(frozen=True, eq=False)
-class PiecePlan:
+class PiecePlan(Noun):
     """The work on all pieces: ``reducer(span)`` for each of ``spans``.
 
     ``identification`` is that of the excerpts, ``logs``, by which everything was chosen; ``lost_samples`` are in
@@ -100,8 +99,6 @@ class PiecePlan:
     reducer: Reducer
     spans: tuple[Span, ...]
     lost_samples: int
-
-    __repr__ = brief
 
 
 def plan_pieces(

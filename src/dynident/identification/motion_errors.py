@@ -32,24 +32,20 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Smoother, strip_time_offset
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression, TriangularFactors, base_parameters, base_std, factorise, merge_factors
-from dynident.runtime import InputError, ModelError, brief, call_part
+from dynident.runtime import InputError, ModelError, Noun, call_part
 from dynident.validation import correlated_std
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class RepetitionFactors:
+class RepetitionFactors(Noun):
     """The factors of a repetition, and of its own repetition, with the torque less that of the parameters."""
 
     once: TriangularFactors
     twice: TriangularFactors
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class SampledBias:
+class SampledBias(Noun):
     """A ``bias`` (p), its ``covariance`` (p, p) from the spread between parts, and the ``remainder`` (p).
 
     The remainder is the difference between the biases of the second repetition and of the first. All are on the
@@ -59,8 +55,6 @@ class SampledBias:
     bias: Array
     covariance: Array
     remainder: Array
-
-    __repr__ = brief
 
 
 def repeat_piece(
@@ -125,8 +119,7 @@ MAX_BIAS_SAMPLES = 80_000  # for the bias; of longer logs its covariance between
 NOISE_DRAWS = 16  # of the noise, for the covariance; the bias needs one pair, of either sign
 
 
-@dataclass(frozen=True, eq=False)
-class MotionErrors:
+class MotionErrors(Noun):
     """The ``bias`` (p) of a fit that takes the motion as exact, and the ``covariance`` (p, p) by its noise once the
     bias is corrected, on the directions that the data determine.
 
@@ -139,8 +132,6 @@ class MotionErrors:
     parameter: str
     size: float
     share: float
-
-    __repr__ = brief
 
     @property
     def significant(self) -> bool:

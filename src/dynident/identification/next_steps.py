@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +24,7 @@ from dynident.identification.verdict_steps import (
 )
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import UnexcitedParameters, fitted_mask
-from dynident.runtime import brief
+from dynident.runtime import Noun
 from dynident.validation import SLOW_SPEED_SHARE, Cause, LogValidation, ResidualRipple, Reversals
 
 Array = NDArray[np.float64]
@@ -182,8 +181,7 @@ RANK_TOLERANCE = 1e-5  # share of the largest singular value below which the dat
 MIN_DIRECTION_SHARE = 1e-3  # share of a direction that must be left where samples are left out
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingParts:
+class TrainingParts(Noun):
     """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and ``part`` (M), by number.
 
     Rows ``Z`` (M, n, r) and torque ``y`` (M, n) are times the ``weight`` (n) of each joint, zero where the fit leaves
@@ -197,8 +195,6 @@ class TrainingParts:
     Z: Array
     y: Array
     weight: Array
-
-    __repr__ = brief
 
     @cached_property
     def residual(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.smoothers.smoother import MAX_SPIKE_SHARE, MAX_WRONG_TORQUE_SHARE, Suspects, select_rare, suspects
 from dynident.motion.splines import bridge_gaps, median_sigma
 from dynident.regression import BLOCK, EVERYTHING, Regression, Selection
-from dynident.runtime import Note, brief, count, percent
+from dynident.runtime import Note, Noun, count, percent
 from dynident.validation import LogValidation, relative_error
 
 Array = NDArray[np.float64]
@@ -47,8 +47,7 @@ class HeldOutOutliers(Note):
         )
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueOutliers:
+class TorqueOutliers(Noun):
     """Which torques (N, n) of a motion are wrong: ``spikes``, ``frozen`` and ``clipped``, among the ``suspect`` ones,
     and those of joints whose torque was never recorded (``dead``); the ``torque`` (N, n) of the model."""
 
@@ -58,8 +57,6 @@ class TorqueOutliers:
     clipped: Mask
     dead: Mask
     torque: Array
-
-    __repr__ = brief
 
     @property
     def wrong(self) -> Mask:

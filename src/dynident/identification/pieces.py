@@ -19,7 +19,7 @@ from dynident.models import Model, Structure
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import smooth_log
 from dynident.regression import Regression, factorise, one_thread, pack_factors, unpack_factors
-from dynident.runtime import InputError, Step, brief, report_progress
+from dynident.runtime import InputError, Noun, Step, report_progress
 
 TRIAL_PLACES = 4  # places at which an excerpt is looked for, of which that with the most motion is taken
 MIN_PIECE_OVERLAPS = 4  # times the overlap: the shortest piece
@@ -148,8 +148,7 @@ def plan_spans(
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class PieceFactors:
+class PieceFactors(Noun):
     """What is kept of a piece: its times (s), the number of rows of each joint, and its factors as ``packed``.
 
     ``repetition`` has the rows and factors of the rows that were repeated, once and twice.
@@ -161,16 +160,13 @@ class PieceFactors:
     factors: bytes
     repetition: tuple[tuple[int, ...], bytes, bytes]
 
-    __repr__ = brief
-
     def repetitions(self, structure: Structure) -> RepetitionFactors:
         """Return the factors of the repetition."""
         rows, *contents = self.repetition
         return RepetitionFactors(*(unpack_factors(content, rows, structure) for content in contents))
 
 
-@dataclass(frozen=True, eq=False)
-class Reducer:
+class Reducer(Noun):
     """Reduces a piece to its factors, with the same motion, rows and equations as in the whole recording.
 
     Some of its samples are repeated, with the torque of ``theta`` (p) and the credible ``noise_share`` of the
@@ -183,8 +179,6 @@ class Reducer:
     without_rests: bool
     theta: Array
     noise_share: float
-
-    __repr__ = brief
 
     def __call__(self, span: Span) -> PieceFactors:
         """Read, smooth and reduce a piece. Raises the errors of reading and smoothing."""

@@ -6,7 +6,7 @@ The error of smoothing and fitting the repetition predicts their error on the re
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -18,15 +18,14 @@ from dynident.motion.log import Log, Motion, spread_pieces
 from dynident.motion.smoothers import Smoother, position_noise, strip_time_offset
 from dynident.motion.splines import coloured_noise
 from dynident.regression import Regression, fitted_mask
-from dynident.runtime import brief, call_part
+from dynident.runtime import Noun, call_part
 
 Array = NDArray[np.float64]
 SAMPLING_PHASES = (0.0, 0.25, 0.5, 0.75)  # shares of the sampling interval, of the repetitions
 PIECE = 4_000  # samples of one piece of a recording of which not all is repeated
 
 
-@dataclass(frozen=True, eq=False)
-class LogPiece:
+class LogPiece(Noun):
     """Part of a log with its fitted motion, and its smoothed positions with their torque as a ``clean`` log.
 
     ``smoother`` is the linear one that made the motion. ``sigma`` and ``rho`` (n) are the standard deviation and
@@ -40,8 +39,6 @@ class LogPiece:
     sigma: Array
     rho: Array
     weights: Array | None = None
-
-    __repr__ = brief
 
     def noise(self, rng: np.random.Generator) -> Array:
         """Draw noise like that of the positions (N, n)."""

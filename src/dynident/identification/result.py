@@ -19,7 +19,7 @@ from dynident.identification.recipe import Recipe
 from dynident.models import MassMatrixCheck, Model
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import LEFT_OUT, Axes, Finding, InputError, KeepsFacts, Messages, Note, brief
+from dynident.runtime import LEFT_OUT, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
 from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class StandardErrors:
+class StandardErrors(Noun):
     """Standard errors of the parameters, ``std`` (p), and of the base parameters on the data, ``base_std`` (r).
 
     They allow for correlated residuals, for the noise left in the motion and for the error of a time offset:
@@ -59,8 +58,6 @@ class StandardErrors:
     base_shares: Annotated[Array, Axes("n")] | None = None
     base_by_load: Annotated[Array, Axes("r", "n")] | None = None
 
-    __repr__ = brief
-
     @property
     def allows_correlation(self) -> bool:
         """Whether the standard errors are more than those for independent residuals."""
@@ -69,8 +66,7 @@ class StandardErrors:
         return not np.array_equal(self.std, self.std_independent)
 
 
-@dataclass(frozen=True, eq=False)
-class Identifiability:
+class Identifiability(Noun):
     """Which base parameters there are; all empty where the data determine every parameter.
 
     ``on_data`` are those that the training data show, ``structural`` those that any motion could show,
@@ -80,8 +76,6 @@ class Identifiability:
     on_data: BaseParameters | None = None
     structural: BaseParameters | None = None
     unexcited: tuple[UnexcitedParameters, ...] = ()
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from dynident.models.geometry import (
 )
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.robot_files import ShapeKind
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 CIRCLE_POINTS = 16  # points around a circle that stands for a round shape
@@ -202,8 +202,7 @@ CIRCLE_CORNERS, CAP_RINGS = 12, 3  # corners of a circle, and rings of a half ba
 CELL_RATIO, MAX_CELL_STEPS = 0.8, 40  # steps between sizes of cells
 
 
-@dataclass(frozen=True, eq=False)
-class Outline:
+class Outline(Noun):
     """Surface of a body in its frame: ``mesh.vertices`` (V, 3) in m and ``mesh.triangles`` (F, 3).
 
     ``body`` is the index in ``Arm.bodies`` (-1: the root link).
@@ -212,8 +211,6 @@ class Outline:
     link: str
     body: int
     mesh: Mesh
-
-    __repr__ = brief
 
 
 def outlines(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.models.term import Joint, Past, Term
-from dynident.runtime import Axes, DynidentError, ModelError, brief, short, vector
+from dynident.runtime import Axes, DynidentError, ModelError, Noun, short, vector
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
@@ -177,8 +177,7 @@ def _load(model: Model, states: tuple[Array, Array, Array]) -> Array:
     return model.bodies.torque(*states, model.load)
 
 
-@dataclass(frozen=True, eq=False)
-class MassMatrixCheck:
+class MassMatrixCheck(Noun):
     """The ``smallest`` eigenvalue of the mass matrix over some configurations, and the configuration ``q`` (n) of it.
 
     ``positive`` is True where it exceeds the rounding error of the largest eigenvalue. With both revolute and prismatic
@@ -188,8 +187,6 @@ class MassMatrixCheck:
     smallest: float
     q: Annotated[Array, Axes("n")]
     positive: bool
-
-    __repr__ = brief
 
     def __str__(self) -> str:
         if self.positive:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.robot_files import LinkShapes, Shape, ShapeKind, motion_matrix
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 
@@ -107,18 +107,14 @@ class ShapeSource(StrEnum):
     JOINTS = "joints"
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(Noun):
     """A surface of triangles: ``vertices`` (V, 3) in m, and the three corners of each of the ``triangles`` (F, 3)."""
 
     vertices: Array
     triangles: Integers
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Solid:
+class Solid(Noun):
     """A shape of ``link``, with its ``frame`` (4, 4) in that of a body.
 
     ``body`` is the index in ``Arm.bodies`` (-1: the root link); ``size`` is that of a ``Shape``. A mesh is
@@ -132,11 +128,8 @@ class Solid:
     frame: Array
     mesh: Mesh | None = None
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class LinkPlace:
+class LinkPlace(Noun):
     """A link, the index of its body in ``Arm.bodies`` (-1: the root link), and its frame (4, 4) in that of the
     body.
     """
@@ -145,11 +138,8 @@ class LinkPlace:
     body: int
     frame: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Geometry:
+class Geometry(Noun):
     """The ``solids`` of an arm, and by index the ``sources`` of the shapes of each body that can touch
     something.
 
@@ -160,8 +150,6 @@ class Geometry:
     solids: tuple[Solid, ...]
     sources: Mapping[int, ShapeSource]
     missing: Mapping[str, str]
-
-    __repr__ = brief
 
     @cached_property
     def places(self) -> tuple[LinkPlace, ...]:
@@ -260,14 +248,11 @@ MAX_EVALUATIONS = 250  # of the search, from each start
 SEARCH_TOLERANCE = 1e-4  # of the size: where the search ends
 
 
-@dataclass(frozen=True, eq=False)
-class Balls:
+class Balls(Noun):
     """Balls around ``centres`` (M, 3) with ``radii`` (M), m; points are balls without a radius."""
 
     centres: Array
     radii: Array
-
-    __repr__ = brief
 
     @classmethod
     def join(cls, *parts: Balls) -> Balls:
@@ -287,8 +272,7 @@ class Balls:
         return Balls(self.centres[indices], self.radii[indices])
 
 
-@dataclass(frozen=True, eq=False)
-class Capsule:
+class Capsule(Noun):
     """All points within ``radius`` (m) of the segment from ``start`` to ``end`` (3) in the frame of a body.
 
     ``body`` is the index in ``Arm.bodies`` (-1: the root link, which stands still); ``link`` is the link
@@ -300,8 +284,6 @@ class Capsule:
     start: Array
     end: Array
     radius: float
-
-    __repr__ = brief
 
     @property
     def volume(self) -> float:

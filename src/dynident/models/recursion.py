@@ -11,7 +11,6 @@ vectors, and end with bodies and samples.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynident.models.inertia import cross, diagonal, dot, matmul, matvec, outer, transposed_matvec
 from dynident.models.tree import Chain, Layout, Tree
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -27,8 +26,7 @@ AT_ONCE = 12_000  # samples times bodies: temporary arrays stay in the cache
 INERTIAS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # rows and columns of the inertia, as INERTIAL has them
 
 
-@dataclass(frozen=True, eq=False)
-class Recursion:
+class Recursion(Noun):
     """The dynamics of a ``tree`` under ``gravity`` (3), m/s^2, for states q, dq, ddq (N, n) of its joints.
 
     ``theta`` (B, 10) holds the parameters of the bodies, any numbers. ``CompiledRecursion`` is the same in C.
@@ -36,8 +34,6 @@ class Recursion:
 
     tree: Tree
     gravity: Array
-
-    __repr__ = brief
 
     @property
     def layout(self) -> Layout:

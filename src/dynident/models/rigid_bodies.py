@@ -33,14 +33,13 @@ from dynident.models.robot_files import (
 )
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials, Term
 from dynident.models.tree import Layout, Tree
-from dynident.runtime import ModelError, brief, join_names
+from dynident.runtime import ModelError, Noun, join_names
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
-class Placements:
+class Placements(Noun):
     """Axes ``rotations`` (N, B, 3, 3) and ``origins`` (N, B, 3) (m) of B bodies at N samples, and the ``axes``
     (N, B, 3) of their joints, all in the frame of the root link. The bodies are those of ``RigidBodies.arm.bodies``.
 
@@ -51,8 +50,6 @@ class Placements:
     rotations: Array
     origins: Array
     axes: Array
-
-    __repr__ = brief
 
     def points(self, body: ArrayLike, local: ArrayLike) -> Array:
         """Return points (N, P, 3) that are at ``local`` (P, 3) in the frames of their bodies."""

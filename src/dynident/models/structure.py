@@ -7,7 +7,6 @@ has seven at most that are independent (Gautier and Khalil 1990). Only these are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.models.term import Joint, Parameter, Term
-from dynident.runtime import ModelError, brief
+from dynident.runtime import ModelError, Noun
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
@@ -29,8 +28,7 @@ DEPENDENCE_TOLERANCE = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Structure:
+class Structure(Noun):
     """Row j of the regressor is Y_j = Y_j[:, columns[j]] maps[j] in every state.
 
     ``columns`` holds for each of the n joints indices (b_j) of parameters, ``maps`` a matrix (b_j, p).
@@ -38,8 +36,6 @@ class Structure:
 
     columns: tuple[Indices, ...]
     maps: tuple[Array, ...]
-
-    __repr__ = brief
 
     @classmethod
     def dense(cls, joints: int, parameters: int) -> Structure:

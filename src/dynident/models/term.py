@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import ModelError, Part, brief
+from dynident.runtime import ModelError, Noun, Part, brief
 
 if TYPE_CHECKING:
     from dynident.models.robot_files import RobotFile, RobotJointLimits
@@ -105,8 +105,7 @@ class Partials:
     __repr__ = brief
 
 
-@dataclass(frozen=True, eq=False)
-class Past:
+class Past(Noun):
     """An uninterrupted motion, as it is given to terms with memory: ``t`` (N) s; ``q``, ``dq``, ``ddq`` (N, n).
 
     ``load`` (N, n), N m or N, is the torque of the bodies by a first fit, zero where there is none; ``start`` (m)
@@ -119,8 +118,6 @@ class Past:
     ddq: Array
     load: Array
     start: Array | None = None
-
-    __repr__ = brief
 
 
 class Term(Part, ABC):

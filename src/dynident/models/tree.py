@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.models.robot_files import Arm
-from dynident.runtime import ModelError, brief
+from dynident.runtime import ModelError, Noun
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(Noun):
     """How the joints of the arm move one ``body``, whose parameters begin at 10 * ``place``.
 
     The bodies ``via`` (V) lead from the base to the body itself; joint ``joints[k]`` (J) moves those where
@@ -28,8 +26,6 @@ class Chain:
     via: Integers
     joints: Integers
     joint_place: Integers
-
-    __repr__ = brief
 
     @cached_property
     def path(self) -> Integers | slice:
@@ -48,8 +44,7 @@ class Chain:
         return out
 
 
-@dataclass(frozen=True, eq=False)
-class Layout:
+class Layout(Noun):
     """Which of the B bodies is on which ``parent`` (B; -1: the base), and by what kind of joint.
 
     A parent comes before its children; the joint is ``prismatic`` (B) or turns. The positions of these joints are
@@ -62,8 +57,6 @@ class Layout:
     drive: Array
     offset: Array
     parameter_bodies: Integers
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, arm: Arm) -> Layout:
@@ -171,8 +164,7 @@ class Layout:
         return out.reshape(self.joints, -1)
 
 
-@dataclass(frozen=True, eq=False)
-class Tree:
+class Tree(Noun):
     """The ``layout`` of an arm with its geometry.
 
     The axes of a body in its parent's frame are turns[0] + sin(q) turns[1] + cos(q) turns[2], ``turns`` (3, B, 3, 3);
@@ -183,8 +175,6 @@ class Tree:
     turns: Array
     origin: Array
     axis: Array
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, arm: Arm, layout: Layout) -> Tree:

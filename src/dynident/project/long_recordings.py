@@ -28,7 +28,7 @@ from dynident.project.fields import Interval, interval_ends, unit_factor
 from dynident.project.logs import log_of, without_excluded
 from dynident.project.settings import Config, LogSpec, check_joints
 from dynident.project.signals import check_times, column_names
-from dynident.runtime import ConfigError, InputError, Step, brief, memory_budget, report_progress
+from dynident.runtime import ConfigError, InputError, Noun, Step, memory_budget, report_progress
 from dynident.runtime.families import SMOOTHERS, TERMS
 from dynident.runtime.jobs import Limits, Status, run_jobs
 
@@ -51,8 +51,7 @@ class RecordedPart:
     rows: int
 
 
-@dataclass(frozen=True, eq=False)
-class LongLog:
+class LongLog(Noun):
     """A recording that stays in its files: ``parts`` one after the other, ``stretches`` of rows without gaps.
 
     ``step`` (s) is the usual one between samples; ``notes`` say what of the recording is not used. It is picklable, so
@@ -66,8 +65,6 @@ class LongLog:
     stretches: tuple[Stretch, ...] = ()
     step: float = 0.0
     notes: tuple[str, ...] = ()
-
-    __repr__ = brief
 
     def __len__(self) -> int:
         return sum(part.rows for part in self.parts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
@@ -42,7 +42,7 @@ from dynident.project.long_recordings import is_long, long_logs, pieces_name, re
 from dynident.project.parts import build_part
 from dynident.project.settings import Config, RobotSettings, TorqueInputSettings
 from dynident.regression import ParallelFilter
-from dynident.runtime import Finding, Remark, brief, report_progress
+from dynident.runtime import Finding, Noun, Remark, report_progress
 from dynident.runtime.jobs import Limits
 
 
@@ -69,8 +69,7 @@ def build_recipe(config: Config) -> Recipe:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Project:
+class Project(Noun):
     """What a configuration names: ``config`` as written in the file ``path``, and the model and recipe made of it.
 
     ``warnings`` are on the configuration itself; ``sources`` are its file and that of the model. Recordings are read
@@ -83,8 +82,6 @@ class Project:
     recipe: Recipe
     warnings: tuple[str, ...]
     sources: Sources
-
-    __repr__ = brief
 
     def logs(self) -> tuple[dict[str, dict[str, Log]], tuple[str, ...]]:
         """Read all recordings: their logs by role ("train", "validation") and name, and warnings.

@@ -14,7 +14,7 @@ from dynident.models.friction import Counterbalance, Drift, JointTerm, Offset, R
 from dynident.motion.filters import cross_correlation
 from dynident.motion.log import Log, Motion
 from dynident.regression.base_parameters import BaseParameters
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -198,8 +198,7 @@ class GroupKind(StrEnum):
     RESIDUAL = "residual"
 
 
-@dataclass(frozen=True, eq=False)
-class ParameterGroup:
+class ParameterGroup(Noun):
     """One part that can change on its own: the ``directions`` (b, k) in which it moves the base parameters.
 
     ``joint`` is the joint whose friction, offset or ripple it is, of a payload the joint that moves its body;
@@ -212,8 +211,6 @@ class ParameterGroup:
     directions: Array
     names: tuple[str, ...]
     units: tuple[str, ...]
-
-    __repr__ = brief
 
 
 def groups_of(model: Model, basis: BaseParameters) -> tuple[ParameterGroup, ...]:

@@ -18,22 +18,19 @@ from dynident.motion.log import Motion
 from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
 from dynident.regression.whitening import ParallelFilter, PlacedBlock, Whitening, whiten_blocks
-from dynident.runtime import ConfigError, InputError, brief
+from dynident.runtime import ConfigError, InputError, Noun
 from dynident.runtime.jobs import Status, run_jobs
 
 Array = NDArray[np.float64]
 BLOCK = 2048  # samples whose entries stay in the cache while they are factorised
 
 
-@dataclass(frozen=True, eq=False)
-class RegressorBlock:
+class RegressorBlock(Noun):
     """Some rows of the problem: ``Y`` (B, n, p), ``tau`` (B, n), and which of them to use, ``keep`` (B, n) or all."""
 
     Y: Array
     tau: Array
     keep: NDArray[np.bool_] | None = None
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -56,8 +53,7 @@ class Selection:
 EVERYTHING = Selection()
 
 
-@dataclass(frozen=True, eq=False)
-class Regression:
+class Regression(Noun):
     """The torque equation of a model over any number of motions; only samples inside the masks are used.
 
     The matrix is never formed whole: ``blocks`` computes it a few thousand samples at a time, on every call;
@@ -75,8 +71,6 @@ class Regression:
     weights: tuple[Array, ...] = ()
     bias: Array | None = None
     whitening: Whitening | None = None
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         names = tuple(joint.name for joint in self.model.joints)

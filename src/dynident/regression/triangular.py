@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from functools import cache, cached_property
 from threading import Lock
 from typing import Any
@@ -17,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.models import INERTIAL, Parameter, Structure
-from dynident.runtime import ConfigError, brief
+from dynident.runtime import ConfigError, Noun
 
 Array = NDArray[np.float64]
 PANEL_COLUMNS = 8  # columns that LAPACK eliminates together
 
 
-@dataclass(frozen=True, eq=False)
-class EntryBlock:
+class EntryBlock(Noun):
     """Some rows of the problem: the ``entries`` (M, B) of a ``structure``, ``tau`` (n, B), and which of the rows to
     use, ``keep`` (n, B) or all."""
 
@@ -32,8 +30,6 @@ class EntryBlock:
     entries: Array
     tau: Array
     keep: NDArray[np.bool_] | None = None
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         shapes = self.entries.shape, self.tau.shape
@@ -72,8 +68,7 @@ class EntryBlock:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class TriangularFactors:
+class TriangularFactors(Noun):
     """The sufficient statistics of least squares for any number of rows: per joint the R factor of [Y_j | tau_j].
 
     ``factors`` (n, p + 1, p + 1), upper triangular; ``rows`` (n) is the number of rows behind each of them.
@@ -81,8 +76,6 @@ class TriangularFactors:
 
     factors: Array
     rows: NDArray[np.int_]
-
-    __repr__ = brief
 
     @cached_property
     def cache(self) -> dict[Any, Any]:
@@ -202,8 +195,7 @@ TIE_LIMITS = (1e-6, 1e-2)  # entries of the projector on the undetermined space 
 KINDS = (INERTIAL[:1], INERTIAL[1:4], INERTIAL[4:])  # mass, first and second moments: of one unit each
 
 
-@dataclass(frozen=True, eq=False)
-class Rank:
+class Rank(Noun):
     """The ``rank`` r of a factor, and the directions of the parameters (p) that it determines and leaves free.
 
     ``scale`` (p) divides the factor's columns; ``values`` (p) are the singular values of the scaled factor, in
@@ -219,8 +211,6 @@ class Rank:
     vectors: Array
     tolerance: float
     unweighted: Rank | None = None
-
-    __repr__ = brief
 
     @property
     def determined_directions(self) -> Array:

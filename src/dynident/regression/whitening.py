@@ -29,7 +29,7 @@ from dynident.motion.log import Motion, mark_read_only
 from dynident.motion.smoothers import cutoff_complaint
 from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock
-from dynident.runtime import Axes, ConfigError, brief, check_settings
+from dynident.runtime import Axes, ConfigError, Noun, check_settings
 
 Array = NDArray[np.float64]
 
@@ -153,8 +153,7 @@ PlacedBlock = tuple[int, slice, EntryBlock]  # rows, with the place of their mot
 SPARE_ROWS = 30  # random rows beyond the number of columns that they are to tell apart
 
 
-@dataclass(frozen=True, eq=False)
-class Whitening:
+class Whitening(Noun):
     """A noise model: ``coefficients`` a (m_j) of the autoregression of each joint, and ``covariance`` S (n, n) of the
     innovations, (N m)^2 or N^2.
 
@@ -163,8 +162,6 @@ class Whitening:
 
     coefficients: tuple[Annotated[Array, Axes("m")], ...]
     covariance: Annotated[Array, Axes("n", "n")]
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         n = len(self.coefficients)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.models import Model
 from dynident.models.simulation import Failure, longest_stretch, simulate_recording, ticks
 from dynident.motion.log import Controller, Motion
-from dynident.runtime import LEFT_OUT, ConfigError, InputError, brief
+from dynident.runtime import LEFT_OUT, ConfigError, InputError, Noun
 
 Array = NDArray[np.float64]
 
@@ -25,8 +24,7 @@ class Driver(StrEnum):
     TORQUE = "torque"
 
 
-@dataclass(frozen=True, eq=False)
-class RunSignals:
+class RunSignals(Noun):
     """``t`` (N) s, ``q`` (N, n) simulated and ``measured`` (N, n), rad or m, and ``tau`` (N, n) that drove the
     model.
     """
@@ -36,11 +34,8 @@ class RunSignals:
     measured: Array
     tau: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class FreeRun:
+class FreeRun(Noun):
     """How a simulated recording compares with the measured one.
 
     ``driver`` is "controller" (from one start) or "torque" (as measured, with a fresh start each ``restart`` s). By
@@ -60,8 +55,6 @@ class FreeRun:
     torque_error: Mapping[str, float]
     failure: Failure | None = None
     signals: Annotated[RunSignals | None, LEFT_OUT] = None
-
-    __repr__ = brief
 
     @property
     def t(self) -> Array:

@@ -13,7 +13,7 @@ from dynident.models import MassMatrixCheck, Model
 from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.splines import steady_noise, stretches
 from dynident.regression import BLOCK, EVERYTHING, Selection, fitted_rows
-from dynident.runtime import LEFT_OUT, InputError, brief, join_names
+from dynident.runtime import LEFT_OUT, InputError, Noun, join_names
 from dynident.validation.free_run import FreeRun
 from dynident.validation.noise_floor import NoiseFloor, causes_text
 from dynident.validation.residuals import ResidualTest, residual_test
@@ -85,8 +85,7 @@ Role = Literal["train", "validation"]
 SEED = 0  # of the random poses, where the caller brings no generator
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueErrors:
+class TorqueErrors(Noun):
     """Errors of predicted torques over ``samples``, those that the motion's mask keeps.
 
     ``relative_error`` (%) = 100 |tau - predicted| / |tau| over all joints, against the unfiltered measured torque at
@@ -113,8 +112,6 @@ class TorqueErrors:
     r2: Mapping[str, float] = field(default_factory=dict)
     sensor_noise: Mapping[str, float] = field(default_factory=dict)
 
-    __repr__ = brief
-
     @property
     def over_noise(self) -> Mapping[str, float]:
         """By joint, the unfiltered error over what the sensors allow, where that is known."""
@@ -127,8 +124,7 @@ class TorqueErrors:
         return float(np.sqrt(sum(squares[0]) / sum(squares[1]))) if self.over_noise else None
 
 
-@dataclass(frozen=True, eq=False)
-class Signals:
+class Signals(Noun):
     """What a validation rests on.
 
     The smoothed ``motion``, the ``predicted_torque`` (N, n), and the ``recorded_log`` before smoothing where it
@@ -138,8 +134,6 @@ class Signals:
     motion: Motion
     predicted_torque: Array
     recorded_log: Log | None = None
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

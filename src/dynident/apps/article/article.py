@@ -23,7 +23,7 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
 from dynident.project.parts import build
 from dynident.regression import Regression
-from dynident.runtime import ConfigError, brief, choices
+from dynident.runtime import ConfigError, Noun, brief, choices
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from dynident.runtime.jobs import Limits, run_jobs
 from dynident.runtime.kernel import kernel
@@ -239,8 +239,7 @@ class StudyCase(Statistics):
     __repr__ = brief
 
 
-@dataclass(frozen=True, eq=False)
-class Reproduction:
+class Reproduction(Noun):
     """The results of the article's study, run again. ``true`` (7) are the parameters of eq. (40).
 
     ``bounds`` maps a noise level to the least variances (7) that an unbiased method can reach.
@@ -258,8 +257,6 @@ class Reproduction:
     traces: Mapping[str, Motion]
     settings: Mapping[str, str]
     bounds: Mapping[float, Array] = field(default_factory=dict)
-
-    __repr__ = brief
 
     def summary(self) -> dict[str, object]:
         """Return the numbers as plain data, for JSON; ``bound`` are least variances."""

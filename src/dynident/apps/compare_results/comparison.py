@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
-from dynident.runtime import Use, brief
+from dynident.runtime import Noun, Use, brief
 from dynident.validation import TorqueErrors
 
 Array = NDArray[np.float64]
@@ -47,8 +47,7 @@ class ExportRecord:
     there: bool | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedResult:
+class ComparedResult(Noun):
     """What a comparison needs of a result: parameters (p), determined base parameters (r), logs, use and exports.
 
     ``combination`` (r, p) maps parameters to base parameters, ``scale`` (p) are the sizes of the columns.
@@ -68,8 +67,6 @@ class ComparedResult:
     logs: tuple[ComparedLog, ...] = ()
     use: Use | None = None
     exports: tuple[ExportRecord, ...] = ()
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)

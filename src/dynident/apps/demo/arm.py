@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.models import Model, RigidBodies, RotorInertia, from_physical, to_physical
 from dynident.models.friction import Coulomb, Offset, Viscous
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 FACETS_AROUND, FACETS_ALONG = 16, 4  # facets around a capsule, and from its end to its cylinder
@@ -229,8 +229,7 @@ def _format_number(value: float) -> str:
     return f"{float(f'{value:.6g}') + 0.0:.6g}"
 
 
-@dataclass(frozen=True, eq=False)
-class DemoTruth:
+class DemoTruth(Noun):
     """The truth about the demo arm.
 
     The ``model`` on its tilted base, with the parameters that ``dynident identify`` estimates, and their true
@@ -242,8 +241,6 @@ class DemoTruth:
     value: NDArray[np.float64]
     time_offset: float
     tilt: tuple[float, float]
-
-    __repr__ = brief
 
 
 def demo_truth() -> DemoTruth:

@@ -32,7 +32,7 @@ from dynident.identification import Identification
 from dynident.models import Model
 from dynident.models.simulation import CascadePD
 from dynident.motion.log import Motion
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 from dynident.validation import free_run
 
 Array = NDArray[np.float64]
@@ -159,8 +159,7 @@ class ComparedValue:
     unit: str
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Noun):
     """The errors of an identification of the demo arm.
 
     Torque errors are relative (%), on a motion never recorded, against the true torque without noise: of the
@@ -173,8 +172,6 @@ class Comparison:
     values: tuple[ComparedValue, ...]
     within: int
     base: int
-
-    __repr__ = brief
 
 
 def compare_with_truth(identification: Identification) -> Comparison:

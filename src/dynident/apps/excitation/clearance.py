@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property, singledispatch
 from itertools import combinations
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.models import Box, Capsule, Cylinder, Distances, Floor, Obstacle, Placements, RigidBodies
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 SignedDistance = Callable[[Array], tuple[Array, Array]]
@@ -207,8 +206,7 @@ def _max_travel(bodies: RigidBodies) -> Array:
     return np.asarray(np.abs(bodies.arm.drive) @ max_positions + np.abs(bodies.arm.offset))
 
 
-@dataclass(frozen=True, eq=False)
-class CapsuleSpace:
+class CapsuleSpace(Noun):
     """The ``capsules`` around the links of an arm, and ``obstacles``.
 
     Watched are ``meetings``, pairs of capsules (K, 2), and ``encounters`` (M, 2) of a capsule with an
@@ -224,8 +222,6 @@ class CapsuleSpace:
     meetings: Integers
     encounters: Integers
     unwatched: tuple[Integers, Integers] = (NO_PAIRS, NO_PAIRS)
-
-    __repr__ = brief
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:

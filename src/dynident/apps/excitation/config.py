@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -31,7 +30,7 @@ from dynident.project.fields import (
     read_settings,
     whole_number_reader,
 )
-from dynident.runtime import ConfigError, brief, choices
+from dynident.runtime import ConfigError, Noun, choices
 
 Array = NDArray[np.float64]
 NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
@@ -179,8 +178,7 @@ class NoiseOrigin(StrEnum):
     RULE = "rule"
 
 
-@dataclass(frozen=True, eq=False)
-class PriorKnowledge:
+class PriorKnowledge(Noun):
     """What is known of a robot before it moves: its ``model`` and the parameters ``theta`` (p), nominal or
     identified.
 
@@ -195,8 +193,6 @@ class PriorKnowledge:
     origin: NoiseOrigin = NoiseOrigin.RULE
     information: Array | None = None
     loss_reason: str = ""
-
-    __repr__ = brief
 
 
 def nominal_knowledge(model: Model, loss_reason: str = "") -> PriorKnowledge:

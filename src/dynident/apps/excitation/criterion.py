@@ -11,7 +11,6 @@ without forming those of the regressor. The criteria are those of optimal design
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -22,7 +21,7 @@ from scipy.linalg import cho_solve, cholesky
 from scipy.special import logsumexp, softmax
 
 from dynident.regression import BaseParameters
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 if TYPE_CHECKING:
     from dynident.models import Model
@@ -46,8 +45,7 @@ class Criterion(StrEnum):
     CONDITION = "condition"
 
 
-@dataclass(frozen=True, eq=False)
-class InformationCriterion:
+class InformationCriterion(Noun):
     """Criterion to minimise along a motion of ``model``, from its r independent ``columns``
     (``BaseParameters``).
 
@@ -73,8 +71,6 @@ class InformationCriterion:
     kind: Criterion = Criterion.D_OPTIMAL
     prior: Array | None = None
     named: Array | None = None
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(int(k) for k in self.columns))

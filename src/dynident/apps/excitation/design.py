@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from dynident.regression import (
     rank_of_information,
     structural_base_parameters,
 )
-from dynident.runtime import ConfigError, Note, Severity, brief, report_progress
+from dynident.runtime import ConfigError, Note, Noun, Severity, report_progress
 
 Array = NDArray[np.float64]
 FRICTION_SHARE, GRAVITY_SHARE = 0.4, 0.2  # shares of the duration of ``Program.ALL``; the motion has the rest
@@ -90,8 +90,7 @@ def _friction_pieces(
     raise AssertionError
 
 
-@dataclass(frozen=True, eq=False)
-class ExpectedAccuracy:
+class ExpectedAccuracy(Noun):
     """Accuracy that a recording of a motion is expected to give.
 
     Of the base parameters ``basis`` (r): the ``value`` (r) and the standard errors ``std`` (r), infinite for
@@ -104,8 +103,6 @@ class ExpectedAccuracy:
     std: Array
     log_det: float
     condition: float
-
-    __repr__ = brief
 
     @property
     def open_parameters(self) -> tuple[str, ...]:
@@ -185,8 +182,7 @@ class Interrupted(Note):
         return "The search was stopped before its end: the motion is the best until then, and keeps to all limits."
 
 
-@dataclass(frozen=True, eq=False)
-class Design:
+class Design(Noun):
     """A motion, a second one for validation, and the accuracy that is expected of the first.
 
     ``model``, ``theta`` (p), ``request`` and ``limits`` are those that were used; ``checks`` are the results
@@ -203,8 +199,6 @@ class Design:
     expected: ExpectedAccuracy
     checks: tuple[TrajectoryCheck, TrajectoryCheck]
     notes: tuple[Note, ...] = ()
-
-    __repr__ = brief
 
 
 def design(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from dynident.models import Box, Capsule, Floor, Geometry, Mesh, Obstacle, Rigid
 from dynident.models.capsules import body_capsules, fixed_boxes
 from dynident.models.geometry import Solid
 from dynident.models.robot_files import ShapeKind
-from dynident.runtime import ConfigError, brief
+from dynident.runtime import ConfigError, Noun
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -165,8 +165,7 @@ def _index_pairs(pairs: Sequence[tuple[int, int]]) -> Integers:
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
-@dataclass(frozen=True, eq=False)
-class ExactSpace:
+class ExactSpace(Noun):
     """The ``solids`` of an arm, and ``obstacles``; ``watched`` are pairs of indices in (*solids, *obstacles).
 
     A mesh counts as its convex hull where that is 20 mm away, else as its triangles. ``left_out`` are pairs
@@ -178,8 +177,6 @@ class ExactSpace:
     obstacles: tuple[Obstacle, ...]
     watched: tuple[IndexPair, ...]
     left_out: tuple[tuple[str, str], ...] = ()
-
-    __repr__ = brief
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}

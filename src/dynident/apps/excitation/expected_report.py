@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +19,7 @@ from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
 from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
-from dynident.runtime import brief, count, install_command, join_names, number
+from dynident.runtime import Noun, count, install_command, join_names, number
 
 if TYPE_CHECKING:
     from dynident.apps.excitation.design import Design
@@ -148,16 +147,13 @@ def limit_words(design: Design) -> Iterator[str]:
         yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
 
 
-@dataclass(frozen=True, eq=False)
-class LimitedQuantity:
+class LimitedQuantity(Noun):
     """A quantity of a joint over time (N) with its limits, infinite where there is none."""
 
     title: str
     values: Array
     lower: float
     upper: float
-
-    __repr__ = brief
 
 
 def design_figure(t: Array, quantities: Sequence[LimitedQuantity], points: int = 2000) -> Drawing:

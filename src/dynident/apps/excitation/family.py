@@ -9,15 +9,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 DEGREE = 5  # the jerk is continuous
 REST_POINTS = 3  # equal control points at either end: there dq and ddq are zero
 
 
-@dataclass(frozen=True, eq=False)
-class LimitConstraints:
+class LimitConstraints(Noun):
     """Finitely many linear constraints that keep a motion within its limits at all times.
 
     ``rows`` are four matrices (R, K), for q, dq, ddq and jerk. Where ``rows[d] @ x`` stays within middle +-
@@ -27,8 +26,6 @@ class LimitConstraints:
 
     rows: tuple[Array, Array, Array, Array]
     share: float
-
-    __repr__ = brief
 
 
 class Family(Protocol):
@@ -58,14 +55,11 @@ class Family(Protocol):
         """Return the motion with coefficients x (n, K), once through."""
 
 
-@dataclass(frozen=True, eq=False)
-class LinearCourse:
+class LinearCourse(Noun):
     """Motion of a family with coefficients ``x`` (n, K), once through."""
 
     family: Family
     x: Array
-
-    __repr__ = brief
 
     @property
     def duration(self) -> float:

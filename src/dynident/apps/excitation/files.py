@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from io import BytesIO, StringIO
 from itertools import count
 from pathlib import Path
@@ -24,7 +23,7 @@ from dynident.identification import SourceFile
 from dynident.models import Joint
 from dynident.project.explicit_config import relocate_settings, settings_text
 from dynident.project.settings import robot_settings
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
@@ -42,8 +41,7 @@ _SLOW = "slower samples are left out of a joint's equation, where friction may h
 _COLUMNS = "? columns and units as your recorder has them; or draft this anew from the recordings, by `dynident init`"
 
 
-@dataclass(frozen=True, eq=False)
-class SampledTrajectory:
+class SampledTrajectory(Noun):
     """A trajectory at times t (N) s: ``q``, ``dq``, ``ddq`` (N, n), in rad or m, of the named joints."""
 
     joints: tuple[str, ...]
@@ -51,8 +49,6 @@ class SampledTrajectory:
     q: Array
     dq: Array
     ddq: Array
-
-    __repr__ = brief
 
 
 def sample_trajectory(trajectory: Trajectory, rate: float) -> SampledTrajectory:

@@ -5,7 +5,7 @@ A limit holds on the grid with a reserve for what lies between its points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from dynident.apps.excitation.criterion import InformationCriterion
 from dynident.apps.excitation.family import Family, LimitConstraints
 from dynident.apps.excitation.limits import DISTANCE_RESERVE, TORQUE_RESERVE, Feasibility, MotionLimits
 from dynident.models import Space
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 if TYPE_CHECKING:
     from dynident.models import Model
@@ -28,8 +28,7 @@ SHRINK_STEPS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5)
 BARRIER_DISTANCE = 0.1  # m: beyond such a distance the barrier fades
 
 
-@dataclass(frozen=True, eq=False)
-class GridReserve:
+class GridReserve(Noun):
     """Reserve kept free on the grid for what lies between its points.
 
     ``torque`` (n) are shares of the torque limits, ``distance`` (P) is in m.
@@ -37,8 +36,6 @@ class GridReserve:
 
     torque: Array
     distance: Array
-
-    __repr__ = brief
 
     @classmethod
     def minimum(cls, feasible: Feasibility, space: Space) -> GridReserve:
@@ -50,19 +47,15 @@ class GridReserve:
         return GridReserve(np.maximum(self.torque, other.torque), np.maximum(self.distance, other.distance))
 
 
-@dataclass(frozen=True, eq=False)
-class BarrierPoint:
+class BarrierPoint(Noun):
     """The ``criterion`` at some coefficients, the ``value`` with the barrier, and its ``gradient`` (n, K)."""
 
     criterion: float
     value: float
     gradient: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Interior:
+class Interior(Noun):
     """Barrier problem for motions of a ``family`` on a ``grid`` (N), with coefficients x (n, K).
 
     ``information`` gives the criterion to minimise, and its derivatives (3, N, n) by q, dq and ddq (N, n);
@@ -77,8 +70,6 @@ class Interior:
     information: InformationCriterion
     spare: GridReserve
     unit: float = 1.0
-
-    __repr__ = brief
 
     def with_reserve(self, reserve: GridReserve) -> Interior:
         """Return the problem with at least this reserve."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynident.apps.excitation.trajectory import Course
 from dynident.models import Distances, Joint, RigidBodies
 from dynident.models.robot_files import RobotJointLimits
-from dynident.runtime import ConfigError, ModelError, brief, choices, join_names
+from dynident.runtime import ConfigError, ModelError, Noun, choices, join_names
 
 if TYPE_CHECKING:
     from dynident.models import Model
@@ -52,8 +52,7 @@ class JointLimits:
     torque: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class MotionLimits:
+class MotionLimits(Noun):
     """Limits of n joints less the margin, each (n), infinite where there is none.
 
     These are ``lower`` and ``upper`` (rad, m), ``velocity``, ``acceleration``, ``jerk`` (per s, s^2, s^3)
@@ -71,8 +70,6 @@ class MotionLimits:
     torque: Array
     by_rule: Mapping[str, tuple[str, ...]]
     beyond: Mapping[str, tuple[str, ...]]
-
-    __repr__ = brief
 
     @property
     def middle(self) -> Array:
@@ -279,8 +276,7 @@ def min_fit_speeds(model: Model, limits: MotionLimits) -> Array:
     return np.where(has_friction & np.isfinite(limits.velocity), MIN_SPEED_SHARE * limits.velocity, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Feasibility:
+class Feasibility(Noun):
     """Limits of a model with parameters ``theta`` (p): ``limits`` of its joints, and ``clearance`` (m) in
     ``space``.
 
@@ -292,8 +288,6 @@ class Feasibility:
     limits: MotionLimits
     space: Distances | None = None
     clearance: float = 0.0
-
-    __repr__ = brief
 
     def max_torque_share(self, course: Course) -> float:
         """Return the largest torque of a course as a share of its limit."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
@@ -21,7 +21,7 @@ from dynident.apps.excitation.way import from_rest
 from dynident.estimators.maximum_likelihood import with_smooth_signs
 from dynident.models import Model, Space
 from dynident.regression import BaseParameters
-from dynident.runtime import ConfigError, InputError, Note, brief, choices, join_names
+from dynident.runtime import ConfigError, InputError, Note, Noun, choices, join_names
 
 Array = NDArray[np.float64]
 SIGN_WIDTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
@@ -45,8 +45,7 @@ class Program(StrEnum):
     ALL = "all"
 
 
-@dataclass(frozen=True, eq=False)
-class MotionRequest:
+class MotionRequest(Noun):
     """Request for a motion of at most ``duration`` (s), recorded at ``rate`` (Hz) with torque noise ``sigma``
     (n), N m or N.
 
@@ -71,8 +70,6 @@ class MotionRequest:
     starts: int = 8
     clearance: float = 0.01
     max_periods: int | None = None
-
-    __repr__ = brief
 
 
 class LeftOut(Note):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,7 @@ from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
 from dynident.project.saved import load
 from dynident.project.settings import RobotSettings, robot_settings, with_plain_terms
-from dynident.runtime import ConfigError, InputError, brief, choices, report_progress
+from dynident.runtime import ConfigError, InputError, Noun, choices, report_progress
 
 Array = NDArray[np.float64]
 Robot = RobotSettings | str
@@ -49,8 +48,7 @@ CONFIGS = (".yaml", ".yml")
 MAX_PERIOD_SHARE = 0.6  # of the duration, at most, where nobody gives it: the ways take time, too
 
 
-@dataclass(frozen=True, eq=False)
-class ExcitationProject:
+class ExcitationProject(Noun):
     """A robot, what is known of it, and what motion is to be designed within which ``limits``.
 
     ``path`` is the robot file, configuration or result; ``config`` its configuration, which may hold a model alone;
@@ -65,8 +63,6 @@ class ExcitationProject:
     request: MotionRequest
     config: SourceFile | None = None
     file: Path | None = None
-
-    __repr__ = brief
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:

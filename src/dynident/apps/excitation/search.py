@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynident.apps.excitation.criterion import Criterion, InformationCriterion
 from dynident.apps.excitation.interior import BarrierPoint, Interior
 from dynident.regression import one_thread
-from dynident.runtime import ConfigError, InputError, Step, brief, report_progress
+from dynident.runtime import ConfigError, InputError, Noun, Step, report_progress
 from dynident.runtime.jobs import run_jobs
 
 Array = NDArray[np.float64]
@@ -190,8 +190,7 @@ class Plan(NamedTuple):
     stages: tuple[Stage, ...] = STAGES
 
 
-@dataclass(frozen=True, eq=False)
-class SearchResult:
+class SearchResult(Noun):
     """Best coefficients ``x`` (n, K) of a search with their ``criterion``, the number of ``starts``, and
     whether it was ``interrupted``.
     """
@@ -200,8 +199,6 @@ class SearchResult:
     criterion: float
     starts: int
     interrupted: bool = False
-
-    __repr__ = brief
 
 
 class _SearchMotion(NamedTuple):

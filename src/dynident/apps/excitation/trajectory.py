@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.models import Distances
 from dynident.models.geometry import LipschitzDistances
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 TIME_TOLERANCE = 1e-9  # of a time: as good as equal
@@ -57,14 +57,11 @@ class Piece:
     label: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Noun):
     """Pieces one after the other, from rest to rest, of the named joints."""
 
     joints: tuple[str, ...]
     pieces: tuple[Piece, ...]
-
-    __repr__ = brief
 
     @cached_property
     def edges(self) -> Array:
@@ -225,14 +222,11 @@ def _closest_sample(space: Distances, t: Array, d: Array) -> ClosestApproach:
     return ClosestApproach(float(d[row, pair]), space.pairs[pair], float(t[row]))
 
 
-@dataclass(frozen=True, eq=False)
-class Hold:
+class Hold(Noun):
     """An arm that stands still in a ``pose`` (n) for a ``duration`` (s)."""
 
     duration: float
     pose: Array
-
-    __repr__ = brief
 
     def states(self, t: Array) -> Array:
         """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
@@ -252,8 +246,7 @@ def ramp_times(speed: float, acceleration: float, jerk: float) -> tuple[float, f
     return acceleration / jerk, speed / acceleration - acceleration / jerk
 
 
-@dataclass(frozen=True, eq=False)
-class Sweep:
+class Sweep(Noun):
     """An arm that moves from rest in a ``pose`` (n) to rest, by ``distance`` times ``direction`` (n).
 
     In between it has a constant ``speed``; ``acceleration`` and ``jerk`` are the largest on the way to that
@@ -266,8 +259,6 @@ class Sweep:
     speed: float
     acceleration: float
     jerk: float
-
-    __repr__ = brief
 
     @property
     def duration(self) -> float:

@@ -10,7 +10,7 @@ limits (bounds, working sets, reserves).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from dynident.apps.excitation.limits import Feasibility, MotionLimits
 from dynident.apps.excitation.trajectory import ClosestApproach, Trajectory, closest_approach
 from dynident.models import Distances, RigidBodies
 from dynident.project.export import PinocchioArm, strip_to_joints
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 if TYPE_CHECKING:
     from dynident.models import Model
@@ -88,8 +88,7 @@ class LimitError(InputError):
         return cls(f"joint {joint!r} at {time:.4f} s: {words}; the trajectory is refused.")
 
 
-@dataclass(frozen=True, eq=False)
-class TrajectoryCheck:
+class TrajectoryCheck(Noun):
     """Result of the check of a trajectory, at ``samples`` times.
 
     ``reached`` (5, n) are the shares used of the limits of position (from the middle of the range),
@@ -103,8 +102,6 @@ class TrajectoryCheck:
     routes: tuple[str, ...]
     nearest: ClosestApproach | None
     nearest_shapes: ClosestApproach | None
-
-    __repr__ = brief
 
 
 def verify(trajectory: Trajectory, feasible: Feasibility, shapes: Distances | None = None) -> TrajectoryCheck:

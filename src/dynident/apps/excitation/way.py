@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import islice, pairwise
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.limits import TORQUE_RESERVE, Feasibility, MotionLimits
 from dynident.apps.excitation.trajectory import Course, Piece, Purpose
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 DEGREE = 5
@@ -33,15 +32,12 @@ MAX_RAMP_PAIRS = 6  # pairs of ramps whose ways are sought
 RAMP_IN, RAMP_OUT = "in", "out"  # labels of the ramps
 
 
-@dataclass(frozen=True, eq=False)
-class Quintic:
+class Quintic(Noun):
     """Motion of a ``duration`` (s) from the state ``start`` to the state ``end``, q, dq and ddq, each (3, n)."""
 
     duration: float
     start: Array
     end: Array
-
-    __repr__ = brief
 
     def states(self, t: Array) -> Array:
         """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""

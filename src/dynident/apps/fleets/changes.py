@@ -9,7 +9,6 @@ before the next is sought (forward selection).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from dynident.apps.fleets.components import FEW_ROBOTS, History, Scatter, scatter_of
 from dynident.apps.fleets.ratios import LikelihoodRatios, NullDraws
 from dynident.regression import ParameterGroup
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 DRAWS = 1000
@@ -39,8 +38,7 @@ class ChangeShape(StrEnum):
     DRIFT = "drift"
 
 
-@dataclass(frozen=True, eq=False)
-class Change:
+class Change(Noun):
     """A change of one robot: since which log and day, in which group, by how much, and how likely by chance.
 
     ``size`` (k) is by how much the last log differs from before the change in the directions of ``group``, in its
@@ -64,11 +62,8 @@ class Change:
     odds: float
     p_value: float
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Changes:
+class Changes(Noun):
     """The changes of a fleet at a rate of false alarms (a share of robots in which nothing changes).
 
     ``p_values``: by robot, of the clearest change, found or not; ``silent``: robots of whom nothing can be said,
@@ -82,8 +77,6 @@ class Changes:
     silent: tuple[str, ...]
     scatter: Scatter
     residual_scatter: Scatter | None = None
-
-    __repr__ = brief
 
     def of(self, robot: str) -> tuple[Change, ...]:
         """Return the changes of one robot, the clearest first."""
@@ -202,14 +195,11 @@ def _scatter_of_others(
     return scatter if scatter.dof >= MIN_SCATTER_DOF else None
 
 
-@dataclass(frozen=True, eq=False)
-class _LogErrors:
+class _LogErrors(Noun):
     """Standardised errors (L, b) of logs, and the number of the robot of each (L)."""
 
     errors: Array
     owner: NDArray[np.intp]
-
-    __repr__ = brief
 
     @classmethod
     def of(

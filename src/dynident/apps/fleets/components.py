@@ -9,13 +9,12 @@ Huber (1964), so that the few in which something has changed do not make all oth
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.regression import GroupKind, ParameterGroup
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 ParameterBlock = NDArray[np.intp]
@@ -27,8 +26,7 @@ MAX_LOGS = 400  # logs, taken from robots at random, of which the scatter is est
 FEW_ROBOTS = 5  # robots, below which one that changes weighs too much
 
 
-@dataclass(frozen=True, eq=False)
-class History:
+class History(Noun):
     """The base parameters of one robot, from K logs in the order of their dates.
 
     ``days`` (K) since the first log of the fleet; ``value`` (K, b) by least squares on each log alone; ``information``
@@ -42,11 +40,8 @@ class History:
     value: Array
     information: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class WhitenedVectors:
+class WhitenedVectors(Noun):
     """K vectors (b) as whitened rows z_k = G_k y_k, with the model of one robot: y_k = design_k c + deviations.
 
     ``factor`` (K, b, b) holds the G_k, G_k' G_k = C_k^-1, with zero rows for directions that are not shown;
@@ -58,22 +53,16 @@ class WhitenedVectors:
     is_shown: NDArray[np.bool_]
     design: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class VarianceComponents:
+class VarianceComponents(Noun):
     """The covariance (b, b) of deviations, by ``blocks`` of parameters, and the factor s^2 on the covariances C_k."""
 
     blocks: tuple[ParameterBlock, ...]
     covariance: Array
     inflation: float = 1.0
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class GlsSolution:
+class GlsSolution(Noun):
     """Generalised least squares with given components: c (q) with its covariance (q, q), and what REML needs.
 
     ``score`` (K, b) are G_k' N_k^-1 e_k with the residuals e_k of the rows and N_k their covariance; ``expected``
@@ -87,8 +76,6 @@ class GlsSolution:
     expected: Array
     noise: Array
     distance: Array
-
-    __repr__ = brief
 
 
 def whiten(value: Array, information: Array, design: Array | None = None) -> WhitenedVectors:
@@ -175,16 +162,13 @@ def robust_weights(vectors: WhitenedVectors, variances: VarianceComponents) -> A
     return weights
 
 
-@dataclass(frozen=True, eq=False)
-class _RobotSums:
+class _RobotSums(Noun):
     """The sums over one robot's vectors that the update needs: squared scores, their covariances, the noise."""
 
     square: Array
     expected: Array
     noise: Array
     count: float
-
-    __repr__ = brief
 
 
 def _robot_sums(solutions: Sequence[GlsSolution]) -> list[_RobotSums]:
@@ -285,8 +269,7 @@ def _initial_components(sets: Sequence[WhitenedVectors], blocks: tuple[Parameter
     return VarianceComponents(blocks, np.diag(variance))
 
 
-@dataclass(frozen=True, eq=False)
-class Scatter:
+class Scatter(Noun):
     """The scatter from log to log: covariance (b, b), and the factor s^2 on the covariances of the estimates.
 
     ``dof`` says how many logs it rests on, less what was estimated from them.
@@ -294,8 +277,6 @@ class Scatter:
 
     variances: VarianceComponents
     dof: float
-
-    __repr__ = brief
 
     @property
     def covariance(self) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from dynident.motion.splines import NORMAL_95
 from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, RED, TEMPLATE, Trace, panels, plain, trace
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 MAX_POINTS, MAX_SMALL_POINTS = 300, 60  # of one panel: of a robot alone, and of many side by side
 COLUMNS, SMALL_HEIGHT = 4, 130  # panels beside each other, and their height
@@ -30,8 +30,7 @@ class Mark:
     between: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class ParameterTrend:
+class ParameterTrend(Noun):
     """One parameter of one robot from log to log: ``value`` with standard error ``std``, both (K), at ``days`` (K).
 
     ``std`` is not finite where a log does not show the parameter; ``change_line``, days and values, is the
@@ -47,8 +46,6 @@ class ParameterTrend:
     std: Array
     change_line: tuple[Array, Array] | None = None
     marks: Sequence[Mark] = ()
-
-    __repr__ = brief
 
 
 def trend_figure(trends: Sequence[ParameterTrend], start: datetime | None = None) -> Drawing:

@@ -32,7 +32,7 @@ from dynident.regression import (
     base_parameters,
     structural_base_parameters,
 )
-from dynident.runtime import DynidentError, InputError, ModelError, brief, join_names
+from dynident.runtime import DynidentError, InputError, ModelError, Noun, join_names
 from dynident.runtime.jobs import Status
 from dynident.validation import robust_covariance
 
@@ -182,14 +182,11 @@ class LogJob:
         return self.log.robot, self.log.log, self.recipe, self.log.stamp
 
 
-@dataclass(frozen=True, eq=False)
-class LogResult:
+class LogResult(Noun):
     """The row of a log, and the ``files`` of its run by name, compressed by zlib."""
 
     row: Mapping[str, Any]
     files: Mapping[str, bytes] = field(default_factory=dict)
-
-    __repr__ = brief
 
 
 def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", seconds: float = 0.0) -> dict[str, Any]:
@@ -201,8 +198,7 @@ def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", sec
     return dict.fromkeys(schema()) | {**key, "type": log.type, "date": log.date, **outcome, **lists}
 
 
-@dataclass(frozen=True, eq=False)
-class LogIdentifier:
+class LogIdentifier(Noun):
     """Identifies logs with the recipe of a fleet, whose configuration is in ``folder``.
 
     ``names`` are those of the base parameters, which all robots must have. ``files`` gives the texts of a run's files
@@ -213,8 +209,6 @@ class LogIdentifier:
     folder: Path
     names: tuple[str, ...]
     files: Callable[[Identification], Mapping[str, str]] | None = None
-
-    __repr__ = brief
 
     def __call__(self, job: LogJob) -> LogResult:
         """Return the row of a log; an error that a user can cause is its reason."""

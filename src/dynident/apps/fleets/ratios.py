@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.fleets.components import History, VarianceComponents, pseudo_inverse, whiten
 from dynident.regression import ParameterGroup
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Candidate = tuple[int, int]  # the number of a group, and that of a course in time
@@ -19,8 +18,7 @@ MIN_COLUMN_SHARE = 1e-7  # of a direction that no log shows, from the square roo
 MIN_OWN_INFORMATION = 1e-8  # a direction with less information of its own, as a share, is that of what is already known
 
 
-@dataclass(frozen=True, eq=False)
-class NullDraws:
+class NullDraws(Noun):
     """How logs without a change are drawn: ``count`` times by ``rng``.
 
     Their errors are those of a ``pool`` (L, b) of standardised errors of logs, where there is one, else normal.
@@ -30,11 +28,8 @@ class NullDraws:
     count: int
     pool: Array | None = None
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class LikelihoodRatios:
+class LikelihoodRatios(Noun):
     """The logs of a robot as rows with independent errors of variance one, and the changes that are tried on them.
 
     ``rows`` (K, b, b) are the columns of the base parameters, ``value`` (K, b) the left side; ``columns`` (K, b,
@@ -51,8 +46,6 @@ class LikelihoodRatios:
     courses: Array
     rotations: Array
     dof: float
-
-    __repr__ = brief
 
     @classmethod
     def of(

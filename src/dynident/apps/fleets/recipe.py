@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from dynident.motion.log import Log
 from dynident.project.config import config_text, parse_config
 from dynident.project.explicit_config import explicit_settings, relocate_settings, settings_digest, settings_text
 from dynident.project.project import parse_project
-from dynident.runtime import ConfigError, InputError, brief, choices, report_progress
+from dynident.runtime import ConfigError, InputError, Noun, choices, report_progress
 
 MAX_TRIED = 5  # robots whose first logs choose, and logs of one that are tried
 FORMAT = "dynident-fleet"
@@ -35,8 +35,7 @@ COMMENTS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class FleetRecipe:
+class FleetRecipe(Noun):
     """Settings of a configuration without a choice and without logs, with file names relative to ``folder``, and the
     ``changes`` to them by robot."""
 
@@ -44,8 +43,6 @@ class FleetRecipe:
     folder: Path
     changes: Mapping[str, Mapping[str, Any]]
     reading: Mapping[str, Any]
-
-    __repr__ = brief
 
     def of(self, robot: str) -> dict[str, Any]:
         """Return the settings of a robot."""

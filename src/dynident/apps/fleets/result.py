@@ -23,7 +23,7 @@ from dynident.apps.fleets.components import (
 )
 from dynident.models import Joint, Model
 from dynident.regression import BaseParameters, GroupKind, ParameterGroup
-from dynident.runtime import brief
+from dynident.runtime import Noun, brief
 
 if TYPE_CHECKING:
     import polars as pl
@@ -32,15 +32,12 @@ Array = NDArray[np.float64]
 MIN_ROBOTS = 3  # robots that show a spread
 
 
-@dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(Noun):
     """The base parameters (b) of one robot given its logs and its type, with their covariance (b, b)."""
 
     robot: str
     value: Array
     covariance: Array
-
-    __repr__ = brief
 
     @property
     def std(self) -> Array:
@@ -48,8 +45,7 @@ class Posterior:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
-@dataclass(frozen=True, eq=False)
-class Population:
+class Population(Noun):
     """Robots of one type: their ``mean`` (b) with its covariance (b, b), and the ``spread`` (b, b) of single robots.
 
     ``robots`` are the posteriors of those it was found of; ``weights`` (R) say how much each counts for the mean, below
@@ -61,8 +57,6 @@ class Population:
     spread: Array
     robots: tuple[Posterior, ...]
     weights: Array
-
-    __repr__ = brief
 
     def deviation(self, robot: str) -> tuple[Array, Array]:
         """Return by how much a robot differs from the mean (b), and the standard error (b) of that.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.online.scores import Reference, Scores, Sums
 from dynident.regression import GroupKind, ParameterGroup
-from dynident.runtime import brief
+from dynident.runtime import Noun, brief
 
 Array = NDArray[np.float64]
 MIN_DIRECTION_SHARE = 1e-6  # of the largest information of a direction of the group: less is none
@@ -118,8 +118,7 @@ def _largest_gain(z: Array, reference_error: Array, baseline: int) -> Array:
     return best
 
 
-@dataclass(frozen=True, eq=False)
-class ReferenceUpdate:
+class ReferenceUpdate(Noun):
     """Estimated difference of robot and reference in ``directions`` (r, k).
 
     ``size`` (k) has the ``variance`` (k), which is infinite in what the window does not show. ``noise`` (k,
@@ -133,8 +132,6 @@ class ReferenceUpdate:
     noise: Array
     gain: Array
 
-    __repr__ = brief
-
     def apply_to(self, reference: Reference) -> Reference:
         """Return the reference after the update: its former error in these directions is gone."""
         D = self.directions
@@ -146,8 +143,7 @@ class ReferenceUpdate:
         return replace(reference, value=value, covariance=covariance + D @ self.noise @ D.T, unknown=unknown)
 
 
-@dataclass(frozen=True, eq=False)
-class Candidates:
+class Candidates(Noun):
     """Groups that may change, of base parameters with ``scale`` (r); groups of residuals are of n joints.
 
     ``tolerance`` is the torque, in units of the noise, by which each direction may wander without being a
@@ -157,8 +153,6 @@ class Candidates:
     groups: tuple[ParameterGroup, ...]
     scale: Array
     tolerance: float
-
-    __repr__ = brief
 
     @cached_property
     def directions(self) -> Array:

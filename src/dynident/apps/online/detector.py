@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynident.apps.online.candidates import Candidates, is_base_group, residual_joint
 from dynident.apps.online.scores import Reference, Scores, Sums, build_reference, push_sums, suffix_sums
 from dynident.regression import GroupKind
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 
 @dataclass(frozen=True)
@@ -206,8 +206,7 @@ class Phase(StrEnum):
     SETTLE = "settle"
 
 
-@dataclass(frozen=True, eq=False)
-class Knowledge:
+class Knowledge(Noun):
     """Knowledge after some blocks: all that the next one needs.
 
     ``blocks`` are those of the baseline, or those since an ``alarm``; ``windows`` the sums that are tested;
@@ -223,11 +222,8 @@ class Knowledge:
     alarm: Alarm | None = None
     new: int = 0
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Detector:
+class Detector(Noun):
     """Finds changes among ``candidates`` by blocks: ``baseline`` of them first, ``settle`` of them after an
     alarm.
 
@@ -240,8 +236,6 @@ class Detector:
     settle: int
     threshold: float
     identified: Array = field(default_factory=lambda: np.zeros(0))
-
-    __repr__ = brief
 
     def start(self) -> Knowledge:
         """Return the knowledge before the first block."""

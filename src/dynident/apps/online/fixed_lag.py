@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from dynident.checks import MAX_GAP_STEPS
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import decay
 from dynident.motion.splines import Fixed, smooth
-from dynident.runtime import ConfigError, InputError, brief, join_names
+from dynident.runtime import ConfigError, InputError, Noun, join_names
 
 Array = NDArray[np.float64]
 SIGNALS = ("t", "q", "dq", "ddq", "tau", "mask", "memory")
@@ -108,26 +108,20 @@ def join_motions(earlier: Motion, later: Motion) -> Motion:
     return replace(later, **signals)
 
 
-@dataclass(frozen=True, eq=False)
-class FinalMotion:
+class FinalMotion(Noun):
     """A final ``motion``, and whether it ``ends`` a stretch without gaps: the next one is smoothed by itself."""
 
     motion: Motion
     ends: bool = False
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class StreamSmoothing:
+class StreamSmoothing(Noun):
     """How a stream is smoothed: the mean time ``step`` (s) between its samples, and the ``bandwidth`` (n) s of its
     motion (``motion.smoothing["bandwidth"]``).
     """
 
     step: float
     bandwidth: Array
-
-    __repr__ = brief
 
 
 class FixedLag:

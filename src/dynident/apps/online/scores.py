@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.identification import Identification
 from dynident.regression import BaseParameters, EntryBlock, structural_base_parameters
 from dynident.regression.whitening import long_run
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 INFORMATION_TOLERANCE = 1e-9  # of the largest information: what a block does not show
@@ -25,8 +25,7 @@ MIN_PRIOR_SHARE = 1e-4  # of the usual information: what a direction has at leas
 MIN_VARIANCE = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class Gram:
+class Gram(Noun):
     """Sums over samples for each joint.
 
     Of the rows Y of the scaled base parameters (``Scorer``) and the residual e of the model as it was
@@ -37,8 +36,6 @@ class Gram:
     score: Array
     squares: Array
     rows: Array
-
-    __repr__ = brief
 
     def without(self, joint: int) -> Gram:
         """Return the sums without the rows of a joint."""
@@ -51,8 +48,7 @@ class Gram:
         return Gram(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(self)))
 
 
-@dataclass(frozen=True, eq=False)
-class Scores:
+class Scores(Noun):
     """Scores of a block of motion from ``start`` to ``stop`` (s), of ``samples``, for the base parameters.
 
     With rows weighted by the joints' noise: ``information`` sum Y' Y (r, r), ``score`` sum Y' e (r).
@@ -69,11 +65,8 @@ class Scores:
     left: Array
     residual: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Scorer:
+class Scorer(Noun):
     """Reduces torque equations to scores of the base parameters of a result.
 
     Each base parameter is multiplied by its ``scale`` (r), so that all have effects of about the same size;
@@ -83,8 +76,6 @@ class Scorer:
     identification: Identification
     basis: BaseParameters
     sigma: Array
-
-    __repr__ = brief
 
     @classmethod
     def from_identification(cls, identification: Identification) -> Scorer:
@@ -157,8 +148,7 @@ def _solve_scores(information: Array, score: Array) -> Array:
     return np.asarray(axes @ (inverse * (axes.T @ (score / scale))) / scale)
 
 
-@dataclass(frozen=True, eq=False)
-class Sums:
+class Sums(Noun):
     """Sums over ``count`` blocks from ``start`` to ``stop`` (s), of ``samples``: information (r, r) and score
     (r).
 
@@ -177,8 +167,6 @@ class Sums:
     left: Array
     left_clipped: Array
     left_count: Array
-
-    __repr__ = brief
 
     def __add__(self, later: Sums) -> Sums:
         """Return the sums over both."""
@@ -210,8 +198,7 @@ def suffix_sums(windows: Sequence[Sums]) -> tuple[Array, dict[str, Array]]:
     return np.array([entry.start for entry in newest_first]), sums
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(Noun):
     """Scaled base parameters (``Scorer``) of a robot less those of the result, ``value`` (r), with their
     ``covariance``.
 
@@ -231,8 +218,6 @@ class Reference:
     left_std: Array
     left_error: Array
     residual: Array
-
-    __repr__ = brief
 
     def with_residual_change(self, joint: int, step: float) -> Reference:
         """Return the reference after a change of a joint's residual level by ``step``, a difference of logarithms."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,14 +29,13 @@ from dynident.identification import Identification
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, TimeShifted, smooth_log, strip_time_offset
 from dynident.regression import EntryBlock, GroupKind, Regression, RegressorBlock, Selection
-from dynident.runtime import ConfigError, brief
+from dynident.runtime import ConfigError, Noun
 
 Array = NDArray[np.float64]
 OFFSET_MARGIN = 2  # samples beyond a time offset, for the interpolation
 
 
-@dataclass(frozen=True, eq=False)
-class MotionBlock:
+class MotionBlock(Noun):
     """Consecutive samples whose motion is final, in the order of time, none twice.
 
     ``motion`` has their derivatives, its mask is False where these are not reliable; ``entries`` are the
@@ -47,8 +45,6 @@ class MotionBlock:
 
     motion: Motion
     entries: tuple[EntryBlock, ...]
-
-    __repr__ = brief
 
 
 def estimate_smoothing(result: Identification, log: Log) -> StreamSmoothing:

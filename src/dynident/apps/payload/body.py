@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -13,7 +12,7 @@ from dynident.estimators import BodyConstraint, Constraints
 from dynident.estimators.cone import minimise
 from dynident.models import INERTIAL, Model, RigidBodies, change_frame, to_physical
 from dynident.models.robot_files import ArmBody
-from dynident.runtime import ModelError, Note, Severity, brief, choices, percent, short
+from dynident.runtime import ModelError, Note, Noun, Severity, choices, percent, short
 
 Array = NDArray[np.float64]
 TYPICAL_LENGTH, MIN_MASS = 0.1, 0.05  # m, kg: the size of a payload, for the scale of its pseudo-inertia
@@ -55,15 +54,12 @@ class Component(StrEnum):
         return names.get(self.unit, f"inertia about the centre of mass, {self[1:]}")
 
 
-@dataclass(frozen=True, eq=False)
-class PhysicalBody:
+class PhysicalBody(Noun):
     """Mass (kg), centre of mass (3) in m, and inertia (6) in kg m^2 about it: Ixx, Ixy, Iyy, Ixz, Iyz, Izz, all in one
     frame's axes; ``values`` (10), their ``std`` (10)."""
 
     values: Array
     std: Array
-
-    __repr__ = brief
 
     @property
     def mass(self) -> float:
@@ -114,8 +110,7 @@ def physical_jacobian(phi: Array, function: Callable[[Array], Array] = physical_
     return np.asarray((np.array(ends[0]) - np.array(ends[1])).T / (2 * step))
 
 
-@dataclass(frozen=True, eq=False)
-class Mount:
+class Mount(Noun):
     """The ``frame``, a link of the robot file, on the moving ``body``, which ``joint`` moves.
 
     ``transform`` (p, 10) maps ten parameters in the frame to what they add to the parameters of the model.
@@ -125,8 +120,6 @@ class Mount:
     body: str
     joint: str
     transform: Array
-
-    __repr__ = brief
 
 
 def mount_of(model: Model, frame: str | None = None) -> Mount:
@@ -177,25 +170,19 @@ def _named_flange(body: ArmBody) -> str:
     return body.name
 
 
-@dataclass(frozen=True, eq=False)
-class Turning:
+class Turning(Noun):
     """A ``joint`` that turns back and forth at up to ``speed``, and the standard errors (10) of the payload after."""
 
     joint: str
     speed: float
     std: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class BodyEstimate:
+class BodyEstimate(Noun):
     """Parameters ``phi`` (10) of a payload in its frame, and the ``information`` (10, 10) on them."""
 
     phi: Array
     information: Array
-
-    __repr__ = brief
 
 
 def turnings(model: Model, mount: Mount, body: BodyEstimate, variance: Array, poses: Array) -> tuple[Turning, ...]:

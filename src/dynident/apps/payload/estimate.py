@@ -21,7 +21,7 @@ from dynident.apps.payload.body import Mount
 from dynident.identification import Identification
 from dynident.models import Model
 from dynident.regression import BaseParameters, GroupKind, groups_of
-from dynident.runtime import ConfigError, InputError, WordedEnum, brief
+from dynident.runtime import ConfigError, InputError, Noun, WordedEnum
 
 Array = NDArray[np.float64]
 MAX_PERCENT = 100.0  # %
@@ -33,8 +33,7 @@ ITERATIONS = 5
 FREE_FACTOR = 1e6  # of a base parameter, over the torque that it makes: it is not known beforehand
 
 
-@dataclass(frozen=True, eq=False)
-class DriveGains:
+class DriveGains(Noun):
     """The measured torque of each joint is ``factor`` (n) times the true one, with the ``covariance`` (n, n).
 
     ``known_mass`` (kg) is that of the payload from which they are known.
@@ -44,8 +43,6 @@ class DriveGains:
     factor: Array
     covariance: Array
     known_mass: float
-
-    __repr__ = brief
 
     @property
     def std(self) -> Array:
@@ -103,8 +100,7 @@ class PayloadRequest:
             raise ConfigError("gains and a known mass are given: gains are known by a known mass; give one of them.")
 
 
-@dataclass(frozen=True, eq=False)
-class ArmEvidence:
+class ArmEvidence(Noun):
     """Base parameters ``value`` (r) = ``combination`` (r, p) theta as identified, with their ``covariance`` (r, r).
 
     ``by_joint`` (r, n) are the parts that the torque of each joint has in them, ``shares`` (n) its shares in
@@ -119,8 +115,6 @@ class ArmEvidence:
     by_joint: Array
     shares: Array
     by_load: Array | None = None
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, identification: Identification, name: str = "the result") -> ArmEvidence:
@@ -164,8 +158,7 @@ class ErrorSource(WordedEnum):
     PRIOR = "prior", "what is known of it"
 
 
-@dataclass(frozen=True, eq=False)
-class PayloadSolution:
+class PayloadSolution(Noun):
     """The unknowns: base parameters ``beta`` (r), ``drift`` (p) and ``friction`` (p) as changes of the model's
     parameters, ``gain_errors`` (n) with their covariance, the payload ``phi`` (10).
 
@@ -184,8 +177,6 @@ class PayloadSolution:
     by_source: Mapping[ErrorSource, Array]
     misfit: float
     freedom: float
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,7 @@ from dynident.identification import Identification, identify
 from dynident.models import Model
 from dynident.motion.log import Log, stack_states
 from dynident.regression import BaseParameters, structural_base_parameters
-from dynident.runtime import InputError, Note, brief, report_progress
+from dynident.runtime import InputError, Note, Noun, report_progress
 from dynident.validation import LogValidation
 
 Array = NDArray[np.float64]
@@ -65,8 +65,7 @@ class LoadedLog:
     free: float
 
 
-@dataclass(frozen=True, eq=False)
-class Payload:
+class Payload(Noun):
     """A payload in the frame of its ``mount``.
 
     ``value`` (10) are its parameters as in ``INERTIAL`` about the origin of the frame, physically consistent, ``free``
@@ -90,8 +89,6 @@ class Payload:
     factor: float
     logs: tuple[LoadedLog, ...] = ()
     notes: tuple[Note, ...] = field(default=())
-
-    __repr__ = brief
 
     @property
     def is_significant(self) -> bool:

@@ -40,7 +40,7 @@ from dynident.identification.uncertainty import identifiability_of
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import SUBSTITUTE
 from dynident.regression import BLOCK, MAX_REPEAT_DIFFERENCE, Regression, Selection, one_thread, repeat_of
-from dynident.runtime import brief, call_part
+from dynident.runtime import Noun, call_part
 
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -61,8 +61,7 @@ class Job:
     digest: str
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Noun):
     """Estimate by the combination of a job, and validate the estimate on the common samples.
 
     Called with a job it returns its row.
@@ -72,8 +71,6 @@ class Fit:
     common: CommonSamples
     smoothers: tuple[Candidate, ...]
     estimators: tuple[Candidate, ...]
-
-    __repr__ = brief
 
     def key(self, job: Job) -> tuple[str, str, str]:
         """Return the key of the row of a job."""
@@ -197,8 +194,7 @@ def _cross_validation_squares(task: Task, motions: Mapping[str, Motion], part: E
     return np.asarray(total)
 
 
-@dataclass(frozen=True, eq=False)
-class ComparisonRows:
+class ComparisonRows(Noun):
     """All rows of a comparison: one of each smoother in ``smooth``.
 
     In ``fits`` those of the combinations, by both numbers.
@@ -210,8 +206,6 @@ class ComparisonRows:
     fits: Mapping[tuple[int, int], Row]
     common: CommonSamples
     computed: int
-
-    __repr__ = brief
 
 
 def assemble_ranking(name: str, task: Task, rows: ComparisonRows, rng: np.random.Generator) -> Ranking:

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ from dynident.project.config import load_robot, nominal_values
 from dynident.project.saved import result_values
 from dynident.project.settings import RobotSettings
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, ModelError, brief, choices
+from dynident.runtime import ConfigError, ModelError, Noun, choices
 
 Array = NDArray[np.float64]
 MAX_BLOCKS = 400  # blocks of all logs together
@@ -56,8 +56,7 @@ MAX_QUIET_CORRELATION = 2.0  # times sqrt(log10 K / K): a smaller autocorrelatio
 MAX_UNKNOWN_SHARE = 1e-6  # share of a base parameter, in scaled columns, that an unknown parameter may have
 
 
-@dataclass(frozen=True, eq=False)
-class TimeBlocks:
+class TimeBlocks(Noun):
     """K blocks of equal time: the number of the ``log`` (K) of each, and their length in ``seconds``.
 
     ``by_log`` has the block (N) of each sample by log.
@@ -66,8 +65,6 @@ class TimeBlocks:
     log: NDArray[np.intp]
     seconds: float
     by_log: Mapping[str, NDArray[np.intp]]
-
-    __repr__ = brief
 
     def __len__(self) -> int:
         return len(self.log)
@@ -98,8 +95,7 @@ def time_blocks(logs: Mapping[str, Log]) -> TimeBlocks:
     return TimeBlocks(np.array(log_numbers, dtype=np.intp), seconds, block_numbers)
 
 
-@dataclass(frozen=True, eq=False)
-class Differences:
+class Differences(Noun):
     """Errors of R combinations: the ``error`` (R) in % (geometric mean over joints), and how far they differ.
 
     ``interval`` (R, 2) are the ends of the 95 % interval of the difference to the best (percentage points),
@@ -113,8 +109,6 @@ class Differences:
     p_value: Array
     length: int
     drawn_blocks: float
-
-    __repr__ = brief
 
     @property
     def has_enough_blocks(self) -> bool:
@@ -263,8 +257,7 @@ def _best_p_values(error: Array, drawn_errors: Array, blocks: float) -> Array:
     return p_values
 
 
-@dataclass(frozen=True, eq=False)
-class TrueParameters:
+class TrueParameters(Noun):
     """True base parameters ``value`` (r), nan where not known, with their ``names`` and ``units``.
 
     ``combination`` (r, p) maps the parameters of the model to them; ``bound`` (r) are the least standard
@@ -276,8 +269,6 @@ class TrueParameters:
     combination: Array
     value: Array
     bound: Array
-
-    __repr__ = brief
 
     def base(self, value: Array) -> Array:
         """Return the base parameters (r) of parameters (p)."""

@@ -16,7 +16,7 @@ from dynident.apps.ranking.config import Candidate, Combination
 from dynident.apps.ranking.differences import MIN_RELATIVE_ERROR, SIGNIFICANCE_LEVEL, TrueParameters
 from dynident.identification import SubstituteUsed
 from dynident.motion.splines import NORMAL_95
-from dynident.runtime import Finding, Use, brief, join_names
+from dynident.runtime import Finding, Noun, Use, join_names
 from dynident.runtime.jobs import Status
 
 if TYPE_CHECKING:
@@ -46,8 +46,7 @@ class CombinationOutcome(StrEnum):
     DIED = Status.DIED.value
 
 
-@dataclass(frozen=True, eq=False)
-class TruthFigures:
+class TruthFigures(Noun):
     """Errors of an estimate of the true base parameters (r): ``error`` (r) and ``std`` (r), nan where not known.
 
     ``relative`` is the median size of the errors in % of the true values; ``over_bound`` their rms in units of
@@ -61,8 +60,6 @@ class TruthFigures:
     over_bound: float
     covered: int
     count: int
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, truth: TrueParameters, value: Sequence[float], std: Sequence[float]) -> TruthFigures:
@@ -81,8 +78,7 @@ class TruthFigures:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class RankedCombination:
+class RankedCombination(Noun):
     """A ``combination`` with its ``outcome``, and the ``reason`` where there is no estimate.
 
     Errors are relative to the unfiltered torque, in %, by joint: of the ``held_out`` logs, of the same with the
@@ -114,8 +110,6 @@ class RankedCombination:
     seconds_validation: float = math.nan
     notes: tuple[str, ...] = ()
     truth: TruthFigures | None = None
-
-    __repr__ = brief
 
     @property
     def seconds(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from hashlib import sha256
 from typing import Any, Literal
@@ -28,7 +28,7 @@ from dynident.project.explicit_config import settings_digest
 from dynident.project.logs import turning_joints
 from dynident.project.project import Project
 from dynident.regression import fitted_rows, one_thread
-from dynident.runtime import DynidentError, Finding, InputError, MissingInputError, Use, brief
+from dynident.runtime import DynidentError, Finding, InputError, MissingInputError, Noun, Use
 from dynident.runtime.cache import Cache
 from dynident.runtime.jobs.cluster import code_version
 
@@ -108,8 +108,7 @@ def unpack_masks(data: bytes, logs_by_role: Mapping[str, Mapping[str, Any]]) -> 
     return masks
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
+class Task(Noun):
     """A model and logs that every combination fits and predicts: the same samples, the same equations.
 
     ``model`` and ``recipe`` are as the configuration's own recipe has made them: terms, tilt of the base, time
@@ -128,8 +127,6 @@ class Task:
     digest: str
     truth: TrueParameters | None = None
     findings: tuple[Finding, ...] = ()
-
-    __repr__ = brief
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -254,8 +251,7 @@ def _task_digest(project: Project, logs: Mapping[str, Mapping[str, Log]], folds:
     return digest.hexdigest()[:16]
 
 
-@dataclass(frozen=True, eq=False)
-class Smoothing:
+class Smoothing(Noun):
     """Smooth all logs of a task by a candidate.
 
     Called with its number it returns its row, with the samples that it keeps.
@@ -264,8 +260,6 @@ class Smoothing:
     task: Task
     candidates: tuple[Candidate, ...]
     digests: tuple[str, ...]
-
-    __repr__ = brief
 
     def __call__(self, k: int) -> dict[str, Any]:
         """Return the row of a candidate."""
@@ -326,8 +320,7 @@ def smoothed_motions(task: Task, candidate: Candidate, smoother: Smoother) -> Mo
     return _MOTION_CACHE((task.digest, candidate.settings, repr(smoother)), lambda: task.logs.smooth(smoother))
 
 
-@dataclass(frozen=True, eq=False)
-class CommonSamples:
+class CommonSamples(Noun):
     """The samples that all compared smoothers keep: ``masks`` (N) by role and log.
 
     ``excluded`` are smoothers that keep too few samples to be compared, with the reason; ``shares`` the part (%)
@@ -338,8 +331,6 @@ class CommonSamples:
     excluded: Mapping[str, str]
     shares: Mapping[str, float]
     kept_shares: Mapping[str, float]
-
-    __repr__ = brief
 
 
 def find_common_samples(task: Task, masks: Mapping[str, Mapping[str, Mapping[str, Mask]]]) -> CommonSamples:

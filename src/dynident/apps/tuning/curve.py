@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.smoothers import Smoother, Spline, smooth_log
 from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import GCV, NORMAL_95, REML, stretches
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,8 +30,7 @@ MIN_USABLE_SHARE = 0.5  # share of the samples that a degree must leave usable t
 NOISE_MARK, GCV_MARK, REML_MARK, TORQUE_MARK = "S = n", "GCV", "REML", "torque"
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedJoint:
+class SmoothedJoint(Noun):
     """The motion of a ``joint`` in a ``log``: positions ``measured`` and smoothed, ``q`` (N), at ``t`` (N) in s.
 
     ``dq`` and ``ddq`` are the derivatives, in rad or m, and seconds. ``mask`` (N) is where derivatives of this
@@ -54,8 +53,6 @@ class SmoothedJoint:
     degree: float
     cutoff: float
     edf: float
-
-    __repr__ = brief
 
     def spectrum(self) -> tuple[Array, Array]:
         """Return frequencies (Hz, F) and the power spectral density (F; rad^2/Hz, m^2/Hz) of the residual.
@@ -119,8 +116,7 @@ def smoothed_joint(recorded: Log, repaired: Log, motion: Motion, joint: str, noi
     )
 
 
-@dataclass(frozen=True, eq=False)
-class DegreeCurve:
+class DegreeCurve(Noun):
     """Cross-validated torque errors (K, %) of ``degrees`` (K), log10(S/n), of all joints together, or of ``joint``
     alone with the others as they are tuned.
 
@@ -134,8 +130,6 @@ class DegreeCurve:
     errors: Array
     joint: str | None
     marks: Mapping[str, tuple[float, ...]]
-
-    __repr__ = brief
 
 
 def degree_curve(

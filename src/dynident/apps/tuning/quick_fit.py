@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
@@ -25,7 +25,7 @@ from dynident.regression import (
     factorise,
     merge_factors,
 )
-from dynident.runtime import InputError, brief, call_part
+from dynident.runtime import InputError, Noun, call_part
 from dynident.validation import relative_errors
 
 Array = NDArray[np.float64]
@@ -55,8 +55,7 @@ def _edges(motion: Motion, folds: int) -> list[tuple[int, int]]:
     return list(pairwise([0, *inner, len(motion)]))
 
 
-@dataclass(frozen=True, eq=False)
-class LogPrediction:
+class LogPrediction(Noun):
     """The torque of one log: its ``motion``, with the measured torque ``tau`` (N, n), and the ``predicted`` (N, n).
 
     ``error`` and ``by_joint`` are relative errors (%) over the usable samples, unfiltered, as a report states them; nan
@@ -70,11 +69,8 @@ class LogPrediction:
     error: float
     by_joint: Mapping[str, float]
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class QuickFit:
+class QuickFit(Noun):
     """The fit of a tuning with its ``model``: the ``estimate``, and ``logs`` by name, those of the training first.
 
     It lacks the correction of ``Bench.identify`` for the bias by errors of the motion, and its standard errors
@@ -89,8 +85,6 @@ class QuickFit:
     logs: Mapping[str, LogPrediction]
     cross_validated: float
     exact: bool
-
-    __repr__ = brief
 
     @cached_property
     def condition(self) -> float:

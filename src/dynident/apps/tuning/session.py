@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 from dynident.apps.tuning.config import tuned_text
 from dynident.files.opener import content
 from dynident.files.results import write_text
-from dynident.runtime import BudgetedFunction, DynidentError, Step, brief, progress_to
+from dynident.runtime import BudgetedFunction, DynidentError, Noun, Step, brief, progress_to
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.bench import Bench
@@ -55,14 +55,11 @@ class _Overtaken(Exception):  # noqa: N818 -- no error: nobody waits for it any 
     """No page waits for this setting."""
 
 
-@dataclass(frozen=True, eq=False)
-class RunOutcome:
+class RunOutcome(Noun):
     """Outcome of a whole identification: its ``result``, or why it ``failed``, in words."""
 
     result: Identification | None
     failed: str = ""
-
-    __repr__ = brief
 
 
 class WholeRuns:

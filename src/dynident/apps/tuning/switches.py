@@ -22,7 +22,7 @@ from dynident.models.friction import JointTerm
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, position_noise, smooth_log, strip_time_offset
 from dynident.motion.splines import Constraint, stretches
-from dynident.runtime import ModelError, brief, join_names
+from dynident.runtime import ModelError, Noun, join_names
 
 Array = NDArray[np.float64]
 LEAST_SQUARES, CONSISTENT = "least_squares", "consistent"
@@ -104,8 +104,7 @@ def estimators_of(configured: Estimator, kind: str = "") -> tuple[str, dict[str,
     return kind, {kind: configured} | {name: estimator for name, estimator in offered.items() if name != kind}
 
 
-@dataclass(frozen=True, eq=False)
-class Offers:
+class Offers(Noun):
     """A ``model`` with its ``residual`` torque (N, n) on ``samples``, and the ``loads``.
 
     These are the torque of the bodies on each motion.
@@ -115,8 +114,6 @@ class Offers:
     samples: TermSamples
     residual: Array
     loads: tuple[Array, ...]
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, model: Model, theta: Array, motions: Sequence[Motion]) -> Offers:

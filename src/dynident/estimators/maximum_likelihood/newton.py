@@ -20,7 +20,7 @@ from dynident.estimators.maximum_likelihood.equations import (
 )
 from dynident.estimators.maximum_likelihood.segment import Segment, State
 from dynident.estimators.maximum_likelihood.trajectory import Arrow
-from dynident.runtime import ModelError, brief
+from dynident.runtime import ModelError, Noun
 
 Array = NDArray[np.float64]
 MIN_RELATIVE_INFORMATION = 1e-12  # relative information below which a direction counts as not excited
@@ -125,8 +125,7 @@ class NewtonSettings:
     fixed: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class LikelihoodFit:
+class LikelihoodFit(Noun):
     """The result of Newton's method; ``information`` (p, p) of theta has all other unknowns profiled out.
 
     ``before`` are theta and the states before the last step, whose predicted decrease of the cost is half the
@@ -145,8 +144,6 @@ class LikelihoodFit:
     decrement: float
     iterations: int
     converged: bool
-
-    __repr__ = brief
 
     def extrapolate(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
         """Return the states for another theta nearby, to first order."""

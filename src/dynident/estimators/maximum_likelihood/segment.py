@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.estimators.maximum_likelihood.trajectory import Arrow, Basis, SplineTrajectory, TrajectoryBlock, basis
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 GAUSS_POINTS = 8  # of Gauss's rule, for the samples of one interval
@@ -185,8 +185,7 @@ class State:
     W: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Segment:
+class Segment(Noun):
     """A log with the spline space of its trajectory.
 
     After each step the torque is piecewise linear on ``torque_knots`` (k per step, s): there the trajectory
@@ -204,8 +203,6 @@ class Segment:
     from_rest: bool = False
     time_offset: float = 0.0
     remembered: Motion | None = None
-
-    __repr__ = brief
 
     @cached_property
     def points(self) -> Array:

@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dpbtrf, dpbtrs, dtbtrs
 from scipy.sparse import csr_array
 
 from dynident.motion.splines.quintic import local_basis
-from dynident.runtime import ModelError, brief
+from dynident.runtime import ModelError, Noun
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -212,14 +212,11 @@ def _interval_runs(edges: Index) -> tuple[tuple[slice, slice], ...]:
     return tuple((intervals, points) for intervals, points in runs if points.stop > points.start)
 
 
-@dataclass(frozen=True, eq=False)
-class SplineTrajectory:
+class SplineTrajectory(Noun):
     """The splines of degree 4 on ``breaks`` (I + 1) s, whose acceleration may jump at ``steps``."""
 
     breaks: Array
     steps: tuple[float, ...] = ()
-
-    __repr__ = brief
 
     @cached_property
     def knots(self) -> Array:
@@ -277,15 +274,12 @@ def _cached_basis(breaks: bytes, steps: tuple[float, ...], t: bytes, from_rest: 
     return Basis(SplineTrajectory(np.frombuffer(breaks), steps), np.frombuffer(t), from_rest)
 
 
-@dataclass(frozen=True, eq=False)
-class Basis:
+class Basis(Noun):
     """The m splines of a ``trajectory`` at times ``t`` (N); ``from_rest``, the first two coefficients are one."""
 
     trajectory: SplineTrajectory
     t: Array
     from_rest: bool
-
-    __repr__ = brief
 
     @cached_property
     def interval(self) -> NDArray[np.intp]:

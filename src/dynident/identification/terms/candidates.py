@@ -28,7 +28,7 @@ from dynident.models.friction import (
     Viscous,
     WideCoulomb,
 )
-from dynident.runtime import InputError, Note, Severity, brief
+from dynident.runtime import InputError, Note, Noun, Severity, brief
 from dynident.runtime.families import TERMS
 
 WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; others make up for coarser ones
@@ -256,8 +256,7 @@ MIN_LINE_RATIO, MEDIAN_WIDTH = 15.0, 30  # times the median of so many resolved 
 MAX_WHOLE_RATE_LOSS = 2.0  # times that median: what a whole number of periods in a turn may lose
 
 
-@dataclass(frozen=True, eq=False)
-class PositionResidual:
+class PositionResidual(Noun):
     """The residual ``r`` (N) of a joint at its positions and velocities ``q``, ``dq`` (N).
 
     ``block`` (N) is the block of time of each sample, of which there are ``blocks``; samples of block -1 are left
@@ -270,8 +269,6 @@ class PositionResidual:
     block: NDArray[np.intp]
     blocks: int
     turns: bool = True
-
-    __repr__ = brief
 
     def powers(self, lines: list[Line]) -> Array:
         """Return |sum r exp(-i k (q - d dq))|^2 (F, L) of lines with rates k and delays d, without each block."""

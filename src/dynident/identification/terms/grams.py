@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,15 +10,14 @@ from numpy.typing import NDArray
 
 from dynident.estimators import bodies_of, parameter_scales
 from dynident.models import Parameter
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 RIDGE_SHARE = 1e-9  # ridge, of a column's own square: dependent columns stay solvable
 MIN_INDEPENDENT_SHARE = 1e-6  # share of a column's square that others must leave of it
 
 
-@dataclass(frozen=True, eq=False)
-class Folds:
+class Folds(Noun):
     """T divisions of the rows of a joint: ``train`` and ``test`` (T, F, C) weigh blocks and classes of its samples.
 
     ``other_joints`` (T) says which rows of the other joints are fitted: an index into the normal matrices of
@@ -30,11 +28,8 @@ class Folds:
     test: Array
     other_joints: NDArray[np.intp]
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class JointGrams:
+class JointGrams(Noun):
     """Gram matrices of one joint's rows: ``grams`` (F, C, c, c) by block of time and class of samples.
 
     The c columns are b entries of the regressor of the model given, m columns of candidates, and the torque. ``maps``
@@ -43,8 +38,6 @@ class JointGrams:
 
     grams: Array
     maps: Array
-
-    __repr__ = brief
 
     @cached_property
     def acts(self) -> NDArray[np.intp]:
@@ -77,8 +70,7 @@ class JointGrams:
         return {}
 
 
-@dataclass(frozen=True, eq=False)
-class TrialFits:
+class TrialFits(Noun):
     """Fits of G groups of columns in T folds: squared errors ``before`` (T) and ``after`` (T, G) on the test rows.
 
     ``best`` (T, G) is the size of a group that fits best, and ``values`` its coefficients (T, columns) by group.
@@ -90,8 +82,6 @@ class TrialFits:
     best: NDArray[np.intp]
     values: tuple[Array, ...]
     independent: NDArray[np.bool_]
-
-    __repr__ = brief
 
 
 def eliminate_columns(gram: Array, keep: int, drop: Sequence[int]) -> tuple[Array, Array]:
@@ -173,8 +163,7 @@ def try_groups(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _CandidateFit:
+class _CandidateFit(Noun):
     """The state of a fit in T folds beside which P candidates are tried.
 
     ``pull`` (T, P) is the product of the candidates with the residual of the training rows, ``slope`` the
@@ -192,8 +181,6 @@ class _CandidateFit:
     X: Array
     Hc: Array
     HX: Array
-
-    __repr__ = brief
 
     def fit_group(
         self, at: NDArray[np.intp], pool: NDArray[np.intp]
@@ -230,8 +217,7 @@ def _products(A: Array, B: Array) -> Array:
 Normal = tuple[Array, Array]
 
 
-@dataclass(frozen=True, eq=False)
-class Prior:
+class Prior(Noun):
     """A prior of p parameters: ``mean`` (p), the robot file's values, and ``precision`` (p) per independent sample.
 
     Its standard deviation is the size of the parameter: what a body of the nominal mass and length has. Parameters
@@ -240,8 +226,6 @@ class Prior:
 
     mean: Array
     precision: Array
-
-    __repr__ = brief
 
 
 def prior_of(parameters: Sequence[Parameter]) -> Prior:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -14,7 +13,7 @@ from dynident.identification.terms.grams import JointGrams
 from dynident.models import Model, Past, Term
 from dynident.motion.log import Motion
 from dynident.regression import EVERYTHING, Selection, fitted_mask
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 MAX_SAMPLES = 20_000  # of all motions together: the choice needs no more
@@ -25,8 +24,7 @@ N_CLASSES = 4  # slow inner, slow outer, fast inner, fast outer
 MAX_GAP_SHARE = 1 / 8  # of a block at most
 
 
-@dataclass(frozen=True, eq=False)
-class TermSamples:
+class TermSamples(Noun):
     """Samples of the ``motions`` of a ``model``, thinned evenly, N in all.
 
     ``rows`` are the usable ones of each motion, ``block`` (N) is the block of each sample, and ``of_block`` (F)
@@ -39,8 +37,6 @@ class TermSamples:
     block: NDArray[np.intp]
     of_block: NDArray[np.intp]
     selection: Selection = EVERYTHING
-
-    __repr__ = brief
 
     def __len__(self) -> int:
         return len(self.block)
@@ -139,8 +135,7 @@ def columns_of(samples: TermSamples, term: Term, j: int, loads: Sequence[Array])
     return np.concatenate(columns, axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class JointEquations:
+class JointEquations(Noun):
     """The equation of joint ``j`` in all samples.
 
     ``entries`` (b, N) are those of the model with their ``maps`` (b, p), ``tau`` (N) is the torque less that of
@@ -152,8 +147,6 @@ class JointEquations:
     maps: Array
     tau: Array
     usable: NDArray[np.bool_]
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, samples: TermSamples, j: int, prior: Array) -> JointEquations:

@@ -20,7 +20,7 @@ from dynident.identification.terms.grams import (
 )
 from dynident.models import Term
 from dynident.models.friction import JointTerm
-from dynident.runtime import brief
+from dynident.runtime import Noun, brief
 
 Array = NDArray[np.float64]
 MIN_GAIN = 1.0  # %, of the squared error: what a term must remove
@@ -37,25 +37,19 @@ MAX_RESIZE_TURNS = 5  # at most, in which the sizes of what has entered settle
 MAX_TERMS = 9  # terms of a joint
 
 
-@dataclass(frozen=True, eq=False)
-class TermGroup:
+class TermGroup(Noun):
     """A ``kind`` with its sizes: the ``terms`` on one joint, and the indices ``at`` of the columns of each."""
 
     kind: CandidateKind
     terms: tuple[Term, ...]
     at: tuple[tuple[int, ...], ...]
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class TermEntry:
+class TermEntry(Noun):
     """A group that has entered the fit, in a ``size``."""
 
     group: TermGroup
     size: int
-
-    __repr__ = brief
 
     @property
     def columns(self) -> tuple[int, ...]:
@@ -68,8 +62,7 @@ class TermEntry:
         return self.group.terms[self.size]
 
 
-@dataclass(frozen=True, eq=False)
-class SearchFolds:
+class SearchFolds(Noun):
     """The folds by which trials are judged.
 
     They are by ``blocks`` of time, the same from slow to fast samples (``faster``) and from inner to outer ones
@@ -83,8 +76,6 @@ class SearchFolds:
     all_samples: Folds
     logs: Folds | None
     train: Array
-
-    __repr__ = brief
 
     @classmethod
     def of(cls, logs: NDArray[np.intp]) -> SearchFolds:

@@ -21,14 +21,13 @@ from dynident.models.robot_files.xml import (
     motion_matrix,
     rotation,
 )
-from dynident.runtime import ModelError, brief
+from dynident.runtime import ModelError, Noun
 
 Array = NDArray[np.float64]
 MAX_JOINTS = 500  # that move: the regressor of more needs gigabytes for a block of samples
 
 
-@dataclass(frozen=True, eq=False)
-class ArmBody:
+class ArmBody(Noun):
     """A moving body: its ``joint``, the index of its parent body (None: the base), the placement (4, 4) of its
     joint's frame in that body's, its nominal inertia (10) about that frame, nan where not known, its ``links``, and
     the ``frames`` (4, 4) of these in the body's. The first is the identity, except where a joint of a body with
@@ -43,16 +42,13 @@ class ArmBody:
     frames: tuple[Array, ...]
     massless: bool = False
 
-    __repr__ = brief
-
     @property
     def name(self) -> str:
         """The name of its first link."""
         return self.links[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Arm:
+class Arm(Noun):
     """The moving ``bodies``, depth first, each after its parent.
 
     ``driven[i]`` is the index of the body that joint i moves, in the order in which the joints were chosen. The
@@ -67,8 +63,6 @@ class Arm:
     offset: Array
     fixed_links: tuple[str, ...]
     fixed_positions: Mapping[str, float]
-
-    __repr__ = brief
 
     @cached_property
     def parameter_bodies(self) -> list[int]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 from warnings import catch_warnings
@@ -19,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from dynident.models.inertia import from_physical
 from dynident.models.robot_files.xml import MAX_NUMBER, Shape, ShapeKind, check_unique, exact_angle, placement
-from dynident.runtime import ModelError, brief, install_command
+from dynident.runtime import ModelError, Noun, install_command
 
 Array = NDArray[np.float64]
 WORLD = "world"
@@ -37,8 +36,7 @@ NUMBERS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledMjcf:
+class CompiledMjcf(Noun):
     """A file as MuJoCo has compiled it, ``spec`` to ``model``.
 
     ``springs`` say of joints, by their index, what springs they have; ``meshes`` are the meshes of geoms, by their
@@ -55,8 +53,6 @@ class CompiledMjcf:
     inertias: Mapping[str, Array | None]
     mesh_files: tuple[str, ...]
     alters: bool
-
-    __repr__ = brief
 
     def frame(self, kind: str, k: int) -> Array:
         """Return the placement (4, 4) of the k-th "body" or "geom" in its parent."""

@@ -13,7 +13,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import ModelError, brief, choices
+from dynident.runtime import ModelError, Noun, choices
 
 Array = NDArray[np.float64]
 MAX_NUMBER = 1e30  # larger than any length, mass or angle of a robot; squares of larger numbers overflow
@@ -71,8 +71,7 @@ class LinkTie:
     links: tuple[str | None, str | None]
 
 
-@dataclass(frozen=True, eq=False)
-class RobotFile:
+class RobotFile(Noun):
     """A tree of links from ``root``: ``links`` maps names to inertial parameters (10) in the link's frame, or None
     where the file leaves them to be computed from shapes. ``joints`` are in the order of the file. ``gravity`` (3) in
     m/s^2 is None where the file gives none; ``notes`` say what is ignored. ``origins`` (3), in m, are the origins of
@@ -90,8 +89,6 @@ class RobotFile:
     notes: tuple[str, ...] = ()
     origins: Mapping[str, Array] = field(default_factory=dict)
     massless: tuple[str, ...] = ()
-
-    __repr__ = brief
 
     @property
     def floating(self) -> tuple[str, ...]:
@@ -272,8 +269,7 @@ class ShapeKind(StrEnum):
     MESH = "mesh"
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Noun):
     """A shape with its ``frame`` (4, 4) in that of its link.
 
     ``size``, in m: the half edges of a box, the radius of a sphere, radius and half length (of its cylinder) of a
@@ -285,8 +281,6 @@ class Shape:
     size: tuple[float, ...]
     frame: Array
     file: str = ""
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -23,7 +23,7 @@ from dynident.models.simulation.trace import (
     sample_gaps,
 )
 from dynident.motion.log import Controller, HasState
-from dynident.runtime import ConfigError, InputError, ModelError, brief
+from dynident.runtime import ConfigError, InputError, ModelError, Noun
 
 Array = NDArray[np.float64]
 
@@ -137,8 +137,7 @@ class _Linear(_ReferenceLoop, ABC):
         return ControllerSlopes(by_state, (nothing, nothing, none))
 
 
-@dataclass(frozen=True, eq=False)
-class CascadePD(_Linear):
+class CascadePD(Noun, _Linear):
     """A drive with a position loop around a velocity loop: tau = gain clip(kv (kp (reference - q) - dq) + feedforward).
 
     ``t`` (N) s; ``reference`` (N, n) rad or m; ``kp`` (n) 1/s; ``kv`` (n) input per rad/s or m/s; ``gain`` (n) N m or N
@@ -155,8 +154,6 @@ class CascadePD(_Linear):
     saturation: Array
     feedforward: Array
 
-    __repr__ = brief
-
     def __post_init__(self) -> None:
         self.check(kp=self.kp, kv=self.kv)
 
@@ -170,8 +167,7 @@ class CascadePD(_Linear):
         return self.kv * self.kp, self.kv
 
 
-@dataclass(frozen=True, eq=False)
-class PD(_Linear):
+class PD(Noun, _Linear):
     """tau = gain clip(kp (reference - q) + kd (velocity_reference - dq) + feedforward): a spring and a damper.
 
     As ``CascadePD``, with ``kp`` (n) input per rad or m, ``kd`` (n) input per rad/s or m/s. Without
@@ -187,8 +183,6 @@ class PD(_Linear):
     saturation: Array
     feedforward: Array
     velocity_reference: Array | None = None
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         self.check(self.velocity_reference, kp=self.kp, kd=self.kd)
@@ -232,8 +226,7 @@ class LoopWrapper:
         return self.loop(t, q, dq)
 
 
-@dataclass(frozen=True, eq=False)
-class PID(LoopWrapper):
+class PID(Noun, LoopWrapper):
     """A PD controller with an integral: its input has ki z more, z the sum of h (reference - q) over the samples.
 
     ``loop`` has everything else; ``ki`` (n) input per rad s or m s. The integral stands still at a sample where the
@@ -242,8 +235,6 @@ class PID(LoopWrapper):
 
     loop: PD
     ki: Array
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         if np.shape(self.ki) != (shape := (len(self.joints),)):
@@ -301,8 +292,7 @@ class PID(LoopWrapper):
         return ControllerSlopes((a, b, c), (d, e, f))
 
 
-@dataclass(frozen=True, eq=False)
-class Function(_ReferenceLoop):
+class Function(Noun, _ReferenceLoop):
     """A controller that is a Python function: tau = gain clip(law(t, q, dq, reference) + feedforward).
 
     ``law`` is called once a sample with t (s), q, dq and the reference that is held there (n), in SI units, and returns
@@ -317,8 +307,6 @@ class Function(_ReferenceLoop):
     gain: Array
     saturation: Array
     feedforward: Array
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         self.check()
@@ -342,8 +330,7 @@ class Function(_ReferenceLoop):
 MAX_STEPS = 100
 
 
-@dataclass(frozen=True, eq=False)
-class DifferencingLoop(LoopWrapper):
+class DifferencingLoop(Noun, LoopWrapper):
     """A ``loop`` whose velocity is the difference of positions ``steps`` of its steps apart, over their time.
 
     That is the mean of the last differences over one step, which it remembers; steps are of equal length. Before
@@ -352,8 +339,6 @@ class DifferencingLoop(LoopWrapper):
 
     loop: HasTimes
     steps: int
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not 1 <= self.steps <= MAX_STEPS:

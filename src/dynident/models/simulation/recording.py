@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.models.evaluation import motion_memory
 from dynident.models.model import Model
 from dynident.motion.log import Log, Motion
-from dynident.runtime import ConfigError, InputError, ModelError, brief
+from dynident.runtime import ConfigError, InputError, ModelError, Noun
 
 Array = NDArray[np.float64]
 Torque = Callable[[float], ArrayLike]
@@ -20,16 +20,13 @@ MIN_MEMORY_TOLERANCE = 1e-9  # least tolerance with a memory, whose derivatives 
 MAX_ROUNDS, ACCELERATION_TOLERANCE = 30, 1e-10  # of accelerations that friction by the load depends on, until they stay
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+class Recording(Noun):
     """A log with simulated noise, its exact motion, and the standard deviations (n) of the noise by joint."""
 
     log: Log
     truth: Motion
     sigma_q: Array
     sigma_tau: Array
-
-    __repr__ = brief
 
 
 def simulate(

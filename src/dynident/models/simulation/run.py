@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -13,22 +11,19 @@ from dynident.models.simulation.steps import integrate
 from dynident.models.simulation.trace import MAX_POSITION, Broken, Failure, Machine, RunsAway, Singular, Trace
 from dynident.motion.log import Controller, Motion
 from dynident.motion.splines import stretches
-from dynident.runtime import ConfigError, DynidentError, InputError, brief
+from dynident.runtime import ConfigError, DynidentError, InputError, Noun
 
 Array = NDArray[np.float64]
 TIME_TOLERANCE = 0.01  # of a step: times that are as near are the same
 
 
-@dataclass(frozen=True, eq=False)
-class Ticks:
+class Ticks(Noun):
     """A ``motion`` whose ``rows`` are the times at which a controller works; ``at`` (K) are those of the log's samples
     among these."""
 
     motion: Motion
     rows: slice
     at: NDArray[np.intp]
-
-    __repr__ = brief
 
 
 def longest_stretch(motion: Motion) -> slice:
@@ -64,8 +59,7 @@ def ticks(motion: Motion, controller: Controller | None, rows: slice) -> Ticks:
     return Ticks(fine, slice(0, len(t)), at)
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedRecording:
+class SimulatedRecording(Noun):
     """A simulated recording: t (N) s; q, dq, ddq and the tau that drove the model from each sample on, (N, n), SI.
 
     ``rows`` (B, K) are the samples of the measured motion that were simulated, N = B K, piece after piece; each begins
@@ -85,8 +79,6 @@ class SimulatedRecording:
     measured: Array
     failure: Failure | None = None
     trace: Trace | None = None
-
-    __repr__ = brief
 
     @property
     def motion(self) -> Motion:

@@ -9,7 +9,6 @@ of the discrete equations instead of the continuous ones, are in Maly and Petzol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -28,15 +27,14 @@ from dynident.models.simulation.trace import (
     sample_gaps,
 )
 from dynident.motion.log import Controller, HasState
-from dynident.runtime import InputError, ModelError, brief
+from dynident.runtime import InputError, ModelError, Noun
 
 Array = NDArray[np.float64]
 Output = Literal["q", "dq", "tau"]
 AT_ONCE = 1 << 22  # numbers in the matrices that are made together
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
+class Sensitivity(Noun):
     """Derivatives of a simulation's q, dq and tau (N, n, k) by k combinations of the parameters.
 
     ``start`` are those (N, n, 2 n) by q and dq at the start of each piece.
@@ -46,8 +44,6 @@ class Sensitivity:
     dq: Array
     tau: Array
     start: Sensitivity | None = None
-
-    __repr__ = brief
 
 
 def sensitivities(

@@ -14,7 +14,7 @@ from dynident.models.friction import Offset
 from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
 from dynident.motion.log import Controller, HasState, Motion
-from dynident.runtime import InputError, Tagged, brief, short
+from dynident.runtime import InputError, Noun, Tagged, short
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,7 @@ MAX_DRIVE_STEPS, PERIOD_TOLERANCE = 1000, 0.02
 MAX_POSITION = 1e6  # rad or m: a simulation beyond this has diverged
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
+class Trace(Noun):
     """All S steps of B pieces of K samples: their lengths ``h`` (S), s, and the states between them.
 
     ``begins`` (S + 1) is the sample that a step begins with, or -1; ``q``, ``dq`` (S + 1, B, n) rad or m, and per s;
@@ -71,8 +70,6 @@ class Trace:
     dq: Array
     tau: Array
     states: Array
-
-    __repr__ = brief
 
     @property
     def samples(self) -> NDArray[np.intp]:
@@ -137,8 +134,7 @@ def initial_state(controller: Controller, motion: Motion, row: NDArray[np.intp])
 DIFFERENCE_STEP = 1e-6  # rad or m, and per s: the step of differences, and of larger values their share
 
 
-@dataclass(frozen=True, eq=False)
-class ControllerInput:
+class ControllerInput(Noun):
     """What a controller sees at K samples: ``t`` s, each ``h`` s after the last (K); q, dq (K, n); its state (K, m)."""
 
     t: Array
@@ -147,17 +143,12 @@ class ControllerInput:
     dq: Array
     state: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class ControllerSlopes:
+class ControllerSlopes(Noun):
     """Derivatives of a controller's torque (K, n, .) and next state (K, m, .) at K samples by q, dq and the state."""
 
     tau: tuple[Array, Array, Array]
     state: tuple[Array, Array, Array]
-
-    __repr__ = brief
 
 
 @runtime_checkable

@@ -7,13 +7,12 @@ of the average period.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -23,14 +22,11 @@ MAX_PHASE_ERROR = 1e-9  # rad of the highest harmonic by which evenly spaced sam
 CACHED_FACTORS = 4  # factors: logs are smoothed in turns
 
 
-@dataclass(frozen=True, eq=False)
-class Factor:
+class Factor(Noun):
     """The lower Cholesky factors of the equations: of cosines and of sines, or of both in turns."""
 
     cosines: Array
     sines: Array | None
-
-    __repr__ = brief
 
     def solve(self, right: Complex, harmonics: NDArray[np.intp]) -> Complex:
         """Return coefficients c (H + 1, k) for the ``sample_products`` of samples (H + 1, k).
@@ -189,15 +185,12 @@ MIN_LINE_RATIO = 2.0  # times what the largest of all lines of white noise is of
 TINY = 1e-300
 
 
-@dataclass(frozen=True, eq=False)
-class HarmonicSeries:
+class HarmonicSeries(Noun):
     """The coefficients c (H + 1, k) of series of one ``period`` (s) about the time ``middle`` (s)."""
 
     period: float
     middle: float
     coefficients: Complex
-
-    __repr__ = brief
 
     def __call__(self, t: Array, highest: int = 2) -> Array:
         """Return the values and derivatives up to the ``highest`` (highest + 1, N, k) at times t (N), s."""

@@ -19,7 +19,7 @@ from dynident.motion.splines.quintic import QuinticSolution, QuinticSystem
 from dynident.motion.splines.search import SplineSearch, likelihood_criterion, reml_criterion, search_minimum
 from dynident.motion.splines.series import CHUNK_SAMPLES, ScaledSeries
 from dynident.motion.splines.spline import prepare_data
-from dynident.runtime import ConfigError, InputError, brief, setting_text, settings_text
+from dynident.runtime import ConfigError, InputError, Noun, setting_text, settings_text
 
 Array = NDArray[np.float64]
 Order = Literal[2, 3]
@@ -31,8 +31,7 @@ GRID_BANDWIDTHS = 20  # bandwidths that are tried first
 START_STEP, LOG_P_TOLERANCE, MAX_MINIMISER_STEPS = 0.5, 1e-3, 40
 
 
-@dataclass(frozen=True, eq=False)
-class WienerFit:
+class WienerFit(Noun):
     """Smoothed columns (N, k) with two derivatives, and their noise.
 
     By column (k): ``sigma``, the standard deviation of the noise; ``residual_sigma``, the likeliest one for the
@@ -49,8 +48,6 @@ class WienerFit:
     residual_sigma: Array
     intensity: Array
     bandwidth: Array
-
-    __repr__ = brief
 
 
 def wiener(

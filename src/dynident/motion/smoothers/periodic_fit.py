@@ -21,7 +21,7 @@ from dynident.motion.smoothers.harmonics import (
 )
 from dynident.motion.smoothers.smoother import least_step
 from dynident.motion.splines import noise_sigma
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 GRID_SAMPLES = 4096  # samples on which periods are looked for
@@ -195,8 +195,7 @@ MISFIT_BAND = 4.0  # times the highest harmonic, up to which what is left may be
 MAX_FIT_ROUNDS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class PeriodicFitRequest:
+class PeriodicFitRequest(Noun):
     """What is to be found in a log: the harmonics of each joint where they are None (n), and transients at its ends.
 
     Transients are not looked for where ``settling_known`` is set. ``moves`` (n) tells which joints move,
@@ -208,11 +207,8 @@ class PeriodicFitRequest:
     moves: Mask
     sigma: Array
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class PeriodicFit:
+class PeriodicFit(Noun):
     """The period, harmonics (n) and series of a log's joints, of its ``rows``, and the ``residual`` there (M, n)."""
 
     period: Period
@@ -220,8 +216,6 @@ class PeriodicFit:
     harmonics: NDArray[np.intp]
     series: HarmonicSeries
     residual: Array
-
-    __repr__ = brief
 
 
 def periods_in(t: Array, period: float) -> float:

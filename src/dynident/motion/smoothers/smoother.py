@@ -19,8 +19,8 @@ from dynident.runtime import (
     ConfigError,
     InputError,
     MissingInputError,
+    Noun,
     Part,
-    brief,
     call_part,
     check_settings,
     choices,
@@ -265,8 +265,7 @@ MIN_CLIPPED_RUN, MIN_CLIPPED_RUNS = 3, 2  # of which so many follow each other, 
 FROZEN_MARGIN = 8  # samples beside a frozen stretch whose derivatives are those of the bridge
 
 
-@dataclass(frozen=True, eq=False)
-class Suspects:
+class Suspects(Noun):
     """Where (N, n) positions and torques of a log look wrong: spikes, frozen stretches, values at a limit, and torques
     that never change (``torque_dead``) while those of other joints do.
 
@@ -279,8 +278,6 @@ class Suspects:
     torque_frozen: Mask
     torque_clipped: Mask
     torque_dead: Mask
-
-    __repr__ = brief
 
     @cached_property
     def positions(self) -> Mask:

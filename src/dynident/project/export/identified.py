@@ -21,23 +21,20 @@ from dynident.models import (
 )
 from dynident.models.friction import Coulomb, JointTerm, PerJoint, Viscous
 from dynident.models.robot_files import ArmBody
-from dynident.runtime import ModelError, brief
+from dynident.runtime import ModelError, Noun
 
 Array = NDArray[np.float64]
 ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameters.yaml and model.py hold any values"
 MAX_NOMINAL_SHARE = 0.999  # the fixed links keep their nominal inertias up to this share of the largest consistent one
 
 
-@dataclass(frozen=True, eq=False)
-class IdentifiedModel:
+class IdentifiedModel(Noun):
     """A model and the values (p) of its parameters; ``std`` (p) and ``verdict`` (p) where they are known."""
 
     model: Model
     value: Array
     std: Array | None = None
     verdict: tuple[str, ...] = ()
-
-    __repr__ = brief
 
     @property
     def parts(self) -> Iterator[tuple[Term, Array]]:

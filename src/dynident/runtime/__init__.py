@@ -37,7 +37,7 @@ from dynident.runtime.notes import (
     place_and_text,
     require,
 )
-from dynident.runtime.saved_fields import LEFT_OUT, Axes, Part, Tagged, saved_fields
+from dynident.runtime.saved_fields import OMITTED, Axes, Part, TaggedUnion, saved_fields
 from dynident.runtime.text import (
     angles,
     capitalise,
@@ -56,8 +56,8 @@ from dynident.runtime.text import (
 
 __all__ = [
     "GIGABYTE",
-    "LEFT_OUT",
     "MEMORY_VARIABLE",
+    "OMITTED",
     "Axes",
     "BudgetedFunction",
     "ConfigError",
@@ -73,7 +73,7 @@ __all__ = [
     "Remark",
     "Severity",
     "Step",
-    "Tagged",
+    "TaggedUnion",
     "Use",
     "WordedEnum",
     "angles",

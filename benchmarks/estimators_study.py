@@ -181,7 +181,7 @@ def judged(study: Study, table: pl.DataFrame, scenario: str, level: float, metho
     rows = table.filter((pl.col("scenario") == scenario) & (pl.col("level") == level) & (pl.col("method") == method))
     found = statistics(rows, len(study.truth))
     error = (found.estimates - study.truth) / study.bound(scenario, level)
-    shares = found.coverage(study.truth)
+    shares = found.covered_share(study.truth)
     told = listed if study.each else lambda values: listed(np.sqrt([np.mean(np.square(values))]))
     return {
         "scenario": scenario,

@@ -109,9 +109,9 @@ def test_a_log_that_is_too_short_is_said_and_no_more(count: int) -> None:
 
 def test_the_most_severe_come_first() -> None:
     given = [
-        Finding(Severity.INFO, None, Remark("so")),
-        Finding(Severity.ERROR, None, Remark("torn")),
-        Finding(Severity.WARNING, None, Remark("odd")),
+        Finding(Remark("so"), severity=Severity.INFO),
+        Finding(Remark("torn"), severity=Severity.ERROR),
+        Finding(Remark("odd")),
     ]
     found = run_checks(slider(), {"train": {"one": log()}}, initial_findings=given)
     assert [one.severity for one in found.findings] == ["error", "warning", "info"]

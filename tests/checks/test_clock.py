@@ -28,7 +28,7 @@ def test_the_rate_is_found(rate: float) -> None:
     assert found is not None
     note = clock_suspect().note(found.value, found.std, found.share, ())
     assert isinstance(note, ClockWrong)
-    assert note.factor == pytest.approx(rate, abs=5 * note.std)
+    assert note.value == pytest.approx(rate, abs=5 * note.std)
     assert note.std < 0.03
 
 

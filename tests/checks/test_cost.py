@@ -11,7 +11,7 @@ from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import misfit
 from dynident.checks.missing import cost, faster_case, mean_square
 from dynident.checks.robot_notes import Costly, MissingTerm, TermKind, TorqueGain, WrongValue
-from dynident.runtime import Finding, Severity, Use
+from dynident.runtime import Finding, Use
 from tests.checks.moving_arm import arm, case, motion, truth
 
 MOVED = motion()
@@ -57,7 +57,7 @@ def test_what_changes_nothing_costs_nothing() -> None:
 @pytest.mark.parametrize(("size", "forbidden"), [(0.2, None), (5.1, Use.SIMULATION), (10.1, Use.CONTROL)])
 def test_an_effect_forbids_by_its_cost(size: float, forbidden: Use | None) -> None:
     note = MissingTerm(TermKind.SPRING, 1.0, 0.1, 0.5, cost=size)
-    assert note.forbidden is Finding(Severity.WARNING, "j1", note).forbids is forbidden
+    assert note.forbidden is Finding(note, "j1").forbids is forbidden
 
 
 def test_a_value_that_is_wrong_forbids_simulation_and_control_where_a_joint_is_far_off() -> None:

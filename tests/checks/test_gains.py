@@ -21,7 +21,7 @@ def test_a_gain_is_found_with_its_joint(joint: int, gain: float) -> None:
     (found,) = explain_residual(case(replace(moved, tau=factor * moved.tau)))
     assert (found.topic, found.joint) == ("gain", f"j{joint + 1}")
     assert isinstance(found.message, TorqueGain)
-    assert found.message.factor == pytest.approx(gain, abs=4 * found.message.std)
+    assert found.message.value == pytest.approx(gain, abs=4 * found.message.std)
     assert found.message.std < 0.05 * gain
 
 

@@ -22,7 +22,7 @@ def test_a_wrong_length_is_found(length: float) -> None:
     note = found.message
     assert isinstance(note, LengthWrong)
     assert (note.component, note.given) == ("x", length)
-    assert note.fitted == pytest.approx(0.4, abs=4 * note.std)
+    assert note.value == pytest.approx(0.4, abs=4 * note.std)
     assert note.std < 0.01
 
 
@@ -31,7 +31,7 @@ def test_a_zero_is_found_where_gravity_shows_it() -> None:
     found = next(iter(explain_residual(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
     assert (found.topic, found.joint) == ("zero", "j2")
     assert isinstance(found.message, ZeroOff)
-    assert found.message.offset == pytest.approx(0.1, abs=4 * found.message.std)
+    assert found.message.value == pytest.approx(0.1, abs=4 * found.message.std)
 
 
 @pytest.mark.parametrize("joint", [0, 2])
@@ -51,7 +51,7 @@ def test_a_tilted_axis_is_found() -> None:
     assert {one.topic for one in found} == {"axis"}
     note = found[0].message
     assert isinstance(note, AxisTilted)
-    assert abs(note.angle) == pytest.approx(tilt, abs=0.03)
+    assert abs(note.value) == pytest.approx(tilt, abs=0.03)
 
 
 def test_a_model_without_frames_has_zeros_only() -> None:

@@ -22,8 +22,8 @@ ROBOT_NOTES = [
     file_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
     robot_notes.TorqueGain(1.25, 0.01, 0.2, OTHERS),
     robot_notes.ZeroOff(0.1, 0.01, 0.2),
-    robot_notes.LengthWrong("x", 0.4, 0.5, 0.01, 0.2),
-    robot_notes.AxisTilted((1.0, 0.0, 0.0), 0.05, True, 0.01, 0.2),
+    robot_notes.LengthWrong(0.5, 0.01, 0.2, component="x", given=0.4),
+    robot_notes.AxisTilted(0.05, 0.01, 0.2, axis=(1.0, 0.0, 0.0), alone=True),
     *(MissingTerm(kind, 0.5, 0.01, 0.6, "j1" if kind is TermKind.COUPLED else "") for kind in TermKind),
     robot_notes.TermLeftOut(TermKind.ROTOR, 0.5, 0.01, 0.6),
     MissingTerm(TermKind.RIPPLE, 0.5, 0.01, 0.6, period=0.524),
@@ -126,7 +126,8 @@ def test_notes_say_their_figures_and_what_to_do(note: Note, sentence: str) -> No
 def test_all_kinds_of_notes_are_tried() -> None:
     modules = (channel_notes, file_notes, log_notes, motion_notes, robot_notes)
     kinds = {kind for module in modules for kind in classes_of(module) if issubclass(kind, Note)}
-    bases = {robot_notes.Costly, robot_notes.WrongValue, log_notes.Spikes, log_notes.FrozenValue}
+    bases = {robot_notes.Costly, robot_notes.WrongValue, robot_notes.SuspectedValue, log_notes.Spikes}
+    bases |= {log_notes.FrozenValue}
     assert {type(note) for note in NOTES} == {kind for kind in kinds - bases if not issubclass(kind, Remark)}
 
 

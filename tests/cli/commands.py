@@ -17,6 +17,23 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(word) for word in arguments])
 
 
+def succeed(*arguments: object) -> Result:
+    """Run a command that must end well."""
+    done = run(*arguments)
+    assert done.exit_code == 0, done.output
+    return done
+
+
+def refuse(*arguments: object, says: str | tuple[str, ...], code: int = 1) -> Result:
+    """Run a command that must end with an exit code and these words, wherever lines break, and no traceback."""
+    done = run(*arguments)
+    assert done.exit_code == code, done.output
+    for words in ("Error", *([says] if isinstance(says, str) else says)):
+        assert " ".join(words.split()) in " ".join(done.output.split()), done.output
+    assert "Traceback" not in done.output
+    return done
+
+
 def write_log(folder: Path, name: str = "log.csv", n: int = 2000, rate: float = 3.0, **changes: Any) -> Path:
     """A slider of 5 kg with friction, pushed to and fro at a ``rate`` (rad/s); ``changes`` replace columns."""
     t = np.arange(n) * 0.002

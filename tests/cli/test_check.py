@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.commands import configure, run, write_log
+from tests.cli.commands import configure, refuse, run, succeed, write_log
 from tests.robots import ARM, link
 
 SINE = np.sin(6e-3 * np.arange(2000))
@@ -18,8 +18,7 @@ def test_a_sound_configuration(tmp_path: Path) -> None:
     write_log(tmp_path)
     write_log(tmp_path, "held.csv", rate=4.0)
     path = configure(tmp_path, validation=[{"file": "held.csv"}])
-    done = run("check", path, "--json", tmp_path / "out" / "found.json")
-    assert done.exit_code == 0, done.output
+    done = succeed("check", path, "--json", tmp_path / "out" / "found.json")
     assert "No errors and no warnings" in done.output
     ((name, told),) = json.loads((tmp_path / "out" / "found.json").read_text()).items()
     assert name.endswith("identify.yaml")
@@ -46,55 +45,47 @@ def test_every_finding_is_printed_before_the_exit_code(tmp_path: Path) -> None:
 
 def test_a_turned_sign_is_a_question(tmp_path: Path) -> None:
     write_log(tmp_path)
-    done = run("check", configure(tmp_path, torque={"slider": {"column": "force", "gain": -1, "unit": "N"}}))
-    assert done.exit_code == 0
+    done = succeed("check", configure(tmp_path, torque={"slider": {"column": "force", "gain": -1, "unit": "N"}}))
     assert "is the sign of the torque reversed?" in done.output
 
 
 def test_robot_files_alone(tmp_path: Path) -> None:
     (tmp_path / "good.urdf").write_text(ARM)
     (tmp_path / "bad.urdf").write_text(ARM.replace(link("base", 4.0), link("base", -4.0)))
-    good = run("check", tmp_path / "good.urdf")
-    assert good.exit_code == 0, good.output
+    good = succeed("check", tmp_path / "good.urdf")
     for words in ("Joints, SI", "revolute", "Links", "upper", "wrist", "8.200"):
         assert words in good.output
-    both = run("check", tmp_path / "bad.urdf", tmp_path / "good.urdf")
-    assert both.exit_code == 1
-    assert "negative mass -4" in both.output
-    assert "good.urdf" in both.output
+    refuse("check", tmp_path / "bad.urdf", tmp_path / "good.urdf", says=("negative mass -4", "good.urdf"))
 
 
 def test_a_file_that_cannot_be_used_does_not_hide_the_next(tmp_path: Path) -> None:
     (tmp_path / "good.urdf").write_text(ARM)
     (tmp_path / "bad.yaml").write_text("model: arm.urdf\nsmother: {}\n")
-    done = run(
-        "check", tmp_path / "missing.urdf", tmp_path / "bad.yaml", tmp_path / "good.urdf", "--json", tmp_path / "x"
+    refuse(
+        "check",
+        tmp_path / "missing.urdf",
+        tmp_path / "bad.yaml",
+        tmp_path / "good.urdf",
+        "--json",
+        tmp_path / "x",
+        says=("cannot be read", "did you mean 'smoother'", "good.urdf: No errors"),
     )
-    assert done.exit_code == 1
-    assert "cannot be read" in done.output
-    assert "did you mean 'smoother'" in done.output
-    assert "good.urdf: No errors" in " ".join(done.output.split())
     assert len(json.loads((tmp_path / "x").read_text())) == 3
 
 
 def test_nowhere_to_write_is_said_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("mine")
-    done = run("check", tmp_path / "missing.yaml", "--json", tmp_path / "taken" / "x.json")
-    assert done.exit_code == 1
-    assert "taken" in done.output
+    done = refuse("check", tmp_path / "missing.yaml", "--json", tmp_path / "taken" / "x.json", says="taken")
     assert "missing.yaml" not in done.output
 
 
 def test_names_from_files_are_not_markup(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(ARM.replace('"wrist"', '"[red]wrist[/]"'))
-    done = run("check", tmp_path / "arm.urdf")
-    assert done.exit_code == 0, done.output
+    done = succeed("check", tmp_path / "arm.urdf")
     assert "[red]wrist[/]" in done.output
 
 
 def test_a_misspelt_file_is_answered_by_the_one_meant(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(ARM)
     for name in ("arm.urf", "amr.urdf"):
-        done = run("check", tmp_path / name)
-        assert done.exit_code == 1
-        assert "did you mean 'arm.urdf'?" in " ".join(done.output.split())
+        refuse("check", tmp_path / name, says="did you mean 'arm.urdf'?")

@@ -11,7 +11,7 @@ import pytest
 
 from dynident.cli.command_log import LOG_HEAD, REPEAT_INTERVAL, CommandLog
 from dynident.runtime import Step
-from tests.cli.commands import configure, run, write_log
+from tests.cli.commands import configure, refuse, run, succeed, write_log
 from tests.robots import ARM
 
 STAMP = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d  ")
@@ -22,8 +22,7 @@ SMOOTH = ("--time", "time", "--column", "pos")
 def test_steps_are_printed_with_times_wherever_the_option_stands(tmp_path: Path, before: bool) -> None:
     write_log(tmp_path)
     words = ["check", configure(tmp_path)]
-    done = run(*(["-v", *words] if before else [*words, "-v"]))
-    assert done.exit_code == 0, done.output
+    done = succeed(*(["-v", *words] if before else [*words, "-v"]))
     steps = re.findall(r"^ *\d+\.\d s  (.*)", done.stderr, re.M)
     assert steps[:2] == ["building the model", "reading log 0-3 s"]
     assert len(steps) == len(set(steps))
@@ -56,8 +55,7 @@ def test_a_quiet_run_prints_results_and_what_was_written(tmp_path: Path) -> None
 
 def test_the_log_keeps_all_that_is_said_of_each_run(tmp_path: Path) -> None:
     log, out = tmp_path / "logs" / "run.log", tmp_path / "out"
-    done = run("--log-file", log, "smooth", write_log(tmp_path), *SMOOTH, "--out", out, "-q")
-    assert done.exit_code == 0, done.output
+    done = succeed("--log-file", log, "smooth", write_log(tmp_path), *SMOOTH, "--out", out, "-q")
     failed = run("smooth", tmp_path / "log.csv", "--time", "tmie", "--log-file", log)
     assert failed.exit_code == 1
     head, *lines = log.read_text().splitlines()
@@ -73,10 +71,7 @@ def test_the_log_keeps_all_that_is_said_of_each_run(tmp_path: Path) -> None:
 
 def test_a_log_in_the_folder_of_the_results(tmp_path: Path) -> None:
     write_log(tmp_path)
-    done = run(
-        "smooth", tmp_path / "log.csv", *SMOOTH, "--out", tmp_path / "out", "--log-file", tmp_path / "out/run.log"
-    )
-    assert done.exit_code == 0, done.output
+    succeed("smooth", tmp_path / "log.csv", *SMOOTH, "--out", tmp_path / "out", "--log-file", tmp_path / "out/run.log")
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"run.log", "smoothed.csv", "report.html"}
 
 
@@ -87,9 +82,7 @@ def test_no_file_but_a_log_is_added_to(tmp_path: Path, name: str) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.html").write_text("<html>")
     before = (tmp_path / name).read_bytes()
-    done = run("check", config, "--log-file", tmp_path / name)
-    assert done.exit_code == 1
-    assert "is no log of dynident" in done.output
+    refuse("check", config, "--log-file", tmp_path / name, says="is no log of dynident")
     assert (tmp_path / name).read_bytes() == before
 
 

@@ -10,7 +10,7 @@ from dynident.apps.demo import demo_files
 from dynident.cli.demo import LOGS
 from dynident.cli.identification import draft_from_files
 from dynident.project.project import parse_project
-from tests.cli.commands import run
+from tests.cli.commands import refuse, succeed
 
 
 @pytest.fixture
@@ -31,22 +31,17 @@ def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder:
 
 def test_an_edited_configuration_is_not_replaced(folder: Path) -> None:
     (folder / "robot.yaml").write_text("model: mine.urdf\n")
-    done = run("demo", "--out", folder)
-    assert done.exit_code == 1
-    assert "robot.yaml: exists already" in done.output
+    refuse("demo", "--out", folder, says="robot.yaml: exists already")
     assert (folder / "robot.yaml").read_text() == "model: mine.urdf\n"
     assert not (folder / "result").exists()
 
 
 def test_a_folder_with_another_arm_is_refused(folder: Path) -> None:
     (folder / "arm.urdf").write_text("<robot name='mine'/>")
-    done = run("demo", "--out", folder)
-    assert done.exit_code == 1
-    assert "arm.urdf: exists already" in done.output
+    refuse("demo", "--out", folder, says="arm.urdf: exists already")
     assert (folder / "arm.urdf").read_text() == "<robot name='mine'/>"
 
 
 def test_the_files_alone_can_be_had(tmp_path: Path) -> None:
-    done = run("demo", "--files", "--out", tmp_path / "my arm")
-    assert done.exit_code == 0
+    succeed("demo", "--files", "--out", tmp_path / "my arm")
     assert {*LOGS, "arm.urdf", "controller.yaml", "meshes"} == {one.name for one in (tmp_path / "my arm").iterdir()}

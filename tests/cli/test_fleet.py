@@ -9,8 +9,8 @@ import polars as pl
 import pytest
 from click.testing import CliRunner
 
-from dynident.apps.fleets import run
 from dynident.cli import main
+from dynident.files import row_store
 from tests.apps.fleets.made import FLEET, make_fleet
 
 
@@ -67,7 +67,7 @@ def test_an_interrupted_fleet_says_where_its_logs_are(
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run, "run_jobs", stopped)
+    monkeypatch.setattr(row_store, "run_jobs", stopped)
     code, said = run_command(fleet, "--out", tmp_path / "out", "--workers", "1")
     assert code == 130
     assert "run the same command again" in said

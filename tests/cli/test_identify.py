@@ -20,7 +20,7 @@ from dynident.project import project
 from dynident.project.config import fingerprint
 from dynident.project.saved import model_files
 from dynident.runtime.kernel import kernel
-from tests.cli.commands import configure, run, write_log
+from tests.cli.commands import configure, refuse, run, succeed, write_log
 from tests.project.test_explicit_config import write as configuration
 from tests.saved_results import errors_by_log
 
@@ -28,8 +28,7 @@ from tests.saved_results import errors_by_log
 class TestIdentify:
     def test_recovers_a_simulated_slider(self, tmp_path: Path) -> None:
         write_log(tmp_path)
-        done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
-        assert done.exit_code == 0, done.output
+        done = succeed("identify", configure(tmp_path), "--out", tmp_path / "out")
         result = json.loads((tmp_path / "out" / "result.json").read_text())
         found = {one["name"]: one for one in result["parameters"]}
         for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
@@ -58,8 +57,7 @@ class TestIdentify:
     def test_other_smoothers_and_a_parallel_filter(self, tmp_path: Path, smoother: dict[str, Any]) -> None:
         write_log(tmp_path)
         path = configure(tmp_path, smoother=smoother, filter={"decimate": 5}, train=[{"file": "log.csv"}])
-        done = run("identify", path, "--out", tmp_path / "out")
-        assert done.exit_code == 0, done.output
+        succeed("identify", path, "--out", tmp_path / "out")
         (errors,) = errors_by_log(json.loads((tmp_path / "out" / "result.json").read_text()), "train").values()
         assert errors["relative_error_filtered"] < errors["relative_error"]
 
@@ -73,15 +71,13 @@ class TestIdentify:
             "    joints = (Joint('slider', 'prismatic'),)\n"
             "    return Model((Viscous(joints), Offset(joints)), name='mine')\n"
         )
-        done = run("identify", configure(tmp_path, model="mine.py:build"))
-        assert done.exit_code == 0, done.output
+        done = succeed("identify", configure(tmp_path, model="mine.py:build"))
         assert "Fv_slider" in done.output
 
     @pytest.mark.parametrize("position", [0.0, 0.25, 0.7])
     def test_a_joint_that_does_not_move_is_said(self, tmp_path: Path, position: float) -> None:
         write_log(tmp_path, pos=np.full(2000, position))
-        done = run("identify", configure(tmp_path))
-        assert done.exit_code == 0, done.output
+        done = succeed("identify", configure(tmp_path))
         assert "slider" in done.output
         assert "never moves" in done.output
         assert "no effect on the torque" in done.output
@@ -189,9 +185,7 @@ class TestBadInput:
         self.check(tmp_path, words, model="mine.py:build")
 
     def test_no_configuration(self, tmp_path: Path) -> None:
-        done = run("identify", tmp_path / "missing.yaml")
-        assert done.exit_code == 1
-        assert "missing.yaml" in done.output
+        refuse("identify", tmp_path / "missing.yaml", says="missing.yaml")
 
     def test_out_is_a_file(self, tmp_path: Path) -> None:
         write_log(tmp_path)
@@ -213,9 +207,7 @@ class TestFolder:
     """Where nothing can be written, a command says so before its long work."""
 
     def test_identify(self, tmp_path: Path, no_folder: Path) -> None:
-        done = run("identify", tmp_path / "missing.yaml", "--out", no_folder)
-        assert done.exit_code == 1
-        assert str(no_folder) in done.output
+        done = refuse("identify", tmp_path / "missing.yaml", "--out", no_folder, says=str(no_folder))
         assert "missing.yaml" not in done.output
 
     def test_a_folder_that_another_run_holds(self, tmp_path: Path) -> None:
@@ -286,8 +278,7 @@ class TestFolder:
 
 def test_a_log_that_was_fitted_is_warned_of(tmp_path: Path) -> None:
     write_log(tmp_path)
-    done = run("identify", configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
-    assert done.exit_code == 0, done.output
+    done = succeed("identify", configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
     assert "overlaps in time" in done.output
 
 
@@ -298,12 +289,10 @@ class TestWriteConfig:
         path, made = configuration(tmp_path / "arm"), list[Identification]()
         fit = project.identify
         monkeypatch.setattr(project, "identify", lambda *given, **how: made.append(fit(*given, **how)) or made[-1])
-        done = run("identify", path, "--out", tmp_path / "a", "--write-config", tmp_path / "b" / "fixed.yaml")
-        assert done.exit_code == 0, done.output
+        done = succeed("identify", path, "--out", tmp_path / "a", "--write-config", tmp_path / "b" / "fixed.yaml")
         assert "Terms chosen by the training logs" in done.output
         assert f"Configuration: {tmp_path / 'b' / 'fixed.yaml'}" in done.output
-        again = run("identify", tmp_path / "b" / "fixed.yaml", "--out", tmp_path / "c")
-        assert again.exit_code == 0, again.output
+        again = succeed("identify", tmp_path / "b" / "fixed.yaml", "--out", tmp_path / "c")
         assert "Terms chosen" not in again.output
         assert "--write-config" not in again.output
         found = [json.loads((tmp_path / one / "result.json").read_text()) for one in "ac"]

@@ -11,7 +11,7 @@ import yaml
 
 from dynident.motion.log import Log
 from tests.apps.payload.arms import CARRIED, SIX, recorded
-from tests.cli.commands import run
+from tests.cli.commands import refuse, run, succeed
 
 JOINTS = tuple(f"j{k}" for k in range(1, 7))
 
@@ -38,8 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "estimator": {"kind": "least_squares", "weights": "per_joint"},
     }
     (place / "arm.yaml").write_text(yaml.safe_dump(settings))
-    done = run("identify", place / "arm.yaml", "--out", place / "out")
-    assert done.exit_code == 0, done.output
+    succeed("identify", place / "arm.yaml", "--out", place / "out")
     return place
 
 
@@ -84,14 +83,10 @@ def test_what_is_wrong_is_said(folder: Path) -> None:
         ((folder / "arm.yaml", log), "is not a result.json"),
         ((result, result, log), "give one result, or recordings alone"),
     ):
-        done = run("payload", *arguments)
-        assert done.exit_code == 1, done.output
-        assert said in " ".join(done.output.split())
+        refuse("payload", *arguments, says=said)
 
 
 def test_torques_are_needed(folder: Path) -> None:
     table = pl.read_csv(folder / "next.csv")
     table.select([name for name in table.columns if "tau" not in name]).write_csv(folder / "bare.csv")
-    done = run("payload", folder / "out" / "result.json", folder / "bare.csv")
-    assert done.exit_code == 1
-    assert "has no torques" in done.output
+    refuse("payload", folder / "out" / "result.json", folder / "bare.csv", says="has no torques")

@@ -15,7 +15,7 @@ import yaml
 
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.project.export import Yaml
-from tests.cli.commands import configure, run, write_log
+from tests.cli.commands import configure, refuse, run, succeed, write_log
 from tests.laws.test_new_user import CONSTANT, RATIO, URDF, folder, identify
 from tests.saved_results import errors_by_log
 
@@ -27,8 +27,7 @@ def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A slider that was identified; the result's path."""
     place = tmp_path_factory.mktemp("slider")
     write_log(place)
-    done = run("identify", configure(place), "--out", place / "out")
-    assert done.exit_code == 0, done.output
+    succeed("identify", configure(place), "--out", place / "out")
     return place / "out" / "result.json"
 
 
@@ -99,9 +98,13 @@ class TestIdentify:
         (tmp_path / "mine.py").write_text("from dynident.models.lagrangian import slider as build")
         path = configure(tmp_path, model="model.py:build" if name == "model.py" else "mine.py:build")
         (tmp_path / "mine.py").rename(tmp_path / "model.py") if name == "model.py" else path.rename(tmp_path / name)
-        done = run("identify", tmp_path / name if name.endswith("yaml") else path, "--out", tmp_path)
-        assert done.exit_code == 1
-        assert f"{name}: would be replaced" in done.output
+        refuse(
+            "identify",
+            tmp_path / name if name.endswith("yaml") else path,
+            "--out",
+            tmp_path,
+            says=f"{name}: would be replaced",
+        )
         assert not (tmp_path / "result.json").exists()
 
     def test_a_symbolic_model_has_no_robot_file(self, slider: Path) -> None:
@@ -113,8 +116,7 @@ class TestIdentify:
 class TestPredict:
     def test_errors_are_those_of_the_validation(self, arm: Path) -> None:
         table = arm.parent / "torques.csv"
-        done = run("predict", arm / "result.json", arm.parent / "tuesday.csv", "--out", table)
-        assert done.exit_code == 0, done.output
+        done = succeed("predict", arm / "result.json", arm.parent / "tuesday.csv", "--out", table)
         frame = pl.read_csv(table)
         result = json.loads((arm / "result.json").read_text())
         (errors,) = errors_by_log(result, "validation").values()
@@ -132,28 +134,22 @@ class TestPredict:
         full = pl.read_csv(arm.parent / "tuesday.csv", separator=";")
         full.select([name for name in full.columns if "i_q" not in name]).write_csv(bare)
         for name in (bare, arm.parent / "tuesday.csv"):
-            done = run("predict", arm / "result.json", name, "--out", arm.parent / f"{name.stem}.parquet")
-            assert done.exit_code == 0, done.output
+            done = succeed("predict", arm / "result.json", name, "--out", arm.parent / f"{name.stem}.parquet")
             assert "Warning" not in done.output
         one, other = (pl.read_parquet(arm.parent / f"{stem}.parquet") for stem in ("bare", "tuesday"))
         assert one["predicted_elbow"].equals(other["predicted_elbow"])
         assert one["measured_elbow"].is_null().all()
-        done = run("predict", arm / "result.json", bare)
-        assert done.exit_code == 1
-        assert "--out" in done.output
+        refuse("predict", arm / "result.json", bare, says="--out")
 
     def test_some_torques_are_no_torques_at_all(self, arm: Path) -> None:
         full = pl.read_csv(arm.parent / "tuesday.csv", separator=";")
         full.drop("elbow i_q").write_csv(arm.parent / "some.csv")
-        done = run("predict", arm / "result.json", arm.parent / "some.csv")
-        assert done.exit_code == 1
-        assert "'elbow i_q'" in done.output
+        refuse("predict", arm / "result.json", arm.parent / "some.csv", says="'elbow i_q'")
 
     def test_several_recordings_in_one_table(self, slider: Path, tmp_path: Path) -> None:
         table = tmp_path / "t.csv"
         logs = (slider.parents[1] / "log.csv", write_log(tmp_path, "second.csv"))
-        done = run("predict", slider, *logs, "--out", table)
-        assert done.exit_code == 0, done.output
+        succeed("predict", slider, *logs, "--out", table)
         frame = pl.read_csv(table)
         assert frame.group_by("log").len().sort("log").rows() == [("log", 2000), ("second", 2000)]
 
@@ -173,10 +169,7 @@ class TestPredict:
         assert run("predict", result, f"p={p},f={f}").exit_code == 0
         assert run("predict", result, f"p={p}", "--out", tmp_path / "t.csv").exit_code == 0
         for wrong, words in ((p, "no file is called"), (f"f={f}", "'p' is missing"), (f"p=,f={f}", "'p' is missing")):
-            done = run("predict", result, wrong)
-            assert done.exit_code == 1
-            assert words in done.output
-            assert "f=FILE,p=FILE" in done.output
+            refuse("predict", result, wrong, says=(words, "f=FILE,p=FILE"))
 
     def test_a_robot_file_that_changed_is_noticed(self, arm: Path) -> None:
         robot = arm.parent / "arm.urdf"
@@ -212,23 +205,16 @@ class TestPredict:
     @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {}, "parameters": []}', "{", "\x00"])
     def test_other_files_are_no_results(self, tmp_path: Path, text: str) -> None:
         (tmp_path / "r.json").write_text(text)
-        done = run("predict", tmp_path / "r.json", "log.csv")
-        assert done.exit_code == 1
-        assert "r.json" in done.output
-        assert "Traceback" not in done.output
+        refuse("predict", tmp_path / "r.json", "log.csv", says="r.json")
 
     def test_parameters_of_another_model_are_refused(self, slider: Path, tmp_path: Path) -> None:
         data = json.loads(slider.read_text())
         data["parameters"][0]["name"] = "mass"
         (tmp_path / "r.json").write_text(json.dumps(data))
-        done = run("predict", tmp_path / "r.json", slider.parents[1] / "log.csv")
-        assert done.exit_code == 1
-        assert "identify again" in done.output
+        refuse("predict", tmp_path / "r.json", slider.parents[1] / "log.csv", says="identify again")
 
     def test_a_wrong_table_is_said_before_the_work(self, tmp_path: Path) -> None:
-        done = run("predict", tmp_path / "missing.json", "log.csv", "--out", tmp_path / "t.xls")
-        assert done.exit_code == 1
-        assert ".xls" in done.output
+        refuse("predict", tmp_path / "missing.json", "log.csv", "--out", tmp_path / "t.xls", says=".xls")
 
 
 class TestExport:
@@ -236,8 +222,7 @@ class TestExport:
     def test_it_writes_what_identify_does(self, arm: Path, kind: str) -> None:
         files = json.loads((arm / "result.json").read_text())["report"]["exports"]
         (name,) = (one["file"] for one in files if one["format"] == kind)
-        done = run("export", arm / "result.json", "--format", kind, "--out", arm / "again")
-        assert done.exit_code == 0, done.output
+        succeed("export", arm / "result.json", "--format", kind, "--out", arm / "again")
         if kind == "yaml":
             one, other = (yaml.safe_load((arm / file).read_text())["parameters"] for file in ("again", name))
             assert one == other
@@ -246,20 +231,25 @@ class TestExport:
 
     def test_a_reader_that_is_missing_is_said(self, arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("dynident.project.export.proof.FOREIGN", {"Pinocchio": ("no_such_module", "pin")})
-        done = run("export", arm / "result.json", "--format", "urdf", "--out", arm / "again")
-        assert done.exit_code == 0, done.output
+        done = succeed("export", arm / "result.json", "--format", "urdf", "--out", arm / "again")
         assert "Pinocchio is not installed" in done.output
 
     def test_what_cannot_be_written_is_said(self, slider: Path) -> None:
-        done = run("export", slider, "--format", "urdf", "--out", slider.parent / "x.urdf")
-        assert done.exit_code == 1
-        assert "does not come from a robot file" in done.output
+        refuse(
+            "export",
+            slider,
+            "--format",
+            "urdf",
+            "--out",
+            slider.parent / "x.urdf",
+            says="does not come from a robot file",
+        )
         assert not (slider.parent / "x.urdf").exists()
 
     def test_an_unknown_format_is_said(self, slider: Path) -> None:
-        done = run("export", slider, "--format", "udrf", "--out", slider.parent / "x.urdf")
-        assert done.exit_code == 2
-        assert "did you mean 'urdf'" in done.output
+        refuse(
+            "export", slider, "--format", "udrf", "--out", slider.parent / "x.urdf", says="did you mean 'urdf'", code=2
+        )
 
 
 def test_motor_constants_hold_in_a_prediction(arm: Path) -> None:
@@ -290,7 +280,5 @@ def test_no_command_replaces_what_it_reads(slider: Path, words: str, monkeypatch
     monkeypatch.chdir(folder)
     (folder / "smoothed.csv").write_bytes((folder / "log.csv").read_bytes())
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    done = run(*words.split())
-    assert done.exit_code == 1
-    assert "choose another name" in done.output
+    refuse(*words.split(), says="choose another name")
     assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

@@ -17,7 +17,7 @@ import pytest
 from dynident.apps.article.study import study_table
 from dynident.files.row_store import parts_folder
 from dynident.runtime import InputError
-from tests.cli.commands import run
+from tests.cli.commands import refuse, run, succeed
 
 HANGS = 600.0  # s: nothing takes as long, even on a busy machine
 
@@ -25,29 +25,25 @@ HANGS = 600.0  # s: nothing takes as long, even on a busy machine
 class TestReproduce:
     def test_prints_writes_and_resumes(self, tmp_path: Path) -> None:
         words = ("reproduce", "--runs", 2, "--out", tmp_path, "--json", tmp_path / "deep" / "r.json")
-        done = run(*words)
-        assert done.exit_code == 0, done.output
+        done = succeed(*words)
         for table in range(2, 8):
             assert f"Table {table}" in done.output
         assert str(tmp_path / "report.html") in done.output.replace("\n", "")
         first = json.loads((tmp_path / "deep" / "r.json").read_text())
         rows = pl.read_parquet(tmp_path / "study.parquet")
         assert len(rows) == 18
-        again = run(*words, "--workers", 1)
-        assert again.exit_code == 0
+        succeed(*words, "--workers", 1)
         assert json.loads((tmp_path / "deep" / "r.json").read_text()) == first
         assert pl.read_parquet(tmp_path / "study.parquet")["seconds"].sum() == rows["seconds"].sum()
 
     def test_chosen_methods(self, tmp_path: Path) -> None:
-        done = run("reproduce", "--runs", 2, "--methods", "spline,raw", "--workers", 1, "--json", tmp_path / "r.json")
-        assert done.exit_code == 0, done.output
+        succeed("reproduce", "--runs", 2, "--methods", "spline,raw", "--workers", 1, "--json", tmp_path / "r.json")
         cases = json.loads((tmp_path / "r.json").read_text())["cases"]
         assert [case["method"] for case in cases] == ["spline", "raw"] * 3
 
     def test_maximum_likelihood_beside_the_bound_by_two_workers(self, tmp_path: Path) -> None:
         words = ("reproduce", "--runs", 1, "--scenario", "stated", "--methods", "spline-early,ml", "--out", tmp_path)
-        done = run(*words, "--workers", 2, "--json", tmp_path / "r.json")
-        assert done.exit_code == 0, done.output
+        done = succeed(*words, "--workers", 2, "--json", tmp_path / "r.json")
         for word in ("maximum likelihood", "early-cut splines", "Cramér-Rao bound", "not converged", "least"):
             assert word in done.output
         cases = json.loads((tmp_path / "r.json").read_text())["cases"]
@@ -68,9 +64,7 @@ class TestReproduce:
         ],
     )
     def test_bad_options(self, options: tuple[str, str], words: str) -> None:
-        done = run("reproduce", *options)
-        assert done.exit_code == 1
-        assert words in done.output
+        refuse("reproduce", *options, says=words)
 
     @pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
     def test_ctrl_c_while_workers_start(self, tmp_path: Path) -> None:
@@ -143,9 +137,12 @@ class TestReproduce:
     def test_a_folder_that_cannot_be_made_is_said_first(self, tmp_path: Path, option: str) -> None:
         (tmp_path / "taken").write_text("mine")
         no_folder = tmp_path / "taken" / "out"
-        done = run(
-            "reproduce", "--scenario", "unknown", option, no_folder if option == "--out" else no_folder / "r.json"
+        done = refuse(
+            "reproduce",
+            "--scenario",
+            "unknown",
+            option,
+            no_folder if option == "--out" else no_folder / "r.json",
+            says=str(no_folder),
         )
-        assert done.exit_code == 1
-        assert str(no_folder) in done.output
         assert "Known" not in done.output

@@ -7,15 +7,13 @@ from pathlib import Path
 
 from dynident.apps.fleets.config import fleet_schema
 from dynident.project.result_format import config_schema, result_schema
-from tests.cli.commands import run
+from tests.cli.commands import run, succeed
 
 
 def test_it_prints_and_writes_the_schemas(tmp_path: Path) -> None:
-    done = run("schema")
-    assert done.exit_code == 0, done.output
+    done = succeed("schema")
     assert json.loads(done.output) == config_schema()
-    done = run("schema", "result", "--out", tmp_path / "result.schema.json")
-    assert done.exit_code == 0, done.output
+    done = succeed("schema", "result", "--out", tmp_path / "result.schema.json")
     assert "result.schema.json" in done.output
     assert json.loads((tmp_path / "result.schema.json").read_text()) == result_schema()
     done = run("schema", "fleet")

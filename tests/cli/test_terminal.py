@@ -15,7 +15,7 @@ from dynident.cli import main, screen
 from dynident.cli.command_log import escape_controls, one_line
 from dynident.cli.terminal import status
 from dynident.runtime import Step, report_progress
-from tests.cli.commands import configure, run, write_log
+from tests.cli.commands import configure, refuse, succeed, write_log
 from tests.robots import ARM
 
 
@@ -30,17 +30,14 @@ def test_what_acts_is_shown_as_escapes() -> None:
 def test_a_folder_through_one_that_does_not_exist(tmp_path: Path) -> None:
     """What is written into x/../y is in y, and makes no x."""
     write_log(tmp_path)
-    done = run("identify", configure(tmp_path), "--out", tmp_path / "x" / ".." / "y")
-    assert done.exit_code == 0, done.output
+    succeed("identify", configure(tmp_path), "--out", tmp_path / "x" / ".." / "y")
     assert (tmp_path / "y" / "result.json").is_file()
     assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize("out", ["", "a\0b"])
 def test_what_is_no_name_of_a_file(tmp_path: Path, out: str) -> None:
-    done = run("identify", configure(tmp_path), "--out", out)
-    assert done.exit_code == 2
-    assert f"{out!r} is no name of a file or folder" in done.output
+    refuse("identify", configure(tmp_path), "--out", out, says=f"{out!r} is no name of a file or folder", code=2)
 
 
 class Terminal(io.StringIO):

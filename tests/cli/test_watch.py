@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from dynident.cli import main
-from tests.cli.commands import run
+from tests.cli.commands import refuse, succeed
 from tests.project.watched import SETTINGS, result, rows
 
 
@@ -21,8 +21,7 @@ def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_file_is_watched_to_its_end(slider: Path, tmp_path: Path) -> None:
     stream = tmp_path / "stream.csv"
     stream.write_text("".join(f"{row}\n" for row in rows()))
-    done = run("watch", slider, stream, "--once", "--out", tmp_path / "out", *SETTINGS)
-    assert done.exit_code == 0, done.output
+    done = succeed("watch", slider, stream, "--once", "--out", tmp_path / "out", *SETTINGS)
     said = done.stdout.splitlines()
     assert said[0].startswith(
         "Watching: a baseline of 25 s of motion without a change first, then changes with at most one"
@@ -33,8 +32,7 @@ def test_a_file_is_watched_to_its_end(slider: Path, tmp_path: Path) -> None:
     assert "+1." in said[3]
     assert said[-2].startswith("The stream has ended at 60.0 s: 1 change was found since 2")
     assert said[-1] == f"Changes: {tmp_path / 'out' / 'changes.jsonl'}"
-    again = run("watch", slider, stream, "--once", "--out", tmp_path / "out", "--quiet", *SETTINGS)
-    assert again.exit_code == 0
+    again = succeed("watch", slider, stream, "--once", "--out", tmp_path / "out", "--quiet", *SETTINGS)
     assert again.stdout.splitlines() == [said[-1]]
 
 
@@ -60,8 +58,7 @@ def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:
 def test_of_a_short_stream_it_is_said_that_it_is(slider: Path, tmp_path: Path, seconds: float, said: str) -> None:
     stream = tmp_path / "stream.csv"
     stream.write_text("".join(f"{row}\n" for row in rows(seconds)))
-    done = run("watch", slider, stream, "--once", *SETTINGS)
-    assert done.exit_code == 0, done.output
+    done = succeed("watch", slider, stream, "--once", *SETTINGS)
     assert said in done.stdout
 
 
@@ -75,6 +72,4 @@ def test_what_cannot_be_watched_is_said(slider: Path, tmp_path: Path) -> None:
         ((other, "--false-alarms", 0), "watch: false_alarms is 0"),
         ((other, "--tolerance", -1), "watch: tolerance is -1"),
     ):
-        done = run("watch", slider, *words, "--once")
-        assert done.exit_code == 1, done.output
-        assert said in done.output
+        refuse("watch", slider, *words, "--once", says=said)

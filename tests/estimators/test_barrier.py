@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.estimators import Barrier, PenalisedQuadratic, PsdConstraint
+from dynident.estimators.barrier import solver
 
 
 @pytest.fixture
@@ -93,3 +94,42 @@ def test_what_acts_on_a_matrix_with_a_centre_is_bound_and_all_else_is_not() -> N
     drawn = PsdConstraint(matrix, centre=np.eye(2) + np.zeros((2, 2, 2)))
     assert Barrier((drawn, PsdConstraint(number))).centred_components.tolist() == [True, False, True, False]
     assert Barrier((PsdConstraint(matrix), PsdConstraint(number))).centred_components.tolist() == [False]
+
+
+def bodies(rng: np.random.Generator, count: int = 3) -> Barrier:
+    """Return a barrier of pseudo-inertias (4, 4), ten numbers each, and of as many numbers that must be positive."""
+    v, found = 11 * count, []
+    for k in range(count):
+        slopes = np.zeros((4, 4, v))
+        for at, (i, j) in enumerate(zip(*np.triu_indices(4), strict=True)):
+            slopes[i, j, 10 * k + at] = slopes[j, i, 10 * k + at] = 1.0
+        centre = rng.standard_normal((4, 6))
+        found.append(PsdConstraint(slopes[None], (centre @ centre.T)[None]))
+        found.append(PsdConstraint(np.eye(v)[10 * count + k].reshape(1, 1, 1, v)))
+    return Barrier(tuple(found), 1e-3)
+
+
+def thin(barrier: Barrier, size: float) -> np.ndarray:
+    """Return a point whose matrices have eigenvalues of this size beside those of one."""
+    rod = np.diag([1.0, 1.0, size, size])[np.triu_indices(4)]
+    count = len(barrier.psd_constraints) // 2
+    return np.concatenate([np.tile(rod, count), np.full(count, size)])
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-7, 1e-11])
+def test_the_minimum_is_reached_however_near_the_boundary_the_start_is(rng: np.random.Generator, size: float) -> None:
+    """The data see some directions only, and pull far beyond the boundary."""
+    barrier = bodies(rng)
+    origin = thin(barrier, size)
+    half = rng.standard_normal((20, len(origin)))
+    H, g = half.T @ half, half.T @ (100 * rng.standard_normal(20))
+    near = barrier.restrict(origin, np.eye(len(origin)))
+    x = near.minimum(H, g, 1e-10)
+    assert near.is_inside(x)
+    assert PenalisedQuadratic(H, g, ((near, near.weight),)).newton(x)[1] < 1e-12
+
+
+def test_a_singular_matrix_is_inverted_on_its_range(rng: np.random.Generator) -> None:
+    half = rng.standard_normal((3, 5))
+    H, g = half.T @ half, half.T @ rng.standard_normal(3)
+    np.testing.assert_allclose(H @ solver(H)(g), g, rtol=1e-8)

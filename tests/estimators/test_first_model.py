@@ -1,4 +1,4 @@
-"""What is tried where least squares cannot be simulated, and the last of it: least squares with a mass matrix."""
+"""The first model of a simulation: the right one of several minima, and what is tried without a mass."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.apps.article import SCENARIOS
+from dynident.apps.article.article import SAMPLING_PERIOD, SPLINE, arm_to_identify
 from dynident.estimators import (
     AugmentedKalman,
     Didim,
@@ -18,12 +20,14 @@ from dynident.estimators import (
     Problem,
 )
 from dynident.estimators.notes import FirstModel, StartedElsewhere
-from dynident.estimators.simulated_recordings import find_first_model
+from dynident.estimators.simulated_recordings import find_first_model, fit_resmoothed
 from dynident.models import Lagrangian, Model
 from dynident.models.lagrangian import pendulum, two_link_arm
-from dynident.models.simulation import PD, Failure, Singular, simulate_recording
+from dynident.models.simulation import PD, Failure, Function, Recording, Singular, record, simulate, simulate_recording
 from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Difference, KalmanSmoother, Smoother, Spline
 from dynident.regression import Regression
+from dynident.runtime import InputError, progress_to
 from dynident.testing.estimator import make_problem, multisine_motion
 from tests.estimators import arms
 
@@ -131,3 +135,108 @@ def test_all_that_simulate_begin_there_and_say_so(estimator: Estimator) -> None:
     assert StartedElsewhere(FirstModel.MASS) in found.notes
     if isinstance(estimator, OutputError):  # what is known of the loop is exact, and so are the positions
         np.testing.assert_allclose(found.value, pendulum().values, rtol=1e-4)
+
+
+PENDULUM = pendulum()
+TRUTH = np.array(PENDULUM.values)
+T = np.arange(2001) * 0.005
+
+
+def noisy_swing(sigma: float) -> Problem:
+    """A pendulum whose positions are noisy."""
+    motion = simulate(PENDULUM, TRUTH, lambda s: [np.sin(2 * s) + np.sin(3 * s)], T)
+    log = record(motion, sigma_q=sigma, sigma_tau=1e-3, rng=np.random.default_rng(0)).log
+    motions = (Difference()(log),)
+    return Problem(PENDULUM, motions, Regression(PENDULUM, motions), (log,))
+
+
+def test_begins_with_the_fit_that_is_nearest_when_simulated() -> None:
+    problem = noisy_swing(1e-3)
+    assert LeastSquares()(problem).value[0] < 0.1 * TRUTH[0]
+    steps: list[str] = []
+    with progress_to(steps.append):
+        found = OutputError()(problem)
+    assert steps[:4] == [
+        "simulating first models (0 of 3)",
+        "simulating first models (1 of 3)",
+        "simulating first models (2 of 3)",
+        "simulating (0 of 30)",
+    ]
+    assert steps[4] == "simulating (1 of 30)"
+    assert StartedElsewhere(FirstModel.SMOOTHED) in found.notes
+    np.testing.assert_allclose(found.value, TRUTH, rtol=2e-3)
+
+
+def test_begins_with_least_squares_where_this_is_as_near() -> None:
+    motion = simulate(PENDULUM, TRUTH, lambda s: [np.sin(2 * s) + np.sin(3 * s)], T)
+    found = OutputError()(Problem(PENDULUM, (motion,), Regression(PENDULUM, (motion,))))
+    assert not [note for note in found.notes if isinstance(note, StartedElsewhere)]
+    np.testing.assert_allclose(found.value, TRUTH, rtol=1e-3)
+
+
+SIGMA = 3e-3
+START = 0.25  # s: the transient before is not used
+
+
+@pytest.fixture(scope="module")
+def swing() -> Recording:
+    t = np.arange(1501) * 0.004
+    motion = simulate(PENDULUM, PENDULUM.values, lambda s: np.array([0.6 * np.sin(2 * s)]), t)
+    return record(motion, SIGMA, 0.01, np.random.default_rng(0))
+
+
+def posed(swing: Recording, smoother: Smoother) -> Problem:
+    motion = smoother(swing.log)
+    return Problem(PENDULUM, (motion,), Regression(PENDULUM, (motion,)), (swing.log,))
+
+
+def test_it_is_least_squares_of_the_other_motion(swing: Recording) -> None:
+    expected = LeastSquares(weights="per_joint")(posed(swing, Spline(sigma=SIGMA))).value
+    found = fit_resmoothed(posed(swing, Difference("central")), Spline(sigma=SIGMA))
+    np.testing.assert_allclose(found, expected, rtol=0.02)  # the samples at the ends of differences do not count
+
+
+def test_without_a_log_the_motion_stays(swing: Recording) -> None:
+    problem = replace(posed(swing, Spline(sigma=SIGMA)), logs=())
+    np.testing.assert_allclose(
+        fit_resmoothed(problem, KalmanSmoother()), LeastSquares(weights="per_joint")(problem).value
+    )
+
+
+@pytest.fixture(scope="module")
+def article_problem() -> Problem:
+    """The article's arm at its highest noise: of its spline, the mass matrix is not positive definite."""
+    scenario, model = SCENARIOS["tabulated"], arm_to_identify()
+    log = scenario.record(1e-4, np.random.default_rng(0)).log
+    first, second = scenario.amplitudes
+
+    def law(t: float, q: np.ndarray, dq: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        return np.array([first * np.sin(t + SAMPLING_PERIOD / 2), second * np.cos(t + SAMPLING_PERIOD / 2)])
+
+    still, ones = np.zeros_like(log.q), np.ones(2)
+    log = replace(log, controller=Function(log.joints, log.t, still, law, ones, 1e9 * ones, still))
+    motion = replace(SPLINE, sigma=1e-2)(log).select_between(start=START)
+    return Problem(model, (motion,), Regression(model, (motion,)), (log,))
+
+
+@pytest.mark.parametrize("estimator", [InstrumentalVariables(instruments="simulated"), AugmentedKalman()])
+def test_what_simulates_starts_there_where_the_first_model_has_no_mass(
+    article_problem: Problem, estimator: Estimator
+) -> None:
+    q = article_problem.motions[0].q[::50]
+    model, plain = article_problem.model, LeastSquares(weights="per_joint")(article_problem).value
+    assert not model.check_mass_matrix(q, plain).positive
+    assert model.check_mass_matrix(q, fit_resmoothed(article_problem, KalmanSmoother())).positive
+    found = estimator(article_problem)
+    assert np.isfinite(found.value).all()
+    assert (found.std > 0).all()
+
+
+def test_where_that_fails_too_the_first_error_stands(article_problem: Problem) -> None:
+    (motion,) = article_problem.motions
+    wrong = replace(motion, tau=-motion.tau)
+    without = replace(
+        article_problem, logs=(), motions=(wrong,), regression=Regression(article_problem.model, (wrong,))
+    )
+    with pytest.raises(InputError, match="the Kalman filter diverged"):
+        AugmentedKalman()(without)

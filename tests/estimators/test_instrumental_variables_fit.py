@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators import Estimate, InstrumentalVariables, LeastSquares, PhysicallyConsistent
+from dynident.estimators import Estimate, InstrumentalVariables, LeastSquares
 from dynident.estimators.instruments import (
     InstrumentKind,
     InstrumentsUsed,
@@ -142,15 +142,6 @@ def test_an_iteration_that_is_cut_short_is_said() -> None:
     assert not found.converged
 
 
-def test_constraints_are_put_on_its_solution() -> None:
-    problem = posed(recorded(SHORT, CONTROLLER, 4, NOISE))
-    free = InstrumentalVariables()(problem)
-    inner = PhysicallyConsistent(fit=InstrumentalVariables())(problem)
-    np.testing.assert_allclose(inner.value, free.value, rtol=1e-6)
-    bound = PhysicallyConsistent(fit=InstrumentalVariables(), bounds={"M": (None, 4.9)})(problem)
-    assert bound.value[0] == pytest.approx(4.9, rel=1e-6)
-
-
 def test_identify_leaves_its_errors_of_the_motion_alone() -> None:
     """A time offset is undone in the loop of the controller; held for the torque, the motion comes out the same."""
     log, _ = recorded(SHORT, CONTROLLER, 9, 1e-6)
@@ -163,12 +154,3 @@ def test_identify_leaves_its_errors_of_the_motion_alone() -> None:
     used = InstrumentalVariables()(posed((late, shifted)))
     assert isinstance(used.notes[0], InstrumentsUsed)
     assert used.notes[0].correlation > 0.95
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [({"instruments": "other"}, "instruments"), ({"lag": -1.0}, "lag"), ({"iterations": 0}, "iterations")],
-)
-def test_bad_settings(settings: dict[str, object], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        InstrumentalVariables(**settings)  # type: ignore[arg-type]

@@ -1,4 +1,6 @@
-"""Least squares: rank, scaling, and what its covariance promises."""
+"""Least squares: rank, scaling, what its covariance promises, and its rows in other fits."""
+
+from __future__ import annotations
 
 from typing import Any, Literal
 
@@ -7,14 +9,26 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from dynident.estimators import LeastSquares, Problem
+from dynident.estimators import (
+    LeastSquares,
+    LinearEstimator,
+    PhysicallyConsistent,
+    Problem,
+    estimate_of,
+    fit_from_information,
+)
 from dynident.estimators.least_squares import LeastSquaresSolution, solve_least_squares
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Motion
+from dynident.project.parts import build
 from dynident.regression import Regression, RegressorBlock, rank_of
+from dynident.runtime import ConfigError
+from dynident.runtime.families import ESTIMATORS
+from dynident.testing.estimator import make_problem, multisine_motion
 from tests.regression.dense import triangularise
 
 Array = NDArray[np.float64]
@@ -62,10 +76,10 @@ every_dependence = pytest.mark.parametrize(("which", "groups"), DEPENDENT, ids=l
 @every_dependence
 def test_rank_deficiency_names_exactly_the_columns_tied(which: tuple[str, ...], groups: tuple[tuple[int, ...]]) -> None:
     fit = fitted(dependent(*which), data()[1])
-    assert set(fit.groups) == set(groups)
-    assert fit.rank == COLUMNS - len(groups)
+    assert set(fit.directions.groups) == set(groups)
+    assert fit.directions.rank == COLUMNS - len(groups)
     assert np.flatnonzero(fit.directions.undetermined_mask).tolist() == sorted(k for group in groups for k in group)
-    assert fit.condition > 1e12
+    assert fit.directions.condition > 1e12
 
 
 @every_dependence
@@ -78,9 +92,11 @@ def test_other_columns_are_fitted_as_if_one_of_each_group_was_not_there(
     clean = fitted(X[:, kept], y)
     sure = [k for k in kept if not fit.directions.undetermined_mask[k]]
     place = [kept.index(k) for k in sure]
-    assert clean.rank == len(kept)
+    assert clean.directions.rank == len(kept)
     np.testing.assert_allclose(fit.value[sure], clean.value[place], rtol=1e-10)
-    np.testing.assert_allclose(fit.inverse[np.ix_(sure, sure)], clean.inverse[np.ix_(place, place)], rtol=1e-9)
+    np.testing.assert_allclose(
+        fit.directions.inverse[np.ix_(sure, sure)], clean.directions.inverse[np.ix_(place, place)], rtol=1e-9
+    )
     assert fit.rss == pytest.approx(clean.rss, rel=1e-12)
 
 
@@ -95,7 +111,7 @@ def test_solution_is_of_least_norm_in_scaled_columns(which: tuple[str, ...], gro
 
 def test_no_column_has_an_effect() -> None:
     fit = fitted(np.zeros((ROWS, 2)), data()[1])
-    assert (fit.rank, fit.groups, fit.condition) == (0, ((0,), (1,)), np.inf)
+    assert (fit.directions.rank, fit.directions.groups, fit.directions.condition) == (0, ((0,), (1,)), np.inf)
     np.testing.assert_array_equal(fit.value, [0, 0])
     assert fit.rss == pytest.approx(np.sum(data()[1] ** 2))
 
@@ -104,15 +120,15 @@ def test_solution_residual_and_condition_by_hand() -> None:
     """y = 1, 2, 6 over a constant and over x = -1, 0, 1: mean 3, slope 5/2, residuals 1/2, -1, 1/2."""
     fit = fitted(np.array([[1.0, -1], [1, 0], [1, 1]]), np.array([1.0, 2, 6]))
     np.testing.assert_allclose(fit.value, [3, 2.5], rtol=1e-14)
-    np.testing.assert_allclose(fit.inverse, [[1 / 3, 0], [0, 1 / 2]], atol=1e-15)
-    assert (fit.rank, fit.groups) == (2, ())
+    np.testing.assert_allclose(fit.directions.inverse, [[1 / 3, 0], [0, 1 / 2]], atol=1e-15)
+    assert (fit.directions.rank, fit.directions.groups) == (2, ())
     assert fit.rss == pytest.approx(1.5, rel=1e-14)
-    assert fit.condition == pytest.approx(1.0)
+    assert fit.directions.condition == pytest.approx(1.0)
 
 
 def test_condition_too_large_for_a_float_is_infinite() -> None:
     fit = solve_least_squares(np.array([[1.0, 1.0, 1.0], [0.0, 1e-310, 0.0], [0.0, 0.0, 0.0]]))
-    assert (fit.condition, fit.groups) == (np.inf, ((0, 1),))
+    assert (fit.directions.condition, fit.directions.groups) == (np.inf, ((0, 1),))
 
 
 @pytest.mark.parametrize("which", [(), ("equal",), ("three", "zero")])
@@ -120,12 +136,14 @@ def test_units_of_the_columns_do_not_matter(which: tuple[str, ...]) -> None:
     X, y = dependent(*which), data()[1]
     units = 10.0 ** np.array([-6, 3, 6, -2, 5, 0])
     fit, other = fitted(X, y), fitted(X * units, y)
-    assert (other.rank, other.groups) == (fit.rank, fit.groups)
+    assert (other.directions.rank, other.directions.groups) == (fit.directions.rank, fit.directions.groups)
     np.testing.assert_allclose(other.value * units, fit.value, rtol=1e-10)
-    np.testing.assert_allclose(other.inverse * np.outer(units, units), fit.inverse, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        other.directions.inverse * np.outer(units, units), fit.directions.inverse, rtol=1e-9, atol=1e-12
+    )
     assert other.rss == pytest.approx(fit.rss, rel=1e-12)
     if not which:
-        assert other.condition == pytest.approx(fit.condition, rel=1e-12)
+        assert other.directions.condition == pytest.approx(fit.directions.condition, rel=1e-12)
 
 
 @pytest.mark.parametrize(("tolerance", "rank"), [(1e-12, COLUMNS), (1e-6, COLUMNS - 1)])
@@ -133,8 +151,8 @@ def test_tolerance_decides_on_nearly_dependent_columns(tolerance: float, rank: i
     X, y = data()
     X[:, 3] = X[:, 2] + 1e-8 * X[:, 3]
     fit = fitted(X, y, tolerance=tolerance)
-    assert fit.rank == rank
-    assert fit.groups == (() if rank == COLUMNS else ((2, 3),))
+    assert fit.directions.rank == rank
+    assert fit.directions.groups == (() if rank == COLUMNS else ((2, 3),))
 
 
 def problem(model: Model, theta: Array, noise: Array, still: tuple[int, ...] = (), samples: int = 100) -> Problem:
@@ -204,3 +222,48 @@ def test_the_weights_reported_are_those_of_the_fit(weights: Literal["equal", "pe
     expected = np.linalg.lstsq(Y.reshape(-1, 7), (motion.tau * used).ravel())[0]
     np.testing.assert_allclose(found.value, expected, rtol=1e-6, atol=1e-9)
     assert used[0] / used[1] == pytest.approx(1.0 if weights == "equal" else 10.0, rel=0.2)
+
+
+PROBLEM = make_problem(two_link_arm(), multisine_motion(two_link_arm(), noise=0.01))
+
+
+def test_value_and_information_stand_for_rows() -> None:
+    found, rows = LeastSquares()(PROBLEM), LeastSquares().reduced(PROBLEM)
+    same = estimate_of(
+        PROBLEM, fit_from_information(found.value, np.linalg.inv(found.covariance), rows.directions, rows.total, ())
+    )
+    np.testing.assert_allclose(same.value, found.value, rtol=1e-12)
+    np.testing.assert_allclose(same.covariance, found.covariance, rtol=1e-9)
+
+
+def test_of_directions_that_are_not_determined_nothing_is_said() -> None:
+    rows = LeastSquares().reduced(PROBLEM)
+    information = np.diag([1.0, 4.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    fit = fit_from_information(np.arange(7.0), information, rows.directions, 100, ())
+    found = estimate_of(PROBLEM, fit)
+    assert found.determined.rank == 6
+    assert np.isinf(found.std[2])
+    np.testing.assert_allclose(np.delete(found.std, 2), [1.0, 0.5, 1.0, 1.0, 1.0, 1.0], rtol=1e-9)
+    np.testing.assert_allclose(np.delete(found.value, 2), [0.0, 1.0, 3.0, 4.0, 5.0, 6.0], atol=1e-9)
+
+
+def test_constraints_take_the_rows_of_a_linear_estimator() -> None:
+    weighted = PhysicallyConsistent(fit=LeastSquares(weights="per_joint"))(PROBLEM)
+    np.testing.assert_array_equal(weighted.value, PhysicallyConsistent()(PROBLEM).value)
+    equal, own = PhysicallyConsistent(fit=LeastSquares()), PhysicallyConsistent(weights="equal")
+    np.testing.assert_array_equal(equal(PROBLEM).covariance, own(PROBLEM).covariance)
+
+
+def test_a_part_in_a_part_is_built_from_its_settings() -> None:
+    settings = {"kind": "consistent", "fit": {"kind": "least_squares", "weights": "per_joint"}}
+    made = build(ESTIMATORS, settings, "estimator")
+    assert made == PhysicallyConsistent(fit=LeastSquares(weights="per_joint"))
+    assert build(ESTIMATORS, ESTIMATORS.describe(made), "estimator") == made
+
+
+def test_only_linear_estimators_have_such_rows() -> None:
+    assert isinstance(LeastSquares(), LinearEstimator)
+    with pytest.raises(ConfigError, match=r"fit = MaximumLikelihood\(\): is not linear in the parameters"):
+        PhysicallyConsistent(fit=MaximumLikelihood())
+    with pytest.raises(ConfigError, match="is not linear"):
+        PhysicallyConsistent(fit=PhysicallyConsistent())

@@ -1,14 +1,16 @@
 """Robust least squares: known minima, wrong torques, standard errors that hold, and rows of every kind."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, RobustLeastSquares
+from dynident.estimators import LeastSquares, Problem, RobustLeastSquares
 from dynident.estimators.notes import Downweighted, StillMoving
-from dynident.estimators.robust_least_squares import _Huber, _Tukey
+from dynident.estimators.robust_least_squares import BaseRows, _Huber, _Tukey
 from dynident.identification.uncertainty import identifiability_of
 from dynident.models import Joint, Model
 from dynident.models.friction import Offset
@@ -131,16 +133,6 @@ def test_weights_of_the_regression_count_besides():
     np.testing.assert_allclose(found.value, alone.value, atol=0.02 * alone.std.min())
 
 
-def test_consistent_with_physics():
-    model = slider(values=(5.0, 8.0, 3.0, 0.5))
-    problem = make_problem(model, spoilt(multisine_motion(model, 0.05), 0.1, one_sided=True))
-    free, held = RobustLeastSquares("tukey"), PhysicallyConsistent(fit=RobustLeastSquares("tukey"))
-    np.testing.assert_allclose(held(problem).value, free(problem).value, rtol=1e-6)
-    found = replace(held, bounds={model.names[0]: (5.5, None)})(problem)
-    assert found.value[0] == pytest.approx(5.5)
-    assert len(found.residual.sample_weights) == 1
-
-
 def test_too_few_steps_are_said():
     problem = make_problem(two_link_arm(), spoilt(multisine_motion(two_link_arm(), 0.05), 0.3))
     found = RobustLeastSquares(iterations=1)(problem)
@@ -153,3 +145,29 @@ def test_nothing_moves(size):
     """A joint at rest whose torque is zero, or constant."""
     found = RobustLeastSquares()(location(np.full(20, size)))
     np.testing.assert_allclose(found.value, size, atol=1e-12)
+
+
+ARM = two_link_arm()
+
+
+@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=3)], ids=["all", "filter"])
+def test_a_step_is_to_the_weighted_solution(parallel_filter):
+    motion = multisine_motion(ARM, 0.05, samples=500)
+    motion = replace(motion, keep=np.random.default_rng(1).random((500, 2)) < 0.9)
+    regression = Regression(ARM, (motion,), Selection(parallel_filter))
+    rank = LeastSquares().reduced(_posed(regression)).directions
+    rows = BaseRows.of(regression, np.array(ARM.values), rank)
+    weights, joints = np.random.default_rng(0).random((500, 2)), np.array([1.0, 4.0])
+    ways = []
+    for one in (rows, replace(rows, cached_blocks=None)):
+        errors = one.errors(np.zeros(7))
+        ways.append(one.value(one.step([weights], errors.residuals, joints)[0]))
+    weighted = replace(regression, weights=(np.sqrt(weights * joints),))
+    np.testing.assert_allclose(ways[0], LeastSquares()(_posed(weighted)).value, rtol=1e-9)
+    np.testing.assert_array_equal(*ways)
+    assert errors.is_fitted[0].sum() == regression.triangular_factors.total
+    assert (errors.residuals[0] != 0).all()  # between the samples of a filter, too
+
+
+def _posed(regression):
+    return Problem(ARM, regression.motions, regression)

@@ -1,17 +1,20 @@
-"""Settings of every estimator outside the limits that their types have: an error that names them and the limits."""
+"""Settings outside the limits that their types have, and the notes of an estimate: each says its figures."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import pytest
 from annotated_types import Ge, Gt
 
-from dynident.estimators import LeastSquares, Ridge
-from dynident.runtime import ConfigError, check_settings
+from dynident.estimators import LeastSquares, Ridge, instruments, notes
+from dynident.estimators.instruments import InstrumentKind
+from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
+from dynident.runtime import ConfigError, Note, check_settings
 from dynident.runtime.families import ESTIMATORS, settings_hints
 
 KINDS = [ESTIMATORS.get(kind) for kind in ESTIMATORS.table]
@@ -60,3 +63,68 @@ def test_a_type_that_is_not_known_has_no_limits() -> None:
         size: Unknown = -1  # noqa: F821
 
     check_settings(Part())
+
+
+SETTLED = "instruments have not settled after 2 simulations (the last one moved the value by 0.5 standard errors)"
+NOTES = [
+    notes.RankDeficient(3, 5, ("Fc",), (("v1", "v2"),)),
+    notes.RankDeficient(10, 20),
+    notes.DecidedByPrior(20),
+    notes.NotIdentifiable(1),
+    notes.NotByData(4),
+    notes.NotAlone(("a", "b")),
+    notes.HeldByConstraints((("Ia_elbow", 8.04), ("forearm.mx", 3.5))),
+    notes.PriorApproached(2e-3),
+    notes.NotConverged(60, 3.21),
+    notes.Failed("no luck"),
+    notes.MovingStart(1e-4),
+    notes.StillMoving(9, 0.25),
+    notes.Downweighted((("elbow", 0.1),)),
+    notes.DrawnToPrior(0.01),
+    notes.ErrorsInRegressor("m1", 36.0),
+    notes.Averaged(3),
+    notes.SmoothSigns((0.0123, 0.4)),
+    notes.NotWhite(0.456),
+    notes.StillColoured("elbow", 0.456),
+    notes.WhiteningCostly("elbow", 1.239, chance=True),
+    notes.WhiteningCostly("elbow", 1.239),
+    notes.ScatterLarger("Fc", 1.66),
+    notes.MotionCorrected("Izz1 + Ia1", 3.21),
+    notes.LimitedByMotion("Izz1 + Ia1", 3, 12),
+    notes.MotionTooNoisy("Izz1 + Ia1", 3.21),
+    StartedElsewhere(FirstModel.INSTRUMENTS),
+    StillSimulating(3, 12.345),
+]
+SENTENCES = Path(__file__).with_name("sentences.txt").read_text("utf-8").splitlines()  # in the order of the notes
+INSTRUMENTS = [
+    (
+        instruments.InstrumentsUsed((InstrumentKind.SIMULATED,), 0.9876, None, "M", 2.345),
+        "(least correlation with the regressor 0.988); least squares differs most in M, by 2.3 standard errors",
+    ),
+    (
+        instruments.InstrumentsUsed((InstrumentKind.REPEATED, InstrumentKind.LAGGED), 0.5, 0.0123),
+        "another pass of the same motion, and the motion before and after each sample (least correlation",
+    ),
+    (
+        instruments.InstrumentsUsed((InstrumentKind.LAGGED,), 0.5, 0.0123),
+        "regressor 0.5). That holds where noise of the positions is not correlated over 0.012 s",
+    ),
+    (
+        instruments.WeakInstruments("M", 0.0123, 1.5),
+        "weak instruments: they hardly show M (correlation 0.012, F = 1.5, 10 would do)",
+    ),
+    (instruments.NotSimulated("it runs away after 0.3 s"), "in the loop of the controller: it runs away after 0.3 s"),
+    (instruments.MotionMovesOn(2, 0.5), SETTLED),
+    (instruments.MotionMovesOn(2, 0.5, "its mass matrix is singular"), f"{SETTLED}: its mass matrix is singular"),
+]
+
+
+@pytest.mark.parametrize(("note", "sentence"), list(zip(NOTES, SENTENCES, strict=True)), ids=lambda x: type(x).__name__)
+def test_a_note_says_its_figures(note: Note, sentence: str) -> None:
+    assert str(note) == sentence
+
+
+@pytest.mark.parametrize(("note", "part"), INSTRUMENTS, ids=lambda x: type(x).__name__)
+def test_a_note_on_instruments_says_its_figures(note: Note, part: str) -> None:
+    assert part in str(note)
+    assert not str(note).endswith(".")

@@ -1,13 +1,25 @@
-"""The Cramer-Rao bound of eq. (7): published figures for the article's arm, closed forms, and what it refuses."""
+"""The Cramer-Rao bound of eq. (7), exact and banded: published figures, closed forms, any model, gaps, its picture."""
+
+from __future__ import annotations
+
+import runpy
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dynident.apps.article import SCENARIOS
-from dynident.identification import cramer_rao_bound, information
+from dynident.estimators.maximum_likelihood.trajectory import Arrow
+from dynident.identification import cramer_rao_bound, information, normal_matrices
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Offset, Viscous
 from dynident.models.lagrangian import pendulum, two_link_arm
 from dynident.models.simulation import simulate, simulate_many
+from dynident.motion.log import Motion
+from dynident.regression import Regression, Selection, base_parameters
 from dynident.runtime import ConfigError, ModelError
+from tests.robots import ARM
 
 # standard deviations in % of the parameters, from an independent computation with another discretisation
 TABLE = {
@@ -95,3 +107,148 @@ class TestBound:
         still = simulate(model, model.values, lambda s: [0.0], t)
         with pytest.raises(ModelError, match="no bound exists"):
             cramer_rao_bound(model, model.values, still, 1e-3, 0.1)
+
+
+def total(model, theta, motion, *noise, **options):
+    return sum(one.information() for one in normal_matrices(model, theta, motion, *noise, **options))
+
+
+def robot():
+    """A model of bodies with a revolute, a prismatic and a turning joint, on a made motion."""
+    bodies = RigidBodies(ARM)
+    names = [joint.name for joint in bodies.joints]
+    model = Model((bodies, Viscous(bodies.joints), Offset(bodies.joints)))
+    t = np.linspace(0, 4, 401)
+    rate = np.array([[1.7, 3.1], [2.3, 4.3], [1.3, 3.7]])
+    waves = [np.stack([0.4 * np.sin(w[0] * t) + 0.3 * np.cos(w[1] * t) for w in rate], axis=1)]
+    waves.append(np.stack([0.4 * w[0] * np.cos(w[0] * t) - 0.3 * w[1] * np.sin(w[1] * t) for w in rate], axis=1))
+    waves.append(np.stack([-0.4 * w[0] ** 2 * np.sin(w[0] * t) - 0.3 * w[1] ** 2 * np.cos(w[1] * t) for w in rate], 1))
+    theta = np.array([1.0 if x.value is None else x.value for x in model.parameters])
+    motion = Motion(t, *waves, model.torque(*waves, theta), tuple(names), np.ones(len(t), bool))
+    return model, theta, motion
+
+
+def test_exact_positions_give_the_covariance_of_least_squares() -> None:
+    """Where sigma_q goes to zero the motion is known: S = sum_j Y_j' Y_j / sigma_tau_j^2, here for bodies."""
+    model, theta, motion = robot()
+    kept = base_parameters(Regression(model, (motion,)).triangular_factors.stack(), model.parameters).independent
+    sigma = np.array([0.1, 0.5, 0.2])
+    found = total(model, theta, motion, 1e-9, sigma, columns=kept)
+    Y = model.regressor(motion.q, motion.dq, motion.ddq)[:, :, list(kept)] / sigma[:, None]
+    expected = Y.reshape(-1, len(kept)).T @ Y.reshape(-1, len(kept))
+    bound, squares = (np.sqrt(np.diag(np.linalg.inv(S))) for S in (found, expected))
+    # a spline through all positions has two freedoms left, its ends: two of 401 torques
+    np.testing.assert_allclose(bound, squares, rtol=0.01)
+    assert (bound > squares).all()
+
+
+@pytest.mark.parametrize("sigma_q", [1e-4, 1e-3, 1e-2])
+def test_agrees_with_the_exact_bound_where_the_motion_is_slow(sigma_q: float) -> None:
+    """Acceleration linear between samples, or torque linear: the same where a sample is short."""
+    model, motion = swing()
+    found, exact = total(model, model.values, motion, sigma_q, 0.1), information(
+        model, model.values, motion, sigma_q, 0.1
+    )  # fmt: skip
+    deviations = [np.sqrt(np.diag(np.linalg.inv(S))) for S in (found, exact)]
+    np.testing.assert_allclose(*deviations, rtol=2e-3)
+
+
+def test_agrees_roughly_after_a_step_too() -> None:
+    """The article's arm from its start on: a time constant of about one sample, and a step of the torque."""
+    arm, scenario = two_link_arm(), SCENARIOS["weak"]
+    motion = scenario.truth
+    exact = information(arm, arm.values, motion, 1e-4, scenario.sigma_tau)
+    found = total(arm, arm.values, motion, 1e-4, scenario.sigma_tau)
+    deviations = [np.sqrt(np.diag(np.linalg.inv(S))) for S in (found, exact)]
+    np.testing.assert_allclose(*deviations, rtol=0.1)
+
+
+def test_a_dense_least_squares_problem_gives_the_same() -> None:
+    """All residuals by all coefficients and parameters, from scipy's splines."""
+    from scipy.interpolate import BSpline
+
+    model, motion = swing(30)
+    t = motion.t
+    h = np.diff(t)
+    knots = np.concatenate([t[0] - np.cumsum(np.full(3, h[0]))[::-1], t, t[-1] + np.cumsum(np.full(3, h[-1]))])
+    B = BSpline(knots, np.eye(len(t) + 2), 3)
+    slopes, Y = model.partials(motion.q, motion.dq, motion.ddq, model.values), model.regressor(
+        motion.q, motion.dq, motion.ddq
+    )  # fmt: skip
+    rows = sum(by[:, 0, :1] * B(t, nu) for nu, by in enumerate((slopes.q, slopes.dq, slopes.ddq)))
+    J = np.block([[B(t) / 1e-2, np.zeros((len(t), 2))], [rows / 0.1, Y[:, 0] / 0.1]])
+    covariance = np.linalg.inv(J.T @ J)[-2:, -2:]
+    found = total(model, model.values, motion, 1e-2, 0.1)
+    np.testing.assert_allclose(np.linalg.inv(found), covariance, rtol=1e-6)
+
+
+def test_uneven_samples_are_splines_too() -> None:
+    """The basis sums to one, its derivatives to zero, and it carries straight lines."""
+    from dynident.identification.cramer_rao import _cubic
+
+    t = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 40))
+    local = _cubic(t)
+    np.testing.assert_allclose(local.sum(axis=2), np.array([1.0, 0.0, 0.0])[:, None] * np.ones(40), atol=1e-12)
+    h = np.diff(t)
+    x = np.concatenate([t[0] - np.cumsum(h[:2])[::-1], t, t[-1] + np.cumsum(h[:-3:-1])])
+    # Greville's points, the means of a spline's inner knots, carry a straight line
+    line = np.concatenate([[np.nan], (x[:-2] + x[1:-1] + x[2:]) / 3, [np.nan]])
+    values = np.stack([line[1:-3], line[2:-2], line[3:-1]], axis=1)
+    np.testing.assert_allclose((local[0] * values).sum(axis=1)[1:-1], t[1:-1], rtol=1e-12)
+    np.testing.assert_allclose((local[1] * values).sum(axis=1)[1:-1], 1.0, rtol=1e-9)
+
+
+def test_better_sensors_never_tell_less() -> None:
+    model, theta, motion = robot()
+    kept = base_parameters(Regression(model, (motion,)).triangular_factors.stack(), model.parameters).independent
+    (one,) = normal_matrices(model, theta, motion, 1e-3, 0.1, kept)
+    scale = np.sqrt(np.diag(one.information()))
+    now, bit, torque = (one.information(*finer) / np.outer(scale, scale) for finer in ((1, 1), (2, 1), (1, 10)))
+    assert np.linalg.eigvalsh(bit - now)[0] > -1e-9
+    assert np.linalg.eigvalsh(torque - now)[0] > -1e-9
+    np.testing.assert_allclose(one.information(3, 3), 9 * one.information(), rtol=1e-7)
+
+
+def test_a_gap_in_the_mask_parts_the_record() -> None:
+    """What is masked out says nothing; each side has a motion of its own."""
+    model, motion = swing()
+    mask = np.ones(201, bool)
+    mask[90:100] = False
+    parts = list(normal_matrices(model, model.values, replace(motion, mask=mask), 1e-3, 0.1))
+    assert [one.border.shape[0] for one in parts] == [92, 103]
+    assert (
+        np.linalg.eigvalsh(total(model, model.values, motion, 1e-3, 0.1) - sum(x.information() for x in parts))[0] > 0
+    )
+
+
+def test_torques_of_slow_samples_do_not_count() -> None:
+    model, motion = swing()
+    all_in, fast = (
+        total(model, model.values, motion, 1e-3, 0.1, selection=Selection(min_speed=min_speed))
+        for min_speed in (None, (0.5,))
+    )
+    assert np.linalg.eigvalsh(all_in - fast)[0] > 0
+    assert np.abs(motion.dq).min() < 0.5
+
+
+def test_the_band_is_as_narrow_as_said() -> None:
+    """Three coefficients of each of two joints: the lower band has 6 rows, linear in the samples."""
+    arm = two_link_arm()
+    motion = simulate(arm, arm.values, lambda s: [np.sin(s), np.cos(s)], np.linspace(0, 1, 101))
+    (one,) = normal_matrices(arm, arm.values, motion, 1e-3, 0.1)
+    assert one.torque.shape == one.position.shape == (6, 2 * 103)
+    assert (one.torque[-1, ::2] != 0).any()
+    assert isinstance(Arrow(one.position + one.torque, one.border).log_det, float)
+
+
+def test_refuses_a_deviation_that_is_not_positive() -> None:
+    model, motion = swing()
+    with pytest.raises(ConfigError, match="sigma_tau is -1"):
+        total(model, model.values, motion, 1e-3, -1.0)
+
+
+def test_the_picture_is_fresh() -> None:
+    """Where it is stale: .venv/bin/python docs/draw_normal_matrix.py."""
+    docs = Path(__file__).parents[2] / "docs"
+    made = runpy.run_path(str(docs / "draw_normal_matrix.py"))["drawing"]()
+    assert (docs / "normal_matrix.svg").read_text(encoding="utf-8") == made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, NextStep, Recipe, identify, judge
 from dynident.identification import verdict as why
-from dynident.identification.verdict_rules import next_steps
+from dynident.identification.next_steps import TrainingParts, _odd_parts, next_steps, parts_of
 from dynident.identification.verdict_steps import (
     Cover,
     ExcitingMotion,
@@ -21,11 +21,8 @@ from dynident.identification.verdict_steps import (
     SetRight,
     Sharpen,
     SlowReversals,
-    TrainingParts,
-    _odd_parts,
     gain_points,
     judged_log,
-    parts_of,
 )
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log
@@ -135,7 +132,6 @@ def test_motion_beyond_the_training_is_to_be_trained() -> None:
     assert of_kind(inside, Cover) == []
 
 
-@dataclass(frozen=True)
 class Removing(Note):
     """A note that says what it removes."""
 
@@ -146,7 +142,6 @@ class Removing(Note):
         return (("slider", self.size),) if self.size else ()
 
 
-@dataclass(frozen=True)
 class Advice(Note):
     """A note that says what to do."""
 
@@ -159,7 +154,7 @@ def test_what_the_checks_find_gains_what_it_removes() -> None:
     worse = replace(log, errors=replace(log.errors, rmse={"slider": 2 * NOISE}, relative_error=8.0))
     found = replace(sound, validations=(sound.validations[0], worse))
     notes = [Removing(0.5 * NOISE**2), Removing(1e-4 * NOISE**2), Removing(2 * NOISE**2), Advice(), Removing()]
-    findings = [Finding(Severity.INFO, "slider", note) for note in notes]
+    findings = [Finding(note, "slider", severity=Severity.INFO) for note in notes]
     steps = of_kind(replace(found, warnings=tuple(findings)), SetRight)
     assert [step.finding for step in steps] == [findings[2], findings[0], findings[3]]
     assert steps[0].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 2 / 4)))

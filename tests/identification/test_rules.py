@@ -13,7 +13,7 @@ from dynident.estimators import Ridge
 from dynident.identification import Identification, Verdict, judge
 from dynident.identification import verdict as why
 from dynident.identification import verdict_rules as rules
-from dynident.identification.verdict_rules import ConstraintEffect
+from dynident.identification.verdict_rules import ConstraintEffect, constraint_effect
 from dynident.identification.verdict_steps import ExcitingMotion, Sharpen
 from dynident.models import Joint, Model, Parameter, Term
 from dynident.runtime import Use
@@ -259,3 +259,24 @@ def test_only_what_is_unsure_and_matters_is_sharpened_five_at_most(arm: Identifi
         sharpened(replace(arm, estimate=replace(arm.estimate, value=1e-4 * arm.estimate.value)), {"fore.mx": 0.5}) == []
     )
     assert len(sharpened(arm, dict.fromkeys(arm.model.names, 50.0))) == 5
+
+
+def test_growth_and_distance_of_a_friction_that_is_held(arm: Identification) -> None:
+    """The residual of one joint, 0.02 N m, is joined by dq; joints count alike; torques at twice the speed."""
+    motion, value = arm.validations[0].motion, arm.estimate.value.copy()
+    value[arm.model.names.index("Fv_elbow")] += 1.0
+    held = constraint_effect(replace(arm, estimate=replace(arm.estimate, value=value)))
+    extra = motion.dq[:, 1]
+    share = 0.02**2 / (0.02**2 + np.mean(extra**2))
+    assert held.growth == pytest.approx(100 * (np.sqrt(2 / (1 + share)) - 1), rel=0.01)
+    torque = arm.model.torque(motion.q, 2 * motion.dq, 4 * motion.ddq, value)
+    assert held.torque_change == pytest.approx(100 * np.linalg.norm(2 * extra) / np.linalg.norm(torque), rel=0.02)
+
+
+def test_nothing_is_held_back_at_rest(arm: Identification) -> None:
+    """Without any torque there is nothing to compare with."""
+    (train, held) = arm.validations
+    silent = replace(train, signals=replace(train.signals, motion=replace(train.motion, tau=0 * train.motion.tau)))
+    none = replace(arm, validations=(silent, held), estimate=replace(arm.estimate, value=0 * arm.estimate.value))
+    found = constraint_effect(none)
+    assert (found.growth, found.torque_change) == (0.0, 0.0)

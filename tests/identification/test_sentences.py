@@ -1,4 +1,4 @@
-"""What is chosen before a fit, the reasons of a verdict and the next steps say their figures."""
+"""What is chosen before a fit, the reasons of a verdict, the next steps and the verdict itself say their figures."""
 
 from __future__ import annotations
 
@@ -8,14 +8,28 @@ import numpy as np
 import pytest
 
 from dynident.checks import robot_notes
-from dynident.identification import BaseTilt, Gain, Measure, Origin, Remedy, Rests, SmootherChoice, TimeOffset
+from dynident.identification import (
+    BaseTilt,
+    Gain,
+    HeldOut,
+    LargestResidual,
+    Measure,
+    Origin,
+    Remedy,
+    Rests,
+    SmootherChoice,
+    TimeOffset,
+    Verdict,
+    WorstRun,
+)
 from dynident.identification import verdict as why
 from dynident.identification import verdict_steps as steps
 from dynident.identification.long import InPieces
+from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros
 from dynident.models.simulation import Singular
 from dynident.motion.smoothers import Difference, Spline
-from dynident.runtime import Finding, Severity
-from dynident.validation import Driver
+from dynident.runtime import Finding, Remark, Severity, Use
+from dynident.validation import Driver, ResidualRipple, Reversals
 
 CHOICES = [
     InPieces(100_000_000, 100_000.0, 1000, 6, "elbow", 7.321),
@@ -70,14 +84,12 @@ STEPS = [
     steps.Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
     steps.HoldOutFaster(2.52),
     steps.SetRight(
-        Finding(Severity.INFO, "a", robot_notes.MissingTerm(robot_notes.TermKind.VISCOUS, 1.0, 0.1, 0.3)),
+        Finding(robot_notes.MissingTerm(robot_notes.TermKind.VISCOUS, 1.0, 0.1, 0.3), "a", severity=Severity.INFO),
         gain=0.5,
     ),
-    steps.SetRight(Finding(Severity.WARNING, None, robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
+    steps.SetRight(Finding(robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
     steps.CheckRipple(("a",)),
 ]
-
-
 SENTENCES = Path(__file__).with_name("sentences.txt").read_text("utf-8").splitlines()  # in the order of the facts
 
 
@@ -93,3 +105,83 @@ def test_a_fact_says_its_figures(fact: object, sentence: str) -> None:
 @pytest.mark.parametrize("remedy", [*Remedy, *STEPS])
 def test_what_to_do_is_a_sentence(remedy: object) -> None:
     assert str(remedy).endswith((".", "?"))
+
+
+RUN = WorstRun("fast", "elbow", 2.54)
+
+
+def second(use: Use, *reasons: why.Reason, run: WorstRun | None = RUN) -> str:
+    return Verdict(use, reasons, (), HeldOut(4.0, 3.0, None), run, None).sentences()[1]
+
+
+def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
+    assert second(Use.SIMULATION).startswith("Its mass matrix is positive definite in all poses tested")
+    assert "at most 2.5 % of the motion (elbow, fast)" in second(Use.SIMULATION)
+    one, two, three = why.NoFreeRun(), why.InertiasFree(), why.NoHoldOut()
+    assert second(Use.CONTROL, one) == "Not for simulation: no free simulation was run."
+    assert second(Use.CONTROL, one, run=None) == second(Use.CONTROL, one)
+    assert second(Use.DO_NOT_USE, three) == f"Against its use: {three}."
+    assert second(Use.CONTROL, one, two) == f"Not for simulation: {one}; {two}."
+    assert second(Use.DO_NOT_USE, three, one, two) == f"Against its use: {three}; {one}; and 1 more."
+
+
+def test_a_reason_that_asks_ends_with_its_question_mark() -> None:
+    asking = why.ForbiddingFindings((Finding(Remark("is it in degrees?"), "a"),))
+    plain, said = why.TorqueErrorTooLarge("fast", 12.0, 10.0), "Against its use: a: is it in degrees?"
+    assert second(Use.DO_NOT_USE, asking) == said
+    assert second(Use.DO_NOT_USE, asking, plain) == f"{said} And {plain}."
+    assert second(Use.DO_NOT_USE, plain, asking, plain) == (
+        f"Against its use: {plain}; a: is it in degrees? And 1 more."
+    )
+
+
+def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None:
+    plain = Verdict(Use.SIMULATION, (), (), HeldOut(4.0, 3.0, None), RUN, LargestResidual("elbow", "fast", ()))
+    assert len(plain.sentences()) == 3
+    assert plain.sentences()[2] == "The torque residual is largest in elbow (fast) and has no clear cause."
+    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")), MotionRatios(("rail",)))})
+    assert unknown.sentences()[3] == (
+        "No data can show a factor that all torques share (wrong gains), which masses and friction take up, or a wrong "
+        "zero of turn, wrist, or a wrong gear ratio, lead or unit of the position of rail: make sure of that by other "
+        "means."
+    )
+
+
+def verdict(use: Use = Use.SIMULATION, *reasons: why.Reason, unfiltered: tuple[float, float] | None = None) -> Verdict:
+    residual = LargestResidual("a", "fast", (Reversals(), ResidualRipple(26.0)))
+    return Verdict(use, reasons, (), HeldOut(4.0, 3.0, unfiltered), WorstRun("fast", "a", 2.5), residual)
+
+
+def test_a_good_model_in_three_sentences() -> None:
+    first, second, third = verdict().sentences()
+    assert first == (
+        "Good for simulation and control on motions like these: on held-out motion it leaves 4 % of the torque "
+        "unexplained, in training 3 %."
+    )
+    assert second == (
+        "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at most "
+        "2.5 % "
+        "of the motion (a, fast)."
+    )
+    assert third == (
+        "The torque residual is largest in a (fast) and points to friction around reversals and a ripple at 26 Hz."
+    )
+
+
+def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
+    given = (why.NoFreeRun(), why.InertiasFree(), why.NegativeValues(("Fv",)))
+    first, second, _ = verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)).sentences()
+    assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
+    assert second == (
+        "Not for simulation: no free simulation was run; the bodies' inertias were not constrained to be physically "
+        "consistent; and 1 more."
+    )
+
+
+def test_what_is_not_known_is_said() -> None:
+    nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
+    assert nothing.sentences() == (
+        "Do not use this model yet: no log was held out.",
+        "Against its use: no log was held out, so the error on unseen motion is not known.",
+        "The torque residual could not be tested.",
+    )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ import pytest
 from dynident.estimators import Consistency, LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
 from dynident.identification import verdict as why
-from dynident.identification.verdict import CommonGain, MotionRatios, Zeros, unknowns
+from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros, unknowns
 from dynident.identification.verdict_rules import constraint_effect
 from dynident.identification.verdict_steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
 from dynident.models import Model, RigidBodies
@@ -76,17 +76,16 @@ def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
     assert verdict.held_out is None
 
 
-@dataclass(frozen=True)
 class NoSimulation(Note):
     """A note whose bearing is its type's."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
 
 
 def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification) -> None:
-    wrong = Finding(Severity.ERROR, "slider", Remark("the torque is in another unit"))
-    odd = Finding(Severity.WARNING, None, Remark("the file has no limits"))
-    mild = [Finding(Severity.WARNING, joint, NoSimulation()) for joint in ("slider", "other")]
+    wrong = Finding(Remark("the torque is in another unit"), "slider", severity=Severity.ERROR)
+    odd = Finding(Remark("the file has no limits"))
+    mild = [Finding(NoSimulation(), joint) for joint in ("slider", "other")]
     for findings, use in (((odd,), Use.SIMULATION), ((odd, *mild), Use.CONTROL), ((*mild, wrong), Use.DO_NOT_USE)):
         assert judge(replace(good, warnings=findings)).use is use
     verdict = judge(replace(good, warnings=(*mild, wrong), validations=good.validations[:1]))
@@ -97,12 +96,12 @@ def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification
 def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:
     verdict = judge(replace(good, estimate=replace(good.estimate, notes=(NoSimulation(),))))
     assert verdict.use is Use.CONTROL
-    assert verdict.reasons == (why.ForbiddingFindings((Finding(Severity.WARNING, None, NoSimulation()),)),)
+    assert verdict.reasons == (why.ForbiddingFindings((Finding(NoSimulation()),)),)
 
 
 def test_what_forbids_use_is_advised_first(good: Identification) -> None:
     """Only then what to record next, and a simulation last."""
-    wrong = (Finding(Severity.ERROR, "slider", Remark("a fault")),)
+    wrong = (Finding(Remark("a fault"), "slider", severity=Severity.ERROR),)
     alone = replace(good, validations=tuple(replace(one, free_run=None) for one in good.validations))
     unsure = replace(alone, errors=replace(good.errors, std=np.array([4.0, 6.0, 0.01, np.inf])))
     for found, first in ((replace(unsure, warnings=wrong), Remedy.CORRECT), (unexcited(unsure), Remedy.EXCITE)):

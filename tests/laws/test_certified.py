@@ -64,10 +64,10 @@ def test_typed_data_and_certified_values_belong_together(problem: Certified) -> 
 def test_streamed_least_squares_is_correct_to_the_stated_digits(problem: Certified) -> None:
     coefficients, errors, residual = DIGITS[problem.name]
     fit, y = streamed(problem), np.array(problem.y, float)
-    deviation = np.sqrt(fit.rss / (len(y) - fit.rank))
+    deviation = np.sqrt(fit.rss / (len(y) - fit.directions.rank))
     scale = float(np.linalg.norm(y))
     assert digits(fit.value, problem.coefficients) >= coefficients
-    assert digits(deviation * np.sqrt(np.diag(fit.inverse)), problem.errors, scale) >= errors
+    assert digits(deviation * np.sqrt(np.diag(fit.directions.inverse)), problem.errors, scale) >= errors
     assert digits([deviation], [problem.residual], scale) >= residual
 
 
@@ -83,6 +83,6 @@ def test_streamed_least_squares_loses_no_digit_against_numpy(problem: Certified)
 @every_problem
 def test_rank_is_full(problem: Certified) -> None:
     fit = streamed(problem)
-    assert fit.rank == len(problem.coefficients)
-    assert fit.groups == ()
-    assert fit.condition < 1e10
+    assert fit.directions.rank == len(problem.coefficients)
+    assert fit.directions.groups == ()
+    assert fit.directions.condition < 1e10

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 
 from dynident.estimators import (
@@ -13,6 +14,7 @@ from dynident.estimators import (
     GeneralisedLeastSquares,
     InstrumentalVariables,
     LeastSquares,
+    LinearEstimator,
     OutputError,
     PhysicallyConsistent,
     Problem,
@@ -25,7 +27,15 @@ from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.models import Model
 from dynident.runtime.families import ESTIMATORS as FAMILY
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
-from dynident.testing.estimator import MODELS, Check, builds_itself_from_its_settings, is_frozen_configuration
+from dynident.testing.estimator import (
+    MODELS,
+    Check,
+    builds_itself_from_its_settings,
+    close_loops,
+    is_frozen_configuration,
+    make_problem,
+    multisine_motion,
+)
 
 ESTIMATORS: list[Estimator] = [
     LeastSquares(),
@@ -57,7 +67,7 @@ def test_is_frozen_configuration(estimator: Estimator) -> None:
     is_frozen_configuration(estimator)
 
 
-@every_estimator
+@pytest.mark.parametrize("estimator", [*ESTIMATORS, *SIMULATING], ids=repr)
 def test_builds_itself_from_its_settings(estimator: Estimator) -> None:
     builds_itself_from_its_settings(FAMILY, estimator)
 
@@ -68,9 +78,21 @@ def test_every_estimator_that_needs_a_controller(estimator: Estimator, check: Ch
     check(estimator, MODELS["slider"])
 
 
-@pytest.mark.parametrize("estimator", SIMULATING, ids=repr)
-def test_builds_itself_if_it_needs_a_controller(estimator: Estimator) -> None:
-    builds_itself_from_its_settings(FAMILY, estimator)
+LINEAR = [estimator for estimator in (*ESTIMATORS, *SIMULATING) if isinstance(estimator, LinearEstimator)]
+
+
+@pytest.mark.parametrize("estimator", LINEAR, ids=repr)
+def test_constraints_can_be_put_on_the_rows_of_every_linear_estimator(estimator: LinearEstimator) -> None:
+    """They change nothing where the fit is physical as it is, and a bound holds where it is not."""
+    model = MODELS["slider"]()
+    problem = close_loops(make_problem(model, multisine_motion(model, noise=0.01)))
+    free, held = estimator(problem), PhysicallyConsistent(fit=estimator)(problem)
+    np.testing.assert_allclose(held.value, free.value, rtol=1e-5)
+    np.testing.assert_allclose(held.std, free.std, rtol=1e-3)
+    assert (held.needs_samples, held.residual.correlated) == (free.needs_samples, free.residual.correlated)
+    bounded = PhysicallyConsistent(fit=estimator, bounds={model.names[0]: (6.0, None)})(problem)
+    assert bounded.value[0] == pytest.approx(6.0, rel=1e-6)
+    assert not estimator.quick().needs_samples or estimator.quick() == estimator
 
 
 def test_every_kind_is_checked() -> None:

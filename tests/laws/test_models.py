@@ -146,8 +146,8 @@ def test_every_term(term, check):
 class Steep(Viscous):
     """A term with a wrong derivative."""
 
-    def slope(self, dq):
-        return 2 * np.ones_like(dq)
+    def slopes(self, q, dq, ddq):
+        return None, 2 * np.ones_like(dq), None
 
 
 def test_a_term_that_breaks_a_promise_is_found():

@@ -20,9 +20,13 @@ def test_there_is_one_for_each_joint():
     assert [one.on[0][0] for one in Offset(JOINTS, on=("b",)).equations] == ["b"]
 
 
-def test_a_subclass_with_another_shape_has_none():
+def test_a_subclass_with_another_law_has_another_one():
+    class Cubic(Viscous):
+        law = "dq**3"
+
     class Twice(Viscous):
-        def shape(self, dq):
+        def shapes(self, q, dq, ddq):
             return 2 * dq
 
+    assert Cubic(JOINTS).equations[0].torque == "F_v * dq**3"
     assert Twice(JOINTS).equations == ()

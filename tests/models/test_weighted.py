@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, RotorInertia
-from dynident.models.evaluation import _disjoint_sets
 from dynident.models.friction import Coulomb, Dahl, Offset, Ripple, Stribeck, Viscous
 from dynident.runtime import ModelError
 from dynident.testing.term import sample_states
@@ -60,13 +59,6 @@ def test_a_term_that_remembers_is_at_constant_memory():
     np.testing.assert_allclose(found[1], expected, atol=1e-13)
     with pytest.raises(ModelError, match="memory"):
         model.weighted_gradient(*state, weights)
-
-
-def test_columns_that_share_no_joint_go_together():
-    support = np.array([[1, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
-    sets = [(joints.tolist(), columns.tolist()) for joints, columns in _disjoint_sets(support)]
-    assert sets == [([0, 1], [0, 1]), ([0, 1], [2, 2]), ([0], [3])]
-    assert len(list(_disjoint_sets(Viscous(JOINTS).support))) == 1
 
 
 def test_weights_of_another_shape_are_an_error():

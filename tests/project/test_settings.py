@@ -66,7 +66,7 @@ from dynident.models.friction import PerJoint
 
 @dataclass(frozen=True)
 class Cubic(PerJoint):
-    symbol, of, limit = "F3", "dq", 1.0
+    symbol, law, limit = "F3", "dq**3", 1.0
 
     @classmethod
     def proposed(cls, seen):
@@ -77,12 +77,6 @@ class Cubic(PerJoint):
 
     def unit(self, joint):
         return "N m s^3"
-
-    def shape(self, dq):
-        return dq**3
-
-    def slope(self, dq):
-        return 3 * dq**2
 """
 
 

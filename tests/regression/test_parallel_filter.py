@@ -99,9 +99,9 @@ def test_stretches_shorter_than_the_filter(used: int) -> None:
         ({"decimate": 2.5}, "decimate = 2.5"),
         ({"decimate": 2, "order": 0}, "order = 0"),
         ({"decimate": 2, "order": 1.5}, "order = 1.5"),
-        ({"cutoff": 0.0}, "cutoff = 0.0 positive"),
-        ({"cutoff": -3.0}, "cutoff = -3.0 positive"),
-        ({"cutoff": float("nan")}, "cutoff = nan positive"),
+        ({"cutoff": 0.0}, "cutoff = 0.0; give a number above 0"),
+        ({"cutoff": -3.0}, "cutoff = -3.0; give a number above 0"),
+        ({"cutoff": float("nan")}, "cutoff = nan; give a number above 0"),
     ],
 )
 def test_wrong_settings_of_the_filter(settings: dict[str, Any], message: str) -> None:
@@ -114,7 +114,7 @@ def test_any_positive_cutoff_is_a_setting() -> None:
     assert ParallelFilter(cutoff=1.0, order=1).order == 1
 
 
-@pytest.mark.parametrize("cutoff", [50.0, 80.0, float("inf")])
+@pytest.mark.parametrize("cutoff", [50.0, 80.0, 1e5])
 def test_cutoff_above_half_the_sampling_rate(cutoff: float) -> None:
     with pytest.raises(ConfigError, match=rf"made: .* {cutoff:g} Hz does not lie below half .* \(50 Hz\)"):
         _ = Regression(ARM, (motion(),), Selection(ParallelFilter(cutoff=cutoff))).triangular_factors

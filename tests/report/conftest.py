@@ -8,7 +8,7 @@ import pytest
 
 from dynident.estimators import DataRank, Residual
 from dynident.estimators.notes import NotAlone
-from dynident.identification import Calibration, Identifiability, Recipe, Sources, StandardErrors
+from dynident.identification import Calibration, Identifiability, Identification, Recipe, Sources, StandardErrors
 from dynident.models import Joint, MassMatrixCheck, Parameter
 from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Motion
@@ -32,6 +32,7 @@ class Fake(KeepsFacts, SimpleNamespace):
     """An identification that is told from others by identity, as a real one."""
 
     __hash__ = object.__hash__
+    of_role, training_motions = Identification.of_role, Identification.training_motions
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
 
 
 def test_like_findings_are_one_row() -> None:
-    made = [Finding(Severity.WARNING, joint, Remark("coarse."), log) for log in ("one", "two") for joint in ("a", "b")]
+    made = [Finding(Remark("coarse."), joint, source=log) for log in ("one", "two") for joint in ("a", "b")]
     assert rows(*made) == {"Warnings": [("one: a", "coarse. Likewise b. Also in two.")]}
     assert check_summary(CheckResult(tuple(made))) == "1 warning."
 
@@ -37,7 +37,7 @@ def test_each_of_several_outliers_is_named() -> None:
 
     def spikes(joint: str, log: str, row: int, size: float, held_out: bool = False) -> Finding:
         note = log_notes.TorqueSpikes(1, (row,), (1700 + 0.002 * row,), size, not held_out, held_out)
-        return Finding(Severity.WARNING, joint, note, log)
+        return Finding(note, joint, source=log)
 
     made = (spikes("a", "one", 1, 4.0), spikes("b", "one", 3, 5000.0), spikes("b", "two", 5, 60.0))
     ((where, said),) = rows(*made)["Warnings"]
@@ -62,28 +62,28 @@ def test_outliers_of_other_kinds_name_their_rows() -> None:
         (lambda row: log_notes.PositionJump(1, 0.25, row, 1.0), "by 0.25 after sample 7"),
     )
     for make, said in kinds:
-        made = [Finding(Severity.WARNING, joint, make(row), "one") for joint, row in (("a", 3), ("b", 7))]
+        made = [Finding(make(row), joint, source="one") for joint, row in (("a", 3), ("b", 7))]
         assert rows(*made)["Warnings"][0][1].endswith(f" Likewise b ({said}).")
 
 
 def test_spikes_that_are_too_many_are_not_like_a_few() -> None:
     made = [
-        Finding(Severity.WARNING, joint, kind(9, (1, 5, 7), (0.1, 0.5, 0.7), 3.0, False), "one")
+        Finding(kind(9, (1, 5, 7), (0.1, 0.5, 0.7), 3.0, False), joint, source="one")
         for joint, kind in (("a", log_notes.PositionSpikes), ("b", log_notes.ManyPositionSpikes))
     ]
     assert [one[0] for one in rows(*made)["Warnings"]] == ["one: b", "one: a"]
 
 
 def test_several_statements_on_one_place_stay_apart() -> None:
-    made = [Finding(Severity.WARNING, None, UnexcitedParameters((name,), ("a",))) for name in ("Fv_a", "Fc_a")]
+    made = [Finding(UnexcitedParameters((name,), ("a",))) for name in ("Fv_a", "Fc_a")]
     assert rows(*made) == {"Warnings": [("", str(one.message)) for one in made]}
 
 
 def test_the_most_severe_first_and_counted() -> None:
     found = CheckResult(
         (
-            Finding(Severity.ERROR, None, Remark("torn."), "one"),
-            Finding(Severity.INFO, None, Remark("so."), "one"),
+            Finding(Remark("torn."), source="one", severity=Severity.ERROR),
+            Finding(Remark("so."), source="one", severity=Severity.INFO),
         )
     )
     assert list(rows(*found.findings)) == ["Errors", "Good to know"]
@@ -93,13 +93,13 @@ def test_the_most_severe_first_and_counted() -> None:
 
 
 def test_what_forbids_a_use_comes_before_the_rest() -> None:
-    harmless = Finding(Severity.WARNING, "a", Remark("coarse."), "one")
-    grave = Finding(Severity.WARNING, "b", log_notes.ManyTorqueOutliers(0.03, 1, 0.1), "one")
+    harmless = Finding(Remark("coarse."), "a", source="one")
+    grave = Finding(log_notes.ManyTorqueOutliers(0.03, 1, 0.1), "b", source="one")
     assert [one[0] for one in rows(harmless, grave)["Warnings"]] == ["one: b", "one: a"]
 
 
 def test_the_dictionary_is_plain() -> None:
-    found = check_dict(CheckResult((Finding(Severity.ERROR, None, channel_notes.LongGap(0.5, 1.0, 50.0, 1)),)))
+    found = check_dict(CheckResult((Finding(channel_notes.LongGap(0.5, 1.0, 50.0, 1)),)))
     assert found["findings"][0]["topic"] == "gap"
     assert found["rank"] is None
     assert [type(found["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
@@ -107,7 +107,7 @@ def test_the_dictionary_is_plain() -> None:
 
 def test_a_check_says_the_same_as_a_dictionary_and_as_a_table() -> None:
     time_offset, missing = TimeOffset(0.005, 4.0, 2.0), UnexcitedParameters(("Fv_b",), ("b",))
-    findings = (Finding(Severity.WARNING, None, missing), Finding(Severity.INFO, None, time_offset))
+    findings = (Finding(missing), Finding(time_offset, severity=Severity.INFO))
     found = CheckResult(findings, rank=ExcitedRank(3, 2, 3, 10.0, (missing,)))
     shown = [one["message"] for one in check_dict(found)["findings"]]
     assert shown == [row[1] for table in check_tables(found) for row in table.rows] == [str(missing), f"{time_offset}."]

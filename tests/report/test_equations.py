@@ -57,7 +57,7 @@ def test_what_is_not_determined_stays_a_symbol():
 def test_bodies_motors_and_terms_of_the_user():
     @dataclass(frozen=True)
     class Damped(Viscous):
-        def shape(self, dq):
+        def shapes(self, q, dq, ddq):
             return 2 * dq
 
     bodies = RigidBodies(ARM)

@@ -129,19 +129,6 @@ def test_trace_figure_ranges_over_what_every_method_may_use():
     assert figures.trace_figure(apart, 0, "dq").layout.yaxis.range is None
 
 
-@pytest.mark.parametrize(
-    ("joint", "quantity", "message"),
-    [
-        (0, "velocity", "'velocity'; .*'dq', 'ddq'"),
-        (2, "dq", "no joint number 2; .*'joint1', 'joint2'"),
-        (-1, "dq", "-1"),
-    ],
-)
-def test_trace_figure_names_the_choices(joint, quantity, message):
-    with pytest.raises(InputError, match=message):
-        figures.trace_figure({"simulated": motion()}, joint, quantity)
-
-
 def test_spread_figure_shows_each_relative_error():
     figure = figures.spread_figure(study(np.array([[2.2, -4.0], [1.0, 4.0]]), (1e-4, 1e-8), ("raw", "spline")))
     assert len(figure.data) == 4

@@ -67,7 +67,7 @@ SMOOTHING = [
     Difference(),
     Difference("central"),
     Butterworth(),
-    Butterworth((2, 2, 2), (40.0, 40.0, 40.0), (0.5, math.inf)),
+    Butterworth((2, 2, 2), (40.0, 40.0, 40.0), (0.5, 2.5)),
     Spline(),
     Spline(Constraint(12.5), 1e-4, 3.0, 1.4),
     Spline(Constraint((10.0, 12.0))),

@@ -11,23 +11,23 @@ STILL = channel_notes.NeverMoves(1, 0.3)
 
 
 def test_a_finding_says_its_place_and_ends_its_sentence() -> None:
-    assert str(Finding(Severity.WARNING, "b", STILL)).startswith("joint 'b': the position never moves (one value")
-    assert str(Finding(Severity.WARNING, None, STILL, "x.csv")).startswith("x.csv: the position never moves")
-    assert str(Finding(Severity.WARNING, "b", Remark("odd"), link="a\x1b")) == "link 'a\\x1b': odd."
-    assert Finding(Severity.ERROR, None, Remark("is it odd?")).text == "is it odd?"
+    assert str(Finding(STILL, "b")).startswith("joint 'b': the position never moves (one value")
+    assert str(Finding(STILL, source="x.csv")).startswith("x.csv: the position never moves")
+    assert str(Finding(Remark("odd"), "b", link="a\x1b")) == "link 'a\\x1b': odd."
+    assert Finding(Remark("is it odd?"), severity=Severity.ERROR).text == "is it odd?"
 
 
 def test_messages_are_printed_one_to_a_line_with_their_severity() -> None:
-    messages = Messages([Remark("stale."), Finding(Severity.ERROR, "a", Remark("torn"))])
+    messages = Messages([Remark("stale."), Finding(Remark("torn"), "a", severity=Severity.ERROR)])
     assert str(messages) == repr(messages) == "Warning: stale.\nError: joint 'a': torn."
     assert messages == tuple(messages)
 
 
 def test_require_lists_every_error_and_lets_warnings_pass() -> None:
-    warning = Finding(Severity.WARNING, None, file_notes.OddTotalMass(6e3))
+    warning = Finding(file_notes.OddTotalMass(6e3))
     require([warning], "x.csv")
     gap, short = channel_notes.LongGap(0.5, 1.0, 50.0, 1), channel_notes.TooFewSamples(4, 30)
-    errors = [Finding(Severity.ERROR, "a", gap), warning, Finding(Severity.ERROR, None, short)]
+    errors = [Finding(gap, "a", severity=Severity.ERROR), warning, Finding(short, severity=Severity.ERROR)]
     with pytest.raises(InputError) as caught:
         require(errors, "x.csv")
     first, second = str(caught.value).split("\n")

@@ -62,7 +62,7 @@ def test_white_residuals_have_the_plain_errors() -> None:
     plain = plain_std(one, fit(one), np.ones(2), range(4))
     np.testing.assert_allclose(ColouredFit.of(one, fit(one)).std(), plain, rtol=0.05)
     white = solve_least_squares(one.triangular_factors.stack())
-    np.testing.assert_allclose(plain, np.sqrt(np.diag(white.inverse) * white.rss / 40_000), rtol=0.02)
+    np.testing.assert_allclose(plain, np.sqrt(np.diag(white.directions.inverse) * white.rss / 40_000), rtol=0.02)
 
 
 def test_the_correlation_that_the_fit_takes_away_is_put_back() -> None:

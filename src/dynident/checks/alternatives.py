@@ -7,7 +7,7 @@ than the data as given.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain, combinations, pairwise
 from typing import Any
@@ -19,7 +19,7 @@ from dynident.checks import file_notes
 from dynident.checks.file_notes import AffectedColumns
 from dynident.checks.misfit import FitCase, misfit
 from dynident.checks.suspects import displace_joint
-from dynident.runtime import Finding, Note, Severity, brief
+from dynident.runtime import Finding, Note, Noun
 
 Array = NDArray[np.float64]
 MIN_ERROR_TO_TRY = 0.03  # relative error of the torque from which something else is tried
@@ -31,8 +31,7 @@ MAX_JOINTS_ALL_PAIRS = 24  # joints: of more, only neighbours are exchanged, as 
 MIN_AXIS_SINE = 0.1  # sine of the angle between axes that count as different
 
 
-@dataclass(frozen=True, eq=False)
-class Alternative:
+class Alternative(Noun):
     """A case in which one thing is changed.
 
     ``joint`` is the one that the finding is about; ``note`` makes its message from the errors (%) before and after.
@@ -41,8 +40,6 @@ class Alternative:
     case: FitCase
     joint: str | None
     note: Callable[[float, float], Note]
-
-    __repr__ = brief
 
 
 def better_alternative(case: FitCase) -> Iterator[Finding]:
@@ -63,8 +60,7 @@ def better_alternative(case: FitCase) -> Iterator[Finding]:
     # an alternative must be much better than the case as given, and better than simple terms that the model may lack
     if min_error < MAX_ERROR_RATIO * before and min_error < _relative_error(_with_plain_terms(case)):
         after, best = next(pair for pair in trials if pair[0] < MAX_TIE_RATIO * min_error)
-        note = best.note(100.0 * before, 100.0 * after)
-        yield Finding(Severity.WARNING, best.joint, note)
+        yield Finding(best.note(100.0 * before, 100.0 * after), best.joint)
 
 
 def _relative_error(case: FitCase) -> float:
@@ -105,13 +101,10 @@ def _plausible_alternatives(
             yield alternative
 
 
-@dataclass(frozen=True, eq=False)
-class _NormalEquations:
+class _NormalEquations(Noun):
     """The normal equations of each joint of a case, for any torques."""
 
     case: FitCase
-
-    __repr__ = brief
 
     def error(self, tau: Array) -> float:
         """Return the least relative error of any parameters for the torques (M, n).

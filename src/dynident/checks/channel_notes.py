@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import floor, log10
 
-from dynident.runtime import Note, count, instant, percent, short
+from dynident.runtime import Note, Severity, count, instant, percent, short
 
 MAX_SAMPLE_INTERVAL = 0.15  # s: samples further apart may be stamped in another unit
 
 
-@dataclass(frozen=True)
 class TooFewSamples(Note):
     """A log has fewer samples than the ``least`` number that can be smoothed; ``step`` (s) is their spacing."""
 
+    severity = Severity.ERROR
     topic = "samples"
     samples: int
     least: int
@@ -27,10 +26,10 @@ class TooFewSamples(Note):
         return f"only {count}{spacing}; at least {self.least} are needed: {remedy}"
 
 
-@dataclass(frozen=True)
 class LongGap(Note):
     """The first of ``count`` gaps: its length (s), the time (s) before it, and its length over the median step."""
 
+    severity = Severity.ERROR
     topic = "gap"
     length: float
     after: float
@@ -45,7 +44,6 @@ class LongGap(Note):
         )
 
 
-@dataclass(frozen=True)
 class UnevenSteps(Note):
     """The time steps vary: rms ``jitter`` over the median ``step`` (s), ``shortest`` and ``longest`` step (s)."""
 
@@ -63,7 +61,6 @@ class UnevenSteps(Note):
         )
 
 
-@dataclass(frozen=True)
 class NeverMoves(Note):
     """A position has at most three distinct values, the first of them ``near`` (rad or m)."""
 
@@ -80,10 +77,10 @@ class NeverMoves(Note):
         )
 
 
-@dataclass(frozen=True)
 class PerhapsDegrees(Note):
     """A position spans more rad, or reaches more rad/s, than a robot arm does."""
 
+    severity = Severity.ERROR
     topic = "degrees"
     span: float
     speed: float
@@ -96,7 +93,6 @@ class PerhapsDegrees(Note):
         )
 
 
-@dataclass(frozen=True)
 class QuantisedPosition(Note):
     """Most samples of a position differ by fewer than ``counts`` steps of ``resolution`` (rad or m)."""
 
@@ -112,7 +108,6 @@ class QuantisedPosition(Note):
         )
 
 
-@dataclass(frozen=True)
 class ConstantTorque(Note):
     """A torque (N m or N) is the same throughout."""
 
@@ -126,7 +121,6 @@ class ConstantTorque(Note):
         )
 
 
-@dataclass(frozen=True)
 class ArmAtRest(Note):
     """The whole arm is at rest between two times (s), which is ``kept`` in the fit or not."""
 
@@ -146,7 +140,6 @@ class ArmAtRest(Note):
         )
 
 
-@dataclass(frozen=True)
 class EquallySpaced(Note):
     """Equal spacing at a ``rate`` (Hz) is used instead of the stamps, whose steps have an rms ``jitter``.
 
@@ -167,7 +160,6 @@ class EquallySpaced(Note):
         )
 
 
-@dataclass(frozen=True)
 class StampsJitter(Note):
     """The positions would be ``factor`` times less noisy with equal spacing.
 
@@ -192,13 +184,13 @@ class StampsJitter(Note):
         )
 
 
-@dataclass(frozen=True)
 class SamplingJitter(Note):
     """The time steps have an rms ``jitter``.
 
     Equal spacing makes positions ``factor`` times noisier, None where unclear.
     """
 
+    severity = Severity.INFO
     topic = "jitter"
     jitter: float
     factor: float | None
@@ -212,7 +204,6 @@ class SamplingJitter(Note):
         )
 
 
-@dataclass(frozen=True)
 class LostSamples(Note):
     """Samples missing between the others, their share of all, and the longest step over the median."""
 
@@ -229,7 +220,6 @@ class LostSamples(Note):
         )
 
 
-@dataclass(frozen=True)
 class RepeatedPositions(Note):
     """Share of positions that repeat the previous one in motion; about one in ``every`` is new, 0 where none is."""
 
@@ -247,11 +237,11 @@ class RepeatedPositions(Note):
         )
 
 
-@dataclass(frozen=True)
 class WrappedPosition(Note):
     """A position jumps ``count`` times by its whole range ``period`` (rad, m), first after sample ``row`` at ``time``
     (s)."""
 
+    severity = Severity.ERROR
     topic = "wrapped"
     count: int
     period: float
@@ -267,13 +257,13 @@ class WrappedPosition(Note):
         )
 
 
-@dataclass(frozen=True)
 class WrongTimeUnit(Note):
     """A rate (Hz) and speed (rad/s, m/s) that no recording has.
 
     With the stamps multiplied by ``factor`` both would be plausible.
     """
 
+    severity = Severity.ERROR
     topic = "time unit"
     rate: float
     speed: float
@@ -292,7 +282,6 @@ class WrongTimeUnit(Note):
         )
 
 
-@dataclass(frozen=True)
 class PerhapsMillimetres(Note):
     """A sliding joint whose span (m) or speed (m/s) is larger than usual."""
 

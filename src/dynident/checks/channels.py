@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.checks import channel_notes, log_notes, stamps
 from dynident.checks.stamps import MINIMUM_SAMPLES
 from dynident.identification import arm_rests, rest_blocks
-from dynident.identification.dataset import TorqueOutliers, equal_runs
+from dynident.identification.outliers import TorqueOutliers, equal_runs
 from dynident.motion.log import Log
 from dynident.motion.smoothers import repair_log
 from dynident.motion.smoothers.smoother import suspects
@@ -50,11 +50,9 @@ def jump_findings(log: Log) -> Iterator[Finding]:
         size, row = np.abs(np.diff(q))[jump_rows], int(jump_rows[0])
         place = row, float(log.t[row])
         if size.max() >= MIN_WRAP_SHARE * np.ptp(q) and np.ptp(q) > 1.0:
-            note = channel_notes.WrappedPosition(len(jump_rows), float(size.max()), *place)
-            yield Finding(Severity.ERROR, name, note)
+            yield Finding(channel_notes.WrappedPosition(len(jump_rows), float(size.max()), *place), name)
         else:
-            jump = log_notes.PositionJump(len(jump_rows), float(size[0]), *place)
-            yield Finding(Severity.WARNING, name, jump)
+            yield Finding(log_notes.PositionJump(len(jump_rows), float(size[0]), *place), name)
 
 
 def _jump_rows(t: Array, q: Array) -> NDArray[np.intp]:
@@ -88,14 +86,13 @@ def position_outlier_findings(log: Log, *, replaced: bool = True) -> Iterator[Fi
                 log_notes.PositionSpikes if (spike <= outliers.positions[:, j]).all() else log_notes.ManyPositionSpikes
             )
             is_replaced = replaced and kind is log_notes.PositionSpikes
-            note = kind(*_describe_spikes(log.t, log.q[:, j], spike), replaced=is_replaced)
-            yield Finding(Severity.WARNING, name, note)
+            yield Finding(kind(*_describe_spikes(log.t, log.q[:, j], spike), replaced=is_replaced), name)
         for start, stop in equal_runs(outliers.position_frozen[:, j], log.q[:, j])[:MAX_NAMED_ROWS]:
             is_replaced = replaced and bool(outliers.positions[start, j])
             span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(log.q[start, j])
-            yield Finding(Severity.WARNING, name, log_notes.FrozenPosition(*span, replaced=is_replaced))
+            yield Finding(log_notes.FrozenPosition(*span, replaced=is_replaced), name)
         if (share := _interpolated_share(log.q[:, j])) > MAX_STRAIGHT_SHARE:
-            yield Finding(Severity.WARNING, name, log_notes.InterpolatedPositions(share))
+            yield Finding(log_notes.InterpolatedPositions(share), name)
 
 
 def _describe_spikes(t: Array, x: Array, mask: Mask) -> tuple[int, tuple[int, ...], tuple[float, ...], float]:
@@ -143,21 +140,20 @@ def _log_torque_findings(log: Log, outliers: TorqueOutliers, masked: bool, held_
         # more torques look wrong than are left out: so many are no outliers, and are not described one by one
         if (wrong & ~left_out[:, j]).any() and not held_out:
             row = int(np.argmax(wrong))
-            note = log_notes.ManyTorqueOutliers(float(wrong.mean()), row, float(log.t[row]))
-            yield Finding(Severity.WARNING, name, note)
+            yield Finding(log_notes.ManyTorqueOutliers(float(wrong.mean()), row, float(log.t[row])), name)
             continue
         if outliers.spikes[:, j].any():
             spikes = log_notes.TorqueSpikes(*_describe_spikes(log.t, tau, outliers.spikes[:, j]), masked, held_out)
-            yield Finding(Severity.WARNING, name, spikes)
+            yield Finding(spikes, name)
         for start, stop in equal_runs(outliers.frozen[:, j], tau)[:MAX_NAMED_ROWS]:
             span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(tau[start])
-            yield Finding(Severity.WARNING, name, log_notes.FrozenTorque(*span, masked, held_out))
+            yield Finding(log_notes.FrozenTorque(*span, masked, held_out), name)
         for value in np.unique(tau[outliers.clipped[:, j]]):
             rows = np.flatnonzero(outliers.clipped[:, j] & (tau == value))
             clipped = log_notes.ClippedTorque(
                 len(rows), float(value), int(rows[0]), float(log.t[rows[0]]), masked, held_out
             )
-            yield Finding(Severity.WARNING, name, clipped)
+            yield Finding(clipped, name)
 
 
 @dataclass(frozen=True)
@@ -299,7 +295,7 @@ def check_log_fully(
 def _still_findings(q: Array) -> Iterator[Finding]:
     levels = len(np.unique(q))
     if levels <= 3:
-        yield Finding(Severity.WARNING, None, channel_notes.NeverMoves(levels, float(q[0])))
+        yield Finding(channel_notes.NeverMoves(levels, float(q[0])))
 
 
 def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
@@ -308,8 +304,7 @@ def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
     clean = repair_log(log, torque=False)  # spikes are no motion
     q = clean.q[:, j]
     if _far_or_fast(clean.t, q):
-        note = channel_notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q))
-        yield Finding(Severity.ERROR, None, note)
+        yield Finding(channel_notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q)))
 
 
 def _far_or_fast(t: Array, q: Array) -> bool:
@@ -326,13 +321,13 @@ def _quantisation_findings(q: Array) -> Iterator[Finding]:
     resolution = grid_step(q)
     counts = np.abs(np.diff(q)) / resolution
     if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < MIN_RESOLVED_STEPS:
-        yield Finding(Severity.WARNING, None, channel_notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS))
+        yield Finding(channel_notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS))
 
 
 def _dead_torque_findings(tau: Array) -> Iterator[Finding]:
     low, high = float(tau.min()), float(tau.max())
     if low == high:
-        yield Finding(Severity.WARNING, None, channel_notes.ConstantTorque(low))
+        yield Finding(channel_notes.ConstantTorque(low))
 
 
 def _repeat_share(q: Array, reach: int = 5) -> float:
@@ -352,7 +347,7 @@ def _stale_findings(q: Array) -> Iterator[Finding]:
     share = _repeat_share(q)
     if share > MAX_REPEAT_SHARE:
         update_interval = round(1 / (1 - share)) if share < 1 else 0
-        yield Finding(Severity.WARNING, None, channel_notes.RepeatedPositions(share, update_interval))
+        yield Finding(channel_notes.RepeatedPositions(share, update_interval))
 
 
 def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
@@ -362,4 +357,4 @@ def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
         longest = max(rests, key=lambda part: part.stop - part.start)
         start, stop = log.t[longest.start], log.t[longest.stop - 1]
         note = channel_notes.ArmAtRest(float(start), float(stop), rests_kept)
-        yield Finding(Severity.WARNING if rests_kept else Severity.INFO, None, note)
+        yield Finding(note, severity=Severity.WARNING if rests_kept else Severity.INFO)

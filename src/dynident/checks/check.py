@@ -35,7 +35,7 @@ from dynident.checks.torque import Agreement, agreement, agreement_findings, loo
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, align_motion, find_base_tilt, tilt_base
 from dynident.identification.calibration import preliminary_setup, with_plain_terms
-from dynident.identification.dataset import torque_outliers, without_outliers
+from dynident.identification.outliers import torque_outliers, without_outliers
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.smoothers import smooth_log
@@ -132,7 +132,7 @@ def run_checks(
         try:
             result = run.check_motion(result, valid_logs, motions) if valid_logs["train"] else result
         except DynidentError as error:
-            findings.append(Finding(Severity.ERROR, None, motion_notes.NotSmoothed(str(error))))
+            findings.append(Finding(motion_notes.NotSmoothed(str(error))))
     # effects that the choice of terms will try by itself are no findings
     if recipe.terms is not None:
         findings = [finding for finding in findings if not is_tried_effect(finding)]
@@ -281,7 +281,7 @@ class _CheckRun:
             self.model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN_ESTIMATOR, self.selection
         )
         if alignment.time_offset is not None:
-            self.findings.append(Finding(Severity.INFO, None, alignment.time_offset))
+            self.findings.append(Finding(alignment.time_offset))
         return {
             role: {log.source: smooth_log(alignment.smoother, log, judge_only=role != "train") for log in part}
             for role, part in clean.items()
@@ -344,7 +344,7 @@ def _file_findings(model: Model, joints: tuple[str, ...]) -> list[Finding]:
         findings += check_robot(term.file, joints, inconsistent=Severity.WARNING)
         if term.gravity is not None and term.file.gravity not in (None, term.gravity):
             note = file_notes.GravityIgnored(term.file.gravity, term.gravity)
-            findings.append(Finding(Severity.WARNING, None, note, source=term.file.source))
+            findings.append(Finding(note, source=term.file.source))
     return findings
 
 
@@ -379,4 +379,4 @@ def _factor_size(model: Model) -> int:
 def _skipped_search_finding(search: SearchKind, model: Model) -> Finding:
     severity = Severity.INFO if search is SearchKind.PAIRS else Severity.WARNING
     note = SearchLeftOut(search, len(model.joints), len(model.parameters))
-    return Finding(severity, None, note)
+    return Finding(note, severity=severity)

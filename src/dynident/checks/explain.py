@@ -40,7 +40,7 @@ from dynident.models import Model
 from dynident.motion.log import Motion, subsample
 from dynident.regression import ParallelFilter
 from dynident.regression.whitening import long_run
-from dynident.runtime import Finding, Severity, Step, report_progress
+from dynident.runtime import Finding, Step, report_progress
 
 Array = NDArray[np.float64]
 DELAY_SAMPLES = 2000  # of all motions, up to twice as many
@@ -79,7 +79,7 @@ def delay_findings(
         figures = float(delay[j]), float(error[j]), float(share[j])
         name, removed = model.joints[j].name, float(share[j] * size[j])
         note = MissingTerm(TermKind.DELAY, *figures, cost=cost(fit, corrected_fit).all, removed=((name, removed),))
-        yield Finding(Severity.WARNING, name, note)
+        yield Finding(note, name)
 
 
 def _measured_delays(
@@ -300,7 +300,7 @@ def _likeliest_suspect(
 def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:
     figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
     note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed)
-    return Finding(Severity.WARNING, None, note)
+    return Finding(note)
 
 
 def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[SuspectEstimate]) -> Finding:
@@ -308,7 +308,7 @@ def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[Suspec
     note = suspect.note(best.value, best.std, best.share, tuple(estimate.rival for estimate in rivals))
     max_costs = max(x.all for x in prices), max(x.joint for x in prices)
     note = replace(note, cost=max_costs[0], joint_cost=max_costs[1], removed=prices[0].removed)
-    return Finding(Severity.WARNING, suspect.joint, note)
+    return Finding(note, suspect.joint)
 
 
 def _suspect_cost(fit: Misfit, estimate: SuspectEstimate) -> Cost:

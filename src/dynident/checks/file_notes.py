@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
 
-from dynident.runtime import Note, Remark, Use, join_names, percent, short, vector
+from dynident.runtime import Note, Remark, Severity, Use, join_names, percent, short, vector
 
 FROM_CAD = "Take it from CAD, or identify it with `kind: consistent`."
 
@@ -14,16 +12,17 @@ FROM_CAD = "Take it from CAD, or identify it with `kind: consistent`."
 class Unread(Remark):
     """What is in a robot file and was not read."""
 
+    severity = Severity.INFO
     topic = "unread"
 
 
 class Unusable(Remark):
     """Why a file cannot be checked."""
 
+    severity = Severity.ERROR
     topic = "unusable"
 
 
-@dataclass(frozen=True)
 class GravityIgnored(Note):
     """The gravity of a robot file (m/s^2), and the one that is used instead."""
 
@@ -38,12 +37,11 @@ class GravityIgnored(Note):
         )
 
 
-@dataclass(frozen=True)
 class OtherGravity(Note):
     """The gravity that the torques fit and the one assumed (m/s^2, in the root link's frame)."""
 
     topic = "gravity"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     fitted: tuple[float, ...]
     assumed: tuple[float, ...]
 
@@ -55,7 +53,6 @@ class OtherGravity(Note):
         )
 
 
-@dataclass(frozen=True)
 class ReversedSign(Note):
     """A torque that opposes the nominal one, by its correlation.
 
@@ -63,7 +60,7 @@ class ReversedSign(Note):
     """
 
     topic = "sign"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     correlation: float | None
 
     def __str__(self) -> str:
@@ -76,12 +73,11 @@ class ReversedSign(Note):
         )
 
 
-@dataclass(frozen=True)
 class OddScale(Note):
     """A torque of ``scale`` times the nominal one, which should be in ``unit``."""
 
     topic = "scale"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     scale: float
     unit: str
 
@@ -92,12 +88,11 @@ class OddScale(Note):
         )
 
 
-@dataclass(frozen=True)
 class UnrelatedTorque(Note):
     """A torque that hardly correlates with the nominal one, which is ``ratio`` times as large."""
 
     topic = "foreign"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     ratio: float
     correlation: float
 
@@ -109,7 +104,6 @@ class UnrelatedTorque(Note):
         )
 
 
-@dataclass(frozen=True)
 class ImpossibleInertia(Note):
     """How the inertia of a link violates physical consistency, in the words of ``consistency_violations``."""
 
@@ -120,7 +114,6 @@ class ImpossibleInertia(Note):
         return f"{self.violation}. No body can have such an inertia. {FROM_CAD}"
 
 
-@dataclass(frozen=True)
 class NoMass(Note):
     """The links that a joint moves have no mass."""
 
@@ -134,7 +127,6 @@ class NoMass(Note):
         )
 
 
-@dataclass(frozen=True)
 class FloatingBase(Note):
     """A joint with several coordinates carries the whole robot, which is taken as fixed."""
 
@@ -147,10 +139,10 @@ class FloatingBase(Note):
         )
 
 
-@dataclass(frozen=True)
 class SeveralLimbs(Note):
     """Several joints move limbs of a base with a mass, which is taken as fixed; it may be a trunk."""
 
+    severity = Severity.INFO
     topic = "limbs"
     base: str
     joints: tuple[str, ...]
@@ -162,10 +154,10 @@ class SeveralLimbs(Note):
         )
 
 
-@dataclass(frozen=True)
 class OnlyShapes(Note):
     """A link has shapes of files instead of an inertia."""
 
+    severity = Severity.INFO
     topic = "shapes"
 
     def __str__(self) -> str:
@@ -176,10 +168,10 @@ class OnlyShapes(Note):
         )
 
 
-@dataclass(frozen=True)
 class PointMass(Note):
     """A link has a mass (kg) without an inertia about its centre."""
 
+    severity = Severity.INFO
     topic = "point"
     mass: float
 
@@ -190,7 +182,6 @@ class PointMass(Note):
         )
 
 
-@dataclass(frozen=True)
 class FarCentre(Note):
     """The distance (m) of a centre of mass from its link's frame."""
 
@@ -204,7 +195,6 @@ class FarCentre(Note):
         )
 
 
-@dataclass(frozen=True)
 class LargeGyration(Note):
     """A largest moment (kg m^2) and its radius of gyration (m), large for the mass (kg) and size (m) of the link."""
 
@@ -222,7 +212,6 @@ class LargeGyration(Note):
         )
 
 
-@dataclass(frozen=True)
 class InertiaAboutOrigin(Note):
     """The links whose inertias may be about the origins of their frames."""
 
@@ -237,7 +226,6 @@ class InertiaAboutOrigin(Note):
         )
 
 
-@dataclass(frozen=True)
 class EqualLinks(Note):
     """Links with the same mass (kg) and moments; ``alone`` says that there are no others."""
 
@@ -253,7 +241,6 @@ class EqualLinks(Note):
         return f"{', '.join(self.links)} {description} copied, or simple shapes? They are a weak prior."
 
 
-@dataclass(frozen=True)
 class OddTotalMass(Note):
     """A mass of all links (kg) that no arm has."""
 
@@ -264,7 +251,6 @@ class OddTotalMass(Note):
         return f"the total mass of all links is {short(self.mass, 4)} kg. Are the masses in kg?"
 
 
-@dataclass(frozen=True)
 class EmptyRange(Note):
     """A lower limit of position that is not below the upper one (rad or m)."""
 
@@ -279,7 +265,6 @@ class EmptyRange(Note):
         )
 
 
-@dataclass(frozen=True)
 class LimitNotPositive(Note):
     """A limit that is not positive: of "effort" or "velocity"."""
 
@@ -291,10 +276,10 @@ class LimitNotPositive(Note):
         return f"its {self.quantity} limit is {self.value:g}: simulators use it as given. Correct it."
 
 
-@dataclass(frozen=True)
 class NoLimit(Note):
     """The joints without a limit of "effort" or "velocity"."""
 
+    severity = Severity.INFO
     topic = "limits"
     quantity: str
     joints: tuple[str, ...]
@@ -311,7 +296,6 @@ class AffectedColumns(StrEnum):
     BOTH = "position and torque"
 
 
-@dataclass(frozen=True)
 class JointsSwapped(Note):
     """The columns of two joints fit the other joint better.
 
@@ -319,7 +303,7 @@ class JointsSwapped(Note):
     """
 
     topic = "swapped"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     joints: tuple[str, str]
     channel: AffectedColumns
     before: float
@@ -338,12 +322,11 @@ class JointsSwapped(Note):
         )
 
 
-@dataclass(frozen=True)
 class ColumnReversed(Note):
     """The columns of a joint fit with the other sign; errors (%) as above."""
 
     topic = "sign"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     channel: AffectedColumns
     before: float
     after: float
@@ -356,12 +339,11 @@ class ColumnReversed(Note):
         )
 
 
-@dataclass(frozen=True)
 class OtherAxis(Note):
     """Another axis (3) of a joint, in its own frame, fits better than that of the file; errors (%) as above."""
 
     topic = "axis"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     given: tuple[float, ...]
     fitted: tuple[float, ...]
     before: float

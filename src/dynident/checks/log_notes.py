@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 from dynident.runtime import Note, Use, count, instant, percent, short
 
 CABLE = "Look for a loose cable, a lost message, or a full buffer where it was recorded."
 
 
-@dataclass(frozen=True)
 class Spikes(Note):
     """``count`` values are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in SI units."""
 
@@ -32,7 +28,6 @@ class Spikes(Note):
         return f"{self.count} by up to {short(self.largest, 4)}, {self.place}"
 
 
-@dataclass(frozen=True)
 class FrozenValue(Note):
     """A ``value`` (SI) is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s)."""
 
@@ -54,7 +49,6 @@ class FrozenValue(Note):
         return f"{self.count} samples at {self.value:.6g} from sample {self.row}"
 
 
-@dataclass(frozen=True)
 class PositionSpikes(Spikes):
     """``count`` positions are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in rad or m.
 
@@ -72,11 +66,10 @@ class PositionSpikes(Spikes):
         )
 
 
-@dataclass(frozen=True)
 class ManyPositionSpikes(PositionSpikes):
     """As ``PositionSpikes``, where they are too many to be replaced."""
 
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
 
     def __str__(self) -> str:
         return (
@@ -85,7 +78,6 @@ class ManyPositionSpikes(PositionSpikes):
         )
 
 
-@dataclass(frozen=True)
 class FrozenPosition(FrozenValue):
     """A position is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s), and jumps."""
 
@@ -99,12 +91,11 @@ class FrozenPosition(FrozenValue):
         )
 
 
-@dataclass(frozen=True)
 class PositionJump(Note):
     """A position jumps by ``size`` (rad, m) after sample ``row`` at ``time`` (s), and stays; ``count`` times in all."""
 
     topic = "jump"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     count: int
     size: float
     row: int
@@ -125,7 +116,6 @@ class PositionJump(Note):
         return f"by {short(self.size, 4)} after sample {self.row}"
 
 
-@dataclass(frozen=True)
 class InterpolatedPositions(Note):
     """This ``share`` of the positions lies exactly on the line between their neighbours, while the joint moves."""
 
@@ -140,7 +130,6 @@ class InterpolatedPositions(Note):
         )
 
 
-@dataclass(frozen=True)
 class TorqueSpikes(Spikes):
     """``count`` torques are spikes, the first at these ``rows`` and ``times`` (s), the ``largest`` in N m or N.
 
@@ -159,7 +148,6 @@ class TorqueSpikes(Spikes):
         )
 
 
-@dataclass(frozen=True)
 class ManyTorqueOutliers(Note):
     """The ``share`` of torques that look wrong is too large for outliers.
 
@@ -167,7 +155,7 @@ class ManyTorqueOutliers(Note):
     """
 
     topic = "many outliers"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     share: float
     row: int
     time: float
@@ -180,7 +168,6 @@ class ManyTorqueOutliers(Note):
         )
 
 
-@dataclass(frozen=True)
 class FrozenTorque(FrozenValue):
     """A torque is the same from sample ``row`` for ``count`` samples, from ``start`` to ``stop`` (s), unlike the
     model's; ``masked`` and ``held_out`` as in ``TorqueSpikes``."""
@@ -197,7 +184,6 @@ class FrozenTorque(FrozenValue):
         )
 
 
-@dataclass(frozen=True)
 class ClippedTorque(Note):
     """``count`` torques are exactly ``value``, where the model's is beyond it, first at sample ``row`` at ``time`` (s);
     ``masked`` and ``held_out`` as in ``TorqueSpikes``."""
@@ -223,12 +209,11 @@ class ClippedTorque(Note):
         return f"{self.count} at {self.value:.6g}, first sample {self.row}"
 
 
-@dataclass(frozen=True)
 class SameData(Note):
     """Two logs hold the same samples, in the ``other`` one ``lag`` (s) later, so that nothing is held out."""
 
     topic = "repeat"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     other: str
     lag: float
 
@@ -239,7 +224,6 @@ class SameData(Note):
         )
 
 
-@dataclass(frozen=True)
 class RepeatedMotion(Note):
     """A held-out log repeats the motion of the ``other`` one, ``lag`` (s) later, with a difference of ``error`` %."""
 
@@ -256,12 +240,11 @@ class RepeatedMotion(Note):
         )
 
 
-@dataclass(frozen=True)
 class PerhapsRadians(Note):
     """All positions multiplied by 180/pi explain the torque with an error of ``after`` % instead of ``before`` %."""
 
     topic = "radians"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     span: float
     before: float
     after: float
@@ -274,7 +257,6 @@ class PerhapsRadians(Note):
         )
 
 
-@dataclass(frozen=True)
 class GravityCompensated(Note):
     """The torque contains the share ``factor`` +- ``std`` of the gravity of the inertias.
 
@@ -282,7 +264,7 @@ class GravityCompensated(Note):
     """
 
     topic = "gravity compensated"
-    forbids: ClassVar[Use | None] = Use.CONTROL
+    forbids = Use.CONTROL
     factor: float
     std: float
     before: float
@@ -297,7 +279,6 @@ class GravityCompensated(Note):
         )
 
 
-@dataclass(frozen=True)
 class NoFriction(Note):
     """Friction is at most ``share`` (%) of the torque of any joint."""
 
@@ -312,14 +293,13 @@ class NoFriction(Note):
         )
 
 
-@dataclass(frozen=True)
 class SlowMotion(Note):
     """Accelerations explain only this ``share`` of the torque (%, of its rms), less than the ``residual`` of the fit
     (%); a motion ``faster`` by this factor would show inertias."""
 
     topic = "slow"
-    advises: ClassVar[bool] = True
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    advises = True
+    forbids = Use.SIMULATION
     share: float
     residual: float
     faster: float

@@ -9,7 +9,6 @@ regressor cannot be seen.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 
@@ -29,7 +28,7 @@ from dynident.regression import (
     rank_of,
 )
 from dynident.regression.whitening import long_run
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 CASE_SAMPLES = 1000  # of all motions, up to twice as many
@@ -46,8 +45,7 @@ MIN_VISIBLE_SHARE = 1e-5  # share of a derivative, beside the regressor, below w
 MIN_RESIDUAL_SHARE = 1e-7  # share of a joint's torque below which its residual is rounding error
 
 
-@dataclass(frozen=True, eq=False)
-class FitCase:
+class FitCase(Noun):
     """A model with the samples that it has to explain.
 
     q, dq, ddq, dddq, tau and ``keep`` are (M, n); the last tells which samples count. ``lengths`` are the numbers
@@ -69,8 +67,6 @@ class FitCase:
     beyond: tuple[Array, ...] = ()
     gain: Array | float = 1.0
     memory: Array | None = None
-
-    __repr__ = brief
 
     @property
     def states(self) -> dict[str, Array]:
@@ -191,8 +187,7 @@ def _low_pass_filter(motion: Motion, cutoff: float) -> ParallelFilter | None:
     return ParallelFilter(cutoff=cutoff) if cutoff <= 0.4 / float(np.diff(motion.t).mean()) else None
 
 
-@dataclass(frozen=True, eq=False)
-class ScoreTest:
+class ScoreTest(Noun):
     """The score test of one unknown, on a weighted ``residual`` (M, n) of consecutive logs of the given ``lengths``.
 
     ``z`` (M, n) is the part of the torque's derivative with respect to it that nothing else explains.
@@ -201,8 +196,6 @@ class ScoreTest:
     residual: Array
     z: Array
     lengths: tuple[int, ...]
-
-    __repr__ = brief
 
     @cached_property
     def value(self) -> float:
@@ -256,8 +249,7 @@ class ScoreTest:
         return np.array([x.sum() for x in inner]), np.array([x.sum() for x in norm])
 
 
-@dataclass(frozen=True, eq=False)
-class Misfit:
+class Misfit(Noun):
     """The fit of a case: parameters ``theta`` (p), and the ``residual`` (M, n) multiplied by the ``weight`` (M, n).
 
     The weight is zero for samples that do not count; ``basis`` (M n, r) spans the weighted regressor. ``theta``
@@ -272,8 +264,6 @@ class Misfit:
     basis: Array
     residual: Array
     predicted: Array
-
-    __repr__ = brief
 
     @cached_property
     def torque(self) -> Array:

@@ -25,7 +25,7 @@ from dynident.identification.verdict_rules import SPEED_FACTOR
 from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion, subsample, thin_motions
 from dynident.regression import ParallelFilter
-from dynident.runtime import Finding, Severity, brief
+from dynident.runtime import Finding, Noun, Severity
 
 Array = NDArray[np.float64]
 
@@ -101,8 +101,7 @@ TRIED_KINDS = {  # the kinds by which a choice of terms has tried an effect
 Effect = tuple[TermKind, int, int | None, float, Array]  # kind, joint, other joint, period (rad or m), column (M, n)
 
 
-@dataclass(frozen=True, eq=False)
-class MissingEffect:
+class MissingEffect(Noun):
     """An effect that would explain much of the residual, with the score test of it.
 
     It is one of joint ``j``, with the joint ``partner``; ``period`` is that of a ripple. ``fast_column`` is its
@@ -117,8 +116,6 @@ class MissingEffect:
     fast_column: Array
     score: ScoreTest
 
-    __repr__ = brief
-
     @property
     def share(self) -> float:
         """Share of the joint's own squared residual that the effect explains."""
@@ -132,7 +129,7 @@ class MissingEffect:
         removed = tuple(entry for entry in cost.removed if entry[0] in (names[self.j], partner))
         note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all, removed=removed)
         severity = Severity.WARNING if self.share > MIN_WARNING_SHARE or note.forbidden else Severity.INFO
-        return Finding(severity, names[self.j], note)
+        return Finding(note, names[self.j], severity=severity)
 
 
 def find_missing_effects(fit: Misfit) -> list[MissingEffect]:
@@ -298,7 +295,7 @@ def payload_findings(
     for name, motion in held_out.items() if last else ():
         note = _other_payload(fit_case(model, [*motions, motion], parallel_filter, min_speed, PAYLOAD_SAMPLES), last)
         if note is not None:
-            yield Finding(Severity.WARNING, None, note, source=name)
+            yield Finding(note, source=name)
 
 
 def _other_payload(case: FitCase, last: Sequence[int]) -> OtherPayload | None:
@@ -356,8 +353,7 @@ def unexplained_findings(fit: Misfit) -> Iterator[Finding]:
     share = 100.0 * float(np.sqrt(power.sum() / (torque.sum() or np.inf)))
     if share > MAX_SIMULATION_COST:
         j = int(np.argmax(power))
-        note = Unexplained(share, 100.0 * float(np.sqrt(power[j] / torque[j])))
-        yield Finding(Severity.WARNING, case.model.joints[j].name, note)
+        yield Finding(Unexplained(share, 100.0 * float(np.sqrt(power[j] / torque[j]))), case.model.joints[j].name)
 
 
 def reversal_findings(
@@ -377,7 +373,7 @@ def reversal_findings(
         share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], fit.weight[:, j] > 0)
         excess_error = 100.0 * share**0.5 * float(fit.error[j])
         if share > MIN_REVERSAL_SHARE and excess_error > MIN_REVERSAL_ERROR:
-            yield Finding(Severity.WARNING, joint.name, LeftAtReversals(excess_error, share))
+            yield Finding(LeftAtReversals(excess_error, share), joint.name)
 
 
 def _share_near(squared: Array, near_reversals: NDArray[np.bool_], counted: NDArray[np.bool_]) -> float:

@@ -27,7 +27,7 @@ from dynident.regression import (
     repeat_of,
     structural_base_parameters,
 )
-from dynident.runtime import Finding, Severity
+from dynident.runtime import Finding
 
 MAX_COMPENSATED_ERROR = 0.8  # of the error with gravity: without it, a fit must be better by that much
 MAX_GRAVITY_SHARE = 0.3  # share of gravity from which on it is not compensated
@@ -70,8 +70,7 @@ def compensation_findings(regression: Regression) -> Iterator[Finding]:
     curvature = max((sides[0] + sides[1] - 2 * middle) / SHARE_STEP**2, 1e-12)
     count = regression.usable_samples * len(regression.model.joints)
     std = float(np.sqrt(2 * middle / (count * curvature)))
-    note = log_notes.GravityCompensated(factor, std, before, after)
-    yield Finding(Severity.WARNING, None, note)
+    yield Finding(log_notes.GravityCompensated(factor, std, before, after))
 
 
 def friction_findings(regression: Regression) -> Iterator[Finding]:
@@ -88,7 +87,7 @@ def friction_findings(regression: Regression) -> Iterator[Finding]:
     torque = factors[:, :, :-1] @ np.where(np.isin(roles, FRICTION_ROLES), theta, 0.0)
     share = 100.0 * np.sqrt(np.square(torque).sum(axis=1) / size)
     if (share < MIN_FRICTION_SHARE).all():
-        yield Finding(Severity.WARNING, None, log_notes.NoFriction(float(share.max())))
+        yield Finding(log_notes.NoFriction(float(share.max())))
 
 
 def slow_findings(regression: Regression) -> Iterator[Finding]:
@@ -106,11 +105,7 @@ def slow_findings(regression: Regression) -> Iterator[Finding]:
     ):
         k = int(np.argmax(np.where(has_torque, share / np.maximum(full_error, 1e-12), -1.0)))
         speed_factor = float(np.sqrt(TARGET_ACCELERATION_SHARE * full_error[k] / max(share[k], 1e-3 * full_error[k])))
-        yield Finding(
-            Severity.WARNING,
-            None,
-            log_notes.SlowMotion(float(share[k]), float(full_error[k]), speed_factor),
-        )
+        yield Finding(log_notes.SlowMotion(float(share[k]), float(full_error[k]), speed_factor))
 
 
 def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
@@ -119,12 +114,10 @@ def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
         for train_name, log in logs.get("train", {}).items():
             repeat = repeat_of(held_out_log, log.select(held_out_log.joints))
             if repeat.error < MAX_SAME_DATA_ERROR:
-                note = log_notes.SameData(train_name, repeat.lag)
-                yield Finding(Severity.WARNING, None, note, source=name)
+                yield Finding(log_notes.SameData(train_name, repeat.lag), source=name)
                 break
             if repeat.error < MAX_REPEAT_DIFFERENCE:
-                alike = log_notes.RepeatedMotion(train_name, repeat.lag, repeat.error)
-                yield Finding(Severity.WARNING, None, alike, source=name)
+                yield Finding(log_notes.RepeatedMotion(train_name, repeat.lag, repeat.error), source=name)
                 break
 
 
@@ -210,14 +203,14 @@ def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> I
             note = motion_notes.HardlyMoves(
                 joint_excitation.upper - joint_excitation.lower, largest, middle, joint.unit
             )
-            yield Finding(Severity.WARNING, joint_excitation.joint, note)
+            yield Finding(note, joint_excitation.joint)
 
 
 def limit_findings(joint_excitation: Excitation, limits: RobotJointLimits | None, effort: str) -> Iterator[Finding]:
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
     joint = joint_excitation.joint
     if joint_excitation.reversals < MIN_REVERSALS and joint_excitation.peak_speed > MIN_PEAK_SPEED:
-        yield Finding(Severity.WARNING, joint, motion_notes.FewReversals(joint_excitation.reversals))
+        yield Finding(motion_notes.FewReversals(joint_excitation.reversals), joint)
     if limits is not None:
         yield from _position_findings(joint_excitation, limits)
         yield from _speed_findings(joint_excitation, limits)
@@ -233,13 +226,13 @@ def _position_findings(joint_excitation: Excitation, limits: RobotJointLimits) -
         note = motion_notes.PositionBeyondLimits(
             joint_excitation.lower, joint_excitation.upper, limits.lower, limits.upper, is_far
         )
-        yield Finding(Severity.WARNING, joint_excitation.joint, note)
+        yield Finding(note, joint_excitation.joint)
 
 
 def _speed_findings(joint_excitation: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
     if limits.velocity is not None and 0 < LIMIT_TOLERANCE * limits.velocity < joint_excitation.peak_speed:
         note = motion_notes.VelocityAboveLimit(joint_excitation.peak_speed, limits.velocity)
-        yield Finding(Severity.WARNING, joint_excitation.joint, note)
+        yield Finding(note, joint_excitation.joint)
 
 
 def _effort_findings(joint_excitation: Excitation, limits: RobotJointLimits, unit: str) -> Iterator[Finding]:
@@ -250,10 +243,9 @@ def _effort_findings(joint_excitation: Excitation, limits: RobotJointLimits, uni
         above = motion_notes.EffortAboveLimit(
             joint_excitation.torque, limit, unit, far=joint_excitation.torque > 3 * limit
         )
-        yield Finding(Severity.WARNING, joint_excitation.joint, above)
+        yield Finding(above, joint_excitation.joint)
     elif 0 < joint_excitation.torque < 1e-3 * limit:  # a torque of zero is a dead channel
-        below = motion_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit)
-        yield Finding(Severity.WARNING, joint_excitation.joint, below)
+        yield Finding(motion_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit), joint_excitation.joint)
 
 
 @dataclass(frozen=True)
@@ -285,10 +277,9 @@ def excited_rank(model: Model, regression: Regression, unfitted: Collection[str]
 def rank_findings(rank: ExcitedRank) -> Iterator[Finding]:
     """Yield the base parameters that the motions do not excite, and the joints to move."""
     for unexcited_parameters in rank.missing:
-        yield Finding(Severity.WARNING, None, unexcited_parameters)
+        yield Finding(unexcited_parameters)
     if rank.condition > MAX_CONDITION and not rank.missing:
-        note = motion_notes.CorrelatedParameters(rank.on_data, rank.condition)
-        yield Finding(Severity.WARNING, None, note)
+        yield Finding(motion_notes.CorrelatedParameters(rank.on_data, rank.condition))
 
 
 ODD_LOG_SAMPLES = 1000  # of all motions, up to twice as many
@@ -337,7 +328,7 @@ def odd_log_findings(
     odd = int(np.argmin(separate_errors)) if len(logs) > 2 else 1
     after = 100.0 * float(separate_errors[odd]) / torque
     if after < MAX_ODD_ERROR_RATIO * before:
-        yield Finding(Severity.WARNING, None, OddLog(before, after), source=logs[odd].source)
+        yield Finding(OddLog(before, after), source=logs[odd].source)
 
 
 def _log_factors(case: FitCase) -> list[Array]:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 from dynident.checks.robot_notes import Costly
-from dynident.runtime import Note, Remark, Use, WordedEnum, count, join_names, percent, short
+from dynident.runtime import Note, Remark, Severity, Use, WordedEnum, count, join_names, percent, short
 
 ASTRAY = "What is found by simulating the loop is wrong by more than its errors say."
 
@@ -14,10 +11,10 @@ ASTRAY = "What is found by simulating the loop is wrong by more than its errors 
 class NotSmoothed(Remark):
     """Why the motion of the recordings could not be found or fitted."""
 
+    severity = Severity.ERROR
     topic = "motion"
 
 
-@dataclass(frozen=True)
 class FewReversals(Note):
     """The number of reversals of a joint."""
 
@@ -32,7 +29,6 @@ class FewReversals(Note):
         )
 
 
-@dataclass(frozen=True)
 class HardlyMoves(Note):
     """The span of a joint in all of the training, and that of the joint that moves the most (rad or m).
 
@@ -54,7 +50,6 @@ class HardlyMoves(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopDiffers(Note):
     """The share of a joint's torque by which its controller, at the measured motion, commands another one."""
 
@@ -68,7 +63,6 @@ class LoopDiffers(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopGain(Note):
     """The measured torque is ``factor`` times what the controller commands.
 
@@ -88,10 +82,10 @@ class LoopGain(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopUnused(Note):
     """Columns that are named as reference positions but used by no controller."""
 
+    severity = Severity.INFO
     topic = "loop"
     columns: tuple[str, ...]
 
@@ -103,7 +97,6 @@ class LoopUnused(Note):
         )
 
 
-@dataclass(frozen=True)
 class LoopVelocity(Note):
     """The number of steps over which drives difference positions: as ``given``, and as it fits the measured torque.
 
@@ -127,7 +120,6 @@ class LoopVelocity(Note):
         )
 
 
-@dataclass(frozen=True)
 class PositionBeyondLimits(Note):
     """The range of a position, and the one that the robot file allows (rad or m).
 
@@ -153,7 +145,6 @@ class PositionBeyondLimits(Note):
         )
 
 
-@dataclass(frozen=True)
 class VelocityAboveLimit(Note):
     """A peak velocity and its limit in the robot file (rad/s or m/s)."""
 
@@ -168,7 +159,6 @@ class VelocityAboveLimit(Note):
         )
 
 
-@dataclass(frozen=True)
 class EffortAboveLimit(Note):
     """A peak torque and its limit in the robot file, in ``unit``.
 
@@ -189,7 +179,6 @@ class EffortAboveLimit(Note):
         )
 
 
-@dataclass(frozen=True)
 class EffortFarBelowLimit(Note):
     """A peak torque below a thousandth of its limit in the robot file, in ``unit``."""
 
@@ -206,7 +195,6 @@ class EffortFarBelowLimit(Note):
         )
 
 
-@dataclass(frozen=True)
 class CorrelatedParameters(Note):
     """The number of base parameters, and their condition number in these motions."""
 
@@ -241,7 +229,6 @@ class SearchKind(WordedEnum):
     PAIRS = "pairs", "exchanged columns were looked for only among joints that follow each other."
 
 
-@dataclass(frozen=True)
 class SearchLeftOut(Note):
     """A search that was skipped because the model has so many joints and parameters."""
 
@@ -255,7 +242,6 @@ class SearchLeftOut(Note):
         return f"the model has {size}, so that {self.search.words}"
 
 
-@dataclass(frozen=True)
 class OtherPayload(Costly):
     """The last link is ``mass`` (kg) heavier in one log than in training.
 
@@ -264,7 +250,7 @@ class OtherPayload(Costly):
     """
 
     topic = "payload"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     mass: float
     std: float
     share: float
@@ -278,7 +264,6 @@ class OtherPayload(Costly):
         )
 
 
-@dataclass(frozen=True)
 class OddLog(Note):
     """One log does not fit together with the others.
 
@@ -287,7 +272,7 @@ class OddLog(Note):
     """
 
     topic = "odd log"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     before: float
     after: float
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,15 +92,15 @@ def check_robot(
         *_total_mass_findings(facts),
         *_limit_findings(file, moving),
         *_base_findings(file, moving),
-        *(Finding(Severity.INFO, None, file_notes.Unread(f"{note}.")) for note in file.notes),
+        *(Finding(file_notes.Unread(f"{note}.")) for note in file.notes),
     ]
-    return tuple(Finding(x.severity, x.joint, x.message, file.source, x.link) for x in findings)
+    return tuple(replace(finding, source=file.source) for finding in findings)
 
 
 def _inertia_findings(file: RobotFile, severity: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
         for violation in () if theta is None else consistency_violations(theta):
-            yield Finding(severity, None, file_notes.ImpossibleInertia(violation), link=name)
+            yield Finding(file_notes.ImpossibleInertia(violation), link=name, severity=severity)
 
 
 def _mass_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
@@ -109,22 +109,21 @@ def _mass_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Fi
         carried = _rigid_links(file, joint.child)
         thetas = [file.links[name] for name in carried]
         if all(theta is not None and not theta.any() for theta in thetas):
-            note = file_notes.NoMass(tuple(carried))
-            yield Finding(Severity.WARNING, joint.name, note, link=joint.child)
+            yield Finding(file_notes.NoMass(tuple(carried)), joint.name, link=joint.child)
     for name, theta in file.links.items():
         if theta is None:
-            yield Finding(Severity.INFO, None, file_notes.OnlyShapes(), link=name)
+            yield Finding(file_notes.OnlyShapes(), link=name)
         elif theta[0] > 0 and not np.abs(to_physical(theta)[2]).max() > 0:
-            yield Finding(Severity.INFO, None, file_notes.PointMass(float(theta[0])), link=name)
+            yield Finding(file_notes.PointMass(float(theta[0])), link=name)
 
 
 def _base_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
     for name in file.floating:
-        yield Finding(Severity.WARNING, name, file_notes.FloatingBase())
+        yield Finding(file_notes.FloatingBase(), name)
     limbs = file.limbs({joint.name for joint in moving})
     if limbs is not None:
-        yield Finding(Severity.INFO, None, file_notes.SeveralLimbs(*limbs))
+        yield Finding(file_notes.SeveralLimbs(*limbs))
 
 
 def _rigid_links(file: RobotFile, link: str) -> list[str]:
@@ -140,7 +139,7 @@ def _centre_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     for fact in facts:
         distance = float(np.linalg.norm(fact.centre))
         if distance > MAX_CENTRE_DISTANCE:
-            yield Finding(Severity.WARNING, None, file_notes.FarCentre(distance), link=fact.link)
+            yield Finding(file_notes.FarCentre(distance), link=fact.link)
 
 
 def _gyration_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -149,8 +148,7 @@ def _gyration_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
         size = _link_size(file, fact)
         if gyration > MAX_GYRATION_RATIO * size:
-            note = file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size)
-            yield Finding(Severity.WARNING, None, note, link=fact.link)
+            yield Finding(file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size), link=fact.link)
 
 
 def _link_size(file: RobotFile, fact: LinkFacts) -> float:
@@ -175,7 +173,7 @@ def _origin_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Fi
         if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
             consistent_links.append(fact.link)
     if len(consistent_links) >= 2 and 2 * len(consistent_links) > len(candidates):
-        yield Finding(Severity.WARNING, None, file_notes.InertiaAboutOrigin(tuple(consistent_links)))
+        yield Finding(file_notes.InertiaAboutOrigin(tuple(consistent_links)))
 
 
 def _copy_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -190,23 +188,23 @@ def _copy_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
             continue
         alone = len(group) == len(facts) > 2
         severity = Severity.WARNING if alone else Severity.INFO
-        yield Finding(severity, None, file_notes.EqualLinks(names, group[0].mass, alone))
+        yield Finding(file_notes.EqualLinks(names, group[0].mass, alone), severity=severity)
 
 
 def _total_mass_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     total = sum(fact.mass for fact in facts)
     if facts and not MIN_ARM_MASS <= total <= MAX_ARM_MASS:
-        yield Finding(Severity.WARNING, None, file_notes.OddTotalMass(total))
+        yield Finding(file_notes.OddTotalMass(total))
 
 
 def _limit_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     for joint in moving:
         for note in _limit_notes(joint.limits):
-            yield Finding(Severity.WARNING, joint.name, note)
+            yield Finding(note, joint.name)
     for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # MJCF has no velocity limit
         unlimited = [joint.name for joint in moving if getattr(joint.limits, name) is None]
         if unlimited:
-            yield Finding(Severity.INFO, None, file_notes.NoLimit(name, tuple(unlimited)))
+            yield Finding(file_notes.NoLimit(name, tuple(unlimited)))
 
 
 def _limit_notes(limits: RobotJointLimits) -> Iterator[Note]:
@@ -243,8 +241,7 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
     down = _gravity_direction(X, y, assumed / size) if len(y) else None
     if down is not None:
         gravity = np.round(size * down, 1) + 0.0
-        note = file_notes.OtherGravity(tuple(gravity.tolist()), tuple(assumed.tolist()))
-        yield Finding(Severity.WARNING, None, note)
+        yield Finding(file_notes.OtherGravity(tuple(gravity.tolist()), tuple(assumed.tolist())))
 
 
 def _scaled_rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, Array]:

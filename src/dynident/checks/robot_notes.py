@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import degrees
-from typing import ClassVar
 
 from dynident.runtime import Note, Use, WordedEnum, angles, percent, short, vector
 
@@ -110,7 +109,6 @@ class Rival:
         return f"joint {self.joint}: {change}" if self.joint else change
 
 
-@dataclass(frozen=True)
 class Costly(Note):
     """Base of notes that forbid a use by what the fault costs.
 
@@ -134,14 +132,13 @@ class Costly(Note):
         return f"On this path at twice the speed it changes the torque by {percent(self.cost, 2)}."
 
 
-@dataclass(frozen=True)
 class WrongValue(Costly):
     """Base of values that a model takes as known and that are wrong; ``joint_cost`` (%) is that of the worst joint.
 
     The user can correct them, so that any of them forbids simulation.
     """
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     joint_cost: float = field(default=0.0, kw_only=True)
 
     @property
@@ -150,123 +147,115 @@ class WrongValue(Costly):
         return Use.CONTROL if self.joint_cost > MAX_JOINT_COST else self.forbids
 
 
-@dataclass(frozen=True)
-class TorqueGain(WrongValue):
-    """The torque of a joint is ``factor`` times what the other joints require.
+class SuspectedValue(WrongValue):
+    """Base of wrong values that the search found: the ``value`` as fitted, its ``std``, and the ``share`` it explains.
 
     ``others`` explain the residual as well.
     """
 
-    topic = "gain"
-    factor: float
+    value: float
     std: float
     share: float
     others: tuple[Rival, ...] = ()
 
-    def __str__(self) -> str:
+    def explanation(self, claim: str, advice: str) -> str:
+        """Return the sentences: a claim up to its verb, what setting it right removes and changes, and what to do."""
+        rivals = "; ".join(map(str, self.others))
+        doubt = (
+            f" The data cannot tell this from: {rivals}. The change of the torque given here is the largest of theirs."
+        )
         return (
-            f"the torque is {short(self.factor)} +- {short(self.std, 2)} times what the coupling with the other "
-            f"joints asks for; setting it right removes {_of_residual(self.share)}. {self.consequence} Check its "
-            f"`gain`: gear ratio, torque constant, unit.{_rivals(self.others)}"
+            f"{claim} removes {100 * self.share:.0f} % of the squared training residual. {self.consequence} "
+            f"{advice}{doubt * bool(rivals)}"
+        )
+
+
+class TorqueGain(SuspectedValue):
+    """The torque of a joint is ``value`` times what the other joints require."""
+
+    topic = "gain"
+
+    def __str__(self) -> str:
+        return self.explanation(
+            f"the torque is {short(self.value)} +- {short(self.std, 2)} times what the coupling with the other joints "
+            "asks for; setting it right",
+            "Check its `gain`: gear ratio, torque constant, unit.",
         )
 
     @property
     def remedy(self) -> str:
         """What to do about it, in short."""
-        return f"check its `gain`: the torque is {short(self.factor)} times what the other joints ask for."
+        return f"check its `gain`: the torque is {short(self.value)} times what the other joints ask for."
 
 
-@dataclass(frozen=True)
-class ClockWrong(WrongValue):
-    """A second of the stamps is ``factor`` seconds; ``others`` explain the residual as well."""
+class ClockWrong(SuspectedValue):
+    """A second of the stamps is ``value`` seconds."""
 
     topic = "clock"
-    factor: float
-    std: float
-    share: float
-    others: tuple[Rival, ...] = ()
 
     def __str__(self) -> str:
-        return (
-            f"by the torque, a second of the time stamps is {short(self.factor)} +- {short(self.std, 2)} s, which "
-            f"removes {_of_residual(self.share)}. {self.consequence} Check the sampling rate, and the unit of the "
-            f"time.{_rivals(self.others)}"
+        return self.explanation(
+            f"by the torque, a second of the time stamps is {short(self.value)} +- {short(self.std, 2)} s, which",
+            "Check the sampling rate, and the unit of the time.",
         )
 
     @property
     def remedy(self) -> str:
         """What to do about it, in short."""
-        return f"check the sampling rate and the unit of the time: a second seems to be {short(self.factor)} s."
+        return f"check the sampling rate and the unit of the time: a second seems to be {short(self.value)} s."
 
 
-@dataclass(frozen=True)
-class ZeroOff(WrongValue):
-    """The robot's joint stands at the logged position plus ``offset`` (rad or m)."""
+class ZeroOff(SuspectedValue):
+    """The robot's joint stands at the logged position plus ``value`` (rad or m)."""
 
     topic = "zero"
-    offset: float
-    std: float
-    share: float
-    others: tuple[Rival, ...] = ()
 
     def __str__(self) -> str:
-        return (
-            f"the robot's joint seems to be at the logged position {self.offset:+.4g} +- {short(self.std, 2)} (rad or "
-            f"m), which removes {_of_residual(self.share)}. {self.consequence} Set `zero`, or correct the robot "
-            f"file.{_rivals(self.others)}"
+        return self.explanation(
+            f"the robot's joint seems to be at the logged position {self.value:+.4g} +- {short(self.std, 2)} (rad or "
+            "m), which",
+            "Set `zero`, or correct the robot file.",
         )
 
     @property
     def remedy(self) -> str:
         """What to do about it, in short."""
-        return f"set `zero`: the joint seems to be at the logged position {self.offset:+.3g} (rad or m)."
+        return f"set `zero`: the joint seems to be at the logged position {self.value:+.3g} (rad or m)."
 
 
-@dataclass(frozen=True)
-class LengthWrong(WrongValue):
-    """A component ("x", "y" or "z", in the parent link's frame) of a joint's origin: in the file and as fitted (m)."""
+class LengthWrong(SuspectedValue):
+    """A component ("x", "y" or "z", in the parent link's frame) of a joint's origin: ``given`` in the file (m)."""
 
     topic = "length"
-    component: str
-    given: float
-    fitted: float
-    std: float
-    share: float
-    others: tuple[Rival, ...] = ()
+    component: str = field(kw_only=True)
+    given: float = field(kw_only=True)
 
     def __str__(self) -> str:
-        return (
+        return self.explanation(
             f"its origin has {self.component} = {short(self.given, 4)} m in the robot file, the torques ask for "
-            f"{short(self.fitted, 4)} +- {short(self.std, 2)} m, which removes {_of_residual(self.share)}. "
-            f"{self.consequence} Measure the link, and correct the file.{_rivals(self.others)}"
+            f"{short(self.value, 4)} +- {short(self.std, 2)} m, which",
+            "Measure the link, and correct the file.",
         )
 
     @property
     def remedy(self) -> str:
         """What to do about it, in short."""
-        return (
-            f"measure {self.component} of its origin: {short(self.fitted, 4)} m fit better than "
-            f"{short(self.given, 4)} m."
-        )
+        lengths = f"{short(self.value, 4)} m fit better than {short(self.given, 4)} m"
+        return f"measure {self.component} of its origin: {lengths}."
 
 
-@dataclass(frozen=True)
-class AxisTilted(WrongValue):
-    """A joint's frame, or its axis ``alone``, is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
+class AxisTilted(SuspectedValue):
+    """A joint's frame, or its axis ``alone``, is turned by ``value`` (rad) about an ``axis`` (3) of its own frame."""
 
     topic = "axis"
-    axis: tuple[float, ...]
-    angle: float
-    alone: bool
-    std: float
-    share: float
-    others: tuple[Rival, ...] = ()
+    axis: tuple[float, ...] = field(kw_only=True)
+    alone: bool = field(kw_only=True)
 
     def __str__(self) -> str:
-        return (
-            f"its {self._part} seems to be turned by {short(self.angle)} +- {short(self.std, 2)} rad about "
-            f"{vector(self.axis)} of the joint's frame, which removes {_of_residual(self.share)}. {self.consequence} "
-            f"Check the rotations in the robot file.{_rivals(self.others)}"
+        return self.explanation(
+            f"its {self._part} seems to be turned by {short(self.value)} +- {short(self.std, 2)} rad about "
+            f"{vector(self.axis)} of the joint's frame, which",
+            "Check the rotations in the robot file.",
         )
 
     @property
@@ -276,10 +265,9 @@ class AxisTilted(WrongValue):
     @property
     def remedy(self) -> str:
         """What to do about it, in short."""
-        return f"check its {self._part} in the robot file, which seems to be turned by {short(self.angle, 2)} rad."
+        return f"check its {self._part} in the robot file, which seems to be turned by {short(self.value, 2)} rad."
 
 
-@dataclass(frozen=True)
 class TiltedBase(WrongValue):
     """The base is turned by ``x`` and then ``y`` (rad) about these axes; ``std`` of both; errors (%) of the torque."""
 
@@ -304,7 +292,6 @@ class TiltedBase(WrongValue):
         return f"set `base_tilt: estimate`: the base seems to be tilted by {angles(self.x, self.y, 2)}."
 
 
-@dataclass(frozen=True)
 class MissingTerm(Costly):
     """An effect that the model lacks at a joint: its value in SI units.
 
@@ -337,14 +324,12 @@ class MissingTerm(Costly):
         return f"the model lacks {self.effect.effect.removesuffix(',')}{partner}. {self.effect.remedy}"
 
 
-@dataclass(frozen=True)
 class TermLeftOut(MissingTerm):
     """A missing effect that the library has as a term, so that it forbids simulation at any cost."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
 
 
-@dataclass(frozen=True)
 class LeftAtReversals(Note):
     """The residual torque near the reversals of a joint.
 
@@ -366,7 +351,6 @@ class LeftAtReversals(Note):
         )
 
 
-@dataclass(frozen=True)
 class Unexplained(Note):
     """The low-passed torque that is neither white noise nor explained by anything searched: ``left`` % of it.
 
@@ -375,7 +359,7 @@ class Unexplained(Note):
     """
 
     topic = "unexplained"
-    forbids: ClassVar[Use | None] = Use.SIMULATION
+    forbids = Use.SIMULATION
     left: float
     joint_left: float
 
@@ -385,15 +369,3 @@ class Unexplained(Note):
             f"({percent(self.joint_left, 2)} of its own), and no cause that was tried explains it. The model lacks "
             "something, unless the noise of the sensors is slow: look at the residual in the report."
         )
-
-
-def _of_residual(share: float) -> str:
-    return f"{100 * share:.0f} % of the squared training residual"
-
-
-def _rivals(rivals: tuple[Rival, ...]) -> str:
-    """Return the rival explanations that explain as much, as a sentence."""
-    if not rivals:
-        return ""
-    listing = "; ".join(map(str, rivals))
-    return f" The data cannot tell this from: {listing}. The change of the torque given here is the largest of theirs."

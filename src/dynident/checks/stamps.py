@@ -174,7 +174,7 @@ def sample_findings(log: Log) -> Iterator[Finding]:
     """Yield an error where the log is too short."""
     if len(log) < MINIMUM_SAMPLES:
         step = float(np.median(np.diff(log.t))) if len(log) > 1 else 0.0
-        yield Finding(Severity.ERROR, None, channel_notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step))
+        yield Finding(channel_notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step))
 
 
 def gap_findings(log: Log) -> Iterator[Finding]:
@@ -184,7 +184,7 @@ def gap_findings(log: Log) -> Iterator[Finding]:
         steps, first_gap = np.diff(log.t), long_steps[0]
         length = float(steps[first_gap])
         note = channel_notes.LongGap(length, float(log.t[first_gap]), length / float(np.median(steps)), len(long_steps))
-        yield Finding(Severity.ERROR, None, note)
+        yield Finding(note)
 
 
 def jitter_findings(log: Log) -> Iterator[Finding]:
@@ -192,8 +192,7 @@ def jitter_findings(log: Log) -> Iterator[Finding]:
     steps = np.diff(log.t)
     median, jitter = float(np.median(steps)), _relative_jitter(steps)
     if jitter > _MAX_JITTER:
-        note = channel_notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max()))
-        yield Finding(Severity.WARNING, None, note)
+        yield Finding(channel_notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max())))
 
 
 def stamp_findings(facts: Timing) -> Iterator[Finding]:
@@ -203,10 +202,9 @@ def stamp_findings(facts: Timing) -> Iterator[Finding]:
         # equal spacing would shift all that follows a loss
         rounded = facts.missing > 0 and facts.slots < 0.9 * facts.even
         rate, step = (None, facts.step) if rounded else (facts.rate, None)
-        yield Finding(Severity.WARNING, None, channel_notes.StampsJitter(facts.jitter, 1 / best, rate, step))
+        yield Finding(channel_notes.StampsJitter(facts.jitter, 1 / best, rate, step))
     elif facts.jitter > _MAX_JITTER:
-        note = channel_notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None)
-        yield Finding(Severity.INFO, None, note)
+        yield Finding(channel_notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None))
 
 
 def lost_sample_findings(facts: Timing) -> Iterator[Finding]:
@@ -214,8 +212,7 @@ def lost_sample_findings(facts: Timing) -> Iterator[Finding]:
     if facts.missing:
         share = facts.missing / (facts.samples + facts.missing)
         severity = Severity.WARNING if share > _MAX_LOST_SHARE else Severity.INFO
-        note = channel_notes.LostSamples(facts.missing, share, facts.longest / facts.step)
-        yield Finding(severity, None, note)
+        yield Finding(channel_notes.LostSamples(facts.missing, share, facts.longest / facts.step), severity=severity)
 
 
 TIME_FACTORS = (1e-3, 1e-6, 1e-9, 1e3, 1e6, 1e9)
@@ -239,7 +236,7 @@ def time_unit_findings(log: Log) -> Iterator[Finding]:
             and USUAL_SPEEDS[0] <= speed / factor <= USUAL_SPEEDS[1]
             and not USUAL_SPEEDS[0] * 5 <= speed <= USUAL_SPEEDS[1]
         ):
-            yield Finding(Severity.ERROR, None, channel_notes.WrongTimeUnit(1 / step, speed, factor))
+            yield Finding(channel_notes.WrongTimeUnit(1 / step, speed, factor))
             return
 
 
@@ -254,7 +251,7 @@ def length_unit_findings(joint: str, t: Array, q: Array) -> Iterator[Finding]:
     """Yield a warning where a sliding joint moves as far, or as fast, as if it were in millimetres."""
     span, speed = float(np.ptp(q)), _percentile_speed(t, q)
     if span > MAX_SPAN or speed > MAX_SPEED:
-        yield Finding(Severity.WARNING, joint, channel_notes.PerhapsMillimetres(span, speed))
+        yield Finding(channel_notes.PerhapsMillimetres(span, speed), joint)
 
 
 def radian_findings(regression: Regression) -> Iterator[Finding]:
@@ -271,8 +268,7 @@ def radian_findings(regression: Regression) -> Iterator[Finding]:
     )
     before, after = rms_error(regression), rms_error(replace(regression, motions=large))
     if after < MAX_DEGREE_ERROR_RATIO * before:
-        note = log_notes.PerhapsRadians(float(spans[angles].max()), before, after)
-        yield Finding(Severity.WARNING, None, note)
+        yield Finding(log_notes.PerhapsRadians(float(spans[angles].max()), before, after))
 
 
 def thin_regression(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> Regression:

@@ -7,20 +7,23 @@ Gauss-Newton steps.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import robot_notes
 from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, misfit
-from dynident.checks.robot_notes import Rival, SuspectQuantity, WrongValue
+from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity
 from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJoint
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Rivals = tuple[Rival, ...]
+Note = Callable[[float, float, float, Rivals], SuspectedValue]
 
 # standard errors from zero: many unknowns are tested, and the errors are themselves uncertain
 MIN_STANDARD_ERRORS = 6.0
@@ -28,8 +31,7 @@ MAX_STEPS = 8
 MAX_SETTLED_STEP = 0.1  # of a standard error: a smaller step ends the search
 
 
-@dataclass(frozen=True, eq=False)
-class Suspect:
+class Suspect(Noun):
     """An unknown of a ``joint`` (None: of all), with what is needed to test and to correct it.
 
     ``derivative`` is that of the torque with respect to it, at zero, in a fit; ``correct_case`` returns the case
@@ -43,16 +45,13 @@ class Suspect:
     quantity: SuspectQuantity
     derivative: Callable[[Misfit], Array]
     correct_case: Callable[[FitCase, float], FitCase]
-    note: Callable[[float, float, float, Rivals], WrongValue]
+    note: Note
     limit: float
     order: int
     in_use: Callable[[FitCase, float], FitCase] = lambda case, _: case
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class SuspectEstimate:
+class SuspectEstimate(Noun):
     """The estimate of a suspect: ``value``, ``std``, the ``share`` that it explains, and the corrected case."""
 
     suspect: Suspect
@@ -60,8 +59,6 @@ class SuspectEstimate:
     std: float
     share: float
     case: FitCase
-
-    __repr__ = brief
 
     @property
     def rival(self) -> Rival:
@@ -133,11 +130,18 @@ def _gain_suspect(model: Model, j: int, name: str) -> Suspect:
         factor = np.where(np.arange(len(model.joints)) == j, np.exp(value), 1.0)
         return replace(case, gain=case.gain * factor)
 
-    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
-        factor = float(np.exp(value))
-        return robot_notes.TorqueGain(factor, factor * std, share, rivals)
-
+    note = _note_of_logarithm(robot_notes.TorqueGain)
     return Suspect(name, SuspectQuantity.GAIN, derivative, correct_case, note, MAX_LOG_GAIN, GAIN_ORDER)
+
+
+def _note_of_logarithm(kind: type[SuspectedValue]) -> Note:
+    """Return a function for the note of a factor, given its logarithm."""
+
+    def note(value: float, std: float, share: float, rivals: Rivals) -> SuspectedValue:
+        factor = float(np.exp(value))
+        return kind(factor, factor * std, share, rivals)
+
+    return note
 
 
 LOG_STEP = 1e-5  # of the logarithm, of the difference
@@ -159,10 +163,7 @@ def clock_suspect() -> Suspect:
     def derivative(fit: Misfit) -> Array:
         return np.asarray((correct_case(fit.case, LOG_STEP).torque(fit.theta) - fit.torque) / LOG_STEP)
 
-    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
-        factor = float(np.exp(value))
-        return robot_notes.ClockWrong(factor, factor * std, share, rivals)
-
+    note = _note_of_logarithm(robot_notes.ClockWrong)
     return Suspect(
         None, SuspectQuantity.CLOCK, derivative, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, correct_case
     )
@@ -206,52 +207,36 @@ def _zero_suspect(j: int, joint: Joint) -> Suspect:
         return replace(case, q=q)
 
     limit = MAX_ANGLE if joint.kind == "revolute" else MAX_LENGTH
-    return Suspect(
-        joint.name,
-        SuspectQuantity.ZERO,
-        _difference_derivative(correct_case),
-        correct_case,
-        robot_notes.ZeroOff,
-        limit,
-        ZERO_ORDER,
-    )
+    derivative = _difference_derivative(correct_case)
+    return Suspect(joint.name, SuspectQuantity.ZERO, derivative, correct_case, robot_notes.ZeroOff, limit, ZERO_ORDER)
 
 
 def _origin_suspect(joint: RobotJoint, k: int) -> Suspect:
     displacement, nominal = np.eye(9)[k], float(joint.placement[k, 3])
 
-    def correct_case(case: FitCase, value: float) -> FitCase:
-        return replace(case, model=displace_joint(case.model, joint.name, value * displacement))
-
-    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
-        return robot_notes.LengthWrong("xyz"[k], nominal, nominal + value, std, share, rivals)
+    def note(value: float, *figures: Any) -> SuspectedValue:
+        return robot_notes.LengthWrong(nominal + value, *figures, component="xyz"[k], given=nominal)
 
     order = ORIGIN_ORDER if abs(nominal) > DIFFERENCE_STEP else NEW_ORIGIN_ORDER
-    return Suspect(
-        joint.name, SuspectQuantity.LENGTH, _difference_derivative(correct_case), correct_case, note, MAX_LENGTH, order
-    )
+    return _frame_suspect(joint.name, displacement, SuspectQuantity.LENGTH, note, MAX_LENGTH, order)
 
 
 def _axis_suspect(joint: RobotJoint, across: Array, alone: bool) -> Suspect:
-    displacement = (
-        np.concatenate([np.zeros(6), across]) if alone else np.concatenate([np.zeros(3), across, np.zeros(3)])
-    )
+    displacement = np.zeros(9)
+    displacement[slice(6, 9) if alone else slice(3, 6)] = across
+    note = partial(robot_notes.AxisTilted, axis=tuple(np.round(across, 6).tolist()), alone=alone)
+    return _frame_suspect(joint.name, displacement, SuspectQuantity.AXIS, note, MAX_ANGLE, AXIS_ORDER)
+
+
+def _frame_suspect(
+    joint: str, displacement: Array, quantity: SuspectQuantity, note: Note, limit: float, order: int
+) -> Suspect:
+    """Return the suspect that the frame of a joint is moved along a ``displacement`` (9) of unit size."""
 
     def correct_case(case: FitCase, value: float) -> FitCase:
-        return replace(case, model=displace_joint(case.model, joint.name, value * displacement))
+        return replace(case, model=displace_joint(case.model, joint, value * displacement))
 
-    def note(value: float, std: float, share: float, rivals: Rivals) -> robot_notes.WrongValue:
-        return robot_notes.AxisTilted(tuple(np.round(across, 6).tolist()), value, alone, std, share, rivals)
-
-    return Suspect(
-        joint.name,
-        SuspectQuantity.AXIS,
-        _difference_derivative(correct_case),
-        correct_case,
-        note,
-        MAX_ANGLE,
-        AXIS_ORDER,
-    )
+    return Suspect(joint, quantity, _difference_derivative(correct_case), correct_case, note, limit, order)
 
 
 def _perpendicular_axes(axis: Array) -> Array:

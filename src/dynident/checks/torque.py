@@ -14,7 +14,7 @@ from dynident.models import INERTIAL, Model
 from dynident.models.simulation import DifferencingLoop, HasTimes, longest_stretch
 from dynident.motion.log import Controller, HasState, Log, Motion, subsample
 from dynident.motion.smoothers import Spline, smooth_log
-from dynident.runtime import DynidentError, Finding, Severity
+from dynident.runtime import DynidentError, Finding
 
 Array = NDArray[np.float64]
 # of a log, at which a controller is asked; in a row, of one that remembers
@@ -79,8 +79,7 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
     if total[best] > MAX_VELOCITY_ERROR_RATIO * total[configured_steps]:
         best = configured_steps
     else:
-        velocity = LoopVelocity(configured_steps, best, total[configured_steps], total[best])
-        yield Finding(Severity.WARNING, None, velocity, source=log.source)
+        yield Finding(LoopVelocity(configured_steps, best, total[configured_steps], total[best]), source=log.source)
     # then fit a factor of each joint's command: the least squares slope
     commanded, error = torques.by_steps[best], torques.error(best)
     power = np.sum(commanded**2, axis=0)
@@ -91,10 +90,9 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
         if abs(factor[j] - 1.0) > MIN_FACTOR_DEVIATION and scaled_error[j] < min(
             MAX_SCALED_ERROR_RATIO * error[j], MAX_SCALED_SHARE * size[j]
         ):
-            gain_note = LoopGain(float(factor[j]), share, float(scaled_error[j] / size[j]))
-            yield Finding(Severity.WARNING, name, gain_note, source=log.source)
+            yield Finding(LoopGain(float(factor[j]), share, float(scaled_error[j] / size[j])), name, source=log.source)
         elif share > MIN_DIFFERENCE_SHARE and error[j] > MIN_NOISE_RATIO * torques.noise[j]:
-            yield Finding(Severity.WARNING, name, LoopDiffers(share), source=log.source)
+            yield Finding(LoopDiffers(share), name, source=log.source)
 
 
 def _command_torques(log: Log, controller: Controller) -> _ControllerTorques:
@@ -251,12 +249,12 @@ def agreement_findings(joint_agreement: Agreement, unit: str) -> Iterator[Findin
     )
     if joint_agreement.correlation < -MIN_SIGN_CORRELATION or is_driven:
         sign = file_notes.ReversedSign(None if is_driven else joint_agreement.correlation)
-        yield Finding(Severity.WARNING, joint_agreement.joint, sign)
+        yield Finding(sign, joint_agreement.joint)
     elif joint_agreement.correlation > MIN_SCALE_CORRELATION and not 1 / MAX_SCALE < joint_agreement.scale < MAX_SCALE:
-        yield Finding(Severity.WARNING, joint_agreement.joint, file_notes.OddScale(joint_agreement.scale, unit))
+        yield Finding(file_notes.OddScale(joint_agreement.scale, unit), joint_agreement.joint)
     elif abs(joint_agreement.correlation) < MAX_UNRELATED_CORRELATION and joint_agreement.asked > MIN_UNRELATED_RATIO:
         foreign = file_notes.UnrelatedTorque(joint_agreement.asked, joint_agreement.correlation)
-        yield Finding(Severity.WARNING, joint_agreement.joint, foreign)
+        yield Finding(foreign, joint_agreement.joint)
 
 
 JACKKNIFE_BLOCKS = 10  # of the time, left out in turn for the standard error

@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING
 import click
 
 from dynident.cli.command_log import one_line, print_error
-from dynident.cli.options import CONFIG, DIRECTORY, FILE, RESULT, FiniteRange, WorkerOptions, add_worker_options
-from dynident.cli.terminal import console, print_path, status
+from dynident.cli.options import (
+    CONFIG,
+    DIRECTORY,
+    FILE,
+    JSON_FILE,
+    RESULT,
+    FiniteRange,
+    WorkerOptions,
+    add_worker_options,
+)
+from dynident.cli.terminal import console, print_path, print_paths, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -55,7 +64,7 @@ def _split_kinds(ctx: click.Context, option: click.Parameter, value: str | None)
     help="Folder for report.html, compare.json and compare.parquet; rows in it are not repeated.",
 )
 @click.option("--rerun", is_flag=True, help="Compute all rows anew.")
-@click.option("--json", "json_file", type=FILE, help="JSON file for all numbers.")
+@JSON_FILE
 def compare(
     config: Path,
     smoothers: list[str] | None,
@@ -71,15 +80,9 @@ def compare(
     logs, and say which differences are more than chance. Smoother and estimator of CONFIG are always among them."""
     from dynident.apps import ranking as methods
     from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
-    from dynident.files.opener import refuse_inputs, remember_inputs
-    from dynident.files.results import check_json, probe_folder, write_json
+    from dynident.files.results import claim_json, write_json
 
-    for path in (config, *((truth,) if truth else ())):
-        remember_inputs(path)
-    if json_file:
-        refuse_inputs(json_file)
-        check_json(json_file)
-        probe_folder(json_file.parent)
+    claim_json(json_file, config, *((truth,) if truth else ()))
     with status(), spread.executor(*COMPARE_MODULES) as executor:
         ranking = methods.compare(
             config, out, smoothers=smoothers, estimators=estimators, truth=truth, folds=folds, executor=executor,
@@ -95,8 +98,7 @@ def compare(
     if out:
         from dynident.apps.ranking import FILES
 
-        for label, name in zip(("Table", "Numbers", "Report"), FILES, strict=True):
-            print_path(screen, label, out / name)
+        print_paths(screen, ("Table", "Numbers", "Report"), (out / name for name in FILES))
     if not ranking.standings:
         raise click.ClickException("no combination has an estimate; see the reasons above")
 
@@ -113,7 +115,7 @@ def compare(
     help="How much larger the torque error on a log may be, in % of that of REFERENCE.",
 )  # fmt: skip
 @click.option("--only-worse", is_flag=True, help="Exit code 3 only where a RESULT is worse, not where it differs.")
-@click.option("--json", "json_file", type=FILE, help="JSON file for all numbers.")
+@JSON_FILE
 @click.option("--out", type=DIRECTORY, help="Folder for report.html and comparison.json.")
 def compare_results(
     reference: Path, results: tuple[Path, ...], level: float, tolerance: float, only_worse: bool,
@@ -130,16 +132,11 @@ def compare_results(
     from dynident.apps.compare_results.config import compared_names, read_compared
     from dynident.apps.compare_results.report import comparison_dict, comparison_page
     from dynident.files.folder import refuse_other_report, result_folder
-    from dynident.files.opener import refuse_inputs, remember_inputs
-    from dynident.files.results import check_json, json_text, probe_folder, write_json
+    from dynident.files.opener import refuse_inputs
+    from dynident.files.results import claim_json, json_text, write_json
 
     paths = (reference, *results)
-    for path in paths:
-        remember_inputs(path)
-    if json_file:
-        refuse_inputs(json_file)
-        check_json(json_file)
-        probe_folder(json_file.parent)
+    claim_json(json_file, *paths)
     if out:
         refuse_inputs(out / NUMBERS, out / PAGE)
         refuse_other_report(out, NUMBERS)
@@ -158,8 +155,7 @@ def compare_results(
     screen = console()
     if json_file:
         print_path(screen, "Numbers", write_json(json_file, numbers))
-    for label, path in zip(("Numbers", "Report"), written, strict=False):
-        print_path(screen, label, path)
+    print_paths(screen, ("Numbers", "Report"), written)
     if any(
         comparison.worse or not comparison.comparable or (comparison.differs and not only_worse)
         for comparison in comparisons
@@ -209,8 +205,7 @@ def fleet(config: Path, out: Path, rerun: bool, spread: WorkerOptions) -> None:
         screen.say(f"* {line}")
     if known_logs := len(fleet_result.rows) - fleet_result.identified_count:
         screen.remark(f"Logs identified now: {fleet_result.identified_count}; known before: {known_logs}.")
-    for label, name in (("Table", TABLE), ("Report", REPORT)):
-        print_path(screen, label, out / name)
+    print_paths(screen, ("Table", "Report"), (out / TABLE, out / REPORT))
     if not fleet_result.histories:
         first_reason = next((f": {reason}" for reason in fleet_result.rows["reason"] if reason), "")
         raise click.ClickException(f"no log has a result{first_reason}")

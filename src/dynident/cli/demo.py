@@ -11,8 +11,8 @@ import click
 
 from dynident.cli.failures import command
 from dynident.cli.identification import draft_from_files, write_result
-from dynident.cli.options import DIRECTORY, FILE, WorkerOptions, add_worker_options
-from dynident.cli.terminal import console, print_path, status
+from dynident.cli.options import DIRECTORY, JSON_FILE, WorkerOptions, add_worker_options
+from dynident.cli.terminal import console, print_paths, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def _show_comparison(screen: Screen, comparison: Comparison) -> None:
 @add_worker_options
 @click.option("--out", type=DIRECTORY, help="Folder for report.html and study.parquet; a study in it is resumed.")
 @click.option("--rerun", is_flag=True, help="Compute all runs anew, also those of an earlier study in the folder.")
-@click.option("--json", "json_file", type=FILE, help="File for the sample means and variances.")
+@JSON_FILE
 def reproduce(
     scenario: str,
     runs: int,
@@ -177,12 +177,10 @@ def reproduce(
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
     from dynident.apps.article import study_page, study_text
     from dynident.files.folder import result_folder
-    from dynident.files.results import check_json, probe_folder, write_json
+    from dynident.files.results import claim_json, write_json
     from dynident.runtime.kernel import kernel
 
-    if json_file:
-        check_json(json_file)
-        probe_folder(json_file.parent)
+    claim_json(json_file)
     names = [name.strip() for name in methods.split(",") if name.strip()]
     table = out / "study.parquet" if out else None
     with result_folder(out) if out else nullcontext() as folder:
@@ -193,8 +191,7 @@ def reproduce(
     screen.remark(f"Computed by {kernel()}.")
     if json_file:
         write_json(json_file, reproduction.summary())
-    for path in written:
-        print_path(screen, "Report", path)
+    print_paths(screen, ("Report",), written)
 
 
 def _run_study(

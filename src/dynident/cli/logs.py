@@ -11,8 +11,8 @@ import click
 
 from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
-from dynident.cli.options import CHECKED, CONFIG, DIRECTORY, FILE, LOG, ROBOTS, parse_noise
-from dynident.cli.terminal import console, print_path, say_line, status
+from dynident.cli.options import CHECKED, CONFIG, DIRECTORY, FILE, JSON_FILE, LOG, ROBOTS, parse_noise
+from dynident.cli.terminal import console, print_path, print_paths, say_line, status
 
 if TYPE_CHECKING:
     from dynident.checks import CheckResult
@@ -21,21 +21,15 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Find errors in recordings and robot files.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=CHECKED)
-@click.option("--json", "json_file", type=FILE, help="JSON file for the findings and their figures.")
+@JSON_FILE
 def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
     print what is wrong and what to do about it. The exit code is 1 where an error is found.
     """
-    from dynident.files.opener import refuse_inputs, remember_inputs
-    from dynident.files.results import check_json, probe_folder, write_json
+    from dynident.files.results import claim_json, write_json
     from dynident.report.check import check_dict, check_summary, check_tables
 
-    if json_file:
-        for path in files:
-            remember_inputs(path)
-        refuse_inputs(json_file)
-        check_json(json_file)
-        probe_folder(json_file.parent)
+    claim_json(json_file, *(files if json_file else ()))
     screen, check_results = console(), {}
     for path in files:
         with status():
@@ -44,11 +38,8 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
         for table in check_tables(check_result):
             screen.show(table)
     if json_file:
-        print_path(
-            screen,
-            "Findings",
-            write_json(json_file, {path: check_dict(check_result) for path, check_result in check_results.items()}),
-        )
+        findings = {path: check_dict(check_result) for path, check_result in check_results.items()}
+        print_path(screen, "Findings", write_json(json_file, findings))
     for path in files:
         screen.remark(_next_command(path, check_results[str(path)]), no_wrap=True)
     if any(check_result.has_errors for check_result in check_results.values()):
@@ -93,9 +84,9 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
 def _unusable_result(error: Exception) -> CheckResult:
     from dynident.checks import CheckResult
     from dynident.checks.file_notes import Unusable
-    from dynident.runtime import Finding, Severity
+    from dynident.runtime import Finding
 
-    return CheckResult((Finding(Severity.ERROR, None, Unusable(str(error))),))
+    return CheckResult((Finding(Unusable(str(error))),))
 
 
 def _check_robot_file(path: Path) -> CheckResult:
@@ -116,7 +107,7 @@ def _check_robot_file(path: Path) -> CheckResult:
     help="Torque noise: the residual of the fit, or the scatter between neighbouring samples.",
 )  # fmt: skip
 @click.option("--out", type=DIRECTORY, help="Folder for report.html and bound.json.")
-@click.option("--json", "json_file", type=FILE, help="File for all numbers.")
+@JSON_FILE
 def bound(
     config: Path, sigma_q: tuple[str, ...], sigma_tau: tuple[str, ...], torque: str, out: Path | None,
     json_file: Path | None,
@@ -127,16 +118,13 @@ def bound(
     from dynident.apps.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
-    from dynident.files.results import check_json, json_text, probe_folder, write_text
+    from dynident.files.results import claim_json, json_text, write_text
     from dynident.project.project import read_project
     from dynident.report.words import Line, note_lines
 
-    if json_file:
-        check_json(json_file)
+    claim_json(json_file)
     targets = [json_file] if json_file else []
     targets += [out / "bound.json", out / "report.html"] if out else []
-    if json_file:
-        probe_folder(json_file.parent)
     with result_folder(out) if out else nullcontext() as folder:
         noise_levels = parse_noise("--sigma-q", sigma_q), parse_noise("--sigma-tau", sigma_tau)
         with status():
@@ -152,8 +140,7 @@ def bound(
         say_line(screen, line)
     if json_file:
         print_path(screen, "Numbers", write_text(json_file, numbers))
-    for label, path in zip(("Numbers", "Report"), written, strict=False):
-        print_path(screen, label, path)
+    print_paths(screen, ("Numbers", "Report"), written)
 
 
 @click.command(short_help="Smooth and differentiate columns of a file.")
@@ -218,8 +205,7 @@ def smooth(
     for note in table.notes:
         screen.remark(f"Warning: {note}", "yellow")
     screen.show(smoothing_table(smoothed.names, smoothed.fit))
-    for label, path in zip(("Table", "Report"), written, strict=True):
-        print_path(screen, label, path)
+    print_paths(screen, ("Table", "Report"), written)
 
 
 @click.command(short_help="Print a JSON schema, by which editors complete a configuration.")

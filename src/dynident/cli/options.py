@@ -113,6 +113,7 @@ CHECKED = _FilePath((*CONFIGS, *ROBOTS), dir_okay=False)
 DESIGNED = _FilePath((*CONFIGS, *ROBOTS, ".json"), dir_okay=False)
 RESULT = _FilePath((".json",), dir_okay=False)
 ROBOT, LOG_NAME = _FileNameText(ROBOTS), _FileNameText(LOGS)
+JSON_FILE = click.option("--json", "json_file", type=FILE, help="JSON file for all numbers.")
 
 
 def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None) -> None:  # noqa: ARG001
@@ -125,44 +126,38 @@ _MEMORY = click.option(
 )  # fmt: skip
 
 
-def _set_verbose(ctx: click.Context, option: click.Parameter, value: bool) -> None:  # noqa: ARG001
-    command_log().verbose |= value
-
-
-def _set_quiet(ctx: click.Context, option: click.Parameter, value: bool) -> None:  # noqa: ARG001
-    command_log().quiet |= value
-
-
-def _set_log(ctx: click.Context, option: click.Parameter, value: Path | None) -> None:  # noqa: ARG001
-    command_log().path = value or command_log().path
+def _keep_option(ctx: click.Context, option: click.Parameter, value: Any) -> None:  # noqa: ARG001
+    """Set the field of the log that is named as the option; it may be given before the command, and after it."""
+    name = str(option.name)
+    setattr(command_log(), name, value or getattr(command_log(), name))
 
 
 def _open_log(ctx: click.Context, option: click.Parameter, value: Path | None) -> None:
-    _set_log(ctx, option, value)
+    _keep_option(ctx, option, value)
     if not ctx.resilient_parsing and (path := command_log().path):
         command_log().open()
         remember_inputs(path)
 
 
 _VERBOSE = click.option(
-    "-v", "--verbose", is_flag=True, expose_value=False, callback=_set_verbose,
+    "-v", "--verbose", is_flag=True, expose_value=False, callback=_keep_option,
     help="Print each step with the time since the start, on standard error.",
 )  # fmt: skip
 _QUIET = click.option(
-    "-q", "--quiet", is_flag=True, expose_value=False, callback=_set_quiet,
+    "-q", "--quiet", is_flag=True, expose_value=False, callback=_keep_option,
     help="Print only results, what was written, and errors: no notes, warnings, next steps or progress.",
 )  # fmt: skip
 
 
 def add_output_options(group: Decorated) -> Decorated:
     """Add the options on output to the group, where they come before the name of a command."""
-    log = click.option("--log-file", type=FILE, expose_value=False, callback=_set_log, help=_LOG_HELP)
+    log = click.option("--log-file", "path", type=FILE, expose_value=False, callback=_keep_option, help=_LOG_HELP)
     return _VERBOSE(_QUIET(log(group)))
 
 
 def add_common_options(command: Decorated) -> Decorated:
     """Add the options that every command has."""
-    log = click.option("--log-file", type=FILE, expose_value=False, callback=_open_log, help=_LOG_HELP)
+    log = click.option("--log-file", "path", type=FILE, expose_value=False, callback=_open_log, help=_LOG_HELP)
     return log(_QUIET(_VERBOSE(_MEMORY(command))))
 
 

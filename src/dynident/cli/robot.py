@@ -102,7 +102,7 @@ def excite(
         project = read_excitation(robot, settings, changes, ready=ready, allow_code=allow_code)
         with spread.executor("dynident.apps.excitation.design") as executor:
             design = project.design(executor)
-        report_progress("writing the motions and reading them again")
+        report_progress("writing the motions")
         written = write_design(folder, project, design)
     screen = console()
     screen.say(excitation_heading(design), "bold")

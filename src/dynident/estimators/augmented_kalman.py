@@ -20,13 +20,7 @@ from dynident.estimators.augmented_kalman_steps import (
     smooth_model,
 )
 from dynident.estimators.estimator import Estimate, Estimator, Problem
-from dynident.estimators.least_squares import (
-    LeastSquares,
-    LinearEstimator,
-    LinearFit,
-    estimate_of,
-    fit_from_information,
-)
+from dynident.estimators.least_squares import LeastSquares, estimate_of, fit_from_information
 from dynident.estimators.maximum_likelihood.plan import misfit
 from dynident.estimators.notes import SmoothSigns, StartedElsewhere, StillMoving
 from dynident.estimators.physical_constraints import bodies_of
@@ -164,19 +158,6 @@ class AugmentedKalman(Estimator):
 
 
 @dataclass(frozen=True, eq=False)
-class _FixedFit(LinearEstimator):
-    """An estimator that returns a given linear ``fit``."""
-
-    fit: LinearFit
-
-    __repr__ = brief
-
-    def reduced(self, _: Problem) -> LinearFit:
-        """Return the fit."""
-        return self.fit
-
-
-@dataclass(frozen=True, eq=False)
 class _KalmanRun:
     """One estimation: the pieces, the smooth model with the estimated directions, and the notes.
 
@@ -246,8 +227,8 @@ class _KalmanRun:
             return theta
         if bodies_of(self.problem.model.parameters):
             total = self.problem.regression.triangular_factors.total
-            fixed_fit = _FixedFit(fit_from_information(theta, information, self.directions, total, ()))
-            theta = PhysicallyConsistent(costs=False, fit=fixed_fit)(self.problem).value
+            rows = fit_from_information(theta, information, self.directions, total, ())
+            theta = PhysicallyConsistent(costs=False).constrain(self.problem, rows).value
         # halve the step until no direction of motion becomes much lighter than at the origin
         share = 1.0
         while share > MIN_STEP_SHARE and not _is_mobile(dynamics, self.series, origin + share * (theta - origin)):

@@ -17,13 +17,12 @@ from dynident.estimators.physical_constraints import PsdConstraint
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-MAX_STEPS = 100  # usually four to ten, some dozens from a bad start
-MAX_BOUNDARY_SHARE = 0.98  # share of the way to the boundary
-MIN_CENTRALITY = 0.1  # product of primal and dual, relative to the mean: far from the path steps are short
-BACKTRACKING_FACTOR, MIN_STEP_LENGTH = 0.8, 1e-3  # factor and least length of a step that would leave the path
-CONVERGED_RATIO = 0.05  # of the products of primal and dual matrices, to the weight, and of the decrease that is left
 MAX_DIRECT_STEPS = 6  # steps from a start, which is enough where it is close
 MAX_NEWTON_STEPS = 500  # steps at one weight of the barrier; usually a few, but many near the boundary for a thin body
+WEIGHT_FACTOR, CENTRED_DECREMENT = (
+    0.1,
+    1e-2,
+)  # of the weight, from one point of the central path to the next; of it, the accuracy there
 INITIAL_WEIGHT_SHARE = 0.1  # of the expected fall for each constraint: weight at which the central path begins
 MIN_STEP_SHARE = 1e-6  # share of a step below which the line search stops
 
@@ -80,164 +79,6 @@ class Matrices:
         v, products = len(total), slopes @ np.swapaxes(slopes, 1, 2)
         at = self.columns[:, :, None] * v + self.columns[:, None, :]
         total += np.bincount(at.ravel(), products.ravel(), v * v).reshape(v, v)
-
-
-def follow_central_path(
-    H: Array, g: Array, matrices: Sequence[Matrices], x: Array, weights: tuple[float, float]
-) -> Array:
-    """Return x (v) near the minimum of x' H x / 2 - g' x - weight * sum of log det, from a feasible x.
-
-    ``weights`` are those at the beginning of the path and at the minimum. Where rounding ends the path early, the
-    last point is returned.
-    """
-    weight, final_weight = weights
-    # the last feasible point is kept, since rounding may spoil the step after it
-    pairs, last_point = [_PrimalDualPair.central(stack, x, weight) for stack in matrices], x
-    for _ in range(MAX_STEPS):
-        try:
-            last_point, (x, pairs, converged) = x, _step(H, g, x, pairs, final_weight)
-        except np.linalg.LinAlgError:
-            break
-        if converged:
-            break
-    return last_point
-
-
-@dataclass(frozen=True, eq=False)
-class _PrimalDualPair:
-    """Constrained matrices (K, s, s) and their duals."""
-
-    matrices: Matrices
-    primal: Array
-    dual: Array
-
-    @classmethod
-    def central(cls, matrices: Matrices, x: Array, weight: float) -> _PrimalDualPair:
-        """Return the pair at x (v) whose products equal the weight."""
-        primal = matrices.offset + matrices.change(x)
-        return cls(matrices, primal, weight * matrices.share[:, None, None] * np.linalg.inv(primal))
-
-    def scale(self) -> _ScaledPair:
-        """Return the scaling in which primal and dual are the same diagonal matrix."""
-        L, R = np.linalg.cholesky(self.primal), np.linalg.cholesky(self.dual)
-        U, values, _ = np.linalg.svd(np.swapaxes(R, 1, 2) @ L)
-        inverse = np.swapaxes(R @ U, 1, 2) / np.sqrt(values)[:, :, None]
-        return _ScaledPair(self, values, inverse, self.matrices.transform_slopes(inverse))
-
-
-@dataclass(frozen=True, eq=False)
-class _ScaledPair:
-    """A pair in the scaling of Nesterov and Todd, in which primal and dual are equal.
-
-    ``inverse`` primal inverse' = scaled dual = diag(``values`` (K, s)). ``slopes`` (K, c, s s) are the scaled
-    derivatives of the matrices.
-    """
-
-    pair: _PrimalDualPair
-    values: Array
-    inverse: Array
-    slopes: Array
-
-    @property
-    def diagonal(self) -> Array:
-        """Primal and dual (K, s, s) in the scaling."""
-        return np.asarray(self.values[:, :, None] * np.eye(self.values.shape[1]))
-
-    def change(self, dx: Array) -> Array:
-        """Return the change (K, s, s) of the scaled primal."""
-        changes = dx[self.pair.matrices.columns][:, None] @ self.slopes
-        return np.asarray(changes.reshape(self.pair.primal.shape))
-
-    def complementarity_target(self, weight: float, second_order: Array | float = 0.0) -> Array:
-        """Return the sum of both scaled changes for which the products become the weight.
-
-        ``second_order`` is the second-order term to subtract.
-        """
-        unit = np.eye(self.values.shape[1])
-        right_side = weight * self.pair.matrices.share[:, None, None] * unit
-        right_side = right_side - self.values[:, :, None] ** 2 * unit - second_order
-        return np.asarray(2 * right_side / (self.values[:, :, None] + self.values[:, None, :]))
-
-    def max_step(self, *changes: Array) -> float:
-        """Return the largest multiple of the changes (K, s, s) that stays in the cone."""
-        root = np.sqrt(self.values)
-        scale = root[:, :, None] * root[:, None, :]
-        smallest = min(float(np.linalg.eigvalsh(change / scale)[:, 0].min(initial=0.0)) for change in changes)
-        return -1.0 / smallest if smallest < 0 else np.inf
-
-    def products(self, primal: Array, dual: Array) -> Array:
-        """Return the eigenvalues (K, s) of the products of primal and dual after changes, over their shares.
-
-        The changes (K, s, s) are scaled ones.
-        """
-        root = np.linalg.cholesky(self.diagonal + primal)
-        eigenvalues = np.linalg.eigvalsh(np.swapaxes(root, 1, 2) @ (self.diagonal + dual) @ root)
-        return np.asarray(eigenvalues / self.pair.matrices.share[:, None])
-
-    def move(self, x: Array, change: Array) -> _PrimalDualPair:
-        """Return the pair at x (v) with the scaled change of the dual applied, without loss of digits."""
-        matrices, dual = self.pair.matrices, np.swapaxes(self.inverse, 1, 2) @ (self.diagonal + change) @ self.inverse
-        return _PrimalDualPair(matrices, matrices.offset + matrices.change(x), dual)
-
-
-@dataclass(frozen=True, eq=False)
-class _Direction:
-    """A change of ``x`` (v), the scaled changes of each pair, and the largest feasible multiple of it."""
-
-    x: Array
-    primal: list[Array]
-    dual: list[Array]
-    max_step: float
-
-
-def _step(
-    H: Array, g: Array, x: Array, pairs: Sequence[_PrimalDualPair], final_weight: float
-) -> tuple[Array, list[_PrimalDualPair], bool]:
-    """Take one step; return x, the pairs, and whether they were close to the end of the path before it."""
-    # in the scaling of Nesterov and Todd primal and dual are the same diagonal matrix, and the system is symmetric
-    scaled = [pair.scale() for pair in pairs]
-    hessian, descent = H.copy(), g - H @ x
-    for pair in scaled:
-        pair.pair.matrices.add_hessian(hessian, pair.slopes)
-        pair.pair.matrices.add_gradient(descent, pair.slopes, pair.diagonal)
-    solve = solver(hessian)
-
-    def direction(targets: Sequence[Array]) -> _Direction:
-        right_side = descent.copy()
-        for pair, target in zip(scaled, targets, strict=True):
-            pair.pair.matrices.add_gradient(right_side, pair.slopes, target)
-        dx = solve(right_side)
-        primal = [pair.change(dx) for pair in scaled]
-        dual = [target - change for target, change in zip(targets, primal, strict=True)]
-        room = min(pair.max_step(*changes) for pair, *changes in zip(scaled, primal, dual, strict=True))
-        return _Direction(dx, primal, dual, room)
-
-    # products of primal and dual: all equal to the weight on the central path
-    products = np.concatenate([(pair.values**2 / pair.pair.matrices.share[:, None]).ravel() for pair in scaled])
-    # predictor: aim at the end of the path; how far it gets tells how much centring is needed
-    predictor = direction([pair.complementarity_target(final_weight) for pair in scaled])
-    converged = (
-        float(np.abs(products / final_weight - 1).max()) < CONVERGED_RATIO
-        and float(predictor.x @ hessian @ predictor.x) < CONVERGED_RATIO * final_weight
-    )
-    next_weight = max(final_weight, float(products.mean()) * (1 - min(1.0, predictor.max_step)))
-    # corrector: the same equations without the second-order term of the predictor (Mehrotra)
-    second_order = [(a @ b + b @ a) / 2 for a, b in zip(predictor.primal, predictor.dual, strict=True)]
-    targets = [pair.complementarity_target(next_weight, term) for pair, term in zip(scaled, second_order, strict=True)]
-    corrector = direction(targets)
-    # shorten a step that would leave the neighbourhood of the path
-    length = min(1.0, MAX_BOUNDARY_SHARE * corrector.max_step)
-    while length > MIN_STEP_LENGTH and not _is_near_path(scaled, corrector, length, float(products.mean())):
-        length *= BACKTRACKING_FACTOR
-    x = x + length * corrector.x
-    return x, [pair.move(x, length * dual) for pair, dual in zip(scaled, corrector.dual, strict=True)], converged
-
-
-def _is_near_path(scaled: Sequence[_ScaledPair], step: _Direction, length: float, mean: float) -> bool:
-    """Return whether a step stays near the path, so that no product of primal and dual is far below the others."""
-    pairs = zip(scaled, step.primal, step.dual, strict=True)
-    products = np.concatenate([pair.products(length * a, length * b).ravel() for pair, a, b in pairs])
-    return bool(products.min() > MIN_CENTRALITY * min(mean, products.mean()))
 
 
 def solver(H: Array) -> Callable[[Array], Array]:
@@ -348,9 +189,11 @@ class Barrier:
             return x
         # begin where each constraint costs a tenth of the expected decrease: the start is then well centred
         decrease, count = penalised.newton(start)[1], max(len(self.psd_constraints), 1)
-        weights = max(self.weight, INITIAL_WEIGHT_SHARE * decrease / count), self.weight
-        start = follow_central_path(H, g - self.weight * self.linear_gradient, self.matrices, start, weights)
-        return penalised.minimise(start, tolerance)[0]
+        weight, x = max(self.weight, INITIAL_WEIGHT_SHARE * decrease / count), start
+        while weight > self.weight:
+            x, _ = PenalisedQuadratic(H, g, ((self, weight),)).minimise(x, CENTRED_DECREMENT * weight)
+            weight *= WEIGHT_FACTOR
+        return penalised.minimise(x, tolerance)[0]
 
 
 @dataclass(frozen=True, eq=False)

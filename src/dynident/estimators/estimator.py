@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.notes import Unsettled
+from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, Unsettled
 from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
-from dynident.runtime import OMITTED, Axes, Note, Part, brief, check_settings, join_names
+from dynident.runtime import (
+    OMITTED,
+    Axes,
+    ConfigError,
+    Note,
+    Part,
+    brief,
+    check_settings,
+    choices,
+    join_names,
+)
 
 Array = NDArray[np.float64]
+MAX_PRIOR = 1e9  # in size
 
 
 class Provenance(StrEnum):
@@ -231,11 +242,15 @@ class Estimator(Part, ABC):
     """Base of the estimators: a frozen dataclass of settings, which maps a problem to an estimate.
 
     All but the call has a default, which an estimator overrides where it differs. Settings outside the limits of their
-    types raise ConfigError.
+    types raise ConfigError. Those ``by_parameter`` are values by parameter name, or a text; they are kept as pairs.
     """
+
+    by_parameter: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         check_settings(self)
+        for setting in self.by_parameter:
+            object.__setattr__(self, setting, to_tuples(getattr(self, setting)))
 
     @abstractmethod
     def __call__(self, problem: Problem) -> Estimate:
@@ -253,8 +268,54 @@ class Estimator(Part, ABC):
     @property
     def named(self) -> tuple[str, ...]:
         """The parameters that the settings name."""
-        return ()
+        return tuple(dict.fromkeys(name for setting in self.by_parameter for name in self.values_of(setting)))
 
-    def among(self, names: Collection[str]) -> Estimator:  # noqa: ARG002
+    def among(self, names: Collection[str]) -> Self:
         """Return the estimator without its settings for parameters other than ``names``."""
-        return self
+        kept = {
+            setting: tuple((name, value) for name, value in self.values_of(setting).items() if name in names)
+            for setting in self.by_parameter
+            if not isinstance(getattr(self, setting), str)
+        }
+        return replace(self, **kept) if kept else self  # type: ignore[type-var]
+
+    def values_of(self, setting: str) -> dict[str, Any]:
+        """Return the values of a setting by parameter name; none where it is a text."""
+        values = getattr(self, setting)
+        return {} if isinstance(values, str) else dict(values)
+
+
+def to_tuples(value: Any) -> Any:
+    """Return lists, arrays and mappings as tuples, so that settings can be hashed; anything else as it is."""
+    if isinstance(value, Mapping):
+        return tuple((key, to_tuples(entry)) for key, entry in value.items())
+    return tuple(map(to_tuples, value)) if isinstance(value, (list, tuple, np.ndarray)) else value
+
+
+def check_parameters(names: Collection[str], model: Model, where: str) -> None:
+    """Raise ConfigError where a setting, ``where``, names parameters that the model does not have."""
+    for name in names:
+        if name not in model.names:
+            raise ConfigError(f"{where}: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
+
+
+def check_prior(values: Mapping[str, float]) -> None:
+    """Raise ConfigError for a prior that is no number, or a huge one."""
+    for name, value in values.items():
+        if not abs(value) <= MAX_PRIOR:
+            raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_PRIOR:g} in size.")
+
+
+def prior_values(prior: str | Mapping[str, float] | Iterable[tuple[str, float]], model: Model) -> Array:
+    """Return a prior (p), "nominal" or values by name, nan where a parameter has none."""
+    if prior == "nominal":
+        return np.array([np.nan if parameter.value is None else parameter.value for parameter in model.parameters])
+    values = {} if isinstance(prior, str) else dict(prior)
+    check_parameters(values, model, "prior")
+    return np.array([values.get(name, np.nan) for name in model.names])
+
+
+def prior_notes(provenance: Sequence[Provenance]) -> tuple[Note, ...]:
+    """Return the notes on how many parameters a prior determines, and nothing does."""
+    kinds = ((Provenance.PRIOR, DecidedByPrior), (Provenance.UNIDENTIFIABLE, NotIdentifiable))
+    return tuple(kind(provenance.count(which)) for which, kind in kinds if which in provenance)

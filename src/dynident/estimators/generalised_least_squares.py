@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from dynident.estimators.estimator import Problem
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
-    LeastSquares,
-    LinearEstimator,
+    ROUNDING,
     LinearFit,
-    joint_weights,
+    SampledEstimator,
+    rounding_floor,
+    rows_by_joint,
     solve_least_squares,
     weight_joints,
 )
@@ -32,16 +33,14 @@ from dynident.runtime import ConfigError, Note, Step, report_progress, settings_
 
 Array = NDArray[np.float64]
 MAX_ORDER = 200  # order
-WEIGHT_ITERATIONS = 3  # iterations of the weights of the joints
 ORDER_ROUNDS = 3  # rounds after which the orders stay
 MIN_STEP = 0.01  # root mean square step of the parameters that is none, in standard errors
-ROUNDING = 1e-7  # of the torque: a smaller residual is no noise
 MAX_RESIDUAL_RATIO = 1.1  # residual of a joint over that of least squares that is said
 MAX_CORRELATION = 0.1  # correlation of whitened residuals that is said
 
 
 @dataclass(frozen=True)
-class GeneralisedLeastSquares(LinearEstimator):
+class GeneralisedLeastSquares(SampledEstimator):
     """Least squares for noise that is coloured in time and correlated between joints, (X' V^-1 X)^-1 X' V^-1 y.
 
     The noise of each joint is an autoregression, of the order with the least Bayesian information criterion up to
@@ -74,23 +73,18 @@ class GeneralisedLeastSquares(LinearEstimator):
     max_order: Annotated[int, Ge(1), Le(MAX_ORDER)] = 20
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
 
-    needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the whitened rows; notes tell where the residual is more than noise."""
         return fit_whitened(problem, self.max_order, self.iterations)
 
-    def quick(self) -> LeastSquares:
-        """Return least squares with one weight for each joint."""
-        return LeastSquares(weights="per_joint")
-
     def __str__(self) -> str:
         return settings_text("generalised least squares, with autoregressive noise", self)
 
 
 @dataclass(frozen=True)
-class WeightedLeastSquares(LinearEstimator):
+class WeightedLeastSquares(SampledEstimator):
     """Least squares weighted by the noise of all joints and its correlation between them, (X' V^-1 X)^-1 X' V^-1 y.
 
     The covariance S (n, n) of V is that of the residual of the fit itself, which is repeated until the parameters stand
@@ -111,7 +105,6 @@ class WeightedLeastSquares(LinearEstimator):
 
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
 
-    needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
     def reduced(self, problem: Problem) -> LinearFit:
@@ -120,10 +113,6 @@ class WeightedLeastSquares(LinearEstimator):
         A note tells where that leaves much more of the torque than least squares.
         """
         return fit_whitened(problem, 0, self.iterations)
-
-    def quick(self) -> LeastSquares:
-        """Return least squares with one weight for each joint."""
-        return LeastSquares(weights="per_joint")
 
     def __str__(self) -> str:
         return settings_text("least squares, weighted by the noise of all joints", self)
@@ -142,10 +131,9 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit
         raise ConfigError("estimator: whitening needs all samples; take least squares or the consistent fit.")
     regression, parameters = replace(problem.regression, weights=(), whitening=None), problem.model.parameters
     triangular = problem.regression.triangular_factors
-    weights = joint_weights(triangular, "per_joint", WEIGHT_ITERATIONS, parameters)
-    plain_factor, unwhitened_rank = weight_joints(triangular, weights, parameters)
-    start = value = solve_least_squares(plain_factor, unwhitened_rank).value
-    floor, names = _rounding_floor(triangular), [joint.name for joint in problem.model.joints]
+    plain = rows_by_joint(problem)
+    unwhitened_rank, start, value = plain.directions, plain.solution.value, plain.solution.value
+    floor, names = rounding_floor(triangular), [joint.name for joint in problem.model.joints]
     orders: Sequence[int] | None = None
     costly_note: WhiteningCostly | None = None
     # alternate between the noise of the last residual and the fit to rows whitened by it
@@ -161,8 +149,7 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit
             break
     # simulate whether noise alone explains that the fit leaves more of the torque
     if costly_note:
-        hausman_test = HausmanTest(regression, weights, plain_factor, unwhitened_rank)
-        costly_note = replace(costly_note, chance=hausman_test.is_chance(value - start, noise, rank))
+        costly_note = replace(costly_note, chance=HausmanTest(regression, plain).is_chance(value - start, noise, rank))
     unsettled = step >= MIN_STEP and not costly_note
     notes = (
         *((NotConverged(iterations, 0.5 * rank.rank * step**2),) if unsettled else ()),
@@ -170,12 +157,6 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit
         *((costly_note,) if costly_note else ()),
     )
     return LinearFit(factor, rank, triangular.total, notes=notes, whitening=noise)
-
-
-def _rounding_floor(triangular: TriangularFactors) -> Array:
-    """Return for each joint (n) the deviation below which a residual is rounding."""
-    size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
-    return np.asarray(ROUNDING * np.where(size > 0, size, size.max(initial=0.0) or 1.0))
 
 
 def _whiten_rows(

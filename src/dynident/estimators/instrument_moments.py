@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.instruments import Instruments
+from dynident.estimators.least_squares import LinearFit
 from dynident.regression import Rank, Regression
 from dynident.regression.whitening import bandwidth, bartlett
 from dynident.runtime import InputError, brief
@@ -125,12 +126,13 @@ class Moments:
         )
 
 
-def moments_of(rows: Regression, instruments: Regression, rank: Rank, weights: Array) -> Moments:
+def moments_of(rows: Regression, instruments: Regression, plain: LinearFit) -> Moments:
     """Return the moments of the ``rows`` with the regressor of other motions at the same samples.
 
-    They are expressed in the directions of ``rank``, that of the weighted rows; ``weights`` (n) are those of the
-    joints. Raises InputError where there are too few rows.
+    They are expressed in the directions that ``plain`` least squares determines, with its weights of the joints.
+    Raises InputError where there are too few rows.
     """
+    rank, weights = plain.directions, np.ones(len(rows.model.joints)) if plain.weights is None else plain.weights
     # in these directions the weighted regressor is orthonormal
     basis = rank.determined_directions / rank.values[: rank.rank]
     n, r = len(weights), basis.shape[1]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Literal
+from functools import cached_property
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -20,29 +21,30 @@ from dynident.estimators.instruments import (
     NotSimulated,
     WeakInstruments,
     lagged_instruments,
-    loop_failure_error,
-    missing_controller_error,
-    no_repetition_error,
     pair_rows,
     repeated_instruments,
     simulated_instruments,
 )
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
-    LeastSquares,
-    LinearEstimator,
     LinearFit,
+    SampledEstimator,
     fit_from_information,
-    joint_weights,
-    solve_least_squares,
-    weight_joints,
+    rows_by_joint,
 )
 from dynident.estimators.notes import StartedElsewhere
-from dynident.estimators.simulated_recordings import controller_of, find_first_model, log_of, reason_of
+from dynident.estimators.simulated_recordings import (
+    controller_of,
+    find_first_model,
+    log_of,
+    no_controller_error,
+    not_simulated_error,
+    reason_of,
+)
 from dynident.models.simulation import Failure
 from dynident.motion.log import Motion
-from dynident.regression import Rank, Regression
-from dynident.runtime import Note, Step, report_progress, settings_repr, settings_text
+from dynident.regression import Regression
+from dynident.runtime import MissingInputError, Note, Step, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 InstrumentSource = Literal["auto", "simulated", "repeated", "lagged"]
@@ -55,19 +57,22 @@ MIN_F_STATISTIC = 10.0  # F of the first stage below which instruments are weak 
 
 @dataclass(eq=False)
 class InstrumentalRun:
-    """One estimation in progress, with its settings, the weights of the joints, and the rank of the weighted rows.
+    """One estimation in progress, with its ``settings``, which begins with ``plain`` least squares."""
 
-    ``value`` (p) is the last one, at first the ``start`` of least squares.
-    """
-
+    settings: InstrumentalVariables
     problem: Problem
-    source: InstrumentSource
-    iterations: int
-    lag: float | None
-    weights: Array
-    rank: Rank
-    start: Array
+    plain: LinearFit
     notes: list[Note] = field(default_factory=list)
+
+    @property
+    def source(self) -> InstrumentSource:
+        """Which instruments are asked for."""
+        return self.settings.instruments
+
+    @cached_property
+    def start(self) -> Array:
+        """The value (p) of least squares."""
+        return self.plain.solution.value
 
     def fit(self) -> LinearFit:
         """Return the fit; simulated instruments are those of the value before last, which is about the last."""
@@ -75,17 +80,17 @@ class InstrumentalRun:
         instruments = self.first_instruments([self.choose_instruments(k) for k in range(len(self.problem.motions))])
         loops = [k for k, instrument in enumerate(instruments) if instrument.kind is InstrumentKind.SIMULATED]
         # simulated instruments depend on the value: solve and simulate in turn until it stays
-        for iteration in range(1, self.iterations + 1):
+        for iteration in range(1, self.settings.iterations + 1):
             rows, instrument_rows, moments = self.form_moments(instruments)
             # the change of the torque ends the iteration for exact data, where standard errors are rounding
             step_size, relative_change = moments.distance(moments.value, value), moments.change(moments.value, value)
             value = moments.value
             if not loops or step_size < CONVERGED_STEP or relative_change < MIN_TORQUE_CHANGE:
                 break
-            if iteration == self.iterations:
+            if iteration == self.settings.iterations:
                 self.notes.append(MotionMovesOn(iteration, step_size))
                 break
-            report_progress(Step("simulating instruments", iteration, self.iterations))
+            report_progress(Step("simulating instruments", iteration, self.settings.iterations))
             simulations = self.simulate_instruments(value, loops)
             if isinstance(simulations, Failure):
                 self.notes.append(MotionMovesOn(iteration, step_size, reason_of(simulations)))
@@ -99,7 +104,7 @@ class InstrumentalRun:
         if self.source in ("auto", "simulated") and controller_of(problem, k) is not None:
             return None
         if self.source == "simulated":
-            raise missing_controller_error(motion)
+            raise no_controller_error(motion, "instruments are", "leave `instruments` at auto")
         return self.measured_instruments(k)
 
     def measured_instruments(self, k: int) -> Instruments:
@@ -109,8 +114,14 @@ class InstrumentalRun:
         if repetition is not None and (self.source == "repeated" or _is_repetition(repetition, motion)):
             return repetition
         if self.source == "repeated":
-            raise no_repetition_error(motion)
-        return lagged_instruments(problem.model, motion, log_of(problem, k), problem.regression.filter, self.lag)
+            message = (
+                f"{motion.source}: instruments `repeated` need another recording of the same motion in the training, "
+                "or a motion that repeats itself, and there is none. Record it twice, or leave `instruments` at auto."
+            )
+            raise MissingInputError(message)
+        return lagged_instruments(
+            problem.model, motion, log_of(problem, k), problem.regression.filter, self.settings.lag
+        )
 
     def first_instruments(self, instruments: Sequence[Instruments | None]) -> list[Instruments]:
         """Return the first instruments of all recordings.
@@ -135,7 +146,8 @@ class InstrumentalRun:
             self.notes.append(StartedElsewhere(kind))
             return simulations
         if self.source == "simulated":
-            raise loop_failure_error(self.problem.motions[loops[0]], alternative)
+            others = "instruments `repeated` or `lagged`"
+            raise not_simulated_error(self.problem.motions[loops[0] : loops[0] + 1], alternative, others)
         self.notes.append(NotSimulated(reason_of(alternative)))
         return {k: self.measured_instruments(k) for k in loops}
 
@@ -152,18 +164,18 @@ class InstrumentalRun:
     def form_moments(self, instruments: Sequence[Instruments]) -> tuple[Regression, Regression, Moments]:
         """Return the rows, those of the instruments, and their moments."""
         rows, instrument_rows = pair_rows(self.problem, instruments)
-        return rows, instrument_rows, moments_of(rows, instrument_rows, self.rank, self.weights)
+        return rows, instrument_rows, moments_of(rows, instrument_rows, self.plain)
 
     def finish_fit(
         self, instruments: Sequence[Instruments], regressions: tuple[Regression, Regression], moments: Moments
     ) -> LinearFit:
         """Return the fit with its information and notes."""
-        information, independent = score_information(moments, *regressions, instruments, self.rank)
-        fit = fit_from_information(moments.value, information, self.rank, int(moments.rows.sum()), ())
+        information, independent = score_information(moments, *regressions, instruments, self.plain.directions)
+        fit = fit_from_information(moments.value, information, self.plain.directions, int(moments.rows.sum()), ())
         weakest, names = moments.strength(independent), self.problem.model.names
         # name the parameter with the largest part in the weakest direction
         if weakest.statistic < MIN_F_STATISTIC:
-            largest = int(np.argmax(np.abs(weakest.direction * self.rank.scale)))
+            largest = int(np.argmax(np.abs(weakest.direction * self.plain.directions.scale)))
             self.notes.append(WeakInstruments(names[largest], weakest.correlation, weakest.statistic))
         if self.problem.logs:  # else the motions are taken as measured
             std = np.sqrt(np.diag(fit.directions.covariance()))
@@ -174,7 +186,7 @@ class InstrumentalRun:
             name = names[k] if np.isfinite(std[k]) else None
             note = InstrumentsUsed(kinds, weakest.correlation, max(lags, default=None), name, float(shift[k]))
             self.notes.insert(0, note)
-        return replace(fit, weights=self.weights, notes=tuple(self.notes), correlated=True)
+        return replace(fit, weights=self.plain.weights, notes=tuple(self.notes), correlated=True)
 
 
 def _is_repetition(instruments: Instruments, motion: Motion) -> bool:
@@ -191,7 +203,7 @@ MAX_LAG = 1e3  # s
 
 
 @dataclass(frozen=True)
-class InstrumentalVariables(LinearEstimator):
+class InstrumentalVariables(SampledEstimator):
     """Instrumental variables, theta = (W' D^2 X)^-1 W' D^2 y, consistent although noise is in the regressor X.
 
     W is the regressor of a motion whose errors are not those of X, D weights each joint by its residual. Which motion
@@ -231,22 +243,12 @@ class InstrumentalVariables(LinearEstimator):
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
     lag: Annotated[float, Gt(0), Le(MAX_LAG)] | None = None
 
-    needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the value with its information, as rows to which constraints can be added."""
-        triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
-        weights = joint_weights(triangular, "per_joint", 3, parameters)
-        factor, rank = weight_joints(triangular, weights, parameters)
-        if not rank.rank:
-            return LinearFit(factor, rank, triangular.total, weights)
-        start = solve_least_squares(factor, rank).value
-        return InstrumentalRun(problem, self.instruments, self.iterations, self.lag, weights, rank, start).fit()
-
-    def quick(self) -> LeastSquares:
-        """Return least squares: what a search varies matters more than noise in the regressor."""
-        return LeastSquares(weights="per_joint")
+        plain = rows_by_joint(problem)
+        return InstrumentalRun(self, problem, plain).fit() if plain.directions.rank else plain
 
     def __str__(self) -> str:
         return settings_text("instrumental variables", self)

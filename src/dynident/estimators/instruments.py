@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
 from dynident.estimators.notes import Unsettled
-from dynident.estimators.simulated_recordings import controller_of, failure_of, no_controller_error, not_simulated_error
+from dynident.estimators.simulated_recordings import controller_of, failure_of
 from dynident.models import Model
 from dynident.models.simulation import Failure, simulate_recording, ticks
 from dynident.motion.filters import frequency_response
 from dynident.motion.log import Log, Motion
 from dynident.regression import ParallelFilter, Regression, Selection, fitted_rows
 from dynident.regression.groups import repeated_rows
-from dynident.runtime import ConfigError, InputError, MissingInputError, Note, Severity, WordedEnum, brief, short
+from dynident.runtime import ConfigError, InputError, Note, Severity, WordedEnum, brief, short
 
 
 class InstrumentKind(WordedEnum):
@@ -29,7 +28,6 @@ class InstrumentKind(WordedEnum):
     LAGGED = "lagged", "the motion before and after each sample"
 
 
-@dataclass(frozen=True)
 class InstrumentsUsed(Note):
     """The ``kinds`` of instruments, the longest ``lag`` (s) of those that have one, and what became of least squares.
 
@@ -37,7 +35,7 @@ class InstrumentsUsed(Note):
     most, by ``moved`` standard errors; none where no parameter is determined by itself.
     """
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     kinds: tuple[InstrumentKind, ...]
     correlation: float
     lag: float | None = None
@@ -56,7 +54,6 @@ class InstrumentsUsed(Note):
         return f"instruments are {kinds} {correlation}{change}{noise}"
 
 
-@dataclass(frozen=True)
 class WeakInstruments(Note):
     """The instruments explain little of the regressor in a direction of which ``parameter`` has the largest part:
     their ``correlation``, and the F ``statistic`` of the first stage."""
@@ -72,7 +69,6 @@ class WeakInstruments(Note):
         )
 
 
-@dataclass(frozen=True)
 class NotSimulated(Note):
     """Instruments are not simulated, since the first model fails in the controller's loop, for a ``reason``."""
 
@@ -85,7 +81,6 @@ class NotSimulated(Note):
         )
 
 
-@dataclass(frozen=True)
 class MotionMovesOn(Unsettled):
     """The simulated motion, and with it the value, still moves after so many ``iterations``: by ``moved`` standard
     errors in the last one. Where a simulation failed, the ``reason`` says why."""
@@ -167,16 +162,6 @@ def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments
     return Instruments(model.remembering(simulated_motion.shift(motion.time_offset)), InstrumentKind.SIMULATED)
 
 
-def missing_controller_error(motion: Motion) -> MissingInputError:
-    """Return the error where a recording has no controller."""
-    return no_controller_error(motion, "instruments are", "leave `instruments` at auto")
-
-
-def loop_failure_error(motion: Motion, failure: Failure) -> InputError:
-    """Return the error where the first model fails in the loop, whatever made it."""
-    return not_simulated_error([motion], failure, "instruments `repeated` or `lagged`")
-
-
 RowIndices = NDArray[np.intp]
 MAX_COPY_DISTANCE = 1e-9  # of a joint's range: positions that are as near are the same samples
 MAX_COPIED_SHARE = 0.1  # share of such samples from which a recording is no other pass
@@ -220,14 +205,6 @@ def _is_copy(motion: Motion, other_motion: Motion, rows: RowIndices, other_rows:
     span = np.ptp(motion.q, axis=0)
     is_equal = np.abs(motion.q[rows] - other_motion.q[other_rows]) <= MAX_COPY_DISTANCE * span
     return bool(is_equal[:, span > 0].all(axis=1).mean() > MAX_COPIED_SHARE)
-
-
-def no_repetition_error(motion: Motion) -> MissingInputError:
-    """Return the error where a motion has no other pass."""
-    return MissingInputError(
-        f"{motion.source}: instruments `repeated` need another recording of the same motion in the training, or a "
-        "motion that repeats itself, and there is none. Record it twice, or leave `instruments` at auto."
-    )
 
 
 MIN_LAG_SAMPLES = 3  # samples: central differences so far apart share none

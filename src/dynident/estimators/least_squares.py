@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -23,6 +23,7 @@ from dynident.runtime import Note, brief, settings_repr, settings_text
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
 MAX_ITERATIONS = 1000  # iterations
+ROUNDING = 1e-7  # of the torque: a smaller residual is no noise
 MAX_RANK_TOLERANCE = 0.01  # tolerance of a rank: with more, columns that the data show are given up
 
 
@@ -39,32 +40,11 @@ class LeastSquaresSolution:
 
     __repr__ = brief
 
-    @property
-    def rank(self) -> int:
-        """Number of directions that the data determine."""
-        return self.directions.rank
-
-    @property
-    def inverse(self) -> Array:
-        """(X' X)^-1 on the determined directions (p, p)."""
-        return self.directions.inverse
-
-    @property
-    def condition(self) -> float:
-        """Ratio of the largest to the smallest singular value of the scaled columns."""
-        return self.directions.condition
-
-    @property
-    def groups(self) -> tuple[tuple[int, ...], ...]:
-        """Groups of parameters of which only combinations are identifiable, by index."""
-        return self.directions.groups
-
 
 def solve_least_squares(factor: Array, rank: Rank | None = None) -> LeastSquaresSolution:
     """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y], on the directions that ``rank`` determines.
 
-    ``rank`` is that of the factor, by default the numerical one. ``condition`` is the ratio of the largest to the
-    smallest of all singular values of the scaled columns (inf where one is zero).
+    ``rank`` is that of the factor, by default the numerical one.
     """
     rank = rank or rank_of(factor)
     p, r = len(factor) - 1, rank.rank
@@ -139,6 +119,16 @@ class LinearEstimator(Estimator):
         return estimate_of(problem, self.reduced(problem))
 
 
+class SampledEstimator(LinearEstimator):
+    """Base of those that need all samples; searches take least squares in their place."""
+
+    needs_samples: ClassVar[bool] = True
+
+    def quick(self) -> LeastSquares:
+        """Return least squares with one weight for each joint."""
+        return LeastSquares(weights="per_joint")
+
+
 def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
     """Return the estimate without constraints, (X' X)^-1 X' y, and s^2 (X' X)^-1, eq. (11)."""
     solution, parameters = fit.solution, problem.model.parameters
@@ -146,7 +136,7 @@ def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
         parameters=parameters,
         value=solution.value,
         covariance=fit.covariance,
-        determined=DataRank(solution.rank, solution.condition, fit.directions),
+        determined=DataRank(fit.directions.rank, fit.directions.condition, fit.directions),
         residual=fit.residual(problem, solution.value),
         notes=(*_rank_notes(fit.directions, problem.model.names), *fit.notes),
         information=fit.information,
@@ -196,9 +186,7 @@ def joint_weights(
     current = np.ones(n)
     if weights == "equal":
         return current
-    size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
-    # a joint with residuals at rounding level must not outweigh all others
-    floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
+    floor = rounding_floor(triangular)
     # the weights follow from the residual of the fit with the previous weights, starting from equal ones
     for _ in range(iterations):
         theta = solve_least_squares(*weight_joints(triangular, current, parameters, tolerance)).value
@@ -207,6 +195,12 @@ def joint_weights(
         if np.allclose(current, previous, rtol=0.01, atol=0.0):
             break
     return current
+
+
+def rounding_floor(triangular: TriangularFactors) -> Array:
+    """Return for each joint (n) the deviation below which a residual is rounding, and must not outweigh all others."""
+    size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
+    return np.asarray(ROUNDING * np.where(size > 0, size, size.max(initial=0.0) or 1.0))
 
 
 def weight_joints(
@@ -274,3 +268,8 @@ class LeastSquares(LinearEstimator):
     def __str__(self) -> str:
         name = "least squares" + ", weighted by joint" * (self.weights == "per_joint")
         return settings_text(name, self, ("weights",))
+
+
+def rows_by_joint(problem: Problem) -> LinearFit:
+    """Return the rows of a problem, each joint weighted by its residual."""
+    return LeastSquares(weights="per_joint").reduced(problem)

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.estimators.least_squares import LinearFit
 from dynident.regression import EntryBlock, Rank, Regression, Whitening, is_stable, join_blocks, preceding_counts
 from dynident.runtime import Step, brief, report_progress
 
@@ -177,22 +178,19 @@ def shrink_correlation(correlation: Array, pairs: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class HausmanTest:
-    """Least squares of ``plain`` rows with ``weights`` (n).
+    """Least squares of the ``plain`` rows of a regression, reduced to the ``fit``, with weights by joint.
 
-    ``factor`` (p + 1, p + 1) is their triangular factor, ``rank`` its rank. The distance of parameters is the
-    weighted sum of squares of the torque between them, |X (a - b)|^2.
+    The distance of parameters is the weighted sum of squares of the torque between them, |X (a - b)|^2.
     """
 
     plain: Regression
-    weights: Array
-    factor: Array
-    rank: Rank
+    fit: LinearFit
 
     __repr__ = brief
 
     def distance(self, change: Array) -> Array:
         """Return the distance of parameters that differ by ``change`` (p, k)."""
-        return np.asarray(np.square(self.factor[:-1, :-1] @ change).sum(axis=0))
+        return np.asarray(np.square(self.fit.factor[:-1, :-1] @ change).sum(axis=0))
 
     def is_chance(self, change: Array, noise: Whitening, rank: Rank) -> bool:
         """Return whether a fit to whitened rows may differ from least squares by ``change`` (p) by chance.
@@ -208,7 +206,8 @@ class HausmanTest:
             # both fits are linear in the torque: the noise alone gives the difference of their errors
             draws = min(max(MAX_NUMBERS // size, 1), DRAWS - count)
             noise_draws = self._draw_noise(noise, draws, rng)
-            unwhitened = self.rank.inverse @ self.plain.weighted_products(noise_draws, self.weights, filtered=True)
+            products = self.plain.weighted_products(noise_draws, self.fit.weights, filtered=True)
+            unwhitened = self.fit.directions.inverse @ products
             whitened = rank.inverse @ white.weighted_products(noise_draws, filtered=True)
             if (self.distance(whitened - unwhitened) >= limit).any():
                 return True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 from dynident.runtime import Note, Severity, Use, WordedEnum, count, percent, short
@@ -21,17 +20,14 @@ class FirstModel(WordedEnum):
     MASS = "mass", "least squares with a positive definite mass matrix"
 
 
-@dataclass(frozen=True)
 class Undetermined(Note):
     """Base of the notes on a deficient rank, which is normal for inertial parameters: no motion determines all."""
 
 
-@dataclass(frozen=True)
 class Unsettled(Note):
     """Base of the notes on an iteration that did not converge."""
 
 
-@dataclass(frozen=True)
 class RankDeficient(Undetermined):
     """The data determine ``rank`` combinations of so many ``parameters``.
 
@@ -57,7 +53,6 @@ class RankDeficient(Undetermined):
         return "; ".join(parts)
 
 
-@dataclass(frozen=True)
 class NotAlone(Undetermined):
     """Parameters that the data do not determine by themselves."""
 
@@ -67,7 +62,6 @@ class NotAlone(Undetermined):
         return f"not determined individually: {', '.join(self.names)}"
 
 
-@dataclass(frozen=True)
 class NotByData(Undetermined):
     """``count`` parameters are not determined by the data alone."""
 
@@ -90,18 +84,16 @@ class NotIdentifiable(NotByData):
     how = "determined by neither data nor prior"
 
 
-@dataclass(frozen=True)
 class DrawnToPrior(Note):
     """The estimate is drawn to the prior with a ``strength`` that cross-validation chose."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     strength: float
 
     def __str__(self) -> str:
         return f"drawn to the prior with a strength of {short(self.strength, 2)}, by cross-validation"
 
 
-@dataclass(frozen=True)
 class ErrorsInRegressor(Note):
     """Along one direction, errors make up ``percent`` of what the regressor shows (its sum of squares).
 
@@ -124,11 +116,10 @@ class ErrorsInRegressor(Note):
         )
 
 
-@dataclass(frozen=True)
 class HeldByConstraints(Note):
     """Constraints hold base parameters far from where the data alone would have them: formula, standard errors."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     moved: tuple[tuple[str, float], ...]
 
     def __str__(self) -> str:
@@ -140,7 +131,6 @@ class HeldByConstraints(Note):
         )
 
 
-@dataclass(frozen=True)
 class ConstraintsCostly(Note):
     """The constraints raise the weighted training error (%) from ``free`` to ``error``, mostly those of ``family``."""
 
@@ -156,11 +146,10 @@ class ConstraintsCostly(Note):
         )
 
 
-@dataclass(frozen=True)
 class MotionCorrected(Note):
     """Errors of the smoothed motion would bias a base ``parameter`` by ``size`` standard errors; they are corrected."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     parameter: str
     size: float
 
@@ -172,14 +161,13 @@ class MotionCorrected(Note):
         )
 
 
-@dataclass(frozen=True)
 class LimitedByMotion(Note):
     """The remaining bias by errors of the smoothed motion dominates some standard errors.
 
     That is so for ``limited`` of ``all`` base parameters, above all for ``parameter``.
     """
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     parameter: str
     limited: int
     all: int
@@ -192,7 +180,6 @@ class LimitedByMotion(Note):
         )
 
 
-@dataclass(frozen=True)
 class MotionTooNoisy(Note):
     """Errors of the smoothed motion bias a base ``parameter`` by ``size`` standard errors: too much to correct."""
 
@@ -206,7 +193,6 @@ class MotionTooNoisy(Note):
         )
 
 
-@dataclass(frozen=True)
 class PriorApproached(Undetermined):
     """The barrier method stopped at a duality ``gap`` before the parameters nearest to the prior."""
 
@@ -216,7 +202,6 @@ class PriorApproached(Undetermined):
         return f"the prior was not reached exactly: the barrier method stopped at a duality gap of {self.gap:.1e}"
 
 
-@dataclass(frozen=True)
 class NotConverged(Unsettled):
     """The iteration stopped after ``iterations`` steps; the log-likelihood may still increase by ``gain``."""
 
@@ -228,7 +213,6 @@ class NotConverged(Unsettled):
         return f"not converged after {self.iterations} steps: {hint}"
 
 
-@dataclass(frozen=True)
 class StillMoving(Unsettled):
     """The iteration stopped after ``iterations`` steps, the last one ``change`` standard errors of all together."""
 
@@ -242,7 +226,6 @@ class StillMoving(Unsettled):
         )
 
 
-@dataclass(frozen=True)
 class StillSimulating(Unsettled):
     """After so many ``iterations`` of simulation the parameters still move, by ``moved`` standard errors at last."""
 
@@ -256,11 +239,10 @@ class StillSimulating(Unsettled):
         )
 
 
-@dataclass(frozen=True)
 class Downweighted(Note):
     """By joint, the share of the torques that count less than half, because they look wrong."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     joints: tuple[tuple[str, float], ...]
 
     def __str__(self) -> str:
@@ -268,7 +250,6 @@ class Downweighted(Note):
         return f"torques that look wrong count less than half: {listed} of them"
 
 
-@dataclass(frozen=True)
 class Failed(Unsettled):
     """Maximum likelihood failed for a ``reason`` (the error's message), and the estimate is its start."""
 
@@ -278,7 +259,6 @@ class Failed(Unsettled):
         return f"maximum likelihood failed, so this is its least-squares start: {self.reason}"
 
 
-@dataclass(frozen=True)
 class NotWhite(Note):
     """The torque residuals have a ``correlation`` between neighbouring samples: they are more than noise."""
 
@@ -291,7 +271,6 @@ class NotWhite(Note):
         )
 
 
-@dataclass(frozen=True)
 class ScatterLarger(Note):
     """The standard error of a ``parameter`` is ``ratio`` times as large by the scatter of the residuals over time."""
 
@@ -305,33 +284,30 @@ class ScatterLarger(Note):
         )
 
 
-@dataclass(frozen=True)
 class MovingStart(Note):
     """The recordings do not start from rest, by a likelihood ratio test with this ``p_value``."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     p_value: float
 
     def __str__(self) -> str:
         return f"the recordings do not start from rest (likelihood ratio test, p = {self.p_value:.1e})"
 
 
-@dataclass(frozen=True)
 class Averaged(Note):
     """Averages of ``group`` neighbouring samples were used."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     group: int
 
     def __str__(self) -> str:
         return f"each {self.group} neighbouring samples were averaged"
 
 
-@dataclass(frozen=True)
 class SmoothSigns(Note):
     """The sign of the velocity in friction was replaced by tanh(dq / width), with these ``widths`` (rad/s or m/s)."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     widths: tuple[float, ...]
 
     def __str__(self) -> str:
@@ -339,18 +315,16 @@ class SmoothSigns(Note):
         return f"the sign of the velocity in friction was replaced by tanh(dq / width), with widths {listed}"
 
 
-@dataclass(frozen=True)
 class StartedElsewhere(Note):
     """The iteration began with another first model, as that of least squares cannot be simulated, or is farther off."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     start: FirstModel
 
     def __str__(self) -> str:
         return f"simulated, least squares fails or is farther off: the iteration began with {self.start.words}"
 
 
-@dataclass(frozen=True)
 class StillColoured(Note):
     """The whitened residual of a ``joint`` has a ``correlation`` over time: no such noise describes it."""
 
@@ -365,7 +339,6 @@ class StillColoured(Note):
         )
 
 
-@dataclass(frozen=True)
 class WhiteningCostly(Note):
     """The fit to whitened rows leaves ``ratio`` times as much of the torque of a ``joint`` as least squares.
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -13,14 +14,11 @@ from numpy.typing import NDArray
 from dynident.estimators.estimator import Estimate, Problem
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
-    LeastSquares,
-    LinearEstimator,
     LinearFit,
+    SampledEstimator,
     estimate_of,
     fit_from_information,
-    joint_weights,
-    solve_least_squares,
-    weight_joints,
+    rows_by_joint,
 )
 from dynident.estimators.output_error_descent import Descent
 from dynident.estimators.simulated_recordings import (
@@ -36,7 +34,6 @@ from dynident.runtime import (
     MEMORY_VARIABLE,
     InputError,
     MissingInputError,
-    brief,
     format_bytes,
     memory_budget,
     settings_repr,
@@ -47,38 +44,40 @@ Array = NDArray[np.float64]
 BYTES_PER_DERIVATIVE = 20  # for each sample, joint and direction: the derivatives, and what the starts leave of them
 
 
-@dataclass(frozen=True, eq=False)
-class OutputFit:
-    """A fit by simulation: its ``value`` (p), and what the data determine of it, as ``linear`` rows."""
+class SimulatingEstimator(SampledEstimator):
+    """Base of the estimators that fit the outputs of simulations, in at most ``iterations`` steps."""
 
-    value: Array
-    linear: LinearFit
+    iterations: int
 
-    __repr__ = brief
+    @abstractmethod
+    def shots(self, problem: Problem) -> Iterator[Shots]:
+        """Yield the stretches to be simulated."""
 
-    def estimate(self, problem: Problem) -> Estimate:
-        """Return the estimate, with undetermined directions as at the start."""
-        estimate = estimate_of(problem, self.linear)
-        return replace(estimate, value=self.value, residual=self.linear.residual(problem, self.value))
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate, with undetermined directions as at the start; a note says where the iteration did not converge."""
+        value, linear = fit_output(problem, tuple(self.shots(problem)), self.iterations)
+        return replace(estimate_of(problem, linear), value=value, residual=linear.residual(problem, value))
+
+    def reduced(self, problem: Problem) -> LinearFit:
+        """Return the value with its information, as rows to which constraints can be added."""
+        return fit_output(problem, tuple(self.shots(problem)), self.iterations)[1]
 
 
-def fit_output(problem: Problem, shots: tuple[Shots, ...], iterations: int) -> OutputFit:
-    """Return the fit of stretches of recordings, in the directions of the parameters that their motion determines.
+def fit_output(problem: Problem, shots: tuple[Shots, ...], iterations: int) -> tuple[Array, LinearFit]:
+    """Return the value (p) fitted to stretches of recordings, and what their motion determines of it, as rows.
 
     Raises InputError where the derivatives need more memory than there is.
     """
-    triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
-    weights = joint_weights(triangular, "per_joint", 3, parameters)
-    factor, rank = weight_joints(triangular, weights, parameters)
-    r = rank.rank
+    plain = rows_by_joint(problem)
+    rank, r = plain.directions, plain.directions.rank
     _check_memory(problem, shots, r)
     # directions in which the weighted regressor is orthonormal: those that least squares does not see stay
     basis = rank.determined_directions / rank.values[:r]
-    descent = Descent(problem, basis, iterations).fit(solve_least_squares(factor, rank).value, shots)
+    descent = Descent(problem, basis, iterations).fit(plain.solution.value, shots)
     to_basis = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
     information = to_basis.T @ descent.information @ to_basis
     fit = fit_from_information(descent.value, information, rank, descent.samples, descent.notes)
-    return OutputFit(descent.value, replace(fit, weights=weights, correlated=True))
+    return descent.value, replace(fit, weights=plain.weights, correlated=True)
 
 
 def _check_memory(problem: Problem, shots: Sequence[Shots], directions: int) -> None:
@@ -97,7 +96,7 @@ def _check_memory(problem: Problem, shots: Sequence[Shots], directions: int) -> 
 
 
 @dataclass(frozen=True)
-class Didim(LinearEstimator):
+class Didim(SimulatingEstimator):
     """The theta with which the recorded controller asks for the measured torque, each joint weighted by its residual.
 
     The model is simulated in the loop of the recorded controller (``Log.controller``) under the recorded reference,
@@ -140,29 +139,15 @@ class Didim(LinearEstimator):
 
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 30
 
-    needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; a note says where the iteration did not converge."""
-        return self._fit(problem).estimate(problem)
-
-    def reduced(self, problem: Problem) -> LinearFit:
-        """Return the value with its information, as rows to which constraints can be added."""
-        return self._fit(problem).linear
-
-    def quick(self) -> LeastSquares:
-        """Return least squares: a search needs no simulation."""
-        return LeastSquares(weights="per_joint")
-
-    def _fit(self, problem: Problem) -> OutputFit:
-        shots = []
+    def shots(self, problem: Problem) -> Iterator[Shots]:
+        """Yield the recordings in their loops, with the torque as output."""
         for k, motion in enumerate(problem.motions):
             controller = controller_of(problem, k)
             if controller is None:
                 raise no_controller_error(motion, "the closed loop is", "use an estimator that simulates nothing")
-            shots.append(torque_shots(problem, k, controller))
-        return fit_output(problem, tuple(shots), self.iterations)
+            yield torque_shots(problem, k, controller)
 
     def __str__(self) -> str:
         return settings_text("DIDIM, the torque of the simulated loop", self)
@@ -176,7 +161,7 @@ MAX_SEGMENT = 1e4  # s
 
 
 @dataclass(frozen=True)
-class OutputError(LinearEstimator):
+class OutputError(SimulatingEstimator):
     """The theta whose simulated positions are nearest to the measured ones, each joint weighted by its residual.
 
     ``loop``: "closed" simulates the model in the loop of the recorded controller (``Log.controller``) under the
@@ -217,33 +202,21 @@ class OutputError(LinearEstimator):
     segment: Annotated[float, Gt(0), Le(MAX_SEGMENT)] | None = None
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 30
 
-    needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
-    def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; a note says where the iteration did not converge."""
-        return self._fit(problem).estimate(problem)
-
-    def reduced(self, problem: Problem) -> LinearFit:
-        """Return the value with its information, as rows to which constraints can be added."""
-        return self._fit(problem).linear
-
-    def quick(self) -> LeastSquares:
-        """Return least squares: a search needs no simulation."""
-        return LeastSquares(weights="per_joint")
-
-    def _fit(self, problem: Problem) -> OutputFit:
+    def shots(self, problem: Problem) -> Iterator[Shots]:
+        """Yield the recordings in their loops, or their segments, with the positions as output."""
         controllers = [controller_of(problem, k) for k in range(len(problem.motions))]
         if self.loop == "closed" and None in controllers:
             raise no_controller_error(
                 problem.motions[controllers.index(None)], "the closed loop is", "leave `loop` at auto"
             )
         closed = [] if self.loop == "open" else [entry for entry in controllers if entry is not None]
-        if len(closed) == len(problem.motions):
-            shots = [closed_shots(problem, k, entry) for k, entry in enumerate(closed)]
-        else:
-            shots = [entry for k in range(len(problem.motions)) for entry in self._open_segments(problem, k)]
-        return fit_output(problem, tuple(shots), self.iterations)
+        for k in range(len(problem.motions)):
+            if len(closed) == len(problem.motions):
+                yield closed_shots(problem, k, closed[k])
+            else:
+                yield from self._open_segments(problem, k)
 
     def _open_segments(self, problem: Problem, k: int) -> Iterator[Shots]:
         """Return the segments of the k-th recording, driven by its torque."""

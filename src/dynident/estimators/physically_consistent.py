@@ -6,29 +6,38 @@ the logs: ``staged`` fits the data; ``prior`` moves only along the directions th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Consistency, DataRank, Estimate, Estimator, Problem, Provenance
+from dynident.estimators.estimator import (
+    Consistency,
+    DataRank,
+    Estimate,
+    Estimator,
+    Problem,
+    Provenance,
+    check_parameters,
+    check_prior,
+    prior_notes,
+    prior_values,
+    to_tuples,
+)
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
     MAX_RANK_TOLERANCE,
+    LeastSquares,
     LinearEstimator,
     LinearFit,
     Weights,
-    joint_weights,
-    weight_joints,
 )
 from dynident.estimators.notes import (
     ConstraintsCostly,
-    DecidedByPrior,
     HeldByConstraints,
-    NotIdentifiable,
     PriorApproached,
     RankDeficient,
 )
@@ -56,7 +65,7 @@ from dynident.estimators.programs import (
 )
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, Note, call_part, choices, settings_repr, settings_text
+from dynident.runtime import ConfigError, Note, call_part, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_GAP = 1e-6  # duality gap above which the prior was not reached
@@ -122,13 +131,9 @@ def shift_notes(
 
 def rank_notes(information: Information, provenance: tuple[Provenance, ...], gap: float) -> tuple[Note, ...]:
     """Return notes on what the data do not determine, and on a prior that was not reached (duality ``gap``)."""
-    kinds: dict[Provenance, type[DecidedByPrior | NotIdentifiable]] = {
-        Provenance.PRIOR: DecidedByPrior,
-        Provenance.UNIDENTIFIABLE: NotIdentifiable,
-    }
     return (
         *([RankDeficient(information.rank, len(provenance))] if information.rank < len(provenance) else []),
-        *(kind(provenance.count(which)) for which, kind in kinds.items() if which in provenance),
+        *prior_notes(provenance),
         *([PriorApproached(gap)] if gap > MAX_GAP else []),
     )
 
@@ -199,23 +204,19 @@ class PhysicallyConsistent(Estimator):
     costs: bool = True
     fit: Estimator | None = None
 
+    by_parameter: ClassVar[tuple[str, ...]] = ("bounds", "prior")
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "total_mass", _to_tuples(self.total_mass))
-        for name in ("bounds", "centre_of_mass", "prior"):
-            setting = getattr(self, name)
-            if isinstance(setting, Mapping):
-                object.__setattr__(self, name, tuple((key, _to_tuples(value)) for key, value in setting.items()))
+        for setting in ("total_mass", "centre_of_mass"):
+            object.__setattr__(self, setting, to_tuples(getattr(self, setting)))
         self._check_settings()
 
     def _check_settings(self) -> None:
         if not isinstance(self.fit, LinearEstimator | None):
             raise ConfigError(f"fit = {self.fit!r}: is not linear in the parameters; give one such as LeastSquares().")
-        for name, value in () if isinstance(self.prior, str) else dict(self.prior).items():
-            if not abs(value) <= MAX_LIMIT:
-                raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_LIMIT:g} in size.")
+        check_prior(self.values_of("prior"))
         for name, sides in self._named_bounds().items():
             _check_bounds(name, *sides)
         for name, (lower, upper) in dict(self.centre_of_mass).items():
@@ -228,14 +229,20 @@ class PhysicallyConsistent(Estimator):
         Raises ConfigError where settings name parameters or bodies that the model does not have, or the constraints
         contradict each other, and ModelError where the program cannot be solved.
         """
+        return self.constrain(problem, self._weighted_rows(problem))
+
+    def constrain(self, problem: Problem, rows: LinearFit) -> Estimate:
+        """Return the consistent estimate of rows that are at hand; raises as the call does."""
         model, triangular = problem.model, problem.regression.triangular_factors
-        rows = self._weighted_rows(problem)
         factor, directions = rows.factor, rows.directions
         bodies = estimate_sizes(bodies_of(model.parameters), model.parameters, triangular)
         effect = np.linalg.norm(factor, axis=0)
         scale = parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
         information = information_from_factor(factor, scale, directions, rows.total)
-        constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
+        constraints, prior = (
+            self._constraints(model, bodies, scale),
+            prior_values(self.prior, model),
+        )
         target = np.where(np.isnan(prior), 0.0, prior)
         # first program: fit the data under the constraints; the prior counts only along informed directions
         strength = 0.0 if self.strength == "auto" else self.strength
@@ -273,12 +280,9 @@ class PhysicallyConsistent(Estimator):
     def _weighted_rows(self, problem: Problem) -> LinearFit:
         """Return the weighted rows to fit: those of ``fit``, where it is given."""
         linear: Any = self.fit  # checked when it was set
-        if linear is not None:
-            return call_part(linear.reduced, problem, LinearFit)
-        triangular, parameters = problem.regression.triangular_factors, problem.model.parameters
-        weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.threshold)
-        factor, directions = weight_joints(triangular, weights, parameters, self.threshold)
-        return LinearFit(factor, directions, triangular.total, None if self.weights == "equal" else weights)
+        if linear is None:
+            return LeastSquares(self.threshold, self.weights, self.iterations).reduced(problem)
+        return call_part(linear.reduced, problem, LinearFit)
 
     def quick(self) -> PhysicallyConsistent:
         """Return a fit of the same torque, without the cost of each constraint and with any prior."""
@@ -289,21 +293,6 @@ class PhysicallyConsistent(Estimator):
         """Whether the fit whose rows are taken needs the samples."""
         return self.fit is not None and self.fit.needs_samples
 
-    @property
-    def named(self) -> tuple[str, ...]:
-        """The parameters that bounds and prior name."""
-        prior = () if isinstance(self.prior, str) else dict(self.prior)
-        return tuple(dict.fromkeys((*dict(self.bounds), *prior)))
-
-    def among(self, names: Collection[str]) -> PhysicallyConsistent:
-        """Return the fit without bounds and prior of parameters other than these."""
-
-        def select_named(entries: Any) -> tuple[tuple[str, Any], ...]:
-            return tuple((name, value) for name, value in dict(entries).items() if name in names)
-
-        prior = self.prior if isinstance(self.prior, str) else select_named(self.prior)
-        return replace(self, bounds=select_named(self.bounds), prior=prior)
-
     def _named_bounds(self) -> dict[str, Bounds]:
         mass = self.total_mass
         if mass is None:
@@ -313,7 +302,8 @@ class PhysicallyConsistent(Estimator):
     def _constraints(self, model: Model, bodies: tuple[BodyConstraint, ...], scale: Array) -> Constraints:
         parameters = model.parameters
         limits = list(sign_limits(parameters, [role for role in NONNEGATIVE_ROLES if getattr(self, role)]))
-        bounds = {_parameter_index(name, model, "bounds"): sides for name, sides in dict(self.bounds).items()}
+        check_parameters(dict(self.bounds), model, "bounds")
+        bounds = {model.names.index(name): sides for name, sides in dict(self.bounds).items()}
         limits.append(interval_limit("bounds", parameters, bounds))
         sides = self._named_bounds().get("total mass")
         if sides is not None:
@@ -323,14 +313,6 @@ class PhysicallyConsistent(Estimator):
         limits.append(centre_of_mass_limit("centre of mass", bodies, len(parameters), dict(self.centre_of_mass)))
         scaled_limits = tuple(limit.scale_rows(scale) for limit in limits if len(limit.rows))
         return Constraints(scaled_limits, bodies if self.inertia else (), self.margin)
-
-    def _prior(self, model: Model) -> Array:
-        """Return the prior (p), nan where there is none."""
-        if self.prior == "nominal":
-            return np.array([np.nan if x.value is None else x.value for x in model.parameters])
-        values = {} if isinstance(self.prior, str) else dict(self.prior)
-        prior_values = {_parameter_index(name, model, "prior"): value for name, value in values.items()}
-        return np.array([prior_values.get(k, np.nan) for k in range(len(model.names))])
 
     def _body_prior(self, constraints: Constraints, prior: Array) -> Array:
         """Return the prior (p) of the bodies that have a physically consistent one, nan for all other parameters."""
@@ -355,11 +337,6 @@ class PhysicallyConsistent(Estimator):
         return settings_text("physically consistent least squares", self)
 
 
-def _to_tuples(value: Any) -> Any:
-    """Turn lists and arrays into tuples, so that settings can be hashed."""
-    return tuple(map(_to_tuples, value)) if isinstance(value, (list, tuple, np.ndarray)) else value
-
-
 def _check_bounds(name: str, lower: float | None, upper: float | None) -> None:
     if any(side is not None and np.isnan(side) for side in (lower, upper)):
         raise ConfigError(f"{name}: the limits {lower} and {upper} must be numbers; leave a side open with None.")
@@ -369,12 +346,6 @@ def _check_bounds(name: str, lower: float | None, upper: float | None) -> None:
         )
     if lower is not None and upper is not None and lower > upper:
         raise ConfigError(f"{name}: the lower limit {lower} lies above the upper limit {upper}; exchange them.")
-
-
-def _parameter_index(name: str, model: Model, where: str) -> int:
-    if name not in model.names:
-        raise ConfigError(f"{where}: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
-    return model.names.index(name)
 
 
 def _clip_to_limits(theta: Array, constraints: Constraints) -> Array:

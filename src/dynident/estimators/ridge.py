@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Consistency, Estimate, Problem, Provenance
+from dynident.estimators.estimator import (
+    Consistency,
+    Estimate,
+    Problem,
+    Provenance,
+    check_prior,
+    prior_notes,
+    prior_values,
+)
 from dynident.estimators.least_squares import LinearEstimator, LinearFit, estimate_of, joint_weights, weight_joints
-from dynident.estimators.notes import DecidedByPrior, DrawnToPrior, NotIdentifiable
+from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, parameter_scales
 from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
 from dynident.models import Model
@@ -24,11 +32,11 @@ from dynident.regression import (
     merge_factors,
     rank_of,
 )
-from dynident.runtime import ConfigError, Note, choices, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 NamedPrior = Literal["nominal", "none"]
-MAX_STRENGTH, MAX_PRIOR = 1e9, 1e9
+MAX_STRENGTH = 1e9
 STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(-10, 5))  # that are tried
 FOLDS = 10
 MIN_ROWS_PER_PARAMETER = 3  # times the parameters: with fewer there is nothing to predict
@@ -69,26 +77,12 @@ class Ridge(LinearEstimator):
     prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     strength: Annotated[float, Ge(0), Le(MAX_STRENGTH)] | Literal["auto"] = "auto"
 
+    by_parameter: ClassVar[tuple[str, ...]] = ("prior",)
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
-        if isinstance(self.prior, Mapping):
-            object.__setattr__(self, "prior", tuple(self.prior.items()))
         super().__post_init__()
-        for name, value in self._prior_values.items():
-            if not abs(value) <= MAX_PRIOR:
-                raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_PRIOR:g} in size.")
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """The parameters that the prior names."""
-        return tuple(self._prior_values)
-
-    def among(self, names: Collection[str]) -> Ridge:
-        """Return the estimator without the prior of parameters other than these."""
-        if isinstance(self.prior, str):
-            return self
-        return replace(self, prior=tuple(entry for entry in self._prior_values.items() if entry[0] in names))
+        check_prior(self.values_of("prior"))
 
     def quick(self) -> Ridge:
         """Return the fit without a search for the strength."""
@@ -112,7 +106,7 @@ class Ridge(LinearEstimator):
             value=value,
             covariance=estimate.covariance + np.outer(shift, shift),
             residual=fit.residual(problem, value),
-            notes=(*estimate.notes, *_undetermined_notes(provenance)),
+            notes=(*estimate.notes, *prior_notes(provenance)),
             provenance=provenance,
             consistency=Consistency(unconstrained=information.base),
         )
@@ -140,18 +134,7 @@ class Ridge(LinearEstimator):
 
     def _prior(self, model: Model) -> Array:
         """Return the prior (p), nan where a parameter has none."""
-        if self.prior == "none":
-            return np.zeros(len(model.names))
-        if self.prior == "nominal":
-            return np.array([np.nan if parameter.value is None else parameter.value for parameter in model.parameters])
-        for name in self._prior_values:
-            if name not in model.names:
-                raise ConfigError(f"prior: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
-        return np.array([self._prior_values.get(name, np.nan) for name in model.names])
-
-    @property
-    def _prior_values(self) -> dict[str, float]:
-        return {} if isinstance(self.prior, str) else dict(self.prior)
+        return np.zeros(len(model.names)) if self.prior == "none" else prior_values(self.prior, model)
 
     def __str__(self) -> str:
         return settings_text("ridge regression", self)
@@ -233,8 +216,3 @@ def _prediction_errors(part: TriangularFactors, information: Information, prior:
 def _provenance(free: NDArray[np.bool_], prior: NDArray[np.bool_]) -> tuple[Provenance, ...]:
     order = (Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
     return tuple(order[k] for k in np.select([~free, prior], [0, 1], 2))
-
-
-def _undetermined_notes(provenance: Sequence[Provenance]) -> tuple[Note, ...]:
-    kinds = ((Provenance.PRIOR, DecidedByPrior), (Provenance.UNIDENTIFIABLE, NotIdentifiable))
-    return tuple(kind(provenance.count(which)) for which, kind in kinds if which in provenance)

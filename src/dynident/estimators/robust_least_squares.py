@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from dynident.estimators.estimator import Problem
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
-    LeastSquares,
-    LinearEstimator,
+    ROUNDING,
     LinearFit,
-    joint_weights,
-    solve_least_squares,
-    weight_joints,
+    SampledEstimator,
+    rounding_floor,
+    rows_by_joint,
 )
 from dynident.estimators.notes import Downweighted, StillMoving
 from dynident.regression import Rank, Regression, one_thread, rank_of
@@ -28,7 +27,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MAX_KEPT_BYTES = 2**28  # bytes of rows that are kept
 NORMAL_MAD = 0.6744897501960817  # median absolute deviation of a standard normal error
-ROUNDING = 1e-7  # of the torque: the least scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +54,11 @@ class RowErrors:
 
     def scale(self, regression: Regression) -> Array:
         """Return the scale (n) of each joint by the median of its absolute residuals, not below rounding."""
-        triangular = regression.triangular_factors
-        # a joint whose torque is explained exactly would otherwise outweigh all others
-        size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
-        floor = ROUNDING * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
         deviations = [
             np.median(np.abs(residual)) / NORMAL_MAD if len(residual) else 0.0
             for residual in self.by_joint(self.residuals)
         ]
-        return np.maximum(deviations, floor)
+        return np.maximum(deviations, rounding_floor(regression.triangular_factors))
 
     def by_joint(self, values: Sequence[Array]) -> list[Array]:
         """Return the fitted ones of the values (N, n) of each motion, joint by joint."""
@@ -160,7 +154,7 @@ LOW_WEIGHT, MAX_DOWNWEIGHTED_SHARE = 0.5, 0.05  # a torque that counts less than
 
 
 @dataclass(frozen=True)
-class RobustLeastSquares(LinearEstimator):
+class RobustLeastSquares(SampledEstimator):
     """Least squares with Huber's or Tukey's weights: theta that minimises sum rho(e / s_j) over all torques.
 
     ``loss``: "huber" counts residuals beyond ``tuning`` scales by their size and not by their square; "tukey" does not
@@ -196,7 +190,6 @@ class RobustLeastSquares(LinearEstimator):
     tuning: Annotated[float, Gt(0), Le(MAX_TUNING)] | None = None
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 50
 
-    needs_samples: ClassVar[bool] = True
     __repr__ = settings_repr
 
     def reduced(self, problem: Problem) -> LinearFit:
@@ -204,10 +197,9 @@ class RobustLeastSquares(LinearEstimator):
 
         Notes tell where many torques count little, and where the iteration did not settle.
         """
-        regression, parameters = problem.regression, problem.model.parameters
-        triangular = regression.triangular_factors
-        factor, rank = weight_joints(triangular, joint_weights(triangular, "per_joint", 3, parameters), parameters)
-        rows, z = BaseRows.of(regression, solve_least_squares(factor, rank).value, rank), np.zeros(rank.rank)
+        plain = rows_by_joint(problem)
+        rank = plain.directions
+        rows, z = BaseRows.of(problem.regression, plain.solution.value, rank), np.zeros(rank.rank)
         # Tukey's loss has several minima: the fit with Huber's loss, which has one, is close to the right one
         if self.loss == "tukey":
             z = self._iterate(problem, rows, _Huber(DEFAULT_TUNING["huber"]), z, ROUGH_STEP).z
@@ -221,10 +213,6 @@ class RobustLeastSquares(LinearEstimator):
         notes: list[Note] = [Downweighted(downweighted)] if downweighted else []
         notes += [StillMoving(self.iterations, solution.step_size)] if solution.step_size > CONVERGED_STEP else []
         return replace(fit, notes=tuple(notes))
-
-    def quick(self) -> LeastSquares:
-        """Return least squares: what searches compare is a sum of squares, too."""
-        return LeastSquares(weights="per_joint")
 
     def _iterate(
         self, problem: Problem, rows: BaseRows, psi: _Huber | _Tukey, z: Array, tolerance: float

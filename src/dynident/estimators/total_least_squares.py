@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Problem
-from dynident.estimators.least_squares import (
-    LinearEstimator,
-    LinearFit,
-    fit_from_information,
-    joint_weights,
-    weight_joints,
-)
+from dynident.estimators.estimator import Problem, check_parameters
+from dynident.estimators.least_squares import LinearEstimator, LinearFit, fit_from_information, rows_by_joint
 from dynident.estimators.notes import ErrorsInRegressor
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
 from dynident.regression import Rank, Regression, Selection, one_thread
-from dynident.runtime import ConfigError, InputError, Note, brief, choices, settings_repr, settings_text
+from dynident.runtime import ConfigError, InputError, Note, brief, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_WINDOW = 1024  # samples of a spectrum, at most
@@ -147,37 +141,21 @@ class TotalLeastSquares(LinearEstimator):
     errors: Literal["motion"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "motion"
     torque: Annotated[float, Gt(0), Le(MAX_ERROR)] | None = None
 
+    by_parameter: ClassVar[tuple[str, ...]] = ("errors",)
     __repr__ = settings_repr
 
     def __post_init__(self) -> None:
-        if isinstance(self.errors, Mapping):
-            object.__setattr__(self, "errors", tuple(self.errors.items()))
         super().__post_init__()
-        for name, value in self._stated_errors.items():
+        for name, value in self.values_of("errors").items():
             if not 0 <= value <= MAX_ERROR:
                 raise ConfigError(
                     f"errors: {name} = {value}; give a standard deviation, a number from 0 to {MAX_ERROR:g}."
                 )
 
     @property
-    def named(self) -> tuple[str, ...]:
-        """The parameters of which the columns' errors are given."""
-        return tuple(self._stated_errors)
-
-    @property
     def needs_samples(self) -> bool:
         """Whether it repeats the smoothing of the samples."""
         return self.errors == "motion"
-
-    def among(self, names: Collection[str]) -> TotalLeastSquares:
-        """Return the estimator without the errors of other columns than these."""
-        if isinstance(self.errors, str):
-            return self
-        return replace(self, errors=tuple(entry for entry in self._stated_errors.items() if entry[0] in names))
-
-    @property
-    def _stated_errors(self) -> dict[str, float]:
-        return {} if isinstance(self.errors, str) else dict(self.errors)
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the fit by its value and information, or the rows of least squares where nothing has errors.
@@ -185,19 +163,16 @@ class TotalLeastSquares(LinearEstimator):
         A note tells where errors of the regressor are a good part of what the motion shows. Raises ConfigError where
         ``errors`` names parameters that the model does not have, and InputError where there is no solution.
         """
-        regression, parameters = problem.regression, problem.model.parameters
-        triangular = regression.triangular_factors
-        w = joint_weights(triangular, "per_joint", 3, parameters)
-        factor, rank = weight_joints(triangular, w, parameters)
+        plain = rows_by_joint(problem)
+        w, rank = np.asarray(plain.weights), plain.directions
         C = self._error_covariance(problem, w)
         if not C.any():
-            return LinearFit(factor, rank, triangular.total, w)
-        torque = None if self.torque is None else float(triangular.rows @ np.square(w * self.torque))
-        solution = _solve_total(factor, C, rank, triangular.total, torque)
+            return plain
+        rows = problem.regression.triangular_factors.rows
+        torque = None if self.torque is None else float(rows @ np.square(w * self.torque))
+        solution = _solve_total(plain.factor, C, rank, plain.total, torque)
         notes = _error_notes(solution, problem.model)
-        return replace(
-            fit_from_information(solution.value, solution.information, rank, triangular.total, notes), weights=w
-        )
+        return replace(fit_from_information(solution.value, solution.information, rank, plain.total, notes), weights=w)
 
     def _error_covariance(self, problem: Problem, w: Array) -> Array:
         """Return C (p, p), the sum of the covariances of the errors of all rows, weighted by joint (n)."""
@@ -206,10 +181,9 @@ class TotalLeastSquares(LinearEstimator):
             return (
                 _motion_error_covariance(problem, w, np.random.default_rng(SEED)) if problem.logs else np.zeros((1, 1))
             )
-        for name in self._stated_errors:
-            if name not in model.names:
-                raise ConfigError(f"errors: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
-        size = np.array([self._stated_errors.get(name, 0.0) for name in model.names])
+        stated = self.values_of("errors")
+        check_parameters(stated, model, "errors")
+        size = np.array([stated.get(name, 0.0) for name in model.names])
         rows = (triangular.rows * np.square(w)) @ model.support
         return np.diag(np.square(size) * rows)
 

@@ -14,7 +14,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.files.folder import write_whole
-from dynident.files.opener import afford, cause, content, real_path, refuse_inputs
+from dynident.files.opener import afford, cause, content, real_path, refuse_inputs, remember_inputs
 from dynident.files.parquet import row_count
 from dynident.files.text import call_polars
 from dynident.runtime import ConfigError, InputError, choices
@@ -34,10 +34,19 @@ def as_path(path: object) -> Path:
     return Path(path)
 
 
-def check_json(target: Path) -> None:
-    """Raise ConfigError where a file that is not JSON, such as a recording, would be replaced."""
+def claim_json(target: Path | None, *inputs: str | Path) -> None:
+    """Raise the error, before long work, that a JSON file cannot be written or would replace another kind of file.
+
+    It may not be one of the ``inputs`` either. None is no file, and cannot fail.
+    """
+    for path in inputs:
+        remember_inputs(path)
+    if target is None:
+        return
+    refuse_inputs(target)
     if os.path.exists(target) and target.suffix.lower() != ".json":
         raise ConfigError(f"{target}: exists already and is not named .json; choose another name for the numbers.")
+    probe_folder(target.parent)
 
 
 def probe_folder(folder: str | Path) -> None:

@@ -25,11 +25,13 @@ from dynident.files.folder import hold_folder, whole_file
 from dynident.files.opener import afford, cause, open_input
 from dynident.files.results import write_table
 from dynident.files.text import call_polars
-from dynident.runtime import InputError, join_names
+from dynident.runtime import InputError, Step, join_names, report_progress
+from dynident.runtime.jobs import JobOptions, JobResult, run_jobs
 
 if TYPE_CHECKING:
     import polars as pl
 
+J = TypeVar("J")
 T = TypeVar("T")
 Key = tuple[Any, ...]
 SAVE_EVERY = 2.0  # s from a row to the part that holds it
@@ -140,6 +142,33 @@ class RowStore:
                 self._timer = Timer(SAVE_EVERY * (1 + len(self._parts) // PARTS_PER_SLOWDOWN), self._save_from_timer)
                 self._timer.daemon = True
                 self._timer.start()
+
+    def fill(
+        self,
+        work: Callable[[J], Any],
+        keys: Mapping[J, Key],
+        make_row: Callable[[JobResult[J, Any]], Mapping[str, Any]],
+        options: JobOptions,
+        words: str,
+    ) -> int:
+        """Do the ``work`` of the jobs whose keys are not known, add the row of each result, and return their number.
+
+        ``words`` name the step that is reported. Where it is stopped or fails, the error says what is kept.
+        """
+        pending = [job for job, key in keys.items() if key not in self]
+        report_progress(Step(words, 0, len(pending)))
+        kept = f"Finished rows are kept in {self.path}; run the same command again to go on."
+        hint = kept if self.path else "No row is kept; name a folder for the results to keep them."
+        try:
+            for count, result in enumerate(run_jobs(work, pending, options.executor, limits=options.limits), 1):
+                self.add([make_row(result)])
+                report_progress(Step(words, count, len(pending)))
+        except KeyboardInterrupt as stop:
+            stop.add_note(hint)
+            raise
+        except InputError as error:
+            raise InputError(f"{error} {hint}") from error
+        return len(pending)
 
     def save(self) -> None:
         """Write the rows that are not yet in a part; InputError where that fails, and they stay in memory."""

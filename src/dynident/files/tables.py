@@ -8,7 +8,7 @@ import re
 import stat
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.files.opener import content, file_status, open_input
-from dynident.runtime import InputError, brief, call_part, choices
+from dynident.runtime import InputError, Noun, call_part, choices
 from dynident.runtime.families import READERS
 
 PARQUET, BAG_FOLDER = ".parquet", ".db3"  # the kinds of folders
@@ -57,8 +57,7 @@ def _natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-@dataclass(frozen=True, eq=False)
-class DataTable:
+class DataTable(Noun):
     """Columns and scalars of a file, as float64 and without units.
 
     ``faults`` says why a column of the file cannot be used, ``lines`` are the line numbers of its rows (text files
@@ -79,8 +78,6 @@ class DataTable:
     units: Mapping[str, str] = field(default_factory=dict)
     guesses: tuple[str, ...] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         for column in self.columns.values():

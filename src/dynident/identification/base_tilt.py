@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +26,11 @@ from dynident.regression import (
     Selection,
     TriangularFactors,
     factorise,
+    fitted_mask,
     merge_factors,
     rank_of,
 )
+from dynident.regression.whitening import long_run
 from dynident.runtime import ConfigError, Note, Severity, angles, percent
 
 Array = NDArray[np.float64]
@@ -41,7 +42,6 @@ EDGE_SHARE = 0.1  # share of a stretch left out at either end
 START_TILT = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
-@dataclass(frozen=True)
 class BaseTilt(Note):
     """The base tilt: rotations about the root link's x and y axes, in rad, with standard errors ``std``, and training
     error (%) ``before`` and ``after`` correction.
@@ -50,7 +50,7 @@ class BaseTilt(Note):
     standard error, or 2 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
     """
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     x: float
     y: float
     std: tuple[float, float]
@@ -71,7 +71,6 @@ class BaseTilt(Note):
         return f"the base is tilted by {angles(self.x, self.y, 2)} (+- {dx:.2f} and {dy:.2f}); {change}"
 
 
-@dataclass(frozen=True)
 class SteepBase(Note):
     """A base tilt by ``x`` and ``y`` (rad) would be more than a mounting error: the base is taken as level."""
 
@@ -161,9 +160,11 @@ def _search_tilt(
     solution = least_squares(
         residual, np.full(2, START_TILT), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20
     )
-    std = np.sqrt(
-        np.diag(np.linalg.pinv(solution.jac.T @ solution.jac)) * 2.0 * solution.cost / max(solution.fun.size - 2, 1)
-    )
+    # rows of both are by joint; the samples of a motion follow each other
+    n = len(model.joints)
+    lines, e = solution.jac.reshape(n, -1, 2), solution.fun.reshape(n, -1)
+    ends = np.cumsum([len(motion) for motion in thin])[:-1]
+    std = _correlated_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1))
     x, y = (float(v) for v in solution.x * (np.abs(solution.x) > 2.0 * std))
 
     def error(x: float, y: float) -> float:
@@ -209,19 +210,60 @@ class _TiltGain:
             _project_factors(_append_columns(tilted_model, fold, slopes, selection), directions) for fold in folds
         ]
         gain = gain_from_errors(prediction_errors(level, level), prediction_errors(tilted, tilted))
-        std, merged_level = _solve_with_std(merge_factors(tilted))[1], merge_factors(level)
+        merged_tilted, merged_level = merge_factors(tilted), merge_factors(level)
+        std = _linear_std(tilted_model, motions, slopes, directions, merged_tilted.stack(), selection)
         residual, torque = (
             merged_level.residual(_solve_with_std(merged_level)[0]).sum(),
             np.square(merged_level.factors[:, :, -1]).sum(),
         )
         error = 100.0 * float(np.sqrt(residual / torque)) if torque > 0 else 0.0
-        return cls(gain, (float(std[-2]), float(std[-1])), error)
+        return cls(gain, (float(std[0]), float(std[1])), error)
 
 
 def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:
     """Return the least-squares solution (p) and its standard errors (p), inf where there are none."""
     fit = solve_least_squares(triangular.stack())
-    return fit.value, np.sqrt(np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.rank, 1))))
+    return fit.value, np.sqrt(
+        np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.directions.rank, 1)))
+    )
+
+
+def _correlated_std(lines: Sequence[Array], residuals: Sequence[Array]) -> Array:
+    """Return the standard errors (2) of both angles where residuals are correlated: of A^-1 S A^-1.
+
+    ``lines`` (n, N, 2) are the derivatives of the ``residuals`` (n, N) of each motion by the angles, from which all
+    other parameters are eliminated. Infinite for angles that have no effect.
+    """
+    A = sum(np.einsum("jti,jtk->ik", line, line) for line in lines)
+    S = long_run([np.einsum("jti,jt->ti", line, e) for line, e in zip(lines, residuals, strict=True)])
+    if not np.all(np.diag(A) > 0):
+        return np.full(2, np.inf)
+    inverse = np.linalg.pinv(A)
+    return np.asarray(np.sqrt(np.diag(inverse @ S @ inverse)))
+
+
+def _linear_std(
+    model: Model,
+    motions: tuple[Motion, ...],
+    slopes: Sequence[Array],
+    directions: Array,
+    factor: Array,
+    selection: Selection,
+) -> Array:
+    """Return the standard errors (2) of a tilt whose ``slopes`` are columns of the ``factor`` beside the directions."""
+    r = directions.shape[1]
+    fit = solve_least_squares(factor)
+    # what the directions explain of each slope does not tell anything of the tilt
+    shared = directions @ np.linalg.lstsq(factor[:r, :r], factor[:r, r : r + 2], rcond=None)[0]
+    lines, residuals = [], []
+    for motion, slope in zip(motions, slopes, strict=True):
+        states, used = motion.states(), fitted_mask(motion, selection.min_speed).T
+        lines.append(
+            np.stack([(slope[k] - model.torque(**states, theta=shared[:, k])).T * used for k in range(2)], axis=2)
+        )
+        torque = model.torque(**states, theta=directions @ fit.value[:r]) + np.tensordot(fit.value[r:], slope, 1)
+        residuals.append((motion.tau - torque).T * used)
+    return _correlated_std(lines, residuals)
 
 
 def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:

@@ -107,7 +107,7 @@ def bootstrap(
 
     The training is cut into about ``blocks`` stretches: many enough to draw from, and each longer than residuals
     correlate. Smoother, terms and time offset stay as they are. The repetitions run on ``executor``, by default in this
-    process, with the same result. ``progress`` is called after each.
+    process, with the same result.
 
     Raises ConfigError where the estimator needs more than triangular factors (maximum likelihood has intervals of its
     own), or for settings that are too small; InputError where the training is too short, its signals are not there
@@ -190,7 +190,7 @@ def _stretches(regression: Regression, blocks: int) -> Sequence[RegressionPart]:
 
 def _training_regression(identification: Identification) -> Regression:
     """Return the linear problem of an identification."""
-    motions = tuple(validation.motion for validation in identification.validations if validation.role == "train")
+    motions = identification.training_motions
     return Regression(identification.model, motions, identification.recipe.selection(identification.model.joints))
 
 

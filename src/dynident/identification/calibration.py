@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +69,10 @@ STRENGTHS = (1e-2, 1e-1)  # of the squared residual, where a parameter is one us
 MIN_GAIN = 1.0  # % of the squared cross-validated error that a strength must remove
 
 
-@dataclass(frozen=True)
 class PriorStrength(Note):
     """The ``strength`` of the prior that is used, and the ``gain`` of the best one in cross-validation."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     strength: float
     gain: Gain
 

@@ -18,10 +18,10 @@ from dynident.identification.dataset import (
     NotFitted,
     RoleMotions,
     exclusion_notes,
-    held_out_outliers,
     substitute_notes,
 )
 from dynident.identification.motion_errors import MotionErrors, motion_errors
+from dynident.identification.outliers import held_out_outliers
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import Identifiability, Identification, Sources, versions
 from dynident.identification.time_offset import Alignment

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +63,6 @@ Array = NDArray[np.float64]
 MEMORY_DURATION = 10.0  # s before a piece from which terms that remember are followed
 
 
-@dataclass(frozen=True)
 class InPieces(Note):
     """The fit was in ``pieces`` of recordings of ``seconds`` with ``samples`` in all.
 
@@ -72,7 +70,7 @@ class InPieces(Note):
     ``error`` (%) over all pieces.
     """
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     samples: int
     seconds: float
     pieces: int

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.dataset import mask_outliers
 from dynident.identification.motion_errors import RepetitionFactors, repeat_piece
+from dynident.identification.outliers import mask_outliers
 from dynident.identification.recipe import Recipe, arm_rests, keep_moving, rest_blocks
 from dynident.identification.repetition import PIECE, pieces_of
 from dynident.models import Model, Structure

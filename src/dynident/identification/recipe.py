@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from reprlib import repr as short_repr
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,6 @@ MIN_SAMPLES = 200  # samples that must be left of a log
 DECISION_SAMPLES = 10_000  # samples with which it is decided on the rests within
 
 
-@dataclass(frozen=True)
 class Rests(Note):
     """How long (s) the whole arm rests at the ``start`` and ``end`` of a log, where it is trimmed, and ``within``.
 
@@ -45,7 +44,7 @@ class Rests(Note):
     or for a log that is not of the training.
     """
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     log: str
     start: float
     end: float

@@ -21,6 +21,7 @@ from dynident.regression import Regression, fitted_mask
 from dynident.runtime import brief, call_part
 
 Array = NDArray[np.float64]
+SAMPLING_PHASES = (0.0, 0.25, 0.5, 0.75)  # shares of the sampling interval, of the repetitions
 PIECE = 4_000  # samples of one piece of a recording of which not all is repeated
 
 
@@ -55,6 +56,17 @@ class LogPiece:
         motion = call_part(self.smoother, replace(self.clean, q=self.clean.q + e), Motion)
         return replace(motion, mask=motion.mask & self.motion.mask, keep=self.motion.keep)
 
+    def resample(self, model: Model, theta: Array, phase: float) -> LogPiece:
+        """Return the piece whose clean log is sampled later by a share ``phase`` of the interval.
+
+        Where a reversal lies between two samples decides which torques get a wrong sign.
+        """
+        # stamps and masks stay: only what is measured at them is of the later times
+        delay = phase * float(np.median(np.diff(self.motion.t)))
+        tau = model.torque(**self.motion.shift(delay).states(), theta=theta)
+        # positions are stamped by the time offset later than their torque
+        return replace(self, clean=replace(self.clean, q=self.motion.shift(delay - self.motion.time_offset).q, tau=tau))
+
     @cached_property
     def clean_motion(self) -> Motion:
         """The motion of the clean log, without time offset."""
@@ -85,18 +97,19 @@ class LogPiece:
 
 def repeat_recordings(
     model: Model, logs: Sequence[Log], motions: Sequence[Motion], smoother: Smoother, theta: Array
-) -> tuple[tuple[Motion, ...], tuple[Motion, ...]]:
-    """Return repetitions of the motions with noise and with its opposite, whose torque is that of theta (p).
+) -> Iterator[tuple[Motion, ...]]:
+    """Yield repetitions of the motions, sampled and disturbed in several ways, whose torque is that of theta (p).
 
     Torque and motion agree in time: an offset found in them is spurious. Raises the errors of the smoother.
     """
     rng, pairs = np.random.default_rng(0), zip(logs, motions, strict=True)
     parts = [piece for log, motion in pairs for piece in pieces_of(model, log, motion, smoother, theta, 1.0)]
     parts = limit_noise(model, parts, theta, rng)
-    e = [piece.noise(rng) for piece in parts]
-    worst = largest_residuals(parts)
-    ups, downs = (repeat_pieces(model, parts, [s * x for x in e], theta, worst) for s in (1.0, -1.0))
-    return ups, downs
+    worst, errors = largest_residuals(parts), list[Array]()
+    for k, phase in enumerate(SAMPLING_PHASES):
+        # noise and its opposite in turn, so that what is linear in it cancels in the mean
+        errors = [-e for e in errors] if k % 2 else [piece.noise(rng) for piece in parts]
+        yield repeat_pieces(model, [piece.resample(model, theta, phase) for piece in parts], errors, theta, worst)
 
 
 def limit_noise(model: Model, parts: list[LogPiece], theta: Array, rng: np.random.Generator) -> list[LogPiece]:

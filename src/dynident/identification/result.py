@@ -17,12 +17,12 @@ from dynident.estimators import Estimate
 from dynident.identification.calibration import Calibration
 from dynident.identification.recipe import Recipe
 from dynident.models import MassMatrixCheck, Model
-from dynident.motion.log import Log
+from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
 from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Messages, Note, brief
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
-from dynident.validation import SEED, FreeRun, LogValidation, validate
+from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
 
 if TYPE_CHECKING:
     import polars as pl
@@ -180,6 +180,15 @@ class Identification(KeepsFacts):
     def notes(self) -> Messages[Note]:
         """The notes among the warnings."""
         return Messages(warning for warning in self.warnings if isinstance(warning, Note))
+
+    def of_role(self, role: Role) -> tuple[LogValidation, ...]:
+        """Return the logs of the training, or the held-out ones."""
+        return tuple(validation for validation in self.validations if validation.role == role)
+
+    @property
+    def training_motions(self) -> tuple[Motion, ...]:
+        """The motions that were fitted."""
+        return tuple(validation.motion for validation in self.of_role("train"))
 
     @property
     def runs(self) -> tuple[FreeRun, ...]:

@@ -6,12 +6,12 @@ the search has one unknown.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,13 +46,13 @@ TRIAL_OFFSETS = (
 MAX_TIME_OFFSET = 0.032  # s: what is later has another cause than filters and buses
 FLOOR_SHARE = 0.999  # share of the least error that rounding and the rank leave of it
 SEARCH_STEP, SLOPE_STEP = 2e-5, 2e-3  # s: of the search, and of the slope at its end
+MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 5, 0.1  # steps that refine the search, and in standard errors the last one
 EXPECTED_FITS = 50  # fits that the search takes where it finds an offset
 NEAREST_TRIALS = 3  # trials that come first where no offset is expected
 MIN_ERROR_REDUCTION = 0.005  # share of the error that a time offset must remove to be accepted
 MIN_SIGNIFICANCE = 3.0  # standard errors that it must differ from zero by
 
 
-@dataclass(frozen=True)
 class TimeOffset(Note):
     """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction.
 
@@ -61,7 +61,7 @@ class TimeOffset(Note):
     """
 
     topic = "time offset"
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     seconds: float
     before: float
     after: float
@@ -136,7 +136,7 @@ def align_motion(
     usable = [k for k, motion in enumerate(motions) if fitted_mask(motion).any()]  # not a log that is excluded wholly
     excerpt_logs, motions = [excerpt_logs[k] for k in usable], [motions[k] for k in usable]
 
-    def repeat_motions(theta: Array) -> Sequence[Sequence[Motion]]:
+    def repeat_motions(theta: Array) -> Iterable[Sequence[Motion]]:
         return repeat_recordings(model, excerpt_logs, motions, best, theta)
 
     estimate = find_time_offset(model, motions, estimator, selection, repeat=repeat_motions)
@@ -152,7 +152,7 @@ def find_time_offset(
     motions: Sequence[Motion],
     estimator: Estimator,
     selection: Selection = EVERYTHING,
-    repeat: Callable[[Array], Sequence[Sequence[Motion]]] = lambda _: (),
+    repeat: Callable[[Array], Iterable[Sequence[Motion]]] = lambda _: (),
 ) -> TimeOffset:
     """Find the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
 
@@ -163,9 +163,7 @@ def find_time_offset(
     Noise in the motion, which is less between samples, and accelerations that a smoother attenuates can look like
     an offset. ``repeat`` (p to sets of motions) returns motions without an offset and their torque for the
     estimated parameters; the offset that is found in these is subtracted. Where it or the remainder is beyond the
-    range, the offset is zero. ``min_speed`` (n) is that of the fit, and of the speed without offset, so that all
-    trials have the same samples; ``progress`` is called with each trial. Raises the errors of ``Regression`` and
-    the estimator.
+    range, the offset is zero. Raises the errors of ``Regression`` and the estimator.
     """
     rows = subsample(motions, trial_samples(model), TRIAL_OFFSETS[-1])
     if sum(map(len, rows)) < MIN_SAMPLES:
@@ -189,22 +187,31 @@ def find_time_offset(
     best, after, before = _minimise_error(error, TRIAL_OFFSETS, floor)
     if np.isnan(best):
         return TimeOffset(0.0, before, before)
-    std = _offset_std(model, motions, rows, best, quick_estimator)
+    refined, std = _refine_offset(model, motions, rows, best, quick_estimator)
+    # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
+    # slope gives is better, unless it fits clearly worse
+    takes_slope = error(refined) < (1.0 + MIN_ERROR_REDUCTION) * after
+    if takes_slope:
+        best, after = refined, error(refined)
     no_offset = TimeOffset(0.0, before, before, std)
     if not after < (1.0 - MIN_ERROR_REDUCTION) * before or abs(best) < MIN_SIGNIFICANCE * std:
         return no_offset
     # The same search in repetitions with a known offset of zero shows what smoothing alone makes.
     at = _shift_motions(motions, rows, best)
     theta = call_part(quick_estimator, Problem(model, at, Regression(model, at)), Estimate).value
-    repetitions = (errors_of(_keep_fast(repeated_motions, selection)) for repeated_motions in repeat(theta))
-    spurious_offsets = [
-        _minimise_error(repeated_error, TRIAL_OFFSETS[:NEAREST_TRIALS], repeated_floor)[0]
-        for repeated_error, repeated_floor in repetitions
-    ]
+    spurious_offsets = []
+    for repeated_motions in repeat(theta):
+        fast = _keep_fast(repeated_motions, selection)
+        repeated_error, repeated_floor = errors_of(fast)
+        offset, *_ = _minimise_error(repeated_error, TRIAL_OFFSETS[:NEAREST_TRIALS], repeated_floor)
+        if takes_slope and np.isfinite(offset):
+            offset, _ = _refine_offset(model, fast, rows, offset, quick_estimator)
+        spurious_offsets.append(offset)
     if not np.isfinite(spurious_offsets).all():  # smoothing alone shows one beyond the range
         return no_offset
-    if spurious_offsets:  # either sign is as likely where it is noise that is less between samples
-        best, std = best - float(np.mean(spurious_offsets)), float(np.hypot(std, np.std(spurious_offsets)))
+    if count_repeated := len(spurious_offsets):  # what they share is of the smoother; how they differ is chance
+        best -= float(np.mean(spurious_offsets))
+        std = float(np.hypot(std, np.std(spurious_offsets) / np.sqrt(count_repeated)))
     after = error(best)
     if not (after < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= MAX_TIME_OFFSET):
         return replace(no_offset, std=std)
@@ -279,31 +286,42 @@ def _shift_motions(
     return tuple(motion.shift(time_offset, keep) for motion, keep in zip(motions, rows, strict=True) if len(keep) > 1)
 
 
-def _offset_std(
+def _refine_offset(
     model: Model,
     motions: Sequence[Motion],
     rows: Sequence[NDArray[np.intp]],
     best: float,
     estimator: Estimator,
-) -> float:
-    """Return the standard error (s) of a time offset for correlated residuals; inf where it is not determined.
+) -> tuple[float, float]:
+    """Return the offset (s) next to the best at which f' is zero, and its standard error; inf where there is none.
 
-    It is that of the zero of f', for f half the sum of squares e'e that the estimator leaves: sqrt(S) / f'', with
-    S the long-run covariance of the samples' shares in f'. Derivatives are differences over a few ms, over which
-    noise in the motion counts for nothing in f''.
+    With f half the sum of squares e'e that the estimator leaves, a step of Newton's method is -f' / f'', and the
+    standard error is sqrt(S) / f'', with S the long-run covariance of the samples' shares in f'. Derivatives are
+    differences over a few ms, over which noise in the motion counts for nothing.
     """
-    step = max(float(np.median(np.diff(motion.t))) for motion in motions)
-    slope_step = step * float(np.ceil(SLOPE_STEP / step))  # whole samples: between two, interpolation makes noise less
-    forward, central, backward = (
-        _squared_residuals(model, _shift_motions(motions, rows, best + side * slope_step), estimator)
-        for side in (1.0, 0.0, -1.0)
-    )
-    # Second difference for the curvature, central differences of the samples for the scores.
-    curvature = (sum(map(np.sum, forward)) + sum(map(np.sum, backward)) - 2 * sum(map(np.sum, central))) / (
-        2 * slope_step**2
-    )
-    shares = [(a - b)[:, None] / (4 * slope_step) for a, b in zip(forward, backward, strict=True)]
-    return float(np.sqrt(long_run(shares)[0, 0]) / curvature) if curvature > 0 else np.inf
+    interval = max(float(np.median(np.diff(motion.t))) for motion in motions)
+    # whole samples: between two, interpolation makes the noise of the motion less
+    h = interval * float(np.ceil(SLOPE_STEP / interval))
+    offset, std = best, np.inf
+    for _ in range(MAX_NEWTON_STEPS):
+        forward, central, backward = (
+            _squared_residuals(model, _shift_motions(motions, rows, offset + side * h), estimator)
+            for side in (1.0, 0.0, -1.0)
+        )
+        # Second difference for the curvature, central differences of the samples for the scores.
+        later, here, earlier = (sum(map(np.sum, squares)) for squares in (forward, central, backward))
+        curvature = float(later + earlier - 2 * here) / (2 * h**2)
+        if not curvature > 0:
+            return best, np.inf
+        scores = [(a - b)[:, None] / (4 * h) for a, b in zip(forward, backward, strict=True)]
+        std = float(np.sqrt(long_run(scores)[0, 0]) / curvature)
+        step = -float(later - earlier) / (4 * h) / curvature
+        if abs(offset + step - best) > h:  # no parabola: the search knows better
+            return best, std
+        offset += step
+        if abs(step) < NEWTON_TOLERANCE * std:
+            break
+    return offset, std
 
 
 def _squared_residuals(model: Model, motions: tuple[Motion, ...], estimator: Estimator) -> list[Array]:

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dynident.identification.result import Identification
+from dynident.identification.unobservable import Unobservable
 from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
 from dynident.models.simulation import Failure
 from dynident.regression import UnexcitedParameters
-from dynident.runtime import Finding, Use, join_names, number, percent, place_and_text, rough, shorten
+from dynident.runtime import Finding, Statement, Use, join_names, number, percent, place_and_text, rough, shorten
 from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
 NAMED_REASONS = 2  # reasons that the second sentence names
-MIN_STATES, ZERO_SHIFT = 50, 0.3  # random states; rad or m by which a zero is moved
-MOTION_SCALE = 1.3  # times a motion
-MAX_TORQUE_DIFFERENCE = 1e-6  # relative difference of torques below which other parameters give the same ones
 
 
 _USE_SENTENCES = {
@@ -30,91 +23,7 @@ _USE_SENTENCES = {
 }
 
 
-@dataclass(frozen=True)
-class Unobservable:
-    """Base of the errors that no data of one robot can show."""
-
-
-@dataclass(frozen=True)
-class CommonGain(Unobservable):
-    """A factor that all torques share: masses, inertias and friction take it up.
-
-    A known total mass does not show it: the bodies that the torque shows grow, those at the base shrink.
-    """
-
-    def __str__(self) -> str:
-        return "a factor that all torques share (wrong gains), which masses and friction take up"
-
-
-@dataclass(frozen=True)
-class Zeros(Unobservable):
-    """The zeros of these ``joints``, which no torque depends on, or which the parameters take up."""
-
-    joints: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"a wrong zero of {', '.join(self.joints)}"
-
-
-@dataclass(frozen=True)
-class MotionRatios(Unobservable):
-    """The gear ratios, leads or units of the positions of these ``joints``, which the parameters take up."""
-
-    joints: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"a wrong gear ratio, lead or unit of the position of {', '.join(self.joints)}"
-
-
-def unknowns(identification: Identification) -> Iterator[Unobservable]:
-    """Yield the errors that no data of this robot can show."""
-    yield CommonGain()
-    if not any(term.file is not None for term in identification.model.terms):
-        return
-    zeros, ratios = _absorbed_changes(identification)
-    if zeros:
-        yield Zeros(zeros)
-    if ratios:
-        yield MotionRatios(ratios)
-
-
-def _absorbed_changes(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the joints in which parameters absorb a shifted zero, and those with a scaled motion.
-
-    Shapes of friction absorb the scale of a motion themselves, so that only the torque of the bodies is compared.
-    """
-    model, rng = identification.model, np.random.default_rng(0)
-    n, p = len(model.joints), len(model.parameters)
-    states = max(MIN_STATES, 2 * p // n)
-    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, states, n))
-    no_memory = np.zeros((states, model.memory))
-    Y = model.regressor(q, dq, ddq, no_memory).reshape(-1, p)
-    scale = np.linalg.norm(Y, axis=0)
-    # An orthonormal basis of all torques that any parameters can make in these states.
-    basis, singular, _ = np.linalg.svd(Y / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    basis = basis[:, singular > MAX_TORQUE_DIFFERENCE * singular[0]]
-
-    def is_absorbed(tau: NDArray[np.float64]) -> bool:
-        return bool(np.linalg.norm(tau - basis @ (basis.T @ tau)) < MAX_TORQUE_DIFFERENCE * np.linalg.norm(tau))
-
-    value, bodies = identification.estimate.value, np.zeros(p)
-    is_body = np.isin(model.names, model.bodies.names)
-    bodies[is_body] = value[is_body]
-    zeros, ratios = list[str](), list[str]()
-    for joint, unit in zip(model.joints, np.eye(n), strict=True):
-        # One joint at a time; a change is invisible where its torque stays in the span of the regressor.
-        scale_by_joint = 1.0 + (MOTION_SCALE - 1.0) * unit
-        if is_absorbed(model.torque(q + ZERO_SHIFT * unit, dq, ddq, value, no_memory).ravel()):
-            zeros.append(joint.name)
-        if is_absorbed(
-            model.torque(scale_by_joint * q, scale_by_joint * dq, scale_by_joint * ddq, bodies, no_memory).ravel()
-        ):
-            ratios.append(joint.name)
-    return tuple(zeros), tuple(ratios)
-
-
-@dataclass(frozen=True)
-class Reason:
+class Reason(Statement):
     """Base of the reasons; errors are in %."""
 
     usual_remedy: ClassVar[Remedy | None] = None
@@ -125,7 +34,6 @@ class Reason:
         return self.usual_remedy
 
 
-@dataclass(frozen=True)
 class NoHoldOut(Reason):
     """No log was held out."""
 
@@ -135,7 +43,6 @@ class NoHoldOut(Reason):
         return "no log was held out, so the error on unseen motion is not known"
 
 
-@dataclass(frozen=True)
 class ForbiddingFindings(Reason):
     """Findings of the checks, or notes of the estimate, that forbid a use: ``findings`` of one kind."""
 
@@ -146,7 +53,6 @@ class ForbiddingFindings(Reason):
         return ": ".join(filter(None, place_and_text(self.findings))).removesuffix(".")
 
 
-@dataclass(frozen=True)
 class Repeats(Reason):
     """All held-out logs repeat a motion of the training: ``pairs`` of their names."""
 
@@ -158,7 +64,6 @@ class Repeats(Reason):
         return f"{repeats}: the error on another motion is not known"
 
 
-@dataclass(frozen=True)
 class SlowHoldOut(Reason):
     """The held-out motions have at most ``share`` of the speed of the training, so that little is seen of inertia."""
 
@@ -173,7 +78,6 @@ class SlowHoldOut(Reason):
         return f"the held-out motion has only {rough(100 * self.share)} of the speed of the training"
 
 
-@dataclass(frozen=True)
 class SilentTorque(Reason):
     """The torque of these ``joints`` does not change in any training log."""
 
@@ -184,7 +88,6 @@ class SilentTorque(Reason):
         return f"the torque of {', '.join(self.joints)} does not change in any training log"
 
 
-@dataclass(frozen=True)
 class TorqueErrorTooLarge(Reason):
     """The torque ``error`` on a held-out ``log`` exceeds the ``limit``."""
 
@@ -197,7 +100,6 @@ class TorqueErrorTooLarge(Reason):
         return f"the torque error on {self.log} is {percent(self.error)}, above {self.limit:g} %"
 
 
-@dataclass(frozen=True)
 class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
     """A torque error of the unfiltered torque that is too large, where the fit has a low-pass."""
 
@@ -205,7 +107,6 @@ class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
         return f"unfiltered, {super().__str__()}"
 
 
-@dataclass(frozen=True)
 class JointErrorsTooLarge(Reason):
     """Single joints have a torque error above the ``limit``: pairs of name and error."""
 
@@ -219,7 +120,6 @@ class JointErrorsTooLarge(Reason):
         return f"on {self.log} some joints have a torque error above {self.limit:g} %: {bad}"
 
 
-@dataclass(frozen=True)
 class NotCarriedOver(Reason):
     """The error on a held-out ``log`` is ``ratio`` times that of the training."""
 
@@ -231,7 +131,6 @@ class NotCarriedOver(Reason):
         return f"the error on {self.log} is {self.ratio:.2g} times the training error: the model does not generalise"
 
 
-@dataclass(frozen=True)
 class TrainedWorse(Reason):
     """The ``error`` on a training ``log`` is large, ``ratio`` times that held out: the fit has outliers, or a fault."""
 
@@ -247,7 +146,6 @@ class TrainedWorse(Reason):
         )
 
 
-@dataclass(frozen=True)
 class MassMatrixNotPositive(Reason):
     """The mass matrix has an ``eigenvalue`` that is not positive."""
 
@@ -258,7 +156,6 @@ class MassMatrixNotPositive(Reason):
         return f"the mass matrix is not positive definite (eigenvalue {self.eigenvalue:.3g})"
 
 
-@dataclass(frozen=True)
 class MostlyUnexcited(Reason):
     """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
 
@@ -270,7 +167,6 @@ class MostlyUnexcited(Reason):
         return f"the data do not excite {self.unexcited} of {self.total} base parameters"
 
 
-@dataclass(frozen=True)
 class PartlyUnexcited(Reason):
     """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
 
@@ -282,7 +178,6 @@ class PartlyUnexcited(Reason):
         return f"the data do not excite {unexcited}: motions that do are not predicted"
 
 
-@dataclass(frozen=True)
 class HeldBack(Reason):
     """Physical constraints hold the parameters far from the least-squares estimate.
 
@@ -311,7 +206,6 @@ class DrawnBack(HeldBack):
     doubt = "the prior is wrong or too strong, or the model lacks an effect"
 
 
-@dataclass(frozen=True)
 class NegativeValues(Reason):
     """Parameters with ``names`` are negative, which is not physical."""
 
@@ -322,7 +216,6 @@ class NegativeValues(Reason):
         return f"negative values, which are not physical: {join_names(self.names, MAX_NAMES)}"
 
 
-@dataclass(frozen=True)
 class InertiasFree(Reason):
     """The bodies' inertias were not constrained to be physically consistent."""
 
@@ -332,7 +225,6 @@ class InertiasFree(Reason):
         return "the bodies' inertias were not constrained to be physically consistent"
 
 
-@dataclass(frozen=True)
 class NoFreeRun(Reason):
     """No free simulation was asked for."""
 
@@ -342,7 +234,6 @@ class NoFreeRun(Reason):
         return "no free simulation was run"
 
 
-@dataclass(frozen=True)
 class FreeRunFails(Reason):
     """The free simulations of these ``logs`` fail, the first for this ``failure``."""
 
@@ -353,7 +244,6 @@ class FreeRunFails(Reason):
         return f"the free simulation of {', '.join(self.logs)} fails: {self.failure}"
 
 
-@dataclass(frozen=True)
 class FreeRunAstray(Reason):
     """The free simulation of a ``log`` has a large ``error`` (% of the motion of a ``joint``).
 

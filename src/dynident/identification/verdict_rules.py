@@ -5,34 +5,26 @@ The rules and the reasons for their limits are in docs/methods.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Ridge
 from dynident.identification import verdict
+from dynident.identification.next_steps import next_steps
 from dynident.identification.result import Identification
-from dynident.identification.verdict import HeldOut, LargestResidual, Reason, Verdict, WorstRun, unknowns
+from dynident.identification.unobservable import unknowns
+from dynident.identification.verdict import HeldOut, LargestResidual, Reason, Verdict, WorstRun
 from dynident.identification.verdict_steps import (
-    MIN_GAIN_SHARE,
-    CheckRipple,
-    ExcitingMotion,
     NextStep,
     Remedy,
-    SetRight,
-    Sharpen,
-    SlowReversals,
-    gain_points,
-    judged_log,
-    window_steps,
 )
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import MAX_REPEAT_DIFFERENCE, UnexcitedParameters, repeat_of
 from dynident.runtime import Finding, Remark, Use
-from dynident.validation import SLOW_SPEED_SHARE, Cause, Driver, FreeRun, LogValidation, ResidualRipple, Reversals
+from dynident.validation import Driver, FreeRun, LogValidation
 
 MAX_SAMPLES = 2000  # of all training motions
 SPEED_FACTOR = 2.0  # times the speed of the training, at which fits are compared
@@ -53,7 +45,7 @@ class ConstraintEffect:
 
 def constraint_effect(identification: Identification) -> ConstraintEffect:
     """Compare an estimate with least squares on samples of the training, each joint weighted by its residual."""
-    motions = [log.motion for log in identification.validations if log.role == "train"]
+    motions = identification.training_motions
     rows = subsample(motions, MAX_SAMPLES)
     states, tau = (
         stack_states(motions, rows),
@@ -81,156 +73,6 @@ def constraint_effect(identification: Identification) -> ConstraintEffect:
         100.0 * (float(np.linalg.norm(y)) / residual_norm - 1.0) if residual_norm else 0.0,
         100.0 * float(np.linalg.norm(faster @ change)) / torque if torque else 0.0,
     )
-
-
-Array = NDArray[np.float64]
-MIN_RELATIVE_STD = 0.3  # standard error over value from which a parameter wants better data
-MIN_TORQUE_SHARE = 1.0  # %, of the torque, that the standard error must be worth for that
-MAX_PARAMETER_STEPS = 5  # next steps on single parameters
-MAX_SAMPLES_NEXT_STEPS = 500  # of the training, and of the log that is judged
-RANK_TOLERANCE_NEXT_STEPS = 1e-6  # share of the largest singular value below which the training says nothing
-
-
-def next_steps(identification: Identification) -> tuple[UnexcitedParameters | NextStep, ...]:
-    """Return what to record or change next, beyond the remedies of the reasons.
-
-    Steps are ordered by their gain. Those of unknown gain come last, parameters that are not excited before the
-    others.
-    """
-    steps = (
-        *_correction_steps(identification),
-        *window_steps(identification),
-        *_sharpening_steps(identification),
-        *_residual_steps(identification),
-    )
-    ranked = sorted((step for step in steps if step.gain is not None), key=lambda step: -(step.gain or 0.0))
-    return (*ranked, *identification.base.unexcited, *(step for step in steps if step.gain is None))
-
-
-def _correction_steps(identification: Identification) -> Iterator[SetRight]:
-    """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
-    log = judged_log(identification)
-    for finding in identification.findings:
-        gain = gain_points(log, dict(finding.message.removed))
-        is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error
-        if is_worthwhile or finding.message.advises:
-            yield SetRight(finding, gain=gain)
-
-
-def _residual_steps(identification: Identification) -> Iterator[NextStep]:
-    """Yield the steps that the tests of the residuals suggest."""
-    held_out = [log for log in identification.validations if log.role == "validation"] or list(
-        identification.validations
-    )
-    causes = {joint: test.causes for log in held_out for joint, test in log.residuals.items()}
-    log = judged_log(identification)
-    tests = {joint: (test, log.errors.rmse[joint] ** 2) for joint, test in log.residuals.items()}
-    if joints := _joints_with(causes, Reversals):
-        excess = {j: size * max(test.reversal_share - test.slow_share, 0.0) for j, (test, size) in tests.items()}
-        speeds = SLOW_SPEED_SHARE * np.sqrt(np.mean(log.motion.dq[log.motion.mask] ** 2, axis=0))
-        reported_speeds = tuple(float(speeds[log.motion.joints.index(joint)]) for joint in joints)
-        terms_chosen = identification.calibration.terms is not None and bool(identification.calibration.terms.trials)
-        yield SlowReversals(joints, reported_speeds, terms_chosen, gain=_gain_of_joints(log, excess, joints))
-    if joints := _joints_with(causes, ResidualRipple):
-        excess = {joint: size * max(test.peak_share, 0.0) for joint, (test, size) in tests.items()}
-        yield CheckRipple(joints, gain=_gain_of_joints(log, excess, joints))
-
-
-def _gain_of_joints(log: LogValidation, removed: Mapping[str, float], joints: Sequence[str]) -> float | None:
-    return gain_points(log, {joint: removed.get(joint, 0.0) for joint in joints})
-
-
-def _joints_with(causes: Mapping[str, tuple[Cause, ...]], kind: type[Cause]) -> tuple[str, ...]:
-    return tuple(
-        joint for joint, joint_causes in causes.items() if any(isinstance(cause, kind) for cause in joint_causes)
-    )
-
-
-def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
-    """Yield the motions that would improve the least accurate of the parameters that matter to the torque."""
-    basis, errors = identification.base.on_data, identification.errors
-    std = errors.std if basis is None else errors.base_std
-    if basis is None:
-        value, names = identification.estimate.value, identification.estimate.names
-        leads: tuple[int, ...] = tuple(range(len(value)))
-    else:
-        value, names, leads = basis.to_base(identification.estimate.value), basis.groupings, basis.independent
-    if std is None:
-        return
-    columns, torque = _training_equations(identification)
-    # The torque of one standard error, relative to that of the training: parameters without effect do not matter.
-    share = 100.0 * std * np.linalg.norm(columns, axis=(0, 1))[list(leads)] / (np.linalg.norm(torque) or 1.0)
-    uncertain = np.flatnonzero((std > MIN_RELATIVE_STD * np.abs(value)) & (share > MIN_TORQUE_SHARE) & np.isfinite(std))
-    worst = sorted(map(int, uncertain), key=lambda k: -share[k])[:MAX_PARAMETER_STEPS]
-    gains = _gains_if_known(identification, columns, list(leads), worst, std)
-    for k, gain in zip(worst, gains, strict=True):
-        how, joint = _motion_for(identification, leads[k])
-        needed = min(std[k] / (MIN_RELATIVE_STD * np.abs(value[k]) or np.inf), share[k] / MIN_TORQUE_SHARE)
-        faster = float(np.sqrt(needed)) if how is ExcitingMotion.ACCELERATE else None
-        figures = float(value[k]), float(std[k]), float(share[k])
-        yield Sharpen(names[k], *figures, how, joint, faster, gain=gain)
-
-
-def _training_equations(identification: Identification) -> tuple[Array, Array]:
-    """Return regressor (M, n, p) and torque (M, n) of some samples of the training."""
-    motions = [log.motion for log in identification.validations if log.role == "train"]
-    columns, torque = [], []
-    for motion in motions:
-        (rows,) = subsample([motion], MAX_SAMPLES_NEXT_STEPS)
-        columns.append(identification.model.regressor(**motion.states(rows)))
-        torque.append(motion.tau[rows])
-    return np.concatenate(columns), np.concatenate(torque)
-
-
-def _gains_if_known(
-    identification: Identification, columns: Array, leads: list[int], parameters: Sequence[int], std: Array
-) -> list[float | None]:
-    """Return the gain in points, on the log that is judged, of knowing each of the parameters exactly.
-
-    The others would change with it: with the covariance C of all, the torque Y C e_k / sqrt(C_kk) is then known,
-    whose size is that by the standard error. C is taken from the regressor of the training, up to its scale.
-    """
-    log = judged_log(identification)
-    (rows,) = subsample([log.motion], MAX_SAMPLES_NEXT_STEPS)
-    motion = log.motion
-    weight = identification.estimate.residual.sigma
-    weight = 1.0 / np.where(weight > 0, weight, 1.0)
-    # Columns scaled to norm one, so that the rank does not depend on the units of the parameters.
-    X = (columns[:, :, leads] * weight[:, None]).reshape(-1, len(leads))
-    size = np.linalg.norm(X, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    C = np.linalg.pinv((X / size).T @ (X / size), rcond=RANK_TOLERANCE_NEXT_STEPS, hermitian=True)
-    Y = identification.model.regressor(**motion.states(rows))[:, :, leads] / size
-    gains = []
-    for k in parameters:
-        torque = Y @ C[:, k] / (C[k, k] or np.inf) * size[k] * std[k]
-        removed = np.mean(torque**2, axis=0)
-        gains.append(gain_points(log, dict(zip(motion.joints, map(float, removed), strict=True))))
-    return gains
-
-
-def _motion_for(identification: Identification, column: int) -> tuple[ExcitingMotion, str | None]:
-    """Return the motion that excites a parameter, which acts on the torque by position, velocity or acceleration."""
-    model, n = identification.model, len(identification.model.joints)
-    rng = np.random.default_rng(0)
-    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
-    rest, memory = np.zeros_like(q), rng.uniform(-1.0, 1.0, (20, model.memory))
-    # At rest only gravity acts, on starting also inertia: the difference tells which motion shows the parameter.
-    full, standing, starting = (
-        np.abs(model.regressor(q, *rates)[:, :, column])
-        for rates in ((dq, ddq, memory), (rest, rest, 0 * memory), (rest, ddq, 0 * memory))
-    )
-    threshold = 1e-9 * full.max()  # a share, so that the unit does not count
-    acting = [joint.name for joint, size in zip(model.joints, full.max(axis=0), strict=True) if size > threshold]
-    joint = acting[-1] if acting else None
-    role = model.parameters[column].role
-    if role in ("viscous", "coulomb"):
-        return ExcitingMotion.CONSTANT_SPEEDS, joint
-    if standing.max() > threshold:
-        return ExcitingMotion.MANY_POSES, joint
-    if starting.max() > threshold:
-        return ExcitingMotion.ACCELERATE, joint
-    return ExcitingMotion.CONSTANT_SPEEDS, joint
 
 
 MAX_TORQUE_ERROR = 10.0  # %, held-out torque error up to which a feedforward helps
@@ -292,7 +134,7 @@ def _order_actions(
 
 def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
     """Yield findings of the checks and notes of the estimate that forbid a use, each kind once."""
-    notes = (Finding(note.severity, None, note) for note in identification.estimate.notes)
+    notes = (Finding(note, severity=note.severity) for note in identification.estimate.notes)
     kinds: dict[object, list[Finding]] = {}
     for finding in (*identification.findings, *notes):
         if finding.forbids is use:
@@ -319,7 +161,7 @@ def _constraint_reasons(identification: Identification) -> dict[Use, tuple[Reaso
 
 def _against_use(identification: Identification) -> Iterator[Reason]:
     """Yield the reasons against any use."""
-    held_out, train = _logs_of_role(identification, "validation"), _logs_of_role(identification, "train")
+    held_out, train = identification.of_role("validation"), identification.of_role("train")
     if not held_out:
         yield verdict.NoHoldOut()
     # Held-out logs that repeat the training say nothing about other motions.
@@ -395,7 +237,7 @@ def _speed_share(identification: Identification) -> float:
         np.array(
             [
                 np.sqrt(np.mean(validation.motion.dq[validation.motion.mask] ** 2, axis=0))
-                for validation in _logs_of_role(identification, role)
+                for validation in identification.of_role(role)
             ]
         )
         for role in ("validation", "train")
@@ -427,10 +269,10 @@ def _worst_run(identification: Identification) -> WorstRun | None:
 
 
 def _held_out(identification: Identification) -> HeldOut | None:
-    held_out = _logs_of_role(identification, "validation")
+    held_out = identification.of_role("validation")
     if not held_out:
         return None
-    worst, trained = max(held_out, key=_judged_error), max(_logs_of_role(identification, "train"), key=_judged_error)
+    worst, trained = max(held_out, key=_judged_error), max(identification.of_role("train"), key=_judged_error)
     filtered = worst.errors.relative_error_filtered is not None
     return HeldOut(
         _judged_error(worst),
@@ -441,7 +283,7 @@ def _held_out(identification: Identification) -> HeldOut | None:
 
 def _largest_residual(identification: Identification) -> LargestResidual | None:
     """Return the largest torque residual; one that is not white is advice, not a reason."""
-    logs = _logs_of_role(identification, "validation") or _logs_of_role(identification, "train")
+    logs = identification.of_role("validation") or identification.of_role("train")
     sizes = [
         (log.errors.rmse[joint] * _joint_errors(log)[joint], log, joint, test)
         for log in logs
@@ -452,10 +294,6 @@ def _largest_residual(identification: Identification) -> LargestResidual | None:
         return None
     _, log, joint, test = max(sizes, key=lambda entry: entry[0])
     return LargestResidual(joint, log.name, test.causes, log.floors.get(joint), log.over_floor, log.at_floor)
-
-
-def _logs_of_role(identification: Identification, role: str) -> list[LogValidation]:
-    return [log for log in identification.validations if log.role == role]
 
 
 def _judged_error(log: LogValidation) -> float:

@@ -1,9 +1,10 @@
 """Robot models: sums of terms that are linear in their parameters, tau = Y(q, dq, ddq) theta."""
 
-from dynident.models.capsules import Capsule, Outline, outlines
+from dynident.models.capsules import Outline, outlines
 from dynident.models.evaluation import MassMatrixCheck, drop_load_dependence, motion_memory
 from dynident.models.geometry import (
     Box,
+    Capsule,
     Cylinder,
     Distances,
     EmptySpace,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dynident.models.geometry import (
     Balls,
-    BoundingCapsule,
     Box,
+    Capsule,
     Geometry,
     Mesh,
     ShapeSource,
@@ -88,42 +88,12 @@ MAX_CUT_VOLUME = 0.8  # a mesh is cut in two where that leaves less than this sh
 
 
 @dataclass(frozen=True, eq=False)
-class Capsule:
-    """All points within ``radius`` (m) of the segment from ``start`` to ``end`` (3) in the frame of a body.
-
-    ``body`` is the index in ``Arm.bodies`` (-1: the root link, which stands still); ``link`` is the link
-    inside.
-    """
-
-    link: str
-    body: int
-    start: Array
-    end: Array
-    radius: float
-
-    __repr__ = brief
-
-    @property
-    def solid(self) -> Solid:
-        """The capsule as a solid, with z along its axis."""
-        along = self.end - self.start
-        length = float(np.linalg.norm(along))
-        z = along / length if length else np.array([0.0, 0.0, 1.0])
-        # any unit vector across the axis: the one least parallel to it gives a well-conditioned frame
-        x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-        x /= np.linalg.norm(x)
-        frame = np.eye(4)
-        frame[:3, :3], frame[:3, 3] = np.stack((x, np.cross(z, x), z), axis=1), (self.start + self.end) / 2
-        return Solid(self.link, self.body, ShapeKind.CAPSULE, (self.radius, length / 2), frame)
-
-
-@dataclass(frozen=True, eq=False)
 class _BodyPart:
     """A part of a body: its link, the balls that it occupies, and the capsule around them."""
 
     link: str
     balls: Balls
-    capsule: BoundingCapsule
+    capsule: Capsule
 
 
 def body_capsules(geometry: Geometry) -> tuple[Capsule, ...]:
@@ -141,11 +111,7 @@ def body_capsules(geometry: Geometry) -> tuple[Capsule, ...]:
         if source is ShapeSource.JOINTS:
             balls = _default_balls(geometry, body)
             parts.append(_BodyPart(geometry.link(body), balls, fit_capsule(balls)))
-        merged_parts = _merge_parts(parts, geometry.link(body))
-        out += [
-            Capsule(shape.link, body, shape.capsule.start, shape.capsule.end, shape.capsule.radius)
-            for shape in merged_parts
-        ]
+        out += [replace(part.capsule, link=part.link, body=body) for part in _merge_parts(parts, geometry.link(body))]
     return tuple(out)
 
 
@@ -173,7 +139,7 @@ def joint_rod(geometry: Geometry, body: int) -> Capsule:
     theta = geometry.bodies.arm.bodies[body].theta if body >= 0 else np.zeros(10)
     is_short = np.linalg.norm(capsule.end - capsule.start) < capsule.radius
     end = theta[1:4] / theta[0] if is_short and np.isfinite(theta).all() and theta[0] > 0 else capsule.end
-    return Capsule(link, body, capsule.start, end, capsule.radius)
+    return replace(capsule, link=link, body=body, end=end)
 
 
 def default_link_radius(bodies: RigidBodies) -> float:

@@ -1,19 +1,14 @@
-"""Weighted sums of the regressor: of its columns, and of all entries with the derivatives by the motion.
-
-The derivatives are one reverse pass for each term. A criterion of a motion's information M = sum_i Y_i' W Y_i changes
-by such a sum: d log det M = 2 sum_i <G_i, dY_i> with G_i = W Y_i M^-1.
-"""
+"""What a model checks of its terms and of what it is given, and what follows from their torques."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.models.structure import term_support
 from dynident.models.term import Joint, Past, Term
 from dynident.runtime import Axes, DynidentError, ModelError, brief, short, vector
 
@@ -239,60 +234,6 @@ def check_positive_definite(model: Model, q: Array, mass: Array) -> MassMatrixCh
     return MassMatrixCheck(smallest, q[i].copy(), smallest > rounding)
 
 
-Integers = NDArray[np.intp]
-
-
 def times(Y: Array, theta: Array) -> Array:
     """Return Y theta for Y (N, n, p) and theta (p) or (N, p)."""
     return Y @ theta if theta.ndim == 1 else np.einsum("nij,nj->ni", Y, theta)
-
-
-def weighted_gradient(model: Model, states: tuple[Array, ...], weights: Array) -> Array:
-    """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, p)."""
-    shape = (*states[0].shape, len(model.parameters))
-    if weights.shape != shape:
-        raise ModelError(f"{model.name}: the weights have shape {weights.shape}, expected {shape}: those of Y.")
-    total, start = np.zeros((3, *states[0].shape)), 0
-    for k, term in enumerate(model.terms):
-        part = slice(start, start := start + len(term.parameters))
-        term_memory = (states[3][:, model.memory_slices[k]],) if k in model.memory_slices else ()
-        if term.has_own("weighted_gradient"):
-            gradient = call_term(model, term, "weighted_gradient", *states[:3], weights[..., part], *term_memory)
-            total += check_output(model, term, "weighted gradient", gradient, total.shape, states)
-        else:
-            total += _from_partials(model, term, (*states[:3], *term_memory), weights[..., part])
-    return total
-
-
-def _from_partials(model: Model, term: Term, states: tuple[Array, ...], weights: Array) -> Array:
-    """Return the weighted gradient of one term from its ``partials``.
-
-    Parameters that share no joint are taken together: the row of the torque of each joint is that of one of them.
-    """
-    q, dq, ddq, *memory = states
-    total = np.zeros((3, *q.shape))
-    for joints, columns in _disjoint_sets(term_support(term)):
-        theta = np.zeros(len(term.parameters))
-        theta[columns] = 1.0
-        slopes = call_term(model, term, "partials", q, dq, ddq, theta, *memory)
-        joint_weights = weights[:, joints, columns]
-        for gradient, wrt in zip(total, ("q", "dq", "ddq"), strict=True):
-            slope = getattr(slopes, wrt, None)
-            slope = check_output(model, term, f"derivative by {wrt}", slope, (*q.shape, q.shape[1]), states)
-            gradient += np.einsum("ij,ijk->ik", joint_weights, slope[:, joints])
-    return total
-
-
-def _disjoint_sets(support: NDArray[np.bool_]) -> Iterator[tuple[Integers, Integers]]:
-    """Yield the nonzero entries of a regressor as sets (joints, columns) that hold each joint once."""
-    remaining = list(range(support.shape[1]))
-    while remaining:
-        used_joints, members = np.zeros(len(support), dtype=bool), list[int]()
-        # greedy: a column joins the set where none of its joints is in use yet
-        for column in remaining:
-            if not (used_joints & support[:, column]).any():
-                used_joints |= support[:, column]
-                members.append(column)
-        remaining = [column for column in remaining if column not in members]
-        joints, which = np.nonzero(support[:, members])
-        yield joints, np.array(members)[which]

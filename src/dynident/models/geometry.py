@@ -288,9 +288,15 @@ class Balls:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundingCapsule:
-    """A capsule: all points within ``radius`` (m) of the segment from ``start`` to ``end`` (3)."""
+class Capsule:
+    """All points within ``radius`` (m) of the segment from ``start`` to ``end`` (3) in the frame of a body.
 
+    ``body`` is the index in ``Arm.bodies`` (-1: the root link, which stands still); ``link`` is the link
+    inside.
+    """
+
+    link: str
+    body: int
     start: Array
     end: Array
     radius: float
@@ -302,9 +308,22 @@ class BoundingCapsule:
         """Its volume (m^3)."""
         return float(np.pi * self.radius**2 * (np.linalg.norm(self.end - self.start) + 4 / 3 * self.radius))
 
+    @property
+    def solid(self) -> Solid:
+        """The capsule as a solid, with z along its axis."""
+        along = self.end - self.start
+        length = float(np.linalg.norm(along))
+        z = along / length if length else np.array([0.0, 0.0, 1.0])
+        # any unit vector across the axis: the one least parallel to it gives a well-conditioned frame
+        x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+        x /= np.linalg.norm(x)
+        frame = np.eye(4)
+        frame[:3, :3], frame[:3, 3] = np.stack((x, np.cross(z, x), z), axis=1), (self.start + self.end) / 2
+        return Solid(self.link, self.body, ShapeKind.CAPSULE, (self.radius, length / 2), frame)
 
-def fit_capsule(balls: Balls) -> BoundingCapsule:
-    """Return a capsule of about the smallest volume that contains all balls.
+
+def fit_capsule(balls: Balls) -> Capsule:
+    """Return a capsule of about the smallest volume that contains all balls, of no link yet.
 
     For a given axis and radius the ends follow. The axis and the radius are searched for by the method of
     Nelder and Mead, from those principal axes that are nearly as good as the best.
@@ -321,7 +340,7 @@ def fit_capsule(balls: Balls) -> BoundingCapsule:
     return _capsule_about_line(balls, *optimum[1:])
 
 
-def fit_capsule_quickly(balls: Balls) -> BoundingCapsule:
+def fit_capsule_quickly(balls: Balls) -> Capsule:
     """Return the smallest of three capsules along the principal axes."""
     axes, middle, _ = _principal_axes(balls)
     return min((_capsule_about_line(balls, middle, axis, 0.0) for axis in axes), key=lambda capsule: capsule.volume)
@@ -364,7 +383,7 @@ def _search_axis(balls: Balls, axes: Array, middle: Array, size: float) -> tuple
     return float(solution.fun), *line(solution.x)
 
 
-def _capsule_about_line(balls: Balls, point: Array, along: Array, extra: float) -> BoundingCapsule:
+def _capsule_about_line(balls: Balls, point: Array, along: Array, extra: float) -> Capsule:
     """Return the shortest capsule along a line that contains all balls, ``extra`` (m) wider than needed."""
     offsets = balls.centres - point
     t = offsets @ along
@@ -375,4 +394,4 @@ def _capsule_about_line(balls: Balls, point: Array, along: Array, extra: float) 
     low_end, high_end = float((t + reach).min()), float((t - reach).max())
     if low_end > high_end:  # a ball is enough
         low_end = high_end = (low_end + high_end) / 2
-    return BoundingCapsule(point + low_end * along, point + high_end * along, radius)
+    return Capsule("", -1, point + low_end * along, point + high_end * along, radius)

@@ -22,10 +22,9 @@ from dynident.models.evaluation import (
     motion_memory,
     term_kind,
     times,
-    weighted_gradient,
 )
 from dynident.models.robot_files import RobotJointLimits
-from dynident.models.structure import Structure, common_structure, is_selective, random_states, term_support
+from dynident.models.structure import Structure, common_structure, random_states, term_support
 from dynident.models.term import Joint, Parameter, Partials, Term
 from dynident.motion.log import Motion
 from dynident.runtime import ModelError, join_names
@@ -205,14 +204,8 @@ class Model:
             indices, start = (joint[requested], parameter[requested] - start), start + width
             if not len(requested):
                 continue
-            if is_selective(self.terms[k]):
-                rows = call_term(self, self.terms[k], "entries", *states[:3], *indices, *self._term_memory(k, states))
-                out[requested] = check_output(
-                    self, self.terms[k], "entries", rows, (len(requested), len(out[0])), states
-                )
-            else:
-                # a term without ``entries`` computes its whole regressor
-                out[requested] = self._block(k, states).transpose(1, 2, 0)[indices]
+            rows = call_term(self, self.terms[k], "entries", *states[:3], *indices, *self._term_memory(k, states))
+            out[requested] = check_output(self, self.terms[k], "entries", rows, (len(requested), len(out[0])), states)
         return out
 
     def torque(
@@ -272,8 +265,20 @@ class Model:
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, weights: Array, memory: ArrayLike | None = None
     ) -> Array:
         """Return the derivatives (3, N, n) by q, dq and ddq, at constant memory, of the sums <G_i, Y_i> of products of
-        the entries of the regressor with weights G (N, n, p)."""
-        return weighted_gradient(self, self._states(q, dq, ddq, memory), np.asarray(weights, dtype=float))
+        the entries of the regressor with weights G (N, n, p).
+
+        They are one reverse pass for each term. A criterion of a motion's information M = sum_i Y_i' W Y_i changes by
+        such a sum: d log det M = 2 sum_i <G_i, dY_i> with G_i = W Y_i M^-1.
+        """
+        states, weights = self._states(q, dq, ddq, memory), np.asarray(weights, dtype=float)
+        shape, total = (*states[0].shape, len(self.parameters)), np.zeros((3, *states[0].shape))
+        if weights.shape != shape:
+            raise ModelError(f"{self.name}: the weights have shape {weights.shape}, expected {shape}: those of Y.")
+        for k, (term, part) in enumerate(zip(self.terms, self._parameter_slices, strict=True)):
+            arguments = (*states[:3], weights[..., part], *self._term_memory(k, states))
+            gradient = call_term(self, term, "weighted_gradient", *arguments)
+            total += check_output(self, term, "weighted gradient", gradient, total.shape, states)
+        return total
 
     def check_mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> MassMatrixCheck:
         """Return the smallest eigenvalue of the mass matrix over the configurations q (N, n), N at least 1."""

@@ -34,27 +34,12 @@ class RotorInertia(PerJoint):
 
     symbol = "Ia"
     role = "rotor"
-    of = "ddq"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "rotor inertia: torque per ddq"
+    law = "ddq"
+    words = "rotor inertia: torque per ddq"
 
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
         return "kg m^2" if joint.kind == "revolute" else "kg"
-
-    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
-        """Return the torque at a joint as an equation."""
-        return Equation("I_a * ddq", ("I_a",))
-
-    def shape(self, ddq: Array, /) -> Array:
-        """Return the torque per unit of the parameter."""
-        return ddq
-
-    def slope(self, ddq: Array, /) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.ones_like(ddq)
 
 
 class _MotorTerm(Term):

@@ -1,12 +1,11 @@
 """Rigid-body dynamics of a tree of joints for many samples at once, by NumPy.
 
-Torque and regressor are by ``newton_euler.py``; here are the mass matrix and the derivatives of the torque. All vectors
-have the axes of the base; those of a body are about the origin of its joint frame. Motions go from the base to the
-tips, and the torque of a joint is what its axis takes of the wrench of all that it carries (Featherstone 2008, "Rigid
-body dynamics algorithms"). The derivatives need also the momentum, and the moments U = sum v r' dm of the velocity, of
-what a joint carries (Singh, Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body dynamics using
-spatial vector algebra"; 12 numbers remain of their 6 x 6 matrices). Arrays begin with the components of vectors, and
-end with bodies and samples.
+All vectors have the axes of the base; those of a body are about the origin of its joint frame. Motions go from the base
+to the tips, and the torque of a joint is what its axis takes of the wrench of all that it carries (Featherstone 2008,
+"Rigid body dynamics algorithms"). The derivatives need also the momentum, and the moments U = sum v r' dm of the
+velocity, of what a joint carries (Singh, Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body
+dynamics using spatial vector algebra"; 12 numbers remain of their 6 x 6 matrices). Arrays begin with the components of
+vectors, and end with bodies and samples.
 """
 
 from __future__ import annotations
@@ -19,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.models.inertia import cross, diagonal, dot, matmul, matvec, outer, transposed_matvec
-from dynident.models.tree import AT_ONCE, Chain, Layout, NewtonEuler, Tree
+from dynident.models.tree import Chain, Layout, Tree
 from dynident.runtime import brief
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
+AT_ONCE = 12_000  # samples times bodies: temporary arrays stay in the cache
+INERTIAS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # rows and columns of the inertia, as INERTIAL has them
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,33 +48,32 @@ class Recursion:
         """Return Y (N, n, 10 L) for the parameters of the L listed bodies."""
         layout = self.layout
         Y = np.zeros((len(q), layout.joints, len(layout.parameter_bodies), 10))
-        chains = {chain.body: chain for chain in layout.chains}
-        all_ten = dict.fromkeys(chains, np.arange(10))
-        for part, body, columns in self._newton_euler.columns(self._body_states(q, dq, ddq), all_ten):
-            chain = chains[body]
-            Y[part, chain.joint_index, chain.place] = self._columns_by_joint(chain, columns).T
+        for part, motion in self._motions(q, dq, ddq):
+            for chain in layout.chains:
+                Y[part, chain.joint_index, chain.place] = self._columns(motion, chain).T
         return Y.reshape(len(q), layout.joints, 10 * len(layout.parameter_bodies))
 
     def entries(self, q: Array, dq: Array, ddq: Array, joint: Integers, parameter: Integers) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows (M, N)."""
         out = np.zeros((len(joint), len(q)))
         place, role = np.divmod(parameter, 10)
-        # per body: which of its parameters are asked for, and where the entries go
-        roles, places = {}, {}
+        # per body: which entries are of its parameters, and where they are in its columns
+        sources = []
         for chain in self.layout.chains:
             selected = np.flatnonzero((place == chain.place) & np.isin(joint, chain.joints))
             if len(selected):
-                roles[chain.body], row = np.unique(role[selected], return_inverse=True)
-                places[chain.body] = chain, selected, (row, np.searchsorted(chain.joints, joint[selected]))
-        for part, body, columns in self._newton_euler.columns(self._body_states(q, dq, ddq), roles):
-            chain, selected, source = places[body]
-            out[selected, part] = self._columns_by_joint(chain, columns)[source]
+                sources.append((chain, selected, (role[selected], np.searchsorted(chain.joints, joint[selected]))))
+        for part, motion in self._motions(q, dq, ddq):
+            for chain, selected, source in sources:
+                out[selected, part] = self._columns(motion, chain)[source]
         return out
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return the inverse dynamics (N, n)."""
-        tau = self._newton_euler.torque(self._body_states(q, dq, ddq), theta)
-        return np.ascontiguousarray(tau.T) if self.layout.is_identity else tau.T @ self.layout.drive
+        tau = np.empty((len(q), len(self.layout)))
+        for part, motion in self._motions(q, dq, ddq):
+            tau[part] = _CompositeBodies(motion, theta).torque.T
+        return tau if self.layout.is_identity else tau @ self.layout.drive
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n), and the torque (N, n) without acceleration."""
@@ -122,21 +122,14 @@ class Recursion:
                 slope[part] = gradient.T
         return out if layout.is_identity else out @ layout.drive
 
-    @cached_property
-    def _newton_euler(self) -> NewtonEuler:
-        return NewtonEuler(self.tree, self.gravity)
-
-    def _body_states(self, q: Array, dq: Array, ddq: Array) -> list[Array]:
-        """Return the states (B, N) of the bodies."""
-        return [np.ascontiguousarray(state.T) for state in self.layout.body_states(q, dq, ddq)]
-
-    def _columns_by_joint(self, chain: Chain, columns: Array) -> Array:
-        """Return columns (R, J, S) of a body by joint, from those by the bodies of its chain."""
+    def _columns(self, motion: _Motion, chain: Chain) -> Array:
+        """Return the torques (10, J, S) of the joints that move a body per unit of each of its parameters."""
+        columns = motion.columns(chain)
         return columns if self.layout.is_identity else np.asarray(chain.shares(self.layout.gain) @ columns)
 
     def _motions(self, q: Array, dq: Array, ddq: Array) -> Iterator[tuple[slice, _Motion]]:
         """Yield the motion of the bodies by block of samples."""
-        states = self._body_states(q, dq, ddq)
+        states = [np.ascontiguousarray(state.T) for state in self.layout.body_states(q, dq, ddq)]
         # blocks of samples whose temporary arrays stay in the cache
         step = max(AT_ONCE // len(self.layout), 1)
         for start in range(0, len(q), step):
@@ -202,6 +195,21 @@ class _Motion:
         if self.zu is not None:
             u += self.zu[:, j]
         return w, u
+
+    def columns(self, chain: Chain) -> Array:
+        """Return the torques (10, V, N) of the joints above a body per unit of each of its parameters."""
+        k, out = chain.body, np.empty((10, len(chain.via), self.w.shape[2]))
+        # in the axes of the body, in which its parameters are constant
+        R = self.R[:, :, k, None]
+        w, dw, a = (transposed_matvec(R, vectors[:, k, None]) for vectors in (self.w, self.dw, self.a))
+        W, U = (transposed_matvec(R, vectors) for vectors in self.screws(chain.path, k))
+        # the Newton-Euler equations as products of the screws W, U with force and moment, sorted by parameter
+        out[0], out[1:4], spin = dot(U, a), cross(U, dw) + cross(w, cross(w, U)) + cross(a, W), cross(W, w)
+        for row, (i, j) in zip(out[4:], INERTIAS, strict=True):
+            row[:] = W[i] * dw[j] + spin[i] * w[j]
+            if i != j:
+                row += W[j] * dw[i] + spin[j] * w[i]
+        return out
 
     @cached_property
     def changes(self) -> tuple[tuple[Array, Array, Array], ...]:

@@ -265,7 +265,9 @@ class RigidBodies(Term):
         """Where Y can be other than zero, shape (n, 10 n)."""
         return self._recursion.layout.support
 
-    def entries(self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]) -> Array:
+    def entries(  # type: ignore[override] # it remembers nothing
+        self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]
+    ) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N); ModelError where there is no such entry."""
         rows, columns = np.asarray(joint, dtype=np.intp), np.asarray(parameter, dtype=np.intp)
         shape = self.support.shape
@@ -284,7 +286,9 @@ class RigidBodies(Term):
         states = _floats(q), _floats(dq), _floats(ddq)
         return Partials(*dynamics.partials(*states, dynamics.layout.expand_parameters(theta)))
 
-    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+    def weighted_gradient(  # type: ignore[override]
+        self, q: Array, dq: Array, ddq: Array, weights: Array
+    ) -> Array:
         """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, 10 n)."""
         states, weights = (_floats(q), _floats(dq), _floats(ddq)), _floats(weights)
         if weights.shape != (shape := (len(states[0]), *self.support.shape)):

@@ -192,9 +192,9 @@ class Term(Part, ABC):
         units = (np.broadcast_to(unit, q.shape) for unit in np.eye(q.shape[1]))
         return np.stack([self.torque(q, dq, unit, theta) - bias for unit in units], axis=2), bias
 
-    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array, *memory: Array) -> Array:
         """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, p)."""
-        slopes = [self.partials(q, dq, ddq, unit) for unit in np.eye(weights.shape[2])]
+        slopes = [self.partials(q, dq, ddq, unit, *memory) for unit in np.eye(weights.shape[2])]
         by_parameter = np.array([(slope.q, slope.dq, slope.ddq) for slope in slopes])
         return np.asarray(np.einsum("ijp,psijk->sik", weights, by_parameter))
 
@@ -203,13 +203,15 @@ class Term(Part, ABC):
         """Where Y can be other than zero, shape (n, p)."""
         return np.ones((len(self.joints), len(self.parameters)), dtype=bool)
 
-    def entries(self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]) -> Array:
+    def entries(
+        self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp], *memory: Array
+    ) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N).
 
         Where a term has its own, and several parameters act on a joint, their columns are analytic in the states, so
         that those that are dependent at enough random states always are.
         """
-        return self.regressor(q, dq, ddq)[:, joint, parameter].T
+        return self.regressor(q, dq, ddq, *memory)[:, joint, parameter].T
 
     @property
     def memory(self) -> int:

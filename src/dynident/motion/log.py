@@ -272,10 +272,7 @@ class Motion(KeepsFacts):
         for name in ("q", "dq", "ddq", "tau"):
             value = freeze_matrix(getattr(self, name), len(self.t), len(self.joints), name, self.source)
             object.__setattr__(self, name, value)
-        mask = freeze_array(self.mask, np.bool_)
-        if mask.shape != self.t.shape:
-            raise InputError(f"{self.source}: the mask has shape {mask.shape}, expected {self.t.shape}.")
-        object.__setattr__(self, "mask", mask)
+        object.__setattr__(self, "mask", freeze_mask(self.mask, self.t.shape, self.source, "the mask"))
         object.__setattr__(self, "keep", freeze_mask(self.keep, self.q.shape, self.source))
         if self.memory is not None:
             width = np.shape(self.memory)[-1] if np.ndim(self.memory) == 2 else 1
@@ -332,21 +329,10 @@ class Motion(KeepsFacts):
             memory = mark_read_only(
                 memory[rows] if time_offset == 0.0 else (1 - share) * memory[k] + share * memory[k + 1]
             )
+        channels: dict[str, Any] = {"t": self.t[rows], "q": q, "dq": dq, "ddq": ddq, "tau": tau, "memory": memory}
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
-        total_offset = self.time_offset + time_offset
         keep = None if self.keep is None else self.keep[rows]
-        return replace(
-            self,
-            t=self.t[rows],
-            q=q,
-            dq=dq,
-            ddq=ddq,
-            tau=tau,
-            mask=mask,
-            time_offset=total_offset,
-            keep=keep,
-            memory=memory,
-        )
+        return replace(self, **channels, mask=mask, keep=keep, time_offset=self.time_offset + time_offset)
 
 
 def subsample(motions: Sequence[Motion], max_samples: int, margin: float = 0.0) -> list[NDArray[np.intp]]:

@@ -150,14 +150,14 @@ def read_with_findings(
         try:
             reading = _read_unchecked(spec, config, joints, read)
         except InputError as error:
-            findings.append(Finding(Severity.ERROR, None, Remark(str(error)), source=spec.label))
+            findings.append(Finding(Remark(str(error)), source=spec.label, severity=Severity.ERROR))
             continue
         logs[role].update({log.source: log for log in reading.logs})
-        findings += [Finding(Severity.WARNING, None, Remark(text)) for text in reading.warnings]
+        findings += [Finding(Remark(text)) for text in reading.warnings]
         references += [name for name in reading.unused if is_reference(name, config.position)]
     # columns that look like references, left unused, mean that the loop could be simulated but is not
     if references and not isinstance(config.simulation, LoopSettings):
-        findings.append(Finding(Severity.INFO, None, LoopUnused(tuple(dict.fromkeys(references)))))
+        findings.append(Finding(LoopUnused(tuple(dict.fromkeys(references)))))
     return logs, tuple(findings)
 
 

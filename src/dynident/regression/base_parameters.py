@@ -24,6 +24,7 @@ from dynident.regression.triangular import (
     precision,
     rank_of,
     rank_of_information,
+    tied_groups,
 )
 from dynident.runtime import ModelError, Note, join_names
 
@@ -206,7 +207,6 @@ def structural_base_parameters(
     return base_parameters(factor, model.parameters, tolerance)
 
 
-@dataclass(frozen=True)
 class UnexcitedParameters(Note):
     """Base parameters that the data do not excite, and the joints whose motion would excite them.
 
@@ -250,7 +250,7 @@ def find_unexcited(
     U, lifted = U[:, :k], hidden_directions @ (Vt[:k].T / s[:k])
     still = _still_joints(motions)
     return tuple(
-        _unexcited_note(structural, model, group, lifted @ U[group].T, still) for group in _tied_groups(U @ U.T)
+        _unexcited_note(structural, model, group, lifted @ U[group].T, still) for group in tied_groups(U @ U.T, 1e-3)
     )
 
 
@@ -356,16 +356,6 @@ def _formula(row: Array, lead: int, names: tuple[str, ...]) -> str:
             size = f"{abs(row[k]):.4g}"
             text += f" {'-' if row[k] < 0 else '+'} {'' if size == '1' else size + '*'}{names[k]}"
     return text
-
-
-def _tied_groups(projector: Array) -> list[list[int]]:
-    """Return the sets of rows that a projector ties together."""
-    from scipy.sparse.csgraph import connected_components
-
-    tied = np.abs(projector) > 1e-3
-    _, label = connected_components(tied, directed=False)
-    involved = tied.any(axis=1)
-    return [np.flatnonzero(label == group).tolist() for group in sorted(set(label[involved]))]
 
 
 def _check_vector(value: ArrayLike, size: int, name: str) -> Array:

@@ -243,13 +243,8 @@ class Rank:
         """Sets of parameters of which only combinations are identifiable; single ones have no effect."""
         if self.rank == len(self.values):
             return ()
-        from scipy.sparse.csgraph import connected_components
-
         null = self.vectors[:, self.rank :]
-        tied = np.abs(null @ null.T) > self._tie
-        _, label = connected_components(tied, directed=False)
-        involved = tied.any(axis=1)
-        return tuple(tuple(np.flatnonzero(label == group).tolist()) for group in sorted(set(label[involved])))
+        return tuple(map(tuple, tied_groups(null @ null.T, self._tie)))
 
     @property
     def undetermined_mask(self) -> NDArray[np.bool_]:
@@ -296,6 +291,15 @@ class Rank:
         vectors = np.concatenate([directions @ turn, self.vectors[:, self.rank :]], axis=1)
         retained = int((squares > SQUARED * squares[0]).sum()) if self.rank and squares[0] > 0 else 0
         return Rank(retained, self.scale, values, vectors, vectors, self.tolerance, self.unweighted)
+
+
+def tied_groups(projector: Array, limit: float) -> list[list[int]]:
+    """Return the sets of rows that a projector ties together, by entries above a limit."""
+    from scipy.sparse.csgraph import connected_components
+
+    tied = np.abs(projector) > limit
+    _, label = connected_components(tied, directed=False)
+    return [np.flatnonzero(label == group).tolist() for group in sorted(set(label[tied.any(axis=1)]))]
 
 
 def precision(parameters: Sequence[Parameter]) -> float:

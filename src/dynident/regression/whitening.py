@@ -16,19 +16,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from dynident.models import Structure
 from dynident.models.structure import select_independent
 from dynident.motion.filters import butterworth, slowest_pole, zero_phase
-from dynident.motion.log import Motion
+from dynident.motion.log import Motion, mark_read_only
 from dynident.motion.smoothers import cutoff_complaint
 from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock
-from dynident.runtime import Axes, ConfigError, brief
+from dynident.runtime import Axes, ConfigError, brief, check_settings
 
 Array = NDArray[np.float64]
 
@@ -98,17 +99,12 @@ class ParallelFilter:
     ParallelFilter(decimate=10, cutoff=20.0, order=4)
     """
 
-    decimate: int = 1
-    cutoff: float | None = None
-    order: int = 4
+    decimate: Annotated[int, Ge(1)] = 1
+    cutoff: Annotated[float, Gt(0)] | None = None
+    order: Annotated[int, Ge(1), Le(HIGHEST_ORDER)] = 4
 
     def __post_init__(self) -> None:
-        are_whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
-        if not are_whole or self.order > HIGHEST_ORDER or not (self.cutoff is None or self.cutoff > 0):
-            raise ConfigError(
-                f"parallel filter: decimate = {self.decimate} must be a whole number from 1, order = {self.order} one "
-                f"from 1 to {HIGHEST_ORDER}, and cutoff = {self.cutoff} positive (Hz)."
-            )
+        check_settings(self)
         if self.decimate == 1 and self.cutoff is None:
             raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")
 
@@ -126,12 +122,12 @@ class ParallelFilter:
     def filter_motion(self, motion: Motion, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:
         """Return a motion with its ``channels`` filtered in each stretch of usable samples, and not decimated."""
         sections = self.sections(motion)
-        series = {name: getattr(motion, name).copy() for name in channels}
+        series: dict[str, Any] = {name: getattr(motion, name).copy() for name in channels}
         for part in stretches(motion.mask):
             for x in series.values() if part.stop - part.start > 1 else ():
                 x[part] = self.apply(sections, x[part])
         for x in series.values():
-            x.flags.writeable = False  # no copy is made then
+            mark_read_only(x)
         return replace(motion, **series)
 
     def pad_samples(self, sections: Array) -> int:

@@ -103,13 +103,13 @@ def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
 
 def finding_table(groups: Sequence[Sequence[Finding]], title: str) -> PageTable:
     """Return groups of findings as a table of places and messages."""
-    columns = Column("where", numeric=False), Column("what, and what to do", numeric=False, prose=True)
-    return PageTable(columns, tuple(map(place_and_text, groups)), title)
+    message = Column("what, and what to do", numeric=False, prose=True)
+    return PageTable.of(("where",), [message], map(place_and_text, groups), title)
 
 
 def _time_table(timings: Mapping[str, Timing]) -> PageTable:
     heads = ("samples", "length, s", "rate, Hz", "jitter, %", "longest step, ms", "lost", "noise if even")
-    rows = tuple(
+    rows = (
         (
             name,
             str(timing.samples),
@@ -123,7 +123,7 @@ def _time_table(timings: Mapping[str, Timing]) -> PageTable:
         )
         for name, timing in timings.items()
     )
-    return PageTable((Column("log", numeric=False), *map(Column, heads)), rows, "Time")
+    return PageTable.of(("log",), heads, rows, "Time")
 
 
 def _motion_table(check: CheckResult) -> PageTable:
@@ -131,24 +131,23 @@ def _motion_table(check: CheckResult) -> PageTable:
         ("from", "position"), ("to", "position"), ("peak", "speed"), ("rms", "speed"), ("peak", "acceleration"),
         ("rms", "acceleration"), ("turns", ""), ("slow, %", ""), ("peak", "torque"), ("follows file", "torque"),
     )  # fmt: skip
-    rows = tuple(map(_motion_row, check.excitations, check.agreements))
-    columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
-    return PageTable(columns, rows, "Motion in training, SI (peak: 99.9 %; slow: below 2 % of the peak speed)")
+    rows = map(_motion_row, check.excitations, check.agreements)
+    return PageTable.of(
+        ("joint",), heads, rows, "Motion in training, SI (peak: 99.9 %; slow: below 2 % of the peak speed)"
+    )
 
 
 def _motion_row(excitation: Excitation, agreement: Agreement) -> tuple[str, ...]:
-    sizes = (
-        excitation.lower,
-        excitation.upper,
-        excitation.peak_speed,
-        excitation.rms_speed,
-        excitation.peak_acceleration,
-        excitation.rms_acceleration,
-    )
-    cells = [number(value, 3) for value in sizes]
+    lengths, motion = excitation_cells(excitation)
     follows = "-" if np.isnan(agreement.correlation) else f"{agreement.correlation:z.2f}"
-    slow = number(100 * excitation.slow, 2)
-    return (excitation.joint, *cells, str(excitation.reversals), slow, number(excitation.torque, 3), follows)
+    return (excitation.joint, *lengths, *motion, follows)
+
+
+def excitation_cells(motion: Excitation) -> tuple[list[str], list[str]]:
+    """Return the cells of a joint's range, and those of its speed, acceleration, turns, slowness and torque."""
+    sizes = (motion.peak_speed, motion.rms_speed, motion.peak_acceleration, motion.rms_acceleration)
+    turns = [str(motion.reversals), number(100 * motion.slow, 2), number(motion.torque, 3)]
+    return [number(motion.lower, 3), number(motion.upper, 3)], [*(number(size, 3) for size in sizes), *turns]
 
 
 def _rank_table(check: CheckResult) -> PageTable:
@@ -156,7 +155,7 @@ def _rank_table(check: CheckResult) -> PageTable:
     assert rank is not None  # noqa: S101 -- made together with the excitations
     row = (str(rank.count), str(rank.structural), str(rank.on_data), number(rank.condition, 3))
     heads = ("parameters", "rank any motion shows", "rank of these motions", "condition")
-    return PageTable(tuple(map(Column, heads)), (row,), "What the training shows of the model")
+    return PageTable.of((), heads, [row], "What the training shows of the model")
 
 
 def _channel_table(name: str, channels: Sequence[ChannelFacts]) -> PageTable:
@@ -165,9 +164,8 @@ def _channel_table(name: str, channels: Sequence[ChannelFacts]) -> PageTable:
         ("repeats, %", "position"), ("still, %", "position"),
         ("rms", "torque"), ("noise", "torque"), ("step", "torque"),
     )  # fmt: skip
-    rows = tuple(tuple(_channel_cells(channel)) for channel in channels)
-    columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
-    return PageTable(columns, rows, f"Channels of {name}, SI{_left_out_words(channels)}")
+    caption = f"Channels of {name}, SI{_left_out_words(channels)}"
+    return PageTable.of(("joint",), heads, map(_channel_cells, channels), caption)
 
 
 def _channel_cells(channel: ChannelFacts) -> Iterator[str]:
@@ -187,17 +185,18 @@ def _left_out_words(channels: Sequence[ChannelFacts]) -> str:
 def _joint_tables(joints: Sequence[RobotJointFacts]) -> Iterator[PageTable]:
     """Yield the joints of a robot file, then those that do not move by themselves; m and N for prismatic ones."""
     heads = ("from", "position"), ("to", "position"), ("velocity", "limits"), ("effort", "limits"), ("body, kg", "")
-    columns = Column("joint", numeric=False), Column("type", numeric=False), *(Column(*head) for head in heads)
     rows = []
     for joint in joints:
         limits = joint.limits.lower, joint.limits.upper, joint.limits.velocity, joint.limits.effort
         kind = "held fixed" if joint.held else "continuous" if _is_continuous(joint) else joint.kind
         cells = ("-" if value is None or np.isnan(value) else f"{value:.4g}" for value in (*limits, joint.mass))
         rows.append((joint.joint, kind, *cells))
-    yield PageTable(columns, tuple(rows), "Joints, SI (body: the link that it moves and those fixed to it)")
-    if dependent := [(joint.joint, how) for joint in joints if (how := _coupling_words(joint))]:
-        columns = Column("joint", numeric=False), Column("how", numeric=False, prose=True)
-        yield PageTable(columns, tuple(dependent), "Joints that do not move by themselves")
+    yield PageTable.of(
+        ("joint", "type"), heads, rows, "Joints, SI (body: the link that it moves and those fixed to it)"
+    )
+    if dependent := [(joint.joint, words) for joint in joints if (words := _coupling_words(joint))]:
+        how = Column("how", numeric=False, prose=True)
+        yield PageTable.of(("joint",), (how,), dependent, "Joints that do not move by themselves")
 
 
 def _is_continuous(joint: RobotJointFacts) -> bool:
@@ -215,12 +214,15 @@ def _coupling_words(joint: RobotJointFacts) -> str:
 
 
 def _link_table(check: CheckResult) -> PageTable:
-    heads = ("mass, kg", "centre at, m", "smallest", "middle", "largest")
-    groups = ("", "", *["moments"] * 3)
+    moments = ((title, "moments") for title in ("smallest", "middle", "largest"))
     rows = [
         (x.link, number(x.mass), number(float(np.linalg.norm(x.centre)), 3), *(number(float(m), 3) for m in x.moments))
         for x in check.links
     ]
     rows.append(("all", number(sum(x.mass for x in check.links)), *[""] * 4))
-    columns = (Column("link", numeric=False), *(Column(head, group) for head, group in zip(heads, groups, strict=True)))
-    return PageTable(columns, tuple(rows), "Links (principal moments about the centre of mass, kg m^2)")
+    return PageTable.of(
+        ("link",),
+        ("mass, kg", "centre at, m", *moments),
+        rows,
+        "Links (principal moments about the centre of mass, kg m^2)",
+    )

@@ -9,14 +9,13 @@ import json
 import math
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import InputError, brief
+from dynident.runtime import InputError, Noun
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -87,8 +86,7 @@ def thin(t: Array, y: Array, points: int = 2000) -> tuple[Array, Array]:
     return t[index], y[index]
 
 
-@dataclass(frozen=True, eq=False)
-class Drawing:
+class Drawing(Noun):
     """A figure as plotly's JavaScript reads it: its ``data``, a list of traces, and its ``layout``.
 
     ``motion`` is what the page moves its first traces by, None where nothing moves.
@@ -97,8 +95,6 @@ class Drawing:
     data: list[Trace]
     layout: dict[str, Any]
     motion: dict[str, Any] | None = None
-
-    __repr__ = brief
 
     def add(self, trace: Trace, row: int = 1) -> None:
         """Add a trace to a panel, counted from above."""

@@ -7,7 +7,7 @@ and the styles are part of the page, which needs no network.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -96,6 +96,7 @@ class Column:
 
 UNIT = Column("unit", numeric=False, unit=True)
 MEANING = Column("meaning", numeric=False, prose=True)
+Head = str | tuple[str, str] | Column  # the title of a column of numbers, alone or with its group, or another column
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,16 @@ class PageTable:
                 raise ValueError(
                     f"Table {self.caption!r}: row {i} has {len(row)} cells for {len(self.columns)} columns."
                 )
+
+    @classmethod
+    def of(
+        cls, texts: Sequence[str], heads: Iterable[Head], rows: Iterable[Iterable[str]], caption: str = ""
+    ) -> PageTable:
+        """Return a table: columns of ``texts`` by their titles, then those of the ``heads``."""
+        columns = [Column(title, numeric=False) for title in texts]
+        for head in heads:
+            columns.append(head if isinstance(head, Column) else Column(*((head,) if isinstance(head, str) else head)))
+        return cls(tuple(columns), tuple(map(tuple, rows)), caption)
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:
@@ -236,8 +247,8 @@ def short_formula(name: str) -> str:
 def formula_blocks(names: Sequence[str]) -> tuple[Fold, ...]:
     """Return what the shortened formulas of base parameters stand for, where there are any."""
     rows = tuple((short_formula(name), name) for name in names if short_formula(name) != name)
-    columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
-    return (Fold("What the base parameters stand for", (PageTable(columns, rows),)),) if rows else ()
+    table = PageTable.of(("base parameter", "formula"), (), rows)
+    return (Fold("What the base parameters stand for", (table,)),) if rows else ()
 
 
 def relative_link(path: str) -> str:
@@ -248,8 +259,7 @@ def relative_link(path: str) -> str:
 
 def pair_table(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> PageTable:
     """Return a table of names and texts, such as settings or versions."""
-    columns = (Column(title, numeric=False), Column("value" if title else "", numeric=False))
-    return PageTable(columns, tuple((str(name), str(text)) for name, text in content), caption)
+    return PageTable.of((title, "value" if title else ""), (), (map(str, pair) for pair in content), caption)
 
 
 def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:

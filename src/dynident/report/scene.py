@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.models import Outline, RigidBodies
 from dynident.report.figures import AMBER, INK, TEMPLATE, Array, Drawing, Trace, plain, trace
-from dynident.runtime import brief
+from dynident.runtime import Noun
 
 CYLINDER_SIDES = 24  # of a cylinder
 METAL = ("#8fa7c4", "#5f7da3")  # of bodies, in turn
@@ -31,15 +31,12 @@ LIGHTER_SHARE = 0.28  # share of the way to white
 MIN_AXIS_RATIO = 0.02  # least half axis, as a share of the largest: what is drawn of a rod or plate
 
 
-@dataclass(frozen=True, eq=False)
-class SceneMesh:
+class SceneMesh(Noun):
     """Triangles of a body: ``vertices`` (V, 3) in m in its frame, and ``faces`` (F, 3), indices of vertices."""
 
     name: str
     vertices: Array
     faces: Faces
-
-    __repr__ = brief
 
 
 def cylinder_mesh(name: str, centre: Array, radius: float, bottom: float, top: float) -> SceneMesh:
@@ -77,8 +74,7 @@ def plate(name: str, height: float, reach: float) -> SceneMesh:
     return SceneMesh(name, corners + np.array([0.0, 0.0, height]), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-@dataclass(frozen=True, eq=False)
-class MovingTrace:
+class MovingTrace(Noun):
     """A trace that moves with bodies.
 
     Its ``points`` (V, 3), in m, are each in the frame of the ``body`` (V), an index of ``Arm.bodies``, or -1 for
@@ -89,11 +85,8 @@ class MovingTrace:
     points: Array
     body: Faces
 
-    __repr__ = brief
 
-
-@dataclass(frozen=True, eq=False)
-class Replay:
+class Replay(Noun):
     """A motion along which an arm is shown: positions ``q`` (T, n), in rad or m, at T even times from ``start`` to
     ``stop`` (s), with a ``name``.
     """
@@ -102,8 +95,6 @@ class Replay:
     start: float
     stop: float
     q: Array
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -255,8 +246,7 @@ def _scene_layout(lengths: Sequence[tuple[float, float]]) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class Ellipsoid:
+class Ellipsoid(Noun):
     """An ellipsoid in the frame of a ``body``, by its place in ``Arm.bodies``: its ``centre`` (3) and ``half`` axes (3)
     along the columns of ``axes`` (3, 3), in m, and its colour."""
 
@@ -265,8 +255,6 @@ class Ellipsoid:
     half: Array
     axes: Array
     colour: str
-
-    __repr__ = brief
 
     def map_points(self, points: Array) -> Array:
         """Map points (V, 3) of the unit ball onto the ellipsoid."""

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING
 
 from dynident.motion.smoothers import strip_time_offset
 from dynident.regression import GroupKind
 from dynident.report.figures import points_per_curve
+from dynident.report.page import Figure, Gallery
 from dynident.runtime import Note, Severity, angles, join_names, number, part_text, short
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
+    from dynident.models import Joint
     from dynident.validation import LogValidation
 
 ROLES = {"train": "training", "validation": "held out"}
@@ -86,6 +88,19 @@ def tiny(value: float, digits: int = 2) -> str:
 def huge(value: float, digits: int = 2) -> str:
     """Format a ratio; one that rounding makes of infinity is given as above a limit."""
     return f"above {1 / ROUNDING:g}" if 1 / ROUNDING < value < inf else number(value, digits)
+
+
+def figure_gallery(
+    identification: Identification, draw: Callable[[LogValidation, Joint], Figure | None]
+) -> tuple[Gallery, ...]:
+    """Return a gallery of what ``draw`` makes of each log and joint, each tied to its run; none where it makes none."""
+    views = [
+        ((label, joint.name), (replace(figure, figure=figure.figure.follow_run(label)),))
+        for label, k in log_labels(identification)
+        for joint in identification.model.joints
+        if (figure := draw(identification.validations[k], joint)) is not None
+    ]
+    return (Gallery(("log", "joint"), tuple(views)),) if views else ()
 
 
 def points(identification: Identification) -> int:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, dataclass, field, fields
 from difflib import get_close_matches
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, dataclass_transform
 
 T = TypeVar("T")
 
@@ -120,6 +120,20 @@ def brief(noun: Any) -> str:
     """Return the text of a dataclass for display, as its ``__repr__``: large fields by their size."""
     field_texts = (f"{field.name}={_field_text(getattr(noun, field.name))}" for field in fields(noun) if field.repr)
     return _truncate(f"{type(noun).__name__}({', '.join(field_texts)})", MAX_TEXT_LENGTH)
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
+class Noun:
+    """Base of immutable data that hold arrays; each class derived from it is a frozen dataclass.
+
+    Two are equal where they are the same object; shown, large fields are given by their size.
+    """
+
+    __repr__ = brief
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        dataclass(frozen=True, eq=False, repr=False)(cls)
 
 
 def settings_repr(noun: Any) -> str:

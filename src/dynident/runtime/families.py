@@ -317,7 +317,8 @@ def section_class(name: str) -> Any:
 def check_settings(part: Any) -> None:
     """Check the fields of a dataclass: numbers by the limits of ``annotated_types``, texts by their choices.
 
-    A field may hold what has no limits besides: mappings, parts, None. Raises ConfigError, which names the field.
+    So are those in tuples and mappings. A field may hold what has no limits besides: parts, None. Raises ConfigError,
+    which names the field.
     """
     cls: type = type(part)
     for name, rule in _rules(cls).items():
@@ -326,17 +327,32 @@ def check_settings(part: Any) -> None:
 
 @dataclass(frozen=True)
 class _Rule:
-    """What a field may hold: one of the ``texts``, or a number within limits (a ``whole`` one), or None."""
+    """What a field may hold: one of ``texts`` (or of numbers), or a number within limits (a ``whole`` one), or None.
 
-    texts: tuple[str, ...]
+    ``items`` is the rule of the entries of a tuple, of which there are ``count`` unless it is None, or of a mapping.
+    """
+
+    texts: tuple[str | int, ...]
     whole: bool
     limits: tuple[tuple[str, float], ...]
     optional: bool
+    items: _Rule | None = None
+    count: int | None = None
 
     def check(self, name: str, value: Any) -> None:
         """Raise ConfigError for a value that the rule forbids."""
-        if isinstance(value, str) and self.texts and value not in self.texts:
-            raise ConfigError(f"{name} = {value!r}; {choices(value, self.texts)}")
+        if self.items is not None and isinstance(value, Mapping | list | tuple):
+            if self.count not in (None, len(value)):
+                raise ConfigError(f"{name} = {value}; give {self.count} entries.")
+            entries = value.items() if isinstance(value, Mapping) else enumerate(value, 1)
+            for key, entry in entries:
+                self.items.check(f"{name} of {key!r}" if isinstance(value, Mapping) else f"{name}, entry {key},", entry)
+        # choices may be texts beside numbers, or whole numbers alone
+        is_choice = isinstance(value, str) or (
+            bool(self.texts) and isinstance(self.texts[0], int) and value is not None
+        )
+        if is_choice and self.texts and value not in self.texts:
+            raise ConfigError(f"{name} = {value!r}; {choices(str(value), map(str, self.texts))}")
         if not self.limits or isinstance(value, bool) or not isinstance(value, Real):
             return
         number = float(value)
@@ -359,13 +375,21 @@ def _rules(holder: type) -> dict[str, _Rule]:
     except ConfigError:
         return {}
     rules = {name: _rule(hint) for name, hint in hints.items() if name in holder.__dataclass_fields__}  # type: ignore[attr-defined]
-    return {name: rule for name, rule in rules.items() if rule.texts or rule.limits}
+    return {name: rule for name, rule in rules.items() if rule.texts or rule.limits or rule.items}
 
 
 def _rule(hint: Any) -> _Rule:
-    members = (hint,) if get_origin(hint) in (Annotated, Literal) else get_args(hint)
+    # marks without limits, such as that of a setting by joint, are outside of all others
+    if get_origin(hint) is Annotated and get_args(get_args(hint)[0]):
+        hint = get_args(hint)[0]
+    members = (hint,) if get_origin(hint) in (Annotated, Literal, tuple) else get_args(hint)
+    nested = next((member for member in members if get_origin(member) in (Mapping, tuple)), None)
+    entries = get_args(nested)
+    is_fixed = get_origin(nested) is tuple and ... not in entries
+    items = _rule(next(entry for entry in reversed(entries) if entry is not ...)) if entries else None
     texts = [text for member in members if get_origin(member) is Literal for text in get_args(member)]
     number, *limits = next((get_args(member) for member in members if get_origin(member) is Annotated), (None,))
     sides = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
     pairs = ((side, getattr(limit, key)) for limit in limits for key, side in sides.items() if hasattr(limit, key))
-    return _Rule(tuple(texts), number is int, tuple(pairs), type(None) in members)
+    limit_pairs, optional = tuple(pairs), type(None) in members
+    return _Rule(tuple(texts), number is int, limit_pairs, optional, items, len(entries) if is_fixed else None)

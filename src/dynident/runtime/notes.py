@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, Self, TypeVar, dataclass_transform
 
 from dynident.runtime.errors import InputError, join_names
 from dynident.runtime.saved_fields import TaggedUnion
@@ -46,8 +46,16 @@ class Use(StrEnum):
     DO_NOT_USE = "do not use"
 
 
-@dataclass(frozen=True)
-class Note(TaggedUnion):
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+class Statement:
+    """Base of data that say themselves by ``str``; each class derived from it is a frozen dataclass."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        dataclass(frozen=True)(cls)
+
+
+class Note(Statement, TaggedUnion):
     """Base of all notes: the fields hold the figures, ``str`` is the sentence, mostly without a full stop.
 
     The type determines severity and bearing. ``topic`` is a stable name for programs, empty where there is none.
@@ -84,7 +92,6 @@ class Note(TaggedUnion):
         return ""
 
 
-@dataclass(frozen=True)
 class Remark(Note):
     """A warning given as text, from reading a file or a configuration."""
 
@@ -96,17 +103,20 @@ class Remark(Note):
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and the ``message``, what was found.
+    """One finding: the ``message``, what was found, and the ``joint`` it concerns (None: all of them).
 
-    ``source`` is the log or file and ``link`` the link concerned, each empty where there is none. ``str`` is the place
-    and the message.
+    ``source`` is the log or file and ``link`` the link concerned, each empty where there is none. ``severity`` is that
+    of the message unless it is given. ``str`` is the place and the message.
     """
 
-    severity: Severity
-    joint: str | None
     message: Note
+    joint: str | None = None
     source: str = ""
     link: str = ""
+    severity: Severity = None  # type: ignore[assignment]  # never None when it is made
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "severity", self.severity or self.message.severity)
 
     def __str__(self) -> str:
         part = f"link {self.link!r}" if self.link else f"joint {self.joint!r}" if self.joint else ""

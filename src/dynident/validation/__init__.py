@@ -2,9 +2,11 @@
 
 from dynident.validation.coloured_fit import ColouredFit, correlated_std
 from dynident.validation.free_run import Driver, FreeRun, RunSignals, free_run
+from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, causes_text, with_floors
 from dynident.validation.prediction import (
     SEED,
     LogValidation,
+    Role,
     Signals,
     TorqueErrors,
     check_mass,
@@ -15,27 +17,22 @@ from dynident.validation.prediction import (
     validate,
 )
 from dynident.validation.residuals import (
-    AT_FLOOR,
     LOW_FREQUENCY,
     MAX_LOST_ACCELERATION,
     SLOW_SPEED_SHARE,
     Cause,
-    FloorOrigin,
     FollowTest,
     FrictionLevel,
     HighFrequency,
     LowFrequency,
-    NoiseFloor,
     ResidualRipple,
     ResidualTest,
     Reversals,
     SmoothedAway,
-    causes_text,
     decorrelation,
     follow_tests,
     residual_test,
     smoothing_losses,
-    with_floors,
 )
 from dynident.validation.standard_errors import clustered_std, plain_std, robust_covariance
 
@@ -59,6 +56,7 @@ __all__ = [
     "ResidualRipple",
     "ResidualTest",
     "Reversals",
+    "Role",
     "RunSignals",
     "Signals",
     "SmoothedAway",

@@ -15,7 +15,8 @@ from dynident.motion.splines import steady_noise, stretches
 from dynident.regression import BLOCK, EVERYTHING, Selection, fitted_rows
 from dynident.runtime import OMITTED, InputError, brief, join_names
 from dynident.validation.free_run import FreeRun
-from dynident.validation.residuals import NoiseFloor, ResidualTest, causes_text, residual_test
+from dynident.validation.noise_floor import NoiseFloor, causes_text
+from dynident.validation.residuals import ResidualTest, residual_test
 
 if TYPE_CHECKING:
     import polars as pl

@@ -9,9 +9,8 @@ from dynident.apps.excitation import Criterion
 from dynident.apps.excitation.criterion import INFORMATION_FLOOR, InformationCriterion, base_information
 from dynident.apps.excitation.family import ClampedSpline, Fourier
 from dynident.models import CoupledMotor, Model, RigidBodies, RotorInertia
-from dynident.models.friction import Coulomb, Dahl, Offset, Viscous
+from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.regression import structural_base_parameters
-from dynident.runtime import ModelError
 from tests.robots import ARM, GRIPPER, joint, link, urdf
 
 POINTS = 40
@@ -163,31 +162,6 @@ def test_rounded_angles_hold_no_information():
     kept = list(basis.independent)
     own = (rows.T @ rows)[np.ix_(kept, kept)]
     np.testing.assert_allclose(base_information(basis, rows.T @ rows), own, rtol=1e-12, atol=1e-9)
-
-
-def test_wrong_shapes_and_terms_that_remember_are_errors():
-    model = arm()
-    r, p = len(criterion_of(model).columns), len(model.parameters)
-    with pytest.raises(ModelError, match=rf"prior has shape \({p}, {p}\), expected \({r}, {r}\)"):
-        criterion_of(model, prior=np.eye(p))
-    with pytest.raises(ModelError, match=rf"prior has shape \(2, {r}\)"):
-        criterion_of(model, prior=np.ones((2, r)))
-    with pytest.raises(ModelError, match=rf"named has shape \({r},\), expected \(k, {r}\)"):
-        criterion_of(model, named=np.ones(r))
-    for wrong in (np.ones(2), -np.ones(3), np.array([1.0, np.nan, 1.0]), 1.0):
-        with pytest.raises(ModelError, match="expected 3 numbers that are not negative"):
-            criterion_of(model, weights=wrong)
-    for columns in ((), (0, p), (-1, 0)):
-        with pytest.raises(ModelError, match=f"expected some below {p}"):
-            InformationCriterion(model, columns, np.ones(3))
-    with pytest.raises(ModelError, match="leave them out"):
-        criterion_of(Model((Dahl(model.joints, length=0.1), Viscous(model.joints))))
-    basis = structural_base_parameters(model)
-    with pytest.raises(ModelError, match=rf"expected finite numbers \({p}, {p}\)"):
-        base_information(basis, np.eye(r))
-    for wrong in (-np.eye(p), np.triu(np.ones((p, p)))):
-        with pytest.raises(ModelError, match="not symmetric, or has negative eigenvalues"):
-            base_information(basis, wrong)
 
 
 def test_it_goes_to_other_processes():

@@ -1,12 +1,17 @@
-"""Limits of a motion: from the file, as given, by rule; what is missing or contradicts is said."""
+"""Limits of a motion, from the file, as given or by rule, and what an arm may do within them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dynident.apps.excitation import JointLimits, motion_limits
+from dynident.apps.excitation import JointLimits, min_fit_speeds, motion_limits
 from dynident.apps.excitation.limits import ACCELERATION_TIME, JERK_TIME
+from dynident.apps.excitation.way import Quintic, rest_state
 from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb
 from dynident.runtime import ConfigError, ModelError
+from tests.apps.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
 
 
@@ -81,19 +86,15 @@ def test_a_file_without_limits_or_with_limits_that_contradict(kind, inside, name
 
 
 @pytest.mark.parametrize(
-    ("given", "margin", "named"),
+    ("given", "named"),
     [
-        ({"henge": JointLimits()}, 0.1, "did you mean 'hinge'"),
-        ({"hinge": JointLimits(lower=4.0)}, 0.1, r"lower 4 \(given\) and upper 3 \(file\)"),
-        ({"hinge": JointLimits(velocity=-1.0)}, 0.1, "velocity is -1"),
-        ({"hinge": JointLimits(jerk=np.nan)}, 0.1, "jerk is nan"),
-        ({}, 1.0, "margin is 1"),
-        ({}, -0.1, "margin is -0.1"),
+        ({"henge": JointLimits()}, "did you mean 'hinge'"),
+        ({"hinge": JointLimits(lower=4.0)}, r"lower 4 \(given\) and upper 3 \(file\)"),
     ],
 )
-def test_what_a_user_gives_wrong_is_named(given, margin, named):
+def test_what_a_user_gives_wrong_is_named(given, named):
     with pytest.raises(ConfigError, match=named):
-        motion_limits(arm(), given, margin)
+        motion_limits(arm(), given)
 
 
 def test_a_format_without_velocity_limits_asks_for_them():
@@ -115,3 +116,54 @@ def test_units_and_order_are_those_of_the_joints():
     bodies = RigidBodies(ARM, source="arm.urdf", joints_used=("rail", "shoulder", "twist"))
     speeds = {"twist": JointLimits(velocity=3.0)}
     assert motion_limits(Model((bodies,)), speeds, 0.0).velocity.tolist() == [2.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("width", [0.0, 0.05])
+def test_only_dry_friction_holds_a_joint(width):
+    np.testing.assert_allclose(min_fit_speeds(MODEL, LIMITS), 0.03 * LIMITS.velocity)
+    bodies, *_ = MODEL.terms
+    one = Model((bodies, Coulomb(bodies.joints, on=("bend",), width=width)), name="x")
+    np.testing.assert_allclose(min_fit_speeds(one, LIMITS), [0.0, 0.03 * LIMITS.velocity[1]])
+    np.testing.assert_array_equal(min_fit_speeds(Model((bodies,), name="x"), LIMITS), 0.0)
+
+
+THERE = Quintic(2.0, rest_state(np.array([-0.6, 0.0])), rest_state(np.array([0.6, 0.0])))
+
+
+def test_effort_is_the_largest_share_of_a_torque_limit():
+    t = np.linspace(0, 2.0, 2001)
+    q, dq, ddq, _ = THERE.states(t)
+    shares = np.abs(MODEL.torque(q, dq, ddq, THETA)) / LIMITS.torque
+    assert FREE.max_torque_share(THERE) == pytest.approx(shares.max(), rel=1e-3)
+    weak = replace(FREE, limits=replace(LIMITS, torque=0.9 * np.abs(shares * LIMITS.torque).max(axis=0)))
+    assert FREE.allows(THERE)
+    assert not weak.allows(THERE)
+
+
+def test_a_course_through_the_post_is_not_clear():
+    assert FREE.is_clear(THERE)
+    assert not AROUND.is_clear(THERE)
+    assert not AROUND.allows(THERE)
+    assert not replace(FREE, space=Post(), clearance=0.0).is_clear(THERE)
+
+
+def test_poses_stand_within_all_limits_and_are_drawn_from_the_generator():
+    poses = AROUND.random_poses(100, np.random.default_rng(0))
+    assert poses.shape == (100, 2)
+    assert AROUND.can_stand(poses).all()
+    assert (Post().distances(poses) >= 0.02).all()
+    assert (poses == AROUND.random_poses(100, np.random.default_rng(0))).all()
+    outside = np.array([[2.9, 0.0], [0.0, 0.0]])
+    assert FREE.can_stand(outside).tolist() == [False, True]
+    assert AROUND.can_stand(outside).tolist() == [False, False]
+
+
+def test_where_the_arm_can_stand_nowhere_the_reason_is_said():
+    weak = replace(FREE, limits=replace(LIMITS, torque=np.array([0.2, 15.0])))
+    shadow = replace(AROUND, space=Post(radius=2.0))
+    with pytest.raises(
+        ConfigError, match=r"gravity needs more torque than is allowed, mostly of joint 'lift' \(0\.2\)"
+    ):
+        replace(weak, theta=THETA + np.array([0.0] * 24 + [50.0, 0.0])).random_poses(3, np.random.default_rng(0))
+    with pytest.raises(ConfigError, match="nearer than 20 mm, mostly 'upper' and 'post'"):
+        shadow.random_poses(3, np.random.default_rng(0))

@@ -1,22 +1,96 @@
-"""From a request to the best motion, from rest to rest."""
+"""From a request to the best motion, from rest to rest; requests that contradict themselves are refused."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dynident.apps.excitation import Criterion, Purpose, Trajectory, expected_accuracy, verify
+from dynident.apps.excitation import Criterion, LeftOut, Program, Purpose, Trajectory, expected_accuracy, verify
 from dynident.apps.excitation.criterion import InformationCriterion
 from dynident.apps.excitation.design import torque_information
 from dynident.apps.excitation.family import ClampedSpline, Fourier
 from dynident.apps.excitation.interior import GridReserve, Interior
 from dynident.apps.excitation.limits import Feasibility
-from dynident.apps.excitation.motion import find_best_motion, motion_pieces, reachable_motion
+from dynident.apps.excitation.motion import (
+    check_request,
+    criterion_rows,
+    find_best_motion,
+    motion_pieces,
+    reachable_motion,
+    without_memory,
+)
 from dynident.apps.excitation.search import Plan, Stage, random_motion
 from dynident.apps.excitation.way import from_rest
-from dynident.runtime import InputError, progress_to
+from dynident.models.friction import Dahl
+from dynident.runtime import ConfigError, InputError, progress_to
 from tests.apps.excitation.arms import LIMITS, MODEL, THETA
 from tests.apps.excitation.requests import BASIS, OPEN, REQUEST, SPACE, interior
+
+SCALE = np.ones(BASIS.rank)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"period": 10.0}, "period of 10 s is longer than the duration of 9 s"),
+        ({"start": np.array([0.0, 2.7])}, "start: joint 'bend' is at 2.7, outside of -2.52 to 2.52"),
+        ({"start": np.array([np.nan, 0.0])}, "start: joint 'lift' is at nan"),
+        ({"start": np.zeros(2)}, "the start: 'lower' and 'post' overlap"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes, message):
+    with pytest.raises((ConfigError, InputError), match=message):
+        check_request(LIMITS, SPACE, replace(REQUEST, **changes))
+
+
+def test_a_period_matters_to_motions_that_have_one():
+    for changes in ({"family": "bspline"}, {"program": Program.FRICTION}):
+        check_request(LIMITS, SPACE, replace(REQUEST, period=10.0, **changes))
+
+
+def test_names_give_the_rows_of_their_base_parameters():
+    request = replace(REQUEST, criterion=Criterion.A_OPTIMAL, named=("Fv_lift", "offset_bend"))
+    rows = criterion_rows(BASIS, THETA, request, SCALE)
+    values = BASIS.to_base(THETA)
+    which = [BASIS.leading.index(name) for name in request.named]
+    np.testing.assert_allclose(rows @ np.eye(BASIS.rank)[:, which], np.diag(1 / np.abs(values[which])))
+    assert (rows != 0).sum() == 2
+    assert criterion_rows(BASIS, THETA, replace(request, criterion=Criterion.D_OPTIMAL), SCALE) is None
+    assert criterion_rows(BASIS, THETA, replace(request, named=()), SCALE) is None
+
+
+def test_a_value_of_zero_counts_as_what_is_usual():
+    names, scale = ("Fv_lift", "Fv_bend"), np.arange(1.0, BASIS.rank + 1)
+    request = replace(REQUEST, criterion=Criterion.A_OPTIMAL, named=names)
+    k, j = (BASIS.leading.index(name) for name in names)
+    theta = THETA.copy()
+    theta[BASIS.names.index("Fv_bend")] = 0.0
+    rows = criterion_rows(BASIS, theta, request, scale)
+    assert 1 / rows[1, j] == pytest.approx(theta[BASIS.names.index("Fv_lift")] * scale[k] / scale[j])
+    assert np.isfinite(criterion_rows(BASIS, 0 * theta, request, scale)).all()
+
+
+def test_names_that_are_not_there_or_never_alone_are_refused():
+    request = replace(REQUEST, criterion=Criterion.A_OPTIMAL)
+    with pytest.raises(ConfigError, match="there is no parameter 'Fv_lit'; did you mean 'Fv_lift'"):
+        criterion_rows(BASIS, THETA, replace(request, named=("Fv_lit",)), SCALE)
+    never = next(name for name in BASIS.names if name not in BASIS.leading)
+    with pytest.raises(ConfigError, match=f"no motion shows '{never}' by itself"):
+        criterion_rows(BASIS, THETA, replace(request, named=(never,)), SCALE)
+
+
+def test_terms_that_remember_are_left_out_with_what_belongs_to_them():
+    model = MODEL.with_terms(Dahl(MODEL.joints))
+    p, own = len(model.parameters), len(THETA)
+    prior = np.diag(np.arange(1.0, p + 1))
+    theta = np.concatenate([THETA, np.ones(p - own)])
+    bare, rest, request, notes = without_memory(model, theta, replace(REQUEST, prior=prior))
+    assert bare.names == MODEL.names
+    np.testing.assert_array_equal(rest, THETA)
+    np.testing.assert_array_equal(np.diag(request.prior), np.arange(1.0, own + 1))
+    assert notes == (LeftOut(("Dahl",)),)
+    assert without_memory(MODEL, THETA, REQUEST) == (MODEL, THETA, REQUEST, ())
+
 
 FREE = Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
 SHORT = Plan(1, (Stage(1.0, 8), Stage(0.1, 8)))

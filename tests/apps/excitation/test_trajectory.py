@@ -1,12 +1,14 @@
-"""Pieces one after the other."""
+"""Pieces one after the other, at a share of their speed, and where they come closest to something."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from dynident.apps.excitation import Piece, Purpose, Trajectory
-from dynident.runtime import ConfigError
+from dynident.apps.excitation import Piece, Purpose, Trajectory, slow_down
+from dynident.apps.excitation.family import Fourier
+from dynident.apps.excitation.trajectory import closest_approach
+from dynident.apps.excitation.way import Quintic, rest_state
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,90 @@ def test_times_of_any_order_have_their_states():
     assert TWO.states(np.empty(0)).shape == (4, 0, 2)
 
 
-def test_a_trajectory_of_nothing_is_refused():
-    with pytest.raises(ConfigError, match="no pieces"):
-        Trajectory(("a",), ())
+def test_the_path_is_the_same_and_its_derivatives_are_smaller() -> None:
+    series = Fourier(2.0, 3)
+    x = np.random.default_rng(0).standard_normal((2, series.size))
+    fast = Trajectory(("a", "b"), (Piece(series.course(x), Purpose.MOTION, "one"),) * 2)
+    slow = slow_down(fast, 4.0)
+    t = np.linspace(0.0, fast.duration, 101)
+    assert slow.duration == pytest.approx(4 * fast.duration)
+    assert [piece.label for piece in slow.pieces] == ["one", "one"]
+    expected = fast.states(t) / np.array([1.0, 4.0, 16.0, 64.0])[:, None, None]
+    np.testing.assert_allclose(slow.states(4 * t), expected, rtol=1e-9, atol=1e-12)
+    h = 1e-4
+    ends = slow.states(np.array([3.0 - h, 3.0, 3.0 + h]))
+    assert (ends[0, 2] - ends[0, 0]) / (2 * h) == pytest.approx(ends[1, 1], rel=1e-5)
+
+
+TRAJECTORY = Trajectory(
+    ("a",), (Piece(Quintic(4.0, rest_state(np.array([0.0])), rest_state(np.array([5.0]))), Purpose.WAY),)
+)
+
+
+class Thorn:
+    """Something narrow at a position; it is passed within a few milliseconds. Counts what it is asked."""
+
+    pairs = (("link", "wall"), ("link", "thorn"))
+
+    def __init__(self, place, depth):
+        self.place, self.depth, self.asked = place, depth, 0
+
+    def distances(self, q):
+        self.asked += len(q)
+        thorn = 0.05 - self.depth + np.abs(q[:, 0] - self.place)
+        return np.stack([10.0 + q[:, 0], np.minimum(thorn, 0.3)], axis=1)
+
+
+@pytest.mark.parametrize("place", [0.7123, 2.5, 3.3337])
+def test_a_narrow_approach_is_found_between_the_coarse_samples(place):
+    thorn = Thorn(place, 0.03)
+    found = closest_approach(thorn, TRAJECTORY, 0.025)
+    assert found.distance == pytest.approx(0.02, abs=2e-4)
+    assert found.pair == ("link", "thorn")
+    assert TRAJECTORY.states(np.array([found.time]))[0, 0, 0] == pytest.approx(place, abs=1e-3)
+    assert thorn.asked < 1500  # not all of 4000
+
+
+def test_with_nothing_to_watch_nothing_is_near():
+    class Nothing:
+        pairs = ()
+
+        def distances(self, q):
+            return np.empty((len(q), 0))
+
+    assert closest_approach(Nothing(), TRAJECTORY, 0.1) is None
+
+
+class Comb(Thorn):
+    """A thorn that says how fast it comes, and so narrow that nothing shows it before."""
+
+    steepest = np.array([[1.0], [1.0]])
+
+    def distances(self, q):
+        d = super().distances(q)
+        d[:, 1] = np.minimum(d[:, 1], 0.03)
+        return d
+
+
+@pytest.mark.parametrize("place", [0.7123, 2.501, 3.3337])
+def test_an_approach_is_proven_where_the_slopes_are_known(place):
+    comb = Comb(place, 0.0401)
+    found = closest_approach(comb, TRAJECTORY, 0.01)
+    assert found.distance == pytest.approx(0.0099, abs=2e-5)
+    assert found.pair == ("link", "thorn")
+    assert comb.asked < 6000
+
+
+def test_what_stays_near_all_the_time_does_not_cost_much():
+    class Beside:
+        pairs = (("link", "wall"),)
+        steepest = np.array([[1.0]])
+        asked = 0
+
+        def distances(self, q):
+            self.asked += len(q)
+            return np.full((len(q), 1), 0.02)
+
+    beside = Beside()
+    assert closest_approach(beside, TRAJECTORY, 0.01).distance == 0.02
+    assert beside.asked < 8000

@@ -1,14 +1,17 @@
-"""Logs that are not what they are taken for."""
+"""Residuals that change by themselves, and logs that are not what they are taken for."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from scipy.stats import binom
 
-from dynident.apps.fleets import History, find_changes
+import dynident as dy
+from dynident.apps.fleets import History, find_changes, residual_groups
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.doubts import (
     _duplicate_warnings,
@@ -16,9 +19,140 @@ from dynident.apps.fleets.doubts import (
     _rest_warnings,
     _simultaneous_change_warnings,
     common_groups,
+    find_changes_and_residuals,
 )
+from dynident.apps.fleets.report import fleet_findings
+from dynident.models import Joint
 from dynident.regression import GroupKind, ParameterGroup
-from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, SIZE, fleet
+from tests.apps.fleets.made import FLEET, RECIPE, write_log
+from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, SIZE, fleet
+
+JOINTS = Joint("a"), Joint("b"), Joint("rail", "prismatic")
+SAMPLES, DAILY = 1000.0, 0.06  # of a log; how much residuals differ from log to log
+
+
+def residuals(rng, histories, changes=None):
+    """What the model leaves: half a newton metre or so; ``changes`` by robot add to the logarithm (n) of a log."""
+    found, n = [], len(JOINTS)
+    for r, one in enumerate(histories):
+        k = len(one.logs)
+        value = np.log(0.5) + 0.3 * rng.standard_normal(n) + DAILY * rng.standard_normal((k, n))
+        value += np.array([(changes or {}).get(r, lambda log: np.zeros(n))(log) for log in range(k)])
+        found.append(History(one.robot, one.logs, one.days, value, np.tile(2 * SAMPLES * np.eye(n), (k, 1, 1))))
+    return found
+
+
+def grows(log: int) -> np.ndarray:
+    return np.array([0.0, 0.05 * max(log - 5, 0), 0.0])
+
+
+def carries(log: int, value: np.ndarray) -> None:
+    value += (log >= 10) * GROUPS[PAYLOAD].directions @ [0.02, 0.0, 0.05]
+
+
+def steps(log: int) -> np.ndarray:
+    return 0.4 * (log >= 10) * np.ones(3)
+
+
+def test_the_residual_of_each_joint_is_a_group_in_units_of_its_torque() -> None:
+    groups = residual_groups(JOINTS)
+    assert [(one.kind, one.joint, one.units) for one in groups] == [
+        (GroupKind.RESIDUAL, "a", ("N m",)), (GroupKind.RESIDUAL, "b", ("N m",)), (GroupKind.RESIDUAL, "rail", ("N",))
+    ]  # fmt: skip
+    np.testing.assert_array_equal(np.hstack([one.directions for one in groups]), np.eye(3))
+
+
+@pytest.mark.parametrize(("robots", "logs", "fleets"), [(10, 10, 10), (3, 4, 25)])
+def test_quiet_robots_are_flagged_no_more_often_than_said(robots: int, logs: int, fleets: int) -> None:
+    """A count above these has a probability of 1e-3 at the rate stated."""
+    rng, chances, flagged, rate = np.random.default_rng(robots + logs), [], 0, 0.05
+    for _ in range(fleets):
+        histories = fleet(rng, robots, logs)
+        left = residuals(rng, histories)
+        found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, rate=rate, draws=200)
+        chances += found.p_values.values()
+        flagged += len({one.robot for one in found.changes})
+        assert found.rate == rate
+    assert flagged <= binom.ppf(0.999, len(chances), rate)
+    assert sum(chance <= rate for chance in chances) <= binom.ppf(0.999, len(chances), rate)
+
+
+def test_a_residual_that_grows_is_found_at_its_joint_beside_a_change_of_parameters() -> None:
+    rng = np.random.default_rng(1)
+    histories = fleet(rng, 10, 16, {4: carries})
+    left = residuals(rng, histories, {2: grows, 7: grows})
+    found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng)
+    assert {(one.robot, one.group.kind, one.group.joint) for one in found.changes} == {
+        ("robot2", GroupKind.RESIDUAL, "b"), ("robot4", GroupKind.PAYLOAD, "b"), ("robot7", GroupKind.RESIDUAL, "b")
+    }  # fmt: skip
+    (change,) = found.of("robot2")
+    assert abs(change.size[0] - 0.5) < 4 * change.std[0]
+    assert found.p_values["robot2"] == change.p_value < 0.01
+    assert found.residual_scatter is not None
+    assert abs(np.sqrt(found.residual_scatter.covariance[1, 1]) - DAILY) < 0.02
+
+
+@pytest.mark.parametrize(("late", "kinds"), [(0, ["payload"]), (4, ["payload", "residual"])])
+def test_a_residual_that_a_change_of_parameters_explains_is_left_out(late: int, kinds: list[str]) -> None:
+    rng = np.random.default_rng(2)
+    histories = fleet(rng, 10, 18, {4: carries})
+    found = find_changes_and_residuals(
+        histories, GROUPS, residuals(rng, histories, {4: lambda log: steps(log - late)}), JOINTS, rng
+    )
+    assert sorted({str(one.group.kind) for one in found.of("robot4")}) == kinds
+    assert len(found.changes) == len(found.of("robot4"))
+
+
+@pytest.mark.parametrize("odd", [0, 1, 2, 3])
+def test_one_odd_log_is_no_change_of_a_residual(odd: int) -> None:
+    """Of few robots no other log says that such logs are."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        histories = fleet(rng, 3, 4)
+        left = residuals(rng, histories, {1: lambda log: np.array([0.0, 1.2 * (log == odd), 0.0])})
+        assert find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng).changes == ()
+
+
+def test_friction_of_another_joint_explains_nothing() -> None:
+    rng = np.random.default_rng(3)
+
+    def rubs(log: int, value: np.ndarray) -> None:
+        value[4:6] *= 1.6 if log >= 10 else 1.0
+
+    histories = fleet(rng, 10, 16, {4: rubs})
+    found = find_changes_and_residuals(histories, GROUPS, residuals(rng, histories, {4: steps}), JOINTS, rng)
+    left = sorted(one.group.joint for one in found.of("robot4") if one.group.kind is GroupKind.RESIDUAL)
+    assert left == ["b", "rail"]
+    assert GROUPS[FRICTION_A] in [one.group for one in found.of("robot4")]
+
+
+def test_without_residuals_all_of_the_rate_is_that_of_the_parameters() -> None:
+    histories = fleet(np.random.default_rng(4), 6, 10, {2: carries})
+    one = find_changes_and_residuals(histories, GROUPS, [], JOINTS, np.random.default_rng(0), draws=400)
+    other = find_changes(histories, GROUPS, np.random.default_rng(0).spawn(1)[0], draws=1000)
+    assert one.p_values == other.p_values
+    assert one.residual_scatter is None
+
+
+def test_a_ripple_that_the_recipe_does_not_have_is_flagged_at_its_joint(tmp_path: Path) -> None:
+    """Three robots with six logs; a ripple of 0.3 N m in the end, beside friction of 0.6 N m."""
+    for robot in range(3):
+        for k in range(6):
+            path = write_log(tmp_path, f"arm-{robot}", f"2026-01-{k + 1:02}", 10 * robot + k + 50)
+            if robot == 1:
+                ripple = 0.06 * k * (12 * pl.col("q2")).sin()
+                pl.read_csv(path).with_columns(tau2=pl.col("tau2") + ripple).write_csv(path)
+    (tmp_path / "robot.yaml").write_text(RECIPE)
+    (tmp_path / "fleet.yaml").write_text(FLEET)
+    found = dy.fleet(tmp_path / "fleet.yaml", tmp_path / "out")
+    changes = found.changes[0].changes
+    assert {(one.robot, one.group.kind, one.group.joint) for one in changes} == {("arm-1", GroupKind.RESIDUAL, "elbow")}
+    assert changes[0].size[0] > np.log(3)
+    words = fleet_findings(found)[0]
+    assert words.startswith("arm-1: torque that the model leaves at elbow ")
+    assert "recipe.yaml" in words
+    assert "torque that the model leaves at elbow" in (tmp_path / "out" / "report.html").read_text()
+    assert found.residuals[1].value.shape == (6, 2)
 
 
 def together(histories: list[History], rng: np.random.Generator) -> tuple[ParameterGroup, ...]:

@@ -1,15 +1,25 @@
-"""The recipe of a fleet: what differs by robot, and what tells one recipe from another."""
+"""The recipe of a fleet, and what one log says of the base parameters."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import dynident as dy
 from dynident.apps.fleets.config import fleet_logs, read_fleet_settings
+from dynident.apps.fleets.fit import information_of, model_of, pack_triangle, unpack_triangle
 from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe, merge_settings
+from dynident.files.yaml_text import load_yaml
+from dynident.identification import Recipe, identify, tilt_base
+from dynident.models import Model
+from dynident.motion.log import Log
+from dynident.motion.smoothers import Difference, Spline
+from dynident.motion.splines import GCV
+from dynident.regression import structural_base_parameters
 from dynident.runtime import ConfigError, InputError
-from tests.apps.fleets.made import FLEET, RECIPE, URDF, make_fleet
+from tests.apps.fleets.made import FLEET, RECIPE, URDF, arm, make_fleet, recording, truth
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +82,62 @@ def test_a_joint_that_is_not_there_is_named_with_its_robot(tmp_path: Path) -> No
     folder = make_fleet(tmp_path).parent
     with pytest.raises(ConfigError, match=r"robots.arm-1: torque: there is no 'elbw'; did you mean 'elbow'"):
         recipe_of(folder, FLEET + "robots: { arm-1: { torque: { elbw: { gain: 2 } } } }\n")
+
+
+SHOULDER = '<parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>'
+
+
+def test_a_tilt_of_any_robot_shows_more_of_all(tmp_path: Path) -> None:
+    robot = tmp_path / "arm.urdf"
+    robot.write_text(URDF.replace(SHOULDER, SHOULDER.replace("0 1 0", "0 0 1")))
+    settings = dict(load_yaml(RECIPE, "recipe"))
+    turned = {"model": settings["model"] | {"base_tilt": [0.02, 0.01]}}
+    level = model_of(FleetRecipe(settings, tmp_path, {}, {}))[1]
+    tilted = model_of(FleetRecipe(settings | turned, tmp_path, {}, {}))[1]
+    one = model_of(FleetRecipe(settings, tmp_path, {"arm-2": turned}, {}))[1]
+    model = dy.read_robot(robot, terms=["viscous", "coulomb", "offset"])
+    assert level.rank == structural_base_parameters(model).rank
+    assert tilted.rank == structural_base_parameters(tilt_base(model, 0.02, 0.01)).rank > level.rank
+    assert one.independent == tilted.independent
+
+
+GCV_RECIPE = Recipe(Spline(GCV()))
+
+
+def logged(model: Model, seed: int, *, still: bool = False) -> Log:
+    """A recording, in which the elbow may stand still."""
+    t = recording(model, truth(model), seed, still=still)
+    q, tau = t.select("q1", "q2").to_numpy() * [1, not still], t.select("tau1", "tau2").to_numpy()
+    return Log(t["t"].to_numpy(), q, tau, ("shoulder", "elbow"), f"log {seed}")
+
+
+def test_errors_are_as_large_as_the_information_says(tmp_path: Path) -> None:
+    model = arm(tmp_path)
+    basis = structural_base_parameters(model)
+    true, distances = basis.to_base(truth(model)), []
+    for seed in range(12):
+        found = identify(model, [logged(model, seed)], recipe=GCV_RECIPE)
+        value, information, residual = information_of(found, basis)
+        error = value - true
+        distances.append(error @ information @ error)
+        np.testing.assert_allclose(residual, list(found.validations[0].errors.rmse.values()), rtol=0.05)
+    assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 120 degrees of freedom, over these
+
+
+def test_what_a_motion_does_not_show_has_no_information(tmp_path: Path) -> None:
+    model = arm(tmp_path)
+    basis = structural_base_parameters(model)
+    found = identify(model, [logged(model, 0, still=True)], recipe=Recipe(Difference("central")))
+    _, information, _ = information_of(found, basis)
+    names = [basis.names[k] for k in basis.independent]
+    viscous = names.index("Fv_elbow")
+    assert np.abs(information[viscous]).max() < 1e-9 * np.abs(information).max()
+    assert np.linalg.eigvalsh(information).min() > -1e-9 * np.abs(information).max()
+    assert information[names.index("Fv_shoulder"), names.index("Fv_shoulder")] > 0
+
+
+def test_packed_matrices_are_the_same_again() -> None:
+    rng = np.random.default_rng(0)
+    given = rng.standard_normal((3, 4, 4))
+    given = given + given.transpose(0, 2, 1)
+    np.testing.assert_array_equal(unpack_triangle(np.array([pack_triangle(one) for one in given]), 4), given)

@@ -13,8 +13,8 @@ import polars as pl
 import pytest
 
 import dynident as dy
-from dynident.apps.fleets import run
 from dynident.apps.fleets.fit import LogJob, LogResult
+from dynident.files import row_store
 from dynident.regression import structural_base_parameters
 from dynident.runtime import ConfigError, InputError
 from dynident.runtime.jobs import JobResult, Limits, Status, local_workers, run_jobs
@@ -53,14 +53,14 @@ def submitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     ) -> Iterator[JobResult[LogJob, LogResult]]:
         return run_jobs(work, noted(jobs), executor, limits=limits)
 
-    monkeypatch.setattr(run, "run_jobs", counted)
+    monkeypatch.setattr(row_store, "run_jobs", counted)
     return seen
 
 
 @pytest.fixture
 def planned(submitted: list[str], monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The logs that would be identified: none is."""
-    counted = run.run_jobs
+    counted = row_store.run_jobs
 
     def nothing(
         work: Callable[[LogJob], LogResult], *given: object, **how: object
@@ -68,7 +68,7 @@ def planned(submitted: list[str], monkeypatch: pytest.MonkeyPatch) -> list[str]:
         list(counted(lambda job: LogResult({}), *given, **how))  # type: ignore[arg-type]
         return iter(())
 
-    monkeypatch.setattr(run, "run_jobs", nothing)
+    monkeypatch.setattr(row_store, "run_jobs", nothing)
     return submitted
 
 
@@ -199,12 +199,12 @@ def test_a_fleet_that_stops_goes_on_where_it_stopped(
         yield next(found)
         raise error
 
-    monkeypatch.setattr(run, "run_jobs", stopped)
+    monkeypatch.setattr(row_store, "run_jobs", stopped)
     with pytest.raises(type(error)) as raised:
         dy.fleet(made / "fleet.yaml", tmp_path / "out")
     said = (*getattr(raised.value, "__notes__", ()), str(raised.value))
-    assert any("Finished logs are kept in" in one for one in said)
-    monkeypatch.setattr(run, "run_jobs", run_jobs)
+    assert any("Finished rows are kept in" in one for one in said)
+    monkeypatch.setattr(row_store, "run_jobs", run_jobs)
     assert dy.fleet(made / "fleet.yaml", tmp_path / "out").identified_count == 1
     assert table(tmp_path / "out").equals(table(made / "out"))
 

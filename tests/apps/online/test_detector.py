@@ -7,13 +7,70 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import f
 
 from dynident.apps.online import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
-from dynident.apps.online.candidates import threshold
+from dynident.apps.online.candidates import evidence, gains, threshold
 from dynident.apps.online.detector import Detector, Phase
-from dynident.apps.online.scores import Scores
+from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Scores, Sums, push_sums, suffix_sums
 from dynident.regression import GroupKind
 from tests.apps.online.blocks import INFORMATION, SPREAD, block, candidates
+
+
+def one(k: int) -> Sums:
+    x = np.array([float(k)])
+    return Sums(float(k), k + 1.0, 1, 10, x[:, None], x, x, x, x, np.ones(1))
+
+
+def test_windows_that_end_now_have_the_sums_of_their_blocks() -> None:
+    kept: tuple[Sums, ...] = ()
+    for k in range(1000):
+        kept = push_sums(kept, one(k))
+    starts, sums = suffix_sums(kept)
+    assert len(kept) <= (MAX_EQUAL_LENGTHS + 1) * (1 + int(np.log2(1000)))
+    assert starts[-1] == 0.0
+    assert sums["count"].tolist() == (1000 - starts).tolist()
+    np.testing.assert_allclose(sums["score"][:, 0], [sum(range(int(start), 1000)) for start in starts])
+    assert (sums["samples"] == 10 * sums["count"]).all()
+
+
+def test_windows_are_known_to_a_share_of_their_length() -> None:
+    kept: tuple[Sums, ...] = ()
+    for k in range(5000):
+        kept = push_sums(kept, one(k))
+    lengths = suffix_sums(kept)[1]["count"]
+    assert lengths[:MAX_EQUAL_LENGTHS].tolist() == list(range(1, MAX_EQUAL_LENGTHS + 1)) or lengths[0] == 1
+    assert (lengths[1:] <= lengths[:-1] + np.maximum(2, 0.5 * lengths[:-1])).all()
+
+
+def test_evidence_is_minus_the_logarithm_of_the_tail_of_f() -> None:
+    gain = np.array([0.0, 1.0, 10.0, 80.0, 300.0])
+    for rank in (1, 2, 10):
+        np.testing.assert_allclose(evidence(gain, rank, 60.0), -f.logsf(gain / rank, rank, 60.0), rtol=1e-9, atol=1e-12)
+
+
+def test_evidence_grows_where_the_tail_underflows() -> None:
+    found = evidence(np.array([1e4, 1e10, 1e14, 1e18, 1e22]), 2, 60.0)
+    assert (np.diff(found) > 0).all()
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(np.diff(found)[1:], 30 * np.log(1e4), rtol=1e-6, atol=1e-3)
+
+
+def test_of_rank_zero_there_is_no_evidence() -> None:
+    assert evidence(np.array([5.0]), np.array([0]), 60.0).tolist() == [0.0]
+
+
+def test_gains_are_of_the_directions_that_are_shown() -> None:
+    information = np.array([np.diag([4.0, 0.0]), np.diag([4.0, 4.0]), np.zeros((2, 2))])
+    found, rank = gains(np.array([[2.0, 0.0], [2.0, 4.0], [0.0, 0.0]]), information, information)
+    np.testing.assert_allclose(found, [1.0, 5.0, 0.0])
+    assert rank.tolist() == [1, 2, 0]
+
+
+def test_the_threshold_rises_by_one_where_the_rate_falls_by_e() -> None:
+    limits = [threshold(rate, 5.0, (2, 2), 60.0, np.random.default_rng(0), 120).evidence for rate in (1.0, np.exp(-1))]
+    assert limits[1] - limits[0] == pytest.approx(1.0)
+
 
 BASELINE, SETTLE = 60, 6
 

@@ -1,9 +1,19 @@
-"""One sentence for each event."""
+"""A watch: one sentence for each event, its state as bytes, and its going on after a stop."""
 
 from __future__ import annotations
 
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dynident.apps import online
 from dynident.apps.online import (
@@ -24,11 +34,17 @@ from dynident.apps.online import (
     Signal,
     Unreadable,
     Unsteady,
+    Watcher,
     WatchSettings,
 )
+from dynident.apps.online.detector import Knowledge, Phase
 from dynident.apps.online.report import event_line, watch_words
+from dynident.apps.online.scores import Gram
+from dynident.apps.online.watch import EVENTS, Watch, event_data, make_watch, read_state, state_bytes
+from dynident.files.folder import result_folder
 from dynident.regression import GroupKind
-from dynident.runtime import Severity
+from dynident.runtime import ConfigError, InputError, Severity
+from tests.project.watched import CHANGE, SETTINGS, result, rows
 
 FRICTION, PAYLOAD, RESIDUAL = GroupKind.FRICTION, GroupKind.PAYLOAD, GroupKind.RESIDUAL
 CHANGED = Changed(
@@ -90,3 +106,171 @@ def test_lines_before_the_first_sample_have_no_time() -> None:
 def test_the_rate_of_false_alarms_is_said() -> None:
     assert "at most one in 33 days by chance" in watch_words(WatchSettings())
     assert "at most 2.0 a day by chance" in watch_words(WatchSettings(false_alarms=2.0))
+
+
+def test_nouns_arrays_and_numbers_come_back(tmp_path: Path) -> None:
+    alarm = Alarm(1.0, GroupKind.PAYLOAD, "wrist", 0.5, (0.25, float("nan")), 20.0)
+    gram = Gram(np.arange(8.0).reshape(1, 2, 2, 2)[0], np.eye(2), np.array([np.inf]), np.zeros(0))
+    state = {
+        "alarm": alarm,
+        "gram": gram,
+        "phase": Phase.SETTLE,
+        "none": None,
+        "many": (1, "two", -np.inf, True),
+        "map": {"x": [gram]},
+    }
+    path = tmp_path / "state.npz"
+    path.write_bytes(state_bytes(state))
+    found = read_state(path)
+    assert repr(found["alarm"]) == repr(alarm)
+    assert found["phase"] is Phase.SETTLE
+    assert found["many"] == (1, "two", -np.inf, True)
+    assert found["none"] is None
+    for one in (found["gram"], found["map"]["x"][0]):
+        assert all(np.array_equal(getattr(one, name), getattr(gram, name)) for name in vars(gram))
+        one.rows.resize(1)  # its own, to be written to
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_damaged_state_is_said(tmp_path: Path, share: float) -> None:
+    path, data = tmp_path / "state.npz", state_bytes({"x": np.arange(100.0)})
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match="delete it, and the watch begins anew"):
+        read_state(path)
+
+
+def test_a_state_of_another_version_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "state.npz"
+    text = np.frombuffer(b'{"format": "dynident watch", "version": 99, "state": {}}', dtype=np.uint8)
+    np.savez(path, state=text)
+    with pytest.raises(InputError, match="of version 99"):
+        read_state(path)
+
+
+Array = NDArray[np.float64]
+HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
+
+
+@pytest.fixture(scope="module")
+def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return result(tmp_path_factory.mktemp("slider"))
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    return "".join(f"{row}\n" for row in rows())
+
+
+@pytest.fixture(scope="module")
+def undisturbed(slider: Path, text: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Event], Watch]:
+    """Return what a watch says of the whole stream in one go, and the watch."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    (folder / "stream.csv").write_text(text)
+    return watched(slider, folder / "stream.csv", folder / "out")
+
+
+def watched(slider: Path, stream: Path, out: Path, how: WatchSettings = HOW) -> tuple[list[Event], Watch]:
+    with result_folder(out) as folder:
+        one = make_watch(slider, str(stream), how, folder)
+        return list(one.run(follow=False)), one
+
+
+def same(one: Knowledge, other: Knowledge) -> None:
+    assert (one.phase, len(one.windows), len(one.blocks)) == (other.phase, len(other.windows), len(other.blocks))
+    assert one.reference is not None
+    assert other.reference is not None
+    np.testing.assert_array_equal(one.reference.value, other.reference.value)
+    for a, b in zip(one.windows, other.windows, strict=True):
+        np.testing.assert_array_equal(a.score, b.score)
+
+
+def test_a_change_is_found_in_a_file(undisturbed: tuple[list[Event], Watch]) -> None:
+    events, watch = undisturbed
+    (found,) = [one for one in events if isinstance(one, Changed)]
+    assert found.joint == "slider"
+    assert abs(found.since - CHANGE) <= 2.0
+    assert watch.folder is not None
+    said = [json.loads(line) for line in (watch.folder.path / EVENTS).read_text().splitlines()]
+    assert said == [{"id": k, **json.loads(json.dumps(event_data(one)))} for k, one in enumerate(events, 1)]
+
+
+def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(
+    slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path
+) -> None:
+    (expected, one), stream = undisturbed, tmp_path / "stream.csv"
+    found, cuts = list[Event](), [0, 7, 90_001, 200_003, len(text)]
+    for start, stop in itertools.pairwise(cuts):
+        with open(stream, "a") as file:
+            file.write(text[start:stop])
+        events, other = watched(slider, stream, tmp_path / "other")
+        found += [event for event in events if not isinstance(event, Resumed)]
+    assert [repr(event) for event in found] == [repr(event) for event in expected]
+    same(one.watcher.knowledge, other.watcher.knowledge)
+
+
+def test_a_killed_watch_goes_on(
+    slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path
+) -> None:
+    """Killed while it reads a file that grows, it knows in the end what an undisturbed one knows."""
+    (expected, one), stream, out = undisturbed, tmp_path / "stream.csv", tmp_path / "out"
+    stream.write_text("")
+    command = [
+        sys.executable,
+        "-m",
+        "dynident",
+        "watch",
+        str(slider),
+        str(stream),
+        "--out",
+        str(out),
+        *map(str, SETTINGS),
+    ]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    stream.write_text(text[: len(text) // 2])
+    end = time.monotonic() + 60
+    while time.monotonic() < end and (not (out / EVENTS).is_file() or not (out / EVENTS).read_text()):
+        time.sleep(0.02)
+    os.kill(child.pid, signal.SIGKILL)  # it has said that the baseline is complete
+    child.wait()
+    stream.write_text(text)
+    events, other = watched(slider, stream, out)
+    assert isinstance(events[0], Resumed)
+    said = [one["event"] for one in map(json.loads, (out / EVENTS).read_text().splitlines())]
+    assert [name for name in said if name != "Resumed"] == [type(event).__name__ for event in expected]
+    same(one.watcher.knowledge, other.watcher.knowledge)
+
+
+def test_a_signal_in_the_midst_of_samples_loses_none(
+    slider: Path,
+    text: str,
+    undisturbed: tuple[list[Event], Watch],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (expected, one), stream = undisturbed, tmp_path / "stream.csv"
+    stream.write_text(text[:150_000])
+    watched(slider, stream, tmp_path / "out")
+    stream.write_text(text)
+    push = Watcher.push
+
+    def stopped(self: Watcher, t: Array, q: Array, tau: Array) -> tuple[Event, ...]:
+        push(self, t[:100], q[:100], tau[:100])
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Watcher, "push", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            watched(slider, stream, tmp_path / "out")
+    _, other = watched(slider, stream, tmp_path / "out")
+    assert [type(event) for event in other.events if not isinstance(event, Resumed)] == [
+        type(event) for event in expected
+    ]
+    same(one.watcher.knowledge, other.watcher.knowledge)
+
+
+def test_another_result_or_setting_is_refused(slider: Path, tmp_path: Path) -> None:
+    stream = tmp_path / "stream.csv"
+    stream.write_text("".join(f"{row}\n" for row in rows(5.0)))
+    watched(slider, stream, tmp_path / "out")
+    with pytest.raises(ConfigError, match="another result or other settings"):
+        watched(slider, stream, tmp_path / "out", WatchSettings(block=1.0, baseline=26.0))

@@ -64,8 +64,7 @@ def test_a_change_is_found() -> None:
     one = watcher()
     assert types(one.push(*samples(0, 40))) == [BaselineKnown]
     alarm, changed = one.push(*samples(40, 55, rub=1.5))
-    assert isinstance(alarm, Alarm)
-    assert isinstance(changed, Changed)
+    assert (type(alarm), type(changed)) == (Alarm, Changed)
     assert alarm.time <= 44.0
     assert abs(changed.since - 40.0) <= 1.0
     assert changed.kind == "friction"
@@ -191,7 +190,6 @@ def test_an_encoder_that_dies_at_a_turn_spoils_nothing() -> None:
     q[k : k + 1500, 1] = q[k, 1]
     baseline, fault, *rest = arm_said(t, q, tau)
     assert isinstance(baseline, BaselineKnown)
-    assert isinstance(fault, Fault)
     assert (fault.kind, fault.joint) == (FaultKind.STILL, "joint2")
     assert 5.0 <= fault.time - fault.since < 6.0
     assert {type(one) for one in rest} <= {Fault, Back}
@@ -209,7 +207,6 @@ def test_without_the_torque_of_one_joint_the_others_are_watched() -> None:
     t, q, tau = arm_samples(65.0, change=50.0)
     tau[3500:, 1] = np.nan
     _, fault, *events = arm_said(t, q, tau)
-    assert isinstance(fault, Fault)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.MISSING, Signal.TORQUE, "joint2")
     (changed,) = [one for one in events if isinstance(one, Changed)]
     assert changed.joint == "joint1"

@@ -1,14 +1,30 @@
-"""Ten parameters as a body: consistent, and with mass, centre and inertia."""
+"""Ten parameters as a body, where it is mounted, and which turning of a joint would show what of it."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dynident.apps.payload import PhysicalBody
-from dynident.apps.payload.body import make_consistent, physical_components, physical_jacobian
-from dynident.models import smallest_eigenvalue
-from tests.apps.payload.arms import CARRIED
+from dynident.apps.payload import PhysicalBody, mount_of
+from dynident.apps.payload.body import (
+    BodyEstimate,
+    Turning,
+    _centre_pose,
+    best_turning,
+    make_consistent,
+    physical_components,
+    physical_jacobian,
+    turnings,
+)
+from dynident.models import Model, RigidBodies, smallest_eigenvalue
+from dynident.models.friction import Viscous
+from dynident.models.lagrangian import pendulum
+from dynident.project.export import with_payload_link
+from dynident.runtime import ModelError
+from tests.apps.payload.arms import CARRIED, SIX, arm
+from tests.robots import joint, link, urdf
 
 
 def test_a_consistent_payload_stays_as_it_is() -> None:
@@ -43,3 +59,71 @@ def test_mass_centre_and_inertia_and_their_derivatives() -> None:
     np.testing.assert_allclose(body.tensor, np.diag([0.012, 0.015, 0.006]), atol=1e-15)
     step = 1e-4 * np.random.default_rng(0).standard_normal(10)
     np.testing.assert_allclose(physical_components(CARRIED + step) - values, J @ step, atol=1e-7)
+
+
+def test_the_flange_is_the_link_that_is_called_so() -> None:
+    mount = mount_of(arm()[0])
+    assert (mount.frame, mount.body, mount.joint) == ("arm_tool0", "turn", "j6")
+    assert mount_of(Model((RigidBodies(SIX.replace("arm_tool0", "spindle")),))).frame == "turn"
+
+
+@pytest.mark.parametrize("frame", ["arm_tool0", "turn", "fore"])
+def test_parameters_in_a_frame_are_those_of_a_link_fixed_to_it(frame: str) -> None:
+    model, _ = arm()
+    values = physical_components(CARRIED)
+    xx, xy, yy, xz, yz, zz = values[4:]
+    text = with_payload_link(SIX, frame, values[0], values[1:4], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    before, after = RigidBodies(SIX), RigidBodies(text)
+    added = np.array([one.value for one in after.parameters]) - [one.value for one in before.parameters]
+    np.testing.assert_allclose((mount_of(model, frame).transform @ CARRIED)[: len(added)], added, atol=1e-12)
+
+
+def test_frames_that_do_not_exist_or_do_not_move_are_refused() -> None:
+    model, _ = arm()
+    with pytest.raises(ModelError, match=r"'arm_tool' is no link.*did you mean 'arm_tool0'"):
+        mount_of(model, "arm_tool")
+    with pytest.raises(ModelError, match="'base' does not move"):
+        mount_of(model, "base")
+    with pytest.raises(ModelError, match="has no links to carry a payload"):
+        mount_of(pendulum())
+
+
+def test_an_arm_with_two_ends_needs_a_frame() -> None:
+    text = urdf(
+        link("base"), link("left", 1.0), link("right", 1.0),
+        joint("l", "continuous", "base", "left"), joint("r", "continuous", "base", "right"),
+    )  # fmt: skip
+    bodies = RigidBodies(text)
+    model = Model((bodies, Viscous(bodies.joints)))
+    with pytest.raises(ModelError, match=r"several ends .'left', 'right'.; name the payload's frame"):
+        mount_of(model)
+    assert mount_of(model, "right").joint == "r"
+
+
+def test_turning_the_last_joint_shows_the_inertia_about_its_axis() -> None:
+    model, _ = arm()
+    known = np.diag([1e6, *[1e6] * 3, *[1e2] * 6])
+    ways = turnings(model, mount_of(model), BodyEstimate(CARRIED, known), np.full(6, 1e-3), np.zeros((4, 6)))
+    assert [way.joint for way in ways] == ["j1", "j2", "j3", "j4", "j5", "j6"]
+    assert best_turning(ways, 9).joint in ("j4", "j6")
+    assert best_turning(ways, 6).joint not in ("j6",)
+    before = np.sqrt(np.diag(np.linalg.inv(known)))
+    assert (best_turning(ways, 9).std[9], best_turning(ways, 6).std[6]) < (before[9], before[6])
+    assert {way.speed for way in ways} == {1.5}
+
+
+def test_a_joint_turns_within_its_limits() -> None:
+    model, _ = arm()
+    limited = SIX.replace('type="continuous"', 'type="revolute"').replace(
+        "<axis", '<limit effort="9" velocity="1" lower="0.1" upper="0.5"/><axis'
+    )
+    bodies = RigidBodies(limited)
+    slow = replace(model, terms=(bodies, *model.terms[1:]))
+    ways = turnings(slow, mount_of(slow), BodyEstimate(CARRIED, np.eye(10)), np.ones(6), np.zeros((4, 6)))
+    assert [way.speed for way in ways] == pytest.approx([0.7] * 6)
+    assert _centre_pose(slow, 0, np.zeros(6), 0.8)[0] == pytest.approx(0.3)
+
+
+def test_of_joints_that_do_as_well_the_last_is_named() -> None:
+    ways = [Turning(name, 1.0, np.array([std])) for name, std in (("a", 1.0), ("b", 1.1), ("c", 2.0))]
+    assert best_turning(ways, 0).joint == "b"

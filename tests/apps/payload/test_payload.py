@@ -1,14 +1,17 @@
-"""What an arm carries is found within its errors: with right and wrong gains, drift, and a tool that was removed."""
+"""What an arm carries is found within its errors: with right and wrong gains, drift, and a table."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dynident.apps.payload import (
+    ArmEvidence,
     DriveGains,
     ErrorSource,
     GainsUnknown,
@@ -24,8 +27,63 @@ from dynident.apps.payload.body import physical_components
 from dynident.identification import identify
 from dynident.models import smallest_eigenvalue
 from dynident.models.friction import LoadCoulomb
-from dynident.runtime import InputError, ModelError
+from dynident.project.saved import load
+from dynident.runtime import ConfigError, InputError, ModelError
 from tests.apps.payload.arms import CARRIED, RECIPE, arm, damaged, recorded, result
+
+GAINS = DriveGains(("a",), np.array([1.1]), np.array([[1e-4]]), 2.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"known_mass": 0.0}, "known mass is 0 kg"),
+        ({"known_mass": np.inf}, "known mass is inf kg"),
+        ({"gain_error": -1.0}, "gain error is -1 %"),
+        ({"friction_change": 101.0}, "friction change is 101 %"),
+        ({"load_friction": np.nan}, "friction by the load is nan %"),
+        ({"known_mass": 1.0, "known_centre": (0.0, 0.0, 50.0)}, "50 m away; give it in m"),
+        ({"gains": GAINS, "known_mass": 1.0}, "give one of them"),
+        ({"known_centre": (0.0, 0.0, 0.1)}, "known centre of mass needs the known mass"),
+        ({"known_mass": 1.0, "known_centre": (0.0, 0.0, np.nan)}, "three numbers in m"),
+    ],
+)
+def test_what_cannot_be_is_refused(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        PayloadRequest(**settings)
+
+
+def test_gains_are_corrected_by_their_inverse() -> None:
+    assert GAINS.correction == pytest.approx([1 / 1.1])
+    assert GAINS.std == pytest.approx([0.01])
+
+
+def test_the_values_differ_from_the_truth_by_about_their_errors() -> None:
+    one, (_, theta) = ArmEvidence.of(result()), arm()
+    left = one.whitening_matrix() @ (one.value - one.combination @ theta)
+    assert 0.5 < np.mean(left**2) < 2
+    np.testing.assert_allclose(
+        one.whitening_matrix() @ one.covariance @ one.whitening_matrix().T, np.eye(len(one.value)), atol=1e-6
+    )
+
+
+def test_a_saved_result_says_the_same(tmp_path: Path) -> None:
+    result().save(tmp_path / "result.json")
+    again, one = ArmEvidence.of(load(tmp_path / "result.json", model=arm()[0])), ArmEvidence.of(result())
+    assert one.by_load is not None
+    for name in ("value", "covariance", "by_joint", "shares", "by_load"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(one, name))
+
+
+def test_results_that_do_not_know_their_covariance_are_refused() -> None:
+    with pytest.raises(InputError, match="old: does not hold the covariance"):
+        ArmEvidence.of(damaged(result()), "old")
+    one = ArmEvidence.of(result())
+    with pytest.raises(InputError, match="covariance of the base parameters is singular"):
+        replace(one, covariance=one.covariance * 0 + 1.0).whitening_matrix()
+    with pytest.raises(InputError, match="no standard error"):
+        replace(one, covariance=0 * one.covariance).whitening_matrix()
+
 
 TRUTH = physical_components(CARRIED)
 KNOWN = PayloadRequest(gain_error=0.0)

@@ -1,13 +1,37 @@
-"""Differences and chance: how often equals are told apart, and whether true differences are found."""
+"""Differences and chance, by blocks of time, and the truth that estimates are compared with."""
 
 from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import dynident as dy
 from dynident.apps.ranking import differences as module
 from dynident.apps.ranking.differences import _block_length as block_length
-from dynident.apps.ranking.differences import differences, joint_errors, mean_error
+from dynident.apps.ranking.differences import differences, joint_errors, mean_error, read_truth, time_blocks
+from dynident.motion.log import Log
+from dynident.project.settings import RobotSettings, robot_settings
+from dynident.runtime import ConfigError, InputError
+from tests.apps.ranking.made import make_project
+
+
+def test_blocks_are_of_equal_time_and_of_one_log_each() -> None:
+    logs = {
+        name: Log(t, np.sin(t)[:, None], np.cos(t)[:, None], ("a",), name)
+        for name, t in (("long", np.arange(3000) * 0.01), ("short", np.arange(1000) * 0.01))
+    }
+    blocks = time_blocks(logs)
+    assert len(blocks) == 400
+    assert np.bincount(blocks.log).tolist() == [300, 100]
+    sums = blocks.sums({name: np.ones((len(log), 2)) for name, log in logs.items()})
+    assert sums.sum(axis=0).tolist() == [4000.0, 4000.0]
+    assert (np.abs(sums - 10.0) <= 1.0).all()
+    assert len(time_blocks({"short": logs["short"].rows(slice(0, 7), "short")})) == 3
+
 
 BLOCKS, JOINTS = 200, 2
 
@@ -108,3 +132,42 @@ def test_intervals_of_a_difference_hold_also_of_few_blocks(monkeypatch: pytest.M
                 inside.append(low < true < high)
     assert len(inside) > 250
     assert 0.94 < np.mean(inside) < 0.99  # twice as wide, it would be all
+
+
+ARM = Path(__file__).parents[3] / "src/dynident/apps/demo/files/arm.urdf"
+
+
+def test_values_are_read_from_yaml_results_and_robot_files(tmp_path: Path) -> None:
+    assert read_truth({"M": 5}, tmp_path, "gallery:slider") == {"M": 5.0}
+    (tmp_path / "truth.yaml").write_text("M: 5\nFv: 8.0\n")
+    assert read_truth("truth.yaml", tmp_path, "gallery:slider") == {"M": 5.0, "Fv": 8.0}
+    (tmp_path / "parameters.yaml").write_text("parameters:\n- {name: M, value: 5.5, unit: kg}\n")
+    assert read_truth("parameters.yaml", tmp_path, "gallery:slider") == {"M": 5.5}
+    found = dy.run(make_project(tmp_path))
+    found.save(tmp_path / "result.json")
+    values = read_truth("result.json", tmp_path, "gallery:slider")
+    assert values == pytest.approx(dict(zip(found.estimate.names, found.estimate.value.tolist(), strict=True)))
+
+
+def test_a_robot_file_has_bodies_friction_and_rotors(tmp_path: Path) -> None:
+    text = ARM.read_text().replace('velocity="', 'velocity="', 1)
+    (tmp_path / "true.urdf").write_text(text)
+    shutil.copytree(ARM.parent / "meshes", tmp_path / "meshes")
+    spec = robot_settings(str(ARM), {"folder": ARM.parent})
+    assert isinstance(spec, RobotSettings)
+    values = read_truth("true.urdf", tmp_path, spec)
+    model = dy.read_robot(ARM)
+    known = {one.name: one.value for one in model.parameters if one.value is not None}
+    assert {name: values[name] for name in known} == pytest.approx(known)
+    with pytest.raises(ConfigError, match="is a robot file, and the model is none"):
+        read_truth("true.urdf", tmp_path, "gallery:slider")
+
+
+@pytest.mark.parametrize("text", ["M: heavy\n", "- 5\n", "M: .nan\n", "parameters: [{name: M}]\n", "parameters: [3]\n"])
+def test_what_is_no_list_of_values_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "truth.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"truth\.yaml"):
+        read_truth("truth.yaml", tmp_path, "gallery:slider")
+    (tmp_path / "truth.json").write_text(json.dumps({"M": 5}))
+    with pytest.raises((ConfigError, InputError)):
+        read_truth("truth.json", tmp_path, "gallery:slider")

@@ -10,21 +10,103 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from dynident.apps.tuning import Bench, QuickFit, Tuning
+from dynident.apps.tuning import Bench, QuickFit, Tuning, curve
+from dynident.apps.tuning.curve import MIN_DEGREE, degree_of
+from dynident.apps.tuning.quick_fit import fold_factors
 from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import MotionCorrected
-from dynident.identification import Identification, Recipe, identify
+from dynident.identification import Identification, Recipe, choose_smoother, identify
 from dynident.models.lagrangian import slider
 from dynident.motion.smoothers import Butterworth, Spline
+from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import GCV
-from dynident.regression import ParallelFilter, UnexcitedParameters
+from dynident.regression import ParallelFilter, Regression, Selection, UnexcitedParameters, merge_factors
 from dynident.runtime import ConfigError, InputError
-from tests.apps.tuning.arms import JOINTS, MODEL, bench, logs, recording
+from tests.apps.tuning.arms import JOINTS, MODEL, RATE, bench, logs, recording
+
+
+def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -> None:
+    found = arm.smooth(arm.start.with_degree(0.0), "log 1", JOINTS[0])
+    assert found.degree == pytest.approx(0.0, abs=1e-6)
+    assert found.noise == pytest.approx(2e-4, rel=0.05)
+    np.testing.assert_allclose(found.residual, found.measured - found.q)
+    f, power = found.spectrum()
+    assert (f[0] > 0, f[-1]) == (True, pytest.approx(RATE / 2, rel=0.01))
+    high = power[f > 4 * found.cutoff]
+    assert high.mean() == pytest.approx(2 * 2e-4**2 / RATE, rel=0.15)
+    late, auto, bound = found.autocorrelation()
+    assert late[0] == pytest.approx(1 / RATE)
+    assert np.abs(auto[50:]).mean() < bound
+    assert 2 < found.edf < len(found.t)
+
+
+def test_too_much_smoothing_leaves_the_motion_in_the_residual(arm: Bench) -> None:
+    found = arm.smooth(arm.start.with_degree(2.0), "log 1", JOINTS[0])
+    f, power = found.spectrum()
+    assert power[f < 5].max() > 30 * np.median(power)
+    _, auto, bound = found.autocorrelation()
+    assert auto[0] > 5 * bound
+
+
+def test_no_noise_has_no_degree() -> None:
+    assert degree_of(np.zeros(5), 1e-3) == MIN_DEGREE
+    assert degree_of(np.ones(5), 0.0) == MIN_DEGREE
+    assert degree_of(np.full(5, 0.1), 0.1) == pytest.approx(0.0)
+
+
+def test_it_is_the_error_by_which_a_smoother_is_chosen(arm: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(curve, "DEGREES", tuple(2 * np.log10(one) for one in NOISE_FACTORS[:6]))
+    monkeypatch.setattr(curve, "ROWS", 10_000)
+    found = arm.curve(arm.start.with_degree(0.05))
+    candidates = [Spline(factor=one) for one in NOISE_FACTORS[:6]]
+    choice = choose_smoother(arm.identification.model, list(arm.logs["train"].values()), candidates)
+    np.testing.assert_allclose(found.errors, choice.errors, rtol=1e-6)
+    assert isinstance(choice.smoother, Spline)
+    assert found.marks["torque"] == pytest.approx((2 * np.log10(choice.smoother.factor),) * 3)
+
+
+def test_marks_are_what_rules_choose(arm: Bench) -> None:
+    found = arm.curve(arm.start)
+    assert found.marks["S = n"] == (0.0,) * 3
+    assert np.abs(found.marks["GCV"]).max() < 0.2
+    assert -0.7 < min(found.marks["REML"]) <= max(found.marks["REML"]) < 0.0  # its prior is rougher than sines
+    assert found.joint is None
+    assert (np.diff(found.degrees) > 0).all()
+    assert found.errors[0] > found.errors.min() < found.errors[-1]
+
+
+def test_a_joint_alone_moves_alone(arm: Bench) -> None:
+    tuning = arm.start.with_degree(1.4, 0)
+    found = arm.curve(tuning, JOINTS[1])
+    assert found.joint == JOINTS[1]
+    assert found.marks["torque"][0] == 1.4
+    assert found.marks["torque"][2] == tuning.degree[2]
+    assert arm.curve(tuning.with_degree(0.9, 1), JOINTS[1]) is found
+    assert arm.curve(tuning) is arm.curve(arm.start)
+    with pytest.raises(ConfigError, match="there is no joint 'knee'"):
+        arm.curve(tuning, "knee")
+
+
+def test_wide_kernels_leave_the_curve_of_a_short_log() -> None:
+    on = bench(logs(recording(1, 1.5)))
+    found = on.curve(on.start)
+    assert found.degrees[-1] < max(curve.DEGREES)
+
+
+def test_folds_together_are_all_samples() -> None:
+    motions = tuple(Spline()(recording(seed, 3.0)) for seed in (1, 2))
+    regression = Regression(MODEL, motions, Selection(ParallelFilter(decimate=3), (0.1, 0.0, 0.0)))
+    folds = fold_factors(regression)
+    assert len(folds) == 5
+    assert min(fold.rows.min() for fold in folds) > 0
+    merged, expected = merge_factors(folds), regression.triangular_factors
+    np.testing.assert_array_equal(merged.rows, expected.rows)
+    for R, expected_R in zip(merged.factors, expected.factors, strict=True):
+        np.testing.assert_allclose(R.T @ R, expected_R.T @ expected_R, atol=1e-9 * np.square(expected_R).sum())
+
 
 Change = Callable[[Tuning], Tuning]
-
-
 CHANGES: dict[str, Change] = {
     "nothing": lambda one: one,
     "one joint": lambda one: one.with_degree(1.0, 1),

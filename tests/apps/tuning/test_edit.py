@@ -1,16 +1,85 @@
-"""Each control makes the next setting, of all joints or of the one that is drawn."""
+"""All settings as one value: each control makes the next, changes are said, and an address holds it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from dynident.apps.tuning import Bench
-from dynident.apps.tuning.edit import apply_control
+from dynident.apps.tuning import Bench, Tuning
+from dynident.apps.tuning.edit import apply_control, setting_changes
 from dynident.apps.tuning.view import View
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError
+
+START = Tuning((0.0, 0.0), (("viscous",), ("viscous", "coulomb")), (0.0, 0.0), "least_squares")
+
+
+def test_it_is_a_value() -> None:
+    assert hash(START.with_degree(1.0)) == hash(replace(START, degree=(1.0, 1.0)))
+    assert START.with_degree(1.0, 0).degree == (1.0, 0.0)
+    assert START.with_terms(1, ["stribeck"]).terms == (("viscous",), ("stribeck",))
+
+
+def test_windows_that_meet_are_one() -> None:
+    tuning = START.exclude("a", 1.0, 2.0).exclude("b", 0.0, 1.0).exclude("a", 4.0, 5.0).exclude("a", 2.0, 3.0)
+    assert tuning.windows("a") == ((1.0, 3.0), (4.0, 5.0))
+    assert tuning.windows("b") == ((0.0, 1.0),)
+    assert tuning.exclude("a", 0.0, 9.0).windows("a") == ((0.0, 9.0),)
+    assert tuning.windows("c") == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"degree": (9.0, 0.0)}, r"log10\(S/n\), is 9"),
+        ({"degree": (float("nan"), 0.0)}, "degree"),
+        ({"min_speed": (-1.0, 0.0)}, "minimum speed is -1"),
+        ({"time_offset": float("inf")}, "time offset is inf"),
+        ({"excluded": (("a", 2.0, 1.0),)}, "'a': 2 to 1 s; it must stop after it starts"),
+        ({"excluded": (("a", 2.0, float("nan")),)}, "excluded window of 'a'"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        replace(START, **change)
+
+
+def test_nothing_changed() -> None:
+    assert setting_changes(START, START, ("a", "b")) == []
+
+
+def test_the_same_of_all_joints_is_said_once() -> None:
+    assert setting_changes(START, START.with_degree(1.0), ("a", "b")) == [
+        ("smoothing of all joints", "S/n = 1.00", "S/n = 10.0")
+    ]
+    assert setting_changes(START, START.with_degree(1.0, 1), ("a", "b")) == [
+        ("smoothing of b", "S/n = 1.00", "S/n = 10.0")
+    ]
+
+
+def test_each_setting_is_said() -> None:
+    now = replace(
+        START.exclude("monday", 1.0, 2.5),
+        terms=(("viscous", "dahl"), START.terms[1]),
+        min_speed=(0.1, 0.0),
+        unfitted=("b",),
+        filter=ParallelFilter(decimate=4),
+        estimator="consistent",
+        time_offset=0.002,
+    )
+    assert setting_changes(START, now, ("a", "b")) == [
+        ("minimum speed of a", "0", "0.100"),
+        ("terms of a", "viscous", "viscous, dahl"),
+        ("joints not fitted", "none", "b"),
+        ("parallel filter", "none", "low-pass of order 4 at 0.8 of half the decimated rate, one of 4 samples kept"),
+        ("estimator", "least squares", "physically consistent"),
+        ("time offset", "0 ms", "2.000 ms"),
+        ("samples of monday", "used", "without 1.000 to 2.500 s"),
+    ]
+    assert ("samples of monday", "without 1.000 to 2.500 s", "used again") in setting_changes(now, START, ("a", "b"))
 
 
 def test_what_acts_on_joints_acts_on_all_or_on_one(validated_arm: Bench) -> None:
@@ -90,3 +159,69 @@ def test_a_mark_is_where_its_rule_chooses(validated_arm: Bench) -> None:
 def test_what_makes_no_sense_is_said(validated_arm: Bench, control: str, value: object, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         apply_control(View.start(validated_arm), control, value, validated_arm)
+
+
+CHANGES: dict[str, Callable[[Tuning], Tuning]] = {
+    "nothing": lambda start: start,
+    "all joints": lambda start: start.with_degree(0.1 + 0.2),
+    "one joint": lambda start: start.with_degree(-1.0, 1),
+    "terms": lambda start: start.with_terms(0, ()).with_terms(1, ("stribeck", "viscous")),
+    "windows": lambda start: start.exclude("monday", 1.25, 3.5).exclude("tuesday", 0.0, 1e-3),
+    "the rest": lambda start: replace(
+        start, min_speed=(0.02, 0.0, 0.1), estimator="consistent", unfitted=("rail",), time_offset=-0.0032
+    ),
+    "filter": lambda start: replace(start, filter=ParallelFilter(cutoff=12.5, order=2)),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_there_and_back(validated_arm: Bench, change: Callable[[Tuning], Tuning]) -> None:
+    for view in (
+        replace(View.start(validated_arm), tuning=change(validated_arm.start)),
+        View(change(validated_arm.start), validated_arm.joints[1], "tuesday", alone=True),
+    ):
+        text = view.to_query(validated_arm)
+        assert View.of_query(text, validated_arm) == view
+        assert set('"<> ').isdisjoint(text)
+        assert text.isascii()
+
+
+def test_only_what_differs_from_the_start_is_said(validated_arm: Bench) -> None:
+    view = View.start(validated_arm)
+    assert view.to_query(validated_arm) == ""
+    shown = replace(view, tuning=validated_arm.start.exclude("monday", 1.0, 2.0), log="tuesday")
+    assert shown.to_query(validated_arm) == "?excluded=[[%22monday%22,1.0,2.0]]&log=%22tuesday%22"
+    filtered = replace(validated_arm, start=replace(validated_arm.start, filter=ParallelFilter(decimate=2)))
+    assert view.to_query(filtered) == "?filter=null"  # what is taken back is said, too
+    assert View.of_query("?filter=null", filtered) == view
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('joint="knee"', "there is no joint 'knee'"),
+        ("joint=[]", "there is no joint"),
+        ('log="../etc/passwd"', "there is no log"),
+        ("speed=1", "there is no setting 'speed'"),
+        ("degree=high", "degree is 'high', which is no JSON"),
+        ("degree=" + "[" * 9000, "no JSON"),
+        ("degree=NaN", "no JSON"),
+        ("degree=%ff", "no JSON"),
+        ("degree", "no JSON"),
+        ('degree=["a",0,0]', r"degree\[0\]: should be a valid number"),
+        ("degree=[99,0,0]", "log10"),
+        ("degree=[1]", "degree has 1 entries for 3 joints"),
+        ('estimator="magic"', "there is no estimator 'magic'"),
+        ('terms=[["rust"],[],[]]', "there is no kind of terms 'rust'"),
+        ('excluded=[["monday",1]]', r"excluded\[0\]"),
+        ('excluded=[["friday",1,2]]', "there is no log 'friday'"),
+        ('unfitted=["knee"]', "there is no joint 'knee'"),
+        ('filter={"decimate":2.5}', r"filter.decimate: should be a valid integer"),
+        ('filter={"decimate":1}', "parallel filter"),
+        ("time_offset=1e9", "time offset"),
+        ("x" * 30_000, "30001 characters"),
+    ],
+)
+def test_an_address_without_a_meaning_is_refused(validated_arm: Bench, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        View.of_query(f"?{text}", validated_arm)

@@ -1,19 +1,26 @@
-"""Where a session saves; work that nobody waits for any longer is not done."""
+"""Where a session saves what was tuned, which is identified the same, and what is not done in vain."""
 
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
-
-pytest.importorskip("dash")
+import yaml
 
 from dynident.apps.tuning import Bench, Tuning
 from dynident.apps.tuning import session as session_module
+from dynident.apps.tuning.config import bench_of, tuned_text
 from dynident.apps.tuning.session import Latest, Session, Stale, WholeRuns
+from dynident.motion.log import Log
+from dynident.project.project import Project, read_project
+from dynident.regression import ParallelFilter
 from dynident.runtime import (
+    ConfigError,
     DynidentError,
     InputError,
     Step,
@@ -22,6 +29,10 @@ from dynident.runtime import (
     report_progress,
     set_budget,
 )
+from tests.apps.tuning.arms import JOINTS, recording
+from tests.robots import ARM
+
+pytest.importorskip("dash")
 
 
 @pytest.fixture
@@ -135,3 +146,114 @@ def test_the_newest_of_the_answers_that_wait_is_made() -> None:
     with pytest.raises(ZeroDivisionError):
         latest("page", lambda: 1 // 0)
     assert latest("page", lambda: 2) == 2
+
+
+def written(log: Log, folder: Path, name: str) -> None:
+    arrays = {"t": log.t} | {f"{key}{j}": getattr(log, key)[:, j] for key in ("q", "tau") for j in range(3)}
+    np.savez(folder / f"{name}.npz", **arrays)
+
+
+def settings(**more: Any) -> dict[str, Any]:
+    units = {"shoulder": ("rad", "N m"), "rail": ("m", "N"), "twist": ("rad", "N m")}
+    return {
+        "model": {"file": "arm.urdf", "terms": ["viscous", "coulomb", "offset"]},
+        "time": {"column": "t", "unit": "s"},
+        "position": {name: {"column": f"q{j}", "unit": units[name][0]} for j, name in enumerate(JOINTS)},
+        "torque": {name: {"column": f"tau{j}", "unit": units[name][1]} for j, name in enumerate(JOINTS)},
+        "train": [{"file": "monday.npz", "exclude": [1, 1.5]}],
+        "validation": [{"file": "tuesday.npz"}],
+        "estimator": {"kind": "consistent"},
+        **more,
+    }
+
+
+def project_of(folder: Path, data: dict[str, Any], name: str = "robot.yaml") -> Project:
+    (folder / name).write_text(yaml.safe_dump(data))
+    return read_project(folder / name)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("tuned")
+    (path / "arm.urdf").write_text(ARM)
+    written(recording(1), path, "monday")
+    written(recording(2, 5.0), path, "tuesday")
+    return path
+
+
+@pytest.fixture(scope="module")
+def project(folder: Path) -> Project:
+    return project_of(folder, settings())
+
+
+@pytest.fixture(scope="module")
+def bench(project: Project) -> Bench:
+    return bench_of(project)
+
+
+def test_what_is_saved_is_identified_the_same(project: Project, bench: Bench, tmp_path: Path) -> None:
+    start = bench.start
+    assert start.windows("monday") == ((1.0, 1.5),)
+    tuning = start.with_degree(0.8, 0).with_degree(-0.2, 2).exclude("monday", 4.0, 5.0).exclude("tuesday", 2.0, 3.0)
+    tuning = tuning.with_terms(0, ("viscous", "stribeck")).with_terms(2, (*start.terms[2], "rotor"))
+    tuning = replace(tuning, min_speed=(0.05, 0.0, 0.0), unfitted=("rail",), filter=ParallelFilter(decimate=2))
+    here, path = bench.identify(tuning), tmp_path / "elsewhere.yaml"
+    path.write_text(tuned_text(project, bench, tuning, path))
+    saved = read_project(path)
+    there = saved.identify()
+    assert there.estimate.names == here.estimate.names
+    np.testing.assert_allclose(there.estimate.value, here.estimate.value, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(there.errors.std, here.errors.std, rtol=1e-9)
+    for validation, expected in zip(there.validations, here.validations, strict=True):
+        assert validation.errors.relative_error == pytest.approx(expected.errors.relative_error, rel=1e-9)
+        assert validation.errors.samples == expected.errors.samples
+    again = bench_of(saved)
+    assert again.start == replace(tuning, degree=again.start.degree)
+    assert again.start.degree == pytest.approx(tuning.degree)
+
+
+def test_the_start_is_saved_with_all_that_was_chosen(project: Project, bench: Bench) -> None:
+    text = tuned_text(project, bench, bench.start, project.path)
+    assert text.startswith("# robot.yaml, tuned by hand")
+    settings = yaml.safe_load(text)
+    assert settings["time_offset"] == bench.start.time_offset
+    assert settings["train"][0]["exclude"] == [[1.0, 1.5]]
+    assert not settings.keys() & {"min_speed", "filter", "unfitted"}
+    plain = yaml.safe_load(tuned_text(project, bench, replace(bench.start, excluded=()), project.path))
+    assert "exclude" not in plain["train"][0]
+
+
+def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(folder: Path) -> None:
+    train = [{"file": "monday.npz", "window": [[None, 4.0], [4.5, 7.5]]}]
+    project = project_of(folder, settings(train=train), "parts.yaml")
+    bench = bench_of(project)
+    first, second = bench.logs["train"]
+    tuning = bench.start.exclude(first, 2.0, float(bench.logs["train"][second].t[0]) + 1.0)
+    ((start, stop),) = yaml.safe_load(tuned_text(project, bench, tuning, project.path))["train"][0]["exclude"]
+    assert start == 2.0
+    assert 3.9 < stop < 4.1
+
+
+def test_a_tuning_of_another_bench_is_refused(project: Project, bench: Bench) -> None:
+    with pytest.raises(ConfigError, match="degree has 1 entries for 3 joints"):
+        tuned_text(project, bench, replace(bench.start, degree=(1.0,)), project.path)
+
+
+def test_what_there_is_to_choose_from(bench: Bench) -> None:
+    assert bench.estimators == ("consistent", "least_squares")
+    assert bench.log_names == ("monday", "tuesday")
+    assert {"viscous", "stribeck", "dahl"} <= set(bench.kinds)
+
+
+def test_an_estimator_goes_by_the_kind_of_the_configuration(folder: Path) -> None:
+    data = settings(estimator={"kind": "robust", "loss": "tukey"}, validation=[])
+    data["train"] = [{"file": "monday.npz", "window": [2, 4]}]
+    on = bench_of(project_of(folder, data, "robust.yaml"))
+    assert on.estimators == ("robust", "least_squares", "consistent")
+    assert not on.fit(on.start).exact
+
+
+def test_training_too_long_for_the_memory_is_refused(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Project, "long", True)
+    with pytest.raises(ConfigError, match="too long for the memory"):
+        bench_of(project)

@@ -1,14 +1,17 @@
-"""Terms switched on and off, joint by joint."""
+"""Terms switched on and off, joint by joint, and those that a joint could have."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from dynident.apps.tuning.switches import Switches
+from dynident.apps.tuning.switches import Offers, Switches, kind_of
+from dynident.identification import Recipe, identify
 from dynident.models import CoupledMotor, Model, RigidBodies, Term
 from dynident.models.friction import Coulomb, Offset, Stribeck, Viscous
+from dynident.motion.smoothers import Spline
 from dynident.runtime import ModelError
-from tests.apps.tuning.arms import BODIES, JOINTS
+from tests.apps.tuning.arms import BODIES, JOINTS, MODEL, THETA, recording
 
 MOTOR = CoupledMotor(BODIES.joints, {"shoulder": 1.0, "twist": -1.0}, name="m")
 GIVEN = Model((BODIES, Viscous(BODIES.joints, names=("a", "b", "c")), Coulomb(BODIES.joints, width=0.02), MOTOR))
@@ -50,3 +53,30 @@ def test_without_offers_nothing_can_be_switched() -> None:
     made = Switches.of(GIVEN, None)
     assert made.kinds == ()
     assert made.with_terms(made.start) is GIVEN
+
+
+TRUE = Model((*MODEL.terms, Stribeck(BODIES.joints, on=("twist",), velocity=0.15)))
+
+
+def test_sizes_are_those_that_explain_what_is_left() -> None:
+    log = recording(1, model=TRUE, theta=np.append(THETA, 3.0))
+    found = identify(MODEL, [log], recipe=Recipe(Spline()))
+    offers = Offers.of(found.model, found.estimate.value, [found.validations[0].motion])
+    kinds = dict(offers.kinds_of_joint(2))
+    (term,) = kinds["stribeck"]
+    assert isinstance(term, Stribeck)
+    assert 0.1 < float(term.constant("velocity", "twist")) < 0.25
+    assert term.acts_on == ("twist",)
+    assert {"viscous", "dahl", "load_coulomb", "spring", "power"} <= kinds.keys()
+    assert all(kind_of(one) == kind for kind, some in kinds.items() for one in some)
+
+
+def test_a_joint_of_which_nothing_is_fitted_has_offers_too() -> None:
+    found = identify(MODEL, [recording(1)], recipe=Recipe(Spline(), unfitted=("rail",)))
+    offers = Offers.of(found.model, found.estimate.value, [found.validations[0].motion])
+    assert "stribeck" in dict(offers.kinds_of_joint(1))
+
+
+def test_kinds_are_named_as_a_configuration_lists_them() -> None:
+    assert kind_of(Viscous(BODIES.joints)) == "viscous"
+    assert kind_of(BODIES) == "RigidBodies"

@@ -1,10 +1,27 @@
-"""Noise, steps and knots, found from a log."""
+"""The input of maximum likelihood: knots, thinned logs, their noise, and friction with smooth signs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dynident.estimators.maximum_likelihood import plan_segment, torque_steps, whiteness_probability
-from dynident.motion.log import Log
+from dynident.estimators import Problem
+from dynident.estimators.maximum_likelihood import (
+    has_sign,
+    plan_segment,
+    torque_steps,
+    whiteness_probability,
+    with_smooth_signs,
+)
+from dynident.estimators.maximum_likelihood.plan import estimate_noise, misfit, recordings
+from dynident.estimators.notes import Averaged
+from dynident.models import CoupledMotor, Joint, Model
+from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
+from dynident.motion.log import Log, Motion
+from dynident.regression import Regression, Selection
+from dynident.runtime import InputError
 
 
 class TestPlan:
@@ -35,3 +52,108 @@ class TestPlan:
         white = rng.standard_normal((4000, 2))
         assert whiteness_probability(white, 0) > 1e-3
         assert whiteness_probability(white + 0.3 * np.sin(np.arange(4000) / 50)[:, None], 0) < 1e-6
+
+
+MODEL = Model((Viscous((Joint("a"), Joint("b"))),))
+
+
+def posed(*sizes: int, min_speed: tuple[float, float] | None = None) -> Problem:
+    """Random motions at 100 Hz with the logs they were smoothed from."""
+    motions = []
+    for seed, n in enumerate(sizes):
+        q, dq, ddq, tau = np.random.default_rng(seed).normal(size=(4, n, 2)) * np.array([1.0, 30.0])
+        motions.append(Motion(np.arange(n) * 0.01, q, dq, ddq, tau, ("a", "b"), np.ones(n, dtype=bool)))
+    logs = tuple(Log(one.t, one.q, one.tau, one.joints) for one in motions)
+    return Problem(
+        MODEL, tuple(motions), Regression(MODEL, tuple(motions), selection=Selection(min_speed=min_speed)), logs
+    )
+
+
+def test_the_usual_acceleration_is_ten_deviations_of_the_motion_where_it_is_largest() -> None:
+    given = posed(60, 80)
+    found, notes = recordings(given, None, steps=False)
+    expected = 10 * np.max([np.std(one.ddq, axis=0) for one in given.motions], axis=0)
+    np.testing.assert_allclose(found.usual_acceleration, expected, rtol=1e-9)
+    assert notes == []
+    assert found.steps == ((), ())
+
+
+@pytest.mark.parametrize(("rate", "group"), [(100.0, 1), (99.0, 2), (34.0, 3), (33.0, 1)])
+def test_neighbours_are_averaged_down_to_the_rate_where_twenty_samples_are_left(rate: float, group: int) -> None:
+    given = posed(62, 80, min_speed=(0.5, 0.0))
+    found, notes = recordings(given, rate, steps=False)
+    assert notes == ([] if group == 1 else [Averaged(group)])
+    for log, was, motion, used in zip(found.logs, given.logs, given.motions, found.used_torques, strict=True):
+        count = len(was) // group
+        for name in ("t", "q", "tau"):
+            whole = getattr(was, name)[: count * group]
+            expected = [whole[k * group : (k + 1) * group].mean(axis=0) for k in range(count)]
+            np.testing.assert_allclose(getattr(log, name), expected, rtol=1e-12)
+        fast = (np.abs(motion.dq) >= (0.5, 0.0))[: count * group]
+        np.testing.assert_array_equal(used, [fast[k * group : (k + 1) * group].all(axis=0) for k in range(count)])
+
+
+@pytest.mark.parametrize(("usable", "lengths"), [(20, [20, 28]), (19, [28])])
+def test_without_logs_runs_of_twenty_usable_samples_are_recordings(usable: int, lengths: list[int]) -> None:
+    (motion,) = posed(60).motions
+    mask = np.abs(np.arange(60) - 30) > 1
+    mask[usable:30] = False
+    given = replace(posed(60), motions=(replace(motion, mask=mask),), logs=())
+    logs = recordings(given, None, steps=False)[0].logs
+    assert [len(log) for log in logs] == lengths
+    np.testing.assert_array_equal(logs[-1].tau, motion.tau[32:])
+    none = replace(given, motions=(replace(motion, mask=np.arange(60) < 19),))
+    with pytest.raises(InputError, match="a run of at least 20 usable samples"):
+        recordings(none, None, steps=False)
+
+
+def test_noise_is_the_mean_square_of_the_logs_and_misfit_the_residual_without_transients() -> None:
+    rng, sizes = np.random.default_rng(3), (3000, 9000)
+    logs = [
+        Log(np.arange(n) * 0.01, 0.1 * size * rng.normal(size=(n, 2)), size * rng.normal(size=(n, 2)), ("a", "b"))
+        for n, size in zip(sizes, (1.0, 3.0), strict=True)
+    ]
+    expected = np.sqrt((3000 * 1.0 + 9000 * 9.0) / 12_000)
+    q, tau = estimate_noise(logs)
+    np.testing.assert_allclose(q, 0.1 * expected, rtol=0.05)  # 4 standard deviations of a median of 9000
+    np.testing.assert_allclose(tau, expected, rtol=0.05)
+    (motion,) = posed(4000).motions
+    theta = np.array([2.0, 0.5])
+    tau = motion.dq * theta + rng.normal(size=(4000, 2)) * (0.1, 0.3)
+    tau[:200] += 1e3
+    given = replace(posed(4000), motions=(replace(motion, tau=tau, mask=np.arange(4000) < 3900),))
+    np.testing.assert_allclose(misfit(given, theta), (0.1, 0.3), rtol=0.15)
+
+
+class TestFriction:
+    def test_soft_signs_keep_the_parameters(self) -> None:
+        joints = (Joint("a"), Joint("b"))
+        terms = (Viscous(joints), Coulomb(joints, names=("x", "y")), CoupledMotor(joints, {"a": 1.0, "b": -2.0}, "m"))
+        sharp = Model(terms)
+        soft = with_smooth_signs(sharp, np.array([0.01, 0.02]))
+        assert has_sign(sharp)
+        assert not has_sign(soft)
+        assert soft.names == sharp.names
+        fast, slow = np.array([[1.0, -1.0]]), np.array([[0.01, -0.02]])
+        zero = np.zeros((1, 2))
+        np.testing.assert_allclose(soft.regressor(zero, fast, zero), sharp.regressor(zero, fast, zero))
+        part = soft.regressor(zero, slow, zero)[0, :, [2, 3]]
+        np.testing.assert_allclose(np.diag(part), np.tanh(1.0) * np.array([1.0, -1.0]))
+
+    def test_every_sign_is_smoothed_where_it_is_sharp(self) -> None:
+        """At the joint whose sign has a width, that width stays."""
+        joints, by_joint = (Joint("a"), Joint("b")), {"a": 0.0, "b": 0.5}
+        terms = (
+            Coulomb(joints, width=by_joint),
+            Stribeck(joints, velocity=1.0, width=by_joint),
+            Power(joints, exponent=0.5, width=by_joint),
+        )
+        sharp = Model(terms)
+        soft = with_smooth_signs(sharp, np.array([0.01, 0.02]))
+        assert (has_sign(sharp), has_sign(soft), soft.names) == (True, False, sharp.names)
+        states = np.zeros((1, 2)), np.array([[0.01, 0.02]]), np.zeros((1, 2))
+        columns = soft.regressor(*states)[0]
+        ratio = columns[0, ::2] / [1.0, np.exp(-1e-4), 0.1]
+        np.testing.assert_allclose(ratio, np.tanh(1.0))
+        np.testing.assert_array_equal(columns[1], sharp.regressor(*states)[0, 1])
+        assert np.isfinite(soft.partials(*(np.zeros((1, 2)),) * 3, np.ones(6)).dq).all()

@@ -1,12 +1,16 @@
-"""The choice of knots: by white positions, else by the torque, else by nothing."""
+"""The choice of knots by white positions, else by the torque; intervals from the profile of the likelihood."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 
 from dynident.estimators import Barrier
 from dynident.estimators.maximum_likelihood import LikelihoodSearch, NewtonSettings, Recordings, Sigma
+from dynident.estimators.maximum_likelihood.plan import crossing, sweep_intervals
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log
+from dynident.motion.splines import NORMAL_95
 
 THETA = np.array([2.0, 1.0, 0.5, 0.1])
 
@@ -47,3 +51,68 @@ def test_the_torque_decides_where_positions_are_never_white() -> None:
 
 def test_without_any_torque_there_are_knots_all_the_same() -> None:
     assert intervals(search(coloured=True, used=False)) > 2000 / 80
+
+
+class TestProfile:
+    @pytest.mark.parametrize("size", [0.1, 0.4])
+    def test_a_parabola_ends_where_it_should(self, size: float) -> None:
+        ends = [crossing(lambda y: ((y - 1) / size, 1 / size), size, side) for side in (-1, 1)]
+        assert ends == pytest.approx([1 - NORMAL_95 * size, 1 + NORMAL_95 * size], rel=1e-3)
+
+    @pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
+    def test_a_parabola_in_the_logarithm(self, size: float) -> None:
+        ends = [crossing(lambda y: (np.log(y) / size, 1 / (size * y)), size, side) for side in (-1, 1)]
+        assert np.log(ends) / size == pytest.approx([-NORMAL_95, NORMAL_95], rel=0.02)
+
+    def test_a_deviance_that_stays_low(self) -> None:
+        """Nothing near zero tells it from the estimate: the interval goes nearly to zero."""
+        assert 0 < crossing(lambda y: (y - 1, 1.0), 1.0, -1) < 0.01
+
+    def test_what_physics_ends(self) -> None:
+        """The end is not beyond where trials fail."""
+        failed = []
+
+        def root(y: float) -> tuple[float, float]:
+            if 0.8 < y < 1.4:
+                return (y - 1) / 0.5, 2.0
+            failed.append(y)
+            return np.nan, np.nan
+
+        assert 1.3 < crossing(root, 0.5, 1) <= min(failed)
+        failed.clear()
+        assert max(failed, default=0.0) <= crossing(root, 0.5, -1) < 0.9
+
+    @pytest.mark.parametrize("side", [-1, 1])
+    def test_a_deviance_that_falls_again_before_it_rises(self, side: int) -> None:
+        """Where it falls there is no slope to go by."""
+        first = []
+
+        def root(y: float) -> tuple[float, float]:
+            first.append(y)
+            return (side * 0.5, -1.0) if len(first) == 1 else (side * 3.0, 2.0)
+
+        found = crossing(root, 0.4, side)
+        assert min(first[:2]) < found < max(first[:2])
+
+    @pytest.mark.parametrize("count", [0, 1, 2, 5])
+    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self, count: int) -> None:
+        covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
+        theta = np.array([3.0, 7.0])
+        path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
+        found = sweep_intervals(theta, path, covariance, 0)
+        expected = theta[:, None] + NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]])
+        np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+    def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
+        covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
+        found = sweep_intervals(
+            np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0
+        )
+        np.testing.assert_allclose(found, NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
+
+    def test_swept_intervals_bend_with_the_valley(self) -> None:
+        covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
+        path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
+        found = sweep_intervals(np.zeros(2), path, covariance, 0)
+        expected = [[-NORMAL_95, NORMAL_95], [-NORMAL_95 + 0.1 * NORMAL_95**2, NORMAL_95 + 0.1 * NORMAL_95**2]]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -1,10 +1,24 @@
-"""The splines a motion is sought among."""
+"""Splines of a trajectory at given times, and a matrix with a band and a border: solved, inverted, gathered."""
+
+from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.interpolate import BSpline
 
 from dynident.estimators.maximum_likelihood import SplineTrajectory
-from dynident.estimators.maximum_likelihood.trajectory import DEGREE, graded_breaks
+from dynident.estimators.maximum_likelihood.trajectory import (
+    DEGREE,
+    MAX_CACHED_TIMES,
+    Arrow,
+    add_ahead,
+    add_rows,
+    band_of,
+    basis,
+    graded_breaks,
+    places,
+)
+from dynident.runtime import ModelError
 
 
 class TestTrajectory:
@@ -40,3 +54,81 @@ class TestTrajectory:
         assert size[breaks[:-1] < 3.0].min() > 0.4
         assert size[breaks[:-1] >= 3.0][0] <= 0.01
         assert size.max() <= 0.5 + 1e-12
+
+
+T = np.linspace(0.0, 1.0, 41)
+
+
+def test_the_same_times_and_knots_share_one_basis() -> None:
+    one = basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=True)
+    assert basis(SplineTrajectory(np.linspace(0, 1, 6)), T.copy(), from_rest=True) is one
+    for other in (
+        basis(SplineTrajectory(np.linspace(0, 1, 7)), T, from_rest=True),
+        basis(SplineTrajectory(np.linspace(0, 1, 6), (0.4,)), T, from_rest=True),
+        basis(SplineTrajectory(np.linspace(0, 1, 6)), T + 1e-12, from_rest=True),
+        basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=False),
+    ):
+        assert other is not one
+
+
+def test_large_ones_are_not_kept() -> None:
+    trajectory, t = SplineTrajectory(np.linspace(0, 1, 6)), np.linspace(0, 1, MAX_CACHED_TIMES + 1)
+    assert basis(trajectory, t, from_rest=False) is not basis(trajectory, t, from_rest=False)
+
+
+@pytest.mark.parametrize("rest", [False, True])
+def test_its_products_are_those_of_its_values(rest: bool) -> None:
+    one = basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=rest)
+    C = np.random.default_rng(0).standard_normal((one.trajectory.size, 2))
+    q, dq, _ = one.motion(C)
+    np.testing.assert_allclose(one.values @ C, q, atol=1e-14)
+    np.testing.assert_allclose(one.by_interval(q).sum(axis=0), q.sum(axis=0))
+    whole = (one.values.T @ one.values).toarray()
+    np.testing.assert_allclose(one.products.toarray(), whole, atol=1e-14)
+    for d, row in enumerate(one.gram_band):
+        np.testing.assert_allclose(row[: len(row) - d], np.diagonal(whole, -d), atol=1e-14)
+    assert (np.abs(dq[0]) < 1e-12).all() == rest
+
+
+class TestArrow:
+    def matrix(self, rng: np.random.Generator, size: int = 14, w: int = 4) -> tuple[np.ndarray, np.ndarray]:
+        L = np.tril(rng.standard_normal((size, size))) * (np.abs(np.subtract.outer(range(size), range(size))) < w)
+        A = (L + 3 * np.eye(size)) @ (L + 3 * np.eye(size)).T
+        band = np.zeros((w, size))
+        for d in range(w):
+            band[d, : size - d] = np.diag(A, -d)
+        return A, band
+
+    def test_solves_and_inverts(self, rng: np.random.Generator) -> None:
+        A, band = self.matrix(rng)
+        B = rng.standard_normal((14, 3))
+        arrow, inverse = Arrow(band, B), np.linalg.inv(A)
+        np.testing.assert_allclose(arrow.solve_band(B), inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.solve_transposed(arrow.half), inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.lost_information, B.T @ inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.log_det, np.linalg.slogdet(A)[1], rtol=1e-12)
+        for d in range(4):
+            np.testing.assert_allclose(arrow.inverse[d, : 14 - d], np.diag(inverse, -d), rtol=1e-9, atol=1e-14)
+
+    @pytest.mark.parametrize("first", [[0, 2, 3], [0, 1, 2]])
+    def test_adds_up_overlapping_blocks(self, rng: np.random.Generator, first: list[int]) -> None:
+        """Blocks of three unknowns of two joints each, at places that do or do not follow each other."""
+        half = rng.standard_normal((3, 6, 6))
+        blocks, rows = half @ half.swapaxes(1, 2), rng.standard_normal((3, 6, 4))
+        full, side = np.zeros((12, 12)), np.zeros((12, 4))
+        for at, block, row in zip(first, blocks, rows, strict=True):
+            here = slice(2 * at, 2 * at + 6)
+            full[here, here] += block
+            side[here] += row
+        ahead, border, at = np.zeros((6, 2, 6)), np.zeros((6, 2, 4)), places(np.array(first), 3)
+        add_ahead(ahead, blocks.reshape(3, 3, 2, 6), at)
+        add_rows(border, rows.reshape(3, 3, 2, 4), at)
+        band = band_of(ahead)
+        for d in range(6):
+            np.testing.assert_allclose(band[d, : 12 - d], np.diag(full, -d), atol=1e-15)
+            assert not band[d, 12 - d :].any()
+        np.testing.assert_allclose(border.reshape(12, 4), side)
+
+    def test_refuses_what_is_not_determined(self) -> None:
+        with pytest.raises(ModelError, match="not determined"):
+            Arrow(np.zeros((2, 5)), np.zeros((5, 1))).solve_band(np.ones((5, 1)))

@@ -172,13 +172,12 @@ def test_a_class_that_proposes_itself_takes_part() -> None:
     class Cubic(Viscous):
         """Friction with the cube of the speed."""
 
+        law = "dq**3"
+
         @classmethod
         def proposed(cls, seen: object) -> tuple[Viscous, ...]:
             joint: Joint = seen.joint  # type: ignore[attr-defined]
             return (cls(seen.joints, on=(joint.name,), names=(f"cubic_{joint.name}",)),)  # type: ignore[attr-defined]
-
-        def shape(self, dq: np.ndarray) -> np.ndarray:
-            return dq**3
 
     def law(t: np.ndarray, q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray:
         return simulated.coulomb(t, q, dq, load) + 2.0 * dq**3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.samples import Folds, JointGrams, eliminate_columns, try_groups
+from dynident.identification.terms.grams import Folds, JointGrams, eliminate_columns, try_groups
 
 Array = NDArray[np.float64]
 F, N = 4, 400

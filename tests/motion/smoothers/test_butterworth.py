@@ -8,7 +8,7 @@ from scipy.signal import butter, filtfilt
 
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Butterworth
-from dynident.runtime import ConfigError, InputError
+from dynident.runtime import InputError
 
 
 def log(n: int = 4001, h: float = 0.0025, noise: float = 1e-3) -> Log:
@@ -51,13 +51,3 @@ def test_butterworth_refuses_irregular_times() -> None:
 def test_butterworth_refuses_a_cutoff_above_half_the_rate() -> None:
     with pytest.raises(InputError, match="a cut-off of 10 Hz does not lie below half the sampling rate"):
         Butterworth()(log(h=0.05))
-
-
-def test_a_butterworth_of_wrong_settings() -> None:
-    for settings, words in (
-        ({"orders": (3, 3, 0)}, "filter orders"),
-        ({"cutoffs": (10, -3, 2)}, "three positive frequencies"),
-        ({"settle": (-1, 0)}, "settle is"),
-    ):
-        with pytest.raises(ConfigError, match=words):
-            Butterworth(**settings)

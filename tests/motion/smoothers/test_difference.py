@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Difference
-from dynident.runtime import ConfigError
 
 
 def log(n: int = 4001, h: float = 0.0025, noise: float = 1e-3) -> Log:
@@ -30,8 +28,3 @@ def test_central_differences_are_exact_for_a_parabola_on_any_grid() -> None:
     made = Difference("central")(Log(t, (t**2 - 3 * t)[:, None], np.zeros((50, 1)), ("a",)))
     np.testing.assert_allclose(made.dq[made.mask, 0], (2 * t - 3)[made.mask], rtol=1e-10)
     np.testing.assert_allclose(made.ddq[made.mask], 2.0, rtol=1e-8)
-
-
-def test_a_difference_of_a_wrong_scheme() -> None:
-    with pytest.raises(ConfigError, match=r"did you mean|Known: 'forward', 'central'"):
-        Difference("backward")  # type: ignore[arg-type]

@@ -27,25 +27,9 @@ def moving(noise: float = 1e-3, n: int = 4001, h: float = 0.0025) -> np.ndarray:
     return np.column_stack((np.sin(t), np.cos(2 * t))) + noise * np.random.default_rng(0).standard_normal((n, 2))
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"order": 4}, "order is 4: give 2"),
-        ({"ends": -1.0}, "ends is -1"),
-        ({"sigma": 0.0}, "sigma is 0.0: give a number positive"),
-        ({"sigma": {"a": np.nan}}, "sigma is nan"),
-        ({"sigma": 1e-3, "intensity": -1.0}, "intensity is -1.0: give a number >= 0"),
-        ({"intensity": 1.0}, "intensity is given without sigma"),
-    ],
-)
-def test_wrong_settings(settings: dict[str, object], words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
-        KalmanSmoother(**settings)  # type: ignore[arg-type]
-
-
-def test_settings_of_joints_that_are_not_there() -> None:
-    with pytest.raises(ConfigError, match=r"sigma names the joint 'x'.*'a', 'b'"):
-        KalmanSmoother(sigma={"x": 1.0})(log(moving()))
+def test_an_intensity_needs_its_noise() -> None:
+    with pytest.raises(ConfigError, match="intensity is given without sigma"):
+        KalmanSmoother(intensity=1.0)
     with pytest.raises(ConfigError, match="intensity of joint 'b' is given without its sigma"):
         KalmanSmoother(sigma={"a": 1e-3}, intensity={"b": 1.0})(log(moving()))
 

@@ -114,20 +114,6 @@ def test_a_huge_factor_takes_the_longest_window() -> None:
     assert SavitzkyGolay(factor=1e308)(log()).smoothing["window"][0] == pytest.approx(10 / 3, rel=0.01)
 
 
-def test_wrong_settings() -> None:
-    for settings, words in (
-        ({"window": -1.0}, "window is -1.0"),
-        ({"window": {"a": 0.0}}, "window is 0.0"),
-        ({"order": 1}, "order is 1"),
-        ({"order": 11}, "order is 11"),
-        ({"factor": 0.0}, "factor is 0.0"),
-    ):
-        with pytest.raises(ConfigError, match=words):
-            SavitzkyGolay(**settings)
-    with pytest.raises(ConfigError, match="window names the joint 'c'; the log has others"):
-        SavitzkyGolay({"c": 1.0})(log())
-
-
 def test_the_rule_torque_is_several_to_choose_from() -> None:
     several = SavitzkyGolaySettings(rule="torque", order=3).build()
     assert [one.factor for one in several] == list(WINDOW_FACTORS)

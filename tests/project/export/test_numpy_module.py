@@ -64,18 +64,8 @@ def test_two_frictions_of_one_joint_are_both_kept():
 @dataclass(frozen=True)
 class Cubic(PerJoint):
     symbol = "F3"
-
-    def meaning(self):
-        return "torque per dq^3"
-
-    def shape(self, dq):
-        return dq**3
-
-    def slope(self, dq):
-        return 3 * dq**2
-
-    def formula(self):
-        return "dq**3"
+    law = "dq**3"
+    words = "torque per dq^3"
 
 
 @dataclass(frozen=True)
@@ -127,7 +117,8 @@ def test_a_wrong_formula_is_not_proven():
 
 def test_a_term_of_unknown_formula_is_refused():
     class Mine(Viscous):
-        pass
+        def shapes(self, q, dq, ddq):
+            return dq**3
 
     with pytest.raises(ModelError, match=r"model\.py cannot hold the term Mine"):
         identified_module(IdentifiedModel(Model((Mine((Joint("a"),)),)), np.ones(1)))

@@ -279,14 +279,14 @@ def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
 
 def test_what_the_checks_found_besides_is_said(identification):
     spikes = log_notes.TorqueSpikes(1, (3000,), (6.0,), 5000.0, True, False)
-    found = [Finding(Severity.WARNING, "elbow", spikes, "swing")]
+    found = [Finding(spikes, "elbow", source="swing")]
     identification.findings = tuple(found)
     said = "1 torque stands out by up to 5000, unlike the motion: sample 3000 (t = 6 s). It is left out of the fit."
     assert identification_notes(identification)[-1].text.startswith(f"Warning: swing: elbow: {said}")
     page = body(identification)
     assert '<td class="words">swing: elbow</td>' in page
     assert said in page
-    found += [Finding(Severity.WARNING, None, Remark(f"odd {k}."), source="swing") for k in range(6)]
+    found += [Finding(Remark(f"odd {k}."), source="swing") for k in range(6)]
     identification.findings = tuple(found)
     assert identification_notes(identification)[-1].text == "Note: `dynident check` has 2 more warnings."
     assert "odd 5." in body(identification)
@@ -309,7 +309,7 @@ def test_errors_stand_beside_what_the_sensors_allow(identification):
 def test_a_note_that_stands_against_a_use_is_said_once(monkeypatch, identification):
     monkeypatch.setattr("dynident.report.identification.report.NAMED_REASONS", 0)
     note = WhiteningCostly("elbow", 1.3)
-    identification.findings = (Finding(Severity.WARNING, None, note),)
+    identification.findings = (Finding(note),)
     identification.notes = (*identification.notes, note)
     said = [line.text for line in identification_notes(identification) if "whitened rows" in line.text]
     assert len(said) == 1

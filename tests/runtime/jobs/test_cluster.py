@@ -27,7 +27,7 @@ from dynident.apps.article import LEVELS, METHODS, SCENARIOS, run_study
 from dynident.runtime import InputError
 from dynident.runtime.jobs import Limits, Status, cluster, local_workers, run_jobs
 from dynident.runtime.jobs.cluster import cluster_workers
-from tests.cli.commands import run
+from tests.cli.commands import succeed
 from tests.runtime.jobs.dask_cluster import DaskCluster, dask_scheduler
 from tests.runtime.jobs.work import HANGS, Noise, Trouble, by_job, process, sleeps, threads
 
@@ -108,8 +108,7 @@ class TestWorkers:
 
     def test_a_study_has_the_same_table(self, running: DaskCluster, tmp_path: Path) -> None:
         words = ("--runs", 2, "--methods", "spline,raw", "--cluster", running.address, "--out", tmp_path)
-        done = run("reproduce", *words)
-        assert done.exit_code == 0, done.output
+        succeed("reproduce", *words)
         study = partial(run_study, [SCENARIOS["tabulated"]], [METHODS["spline"], METHODS["raw"]], LEVELS, 2, 0)
         with local_workers(2, ["dynident.apps.article.article"]) as executor:
             tables = [pl.read_parquet(tmp_path / "study.parquet"), study(executor=executor), study()]

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.article.study import generator, run_study, statistics
+from dynident.apps.article.study import Statistics, generator, run_study, statistics
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import cramer_rao_bound
@@ -223,25 +223,18 @@ def method_of(name: str) -> SmoothAndFit:
     return SmoothAndFit(name, SPLINE, estimator=build(ESTIMATORS, {"kind": name}, "method"))
 
 
-@dataclass(frozen=True, eq=False)
-class StudyCase:
-    """One column of the tables: a method at a noise level, with the published numbers where there are any.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StudyCase(Statistics):
+    """One column of the tables: the statistics of a method at a noise level, beside the published numbers, if any.
 
-    ``mean`` and ``variance`` (7) are over the runs, ``estimates`` (runs, 7); ``failed`` is the number of failed
-    fits, ``unsettled`` of those that did not converge; ``coverage`` (7) is the share of the 95 % intervals that
-    hold the true value.
+    ``coverage`` (7) is the share of the 95 % intervals that hold the true value.
     """
 
     sigma_q2: float
     method: str
-    mean: Array
-    variance: Array
-    failed: int
-    estimates: Array
+    coverage: Array
     published_mean: Row | None = None
     published_variance: Row | None = None
-    coverage: Array = field(default_factory=lambda: np.full(7, np.nan))
-    unsettled: int = 0
 
     __repr__ = brief
 
@@ -328,12 +321,14 @@ def reproduce(
     for level in LEVELS:
         for method in fit_methods:
             rows = table.filter((table["level"] == level) & (table["method"] == method.name))
-            sample_statistics = statistics(rows, len(model.parameters))
-            published = PUBLISHED.get((level, method.name), (None, None))
-            numbers = sample_statistics.mean, sample_statistics.variance, sample_statistics.failed
-            case = StudyCase(level, method.name, *numbers, sample_statistics.estimates, *published)
-            coverage, unsettled = sample_statistics.coverage(true), sample_statistics.unsettled
-            cases.append(replace(case, coverage=coverage, unsettled=unsettled))
+            sample = statistics(rows, len(model.parameters))
+            mean, variance = PUBLISHED.get((level, method.name), (None, None))
+            cases.append(
+                StudyCase(
+                    **vars(sample), sigma_q2=level, method=method.name, coverage=sample.covered_share(true),
+                    published_mean=mean, published_variance=variance,
+                )
+            )  # fmt: skip
     return Reproduction(
         scenario=arm_scenario.name,
         description=arm_scenario.description,

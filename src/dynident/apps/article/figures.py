@@ -11,7 +11,6 @@ import numpy as np
 from dynident.motion.log import Motion
 from dynident.report import Array, Drawing, method_name, scientific
 from dynident.report.figures import BLUE, GREEN, INK, Trace, curve, method_colours, panels, plain, trace, with_gaps
-from dynident.runtime import InputError, choices
 
 if TYPE_CHECKING:
     from dynident.apps.article.article import Reproduction
@@ -27,13 +26,8 @@ def trace_figure(traces: Mapping[str, Motion], joint_index: int, quantity: str) 
 
     ``traces`` maps a method to its motion. Simulated is blue, spline red, filtered dashed black, the clipped part of
     filtered dashed green; "raw" waits in the legend, because its noise hides the rest. The vertical range is that of
-    the samples which every method may use. Raises InputError for another quantity or joint.
+    the samples which every method may use.
     """
-    if quantity not in TITLES:
-        raise InputError(f"Unknown quantity {quantity!r}; {choices(quantity, TITLES)}")
-    for method, motion in traces.items():
-        if not 0 <= joint_index < len(motion.joints):
-            raise InputError(f"{method}: no joint number {joint_index}; {choices('', motion.joints)}")
     colours = method_colours(traces)
     figure = panels([TITLES[quantity]], 380)
     order = [*DRAWN_FIRST, *sorted(set(traces) - set(DRAWN_FIRST))]

@@ -24,7 +24,7 @@ from dynident.models.simulation import Recording
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import one_thread
 from dynident.runtime import InputError
-from dynident.runtime.jobs import JobResult, Limits, Status, run_jobs
+from dynident.runtime.jobs import FAILURES, JobResult, Limits, Status, run_jobs
 from dynident.runtime.jobs.cluster import code_version
 
 if TYPE_CHECKING:
@@ -49,10 +49,6 @@ class FitOutcome(StrEnum):
     DIED = Status.DIED.value
 
 
-# another attempt may succeed
-FAILED_OUTCOMES = (FitOutcome.FAILED, FitOutcome.TIMED_OUT, FitOutcome.OUT_OF_MEMORY, FitOutcome.DIED)
-
-
 @contextmanager
 def study_table(path: str | Path | None, *, rerun: bool = False) -> Iterator[RowStore]:
     """Open the rows of a study: those in the table at ``path``, if given, which holds all of them in the end.
@@ -60,7 +56,7 @@ def study_table(path: str | Path | None, *, rerun: bool = False) -> Iterator[Row
     Failed fits are not read from it; with ``rerun`` no row is. Raises InputError where a file is not that of a
     study, or another run works on it.
     """
-    with _open_store(path, rerun=rerun) as rows:
+    with RowStore(path, _schema(), KEY, rerun=rerun, retried={"status": FAILURES}) as rows:
         statuses = rows.scan().select("status").unique().collect()["status"].to_list()
         if wrong := [repr(status) for status in statuses if status not in set(FitOutcome)]:
             raise InputError(f"{path}: is not a table of a study: {min(wrong)} is no status of a fit; choose another.")
@@ -70,10 +66,6 @@ def study_table(path: str | Path | None, *, rerun: bool = False) -> Iterator[Row
 def key_type() -> dict[str, Any]:
     """Return the types of the columns that identify a fit."""
     return {name: kind for name, kind in _schema().items() if name in KEY}
-
-
-def _open_store(path: str | Path | None, *, rerun: bool = False) -> RowStore:
-    return RowStore(path, _schema(), KEY, rerun=rerun, retried={"status": FAILED_OUTCOMES})
 
 
 def _schema() -> dict[str, pl.DataType | type[pl.DataType]]:
@@ -308,7 +300,7 @@ class Statistics:
     interval: Array
     unsettled: int = 0
 
-    def coverage(self, true: Array) -> Array:
+    def covered_share(self, true: Array) -> Array:
         """Return the share (p) of the intervals that contain the true values (p); nan where there are none."""
         inside = (self.interval[:, :, 0] <= true) & (true <= self.interval[:, :, 1])
         return np.asarray(inside.mean(axis=0) if len(inside) else np.full(self.interval.shape[1], np.nan))

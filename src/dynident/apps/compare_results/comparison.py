@@ -298,10 +298,8 @@ def _log_differences(first: ComparedResult, second: ComparedResult) -> Sequence[
     first_logs: Mapping[tuple[str, str], ComparedLog] = {(log.name, log.role): log for log in first.logs}
     pairs = [(first_logs[log.name, log.role], log) for log in second.logs if (log.name, log.role) in first_logs]
     return [
-        LogDifference(b.name, b.role, a.errors, b.errors, _is_same_recording(a.recording, b.recording))
+        LogDifference(
+            b.name, b.role, a.errors, b.errors, a.recording == b.recording if a.recording and b.recording else None
+        )
         for a, b in pairs
     ]
-
-
-def _is_same_recording(first: str, second: str) -> bool | None:
-    return first == second if first and second else None

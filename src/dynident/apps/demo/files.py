@@ -15,7 +15,18 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from dynident.apps.demo.arm import JOINTS, LINKS, STEP, TIME_OFFSET, demo_truth, true_model, true_values
+from dynident.apps.demo.arm import (
+    BASE,
+    JOINTS,
+    LINKS,
+    STEP,
+    TIME_OFFSET,
+    controller,
+    demo_truth,
+    true_model,
+    true_values,
+    urdf,
+)
 from dynident.files.results import as_path, probe_folder, write_bytes
 from dynident.identification import Identification
 from dynident.models import Model
@@ -264,10 +275,6 @@ def demo_files(folder: str | Path) -> Path:
 
 def make_files() -> Mapping[str, bytes]:
     """Return the content of all files by name, made anew; the simulation of the recordings takes 10 s."""
-    import numpy as np
-
-    from dynident.apps.demo.arm import BASE, LINKS, controller, urdf
-
     contents = {"arm.urdf": urdf().encode(), "controller.yaml": controller().encode()}
     contents |= {f"meshes/{link.name}.stl": link.shape.stl() for link in (BASE, *LINKS)}
     for k, day in enumerate(DAYS):

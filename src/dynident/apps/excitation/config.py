@@ -33,17 +33,10 @@ from dynident.project.fields import (
 )
 from dynident.runtime import ConfigError, brief, choices
 
-MAX_MARGIN = 0.9  # at most, of each range
 Array = NDArray[np.float64]
 NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
 DEFAULT_NOISE = 1.0  # N m or N, where there is no limit either
 RANK_TOLERANCE = 1e-12  # of a covariance with ones on its diagonal
-
-
-def _read_margin(value: object) -> float:
-    if not 0.0 <= (number := as_number(value)) <= MAX_MARGIN:
-        raise ValueError(f"a share from 0 to {MAX_MARGIN} is expected, such as 0.1 for 10 %")
-    return number
 
 
 def _read_seed(value: object) -> int:
@@ -61,7 +54,7 @@ def _read_folder(value: object, info: ValidationInfo) -> Path:
 
 
 Folder = Annotated[Path, BeforeValidator(_read_folder)]
-Share = Annotated[float, BeforeValidator(_read_margin)]
+Share = Annotated[float, BeforeValidator(bounded_reader(0.0, 0.9))]
 Seconds = Annotated[float, BeforeValidator(bounded_reader(0.1, 3600.0, " s"))]
 Rate = Annotated[float, BeforeValidator(bounded_reader(1.0, 20_000.0, " Hz"))]
 Harmonics = Annotated[int, BeforeValidator(whole_number_reader(50))]

@@ -22,7 +22,7 @@ from scipy.linalg import cho_solve, cholesky
 from scipy.special import logsumexp, softmax
 
 from dynident.regression import BaseParameters
-from dynident.runtime import ModelError, brief
+from dynident.runtime import brief
 
 if TYPE_CHECKING:
     from dynident.models import Model
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 INFORMATION_FLOOR = 1e-12  # of the information of random states: so much counts as known of each parameter
 SCALE_SAMPLES = 300  # of these states
 NORM_ORDER = 16.0  # order of the norms in place of the largest and the smallest eigenvalue
-MAX_ASYMMETRY = 1e-8  # of the information's largest entry: a smaller asymmetry or negative eigenvalue is rounding
+MAX_ASYMMETRY = 1e-8  # of the largest information: less is rounding
 
 
 class Criterion(StrEnum):
@@ -65,8 +65,6 @@ class InformationCriterion:
     stands in: the value stays finite and differentiable, and far from that of any motion that shows all. The
     derivatives are exact except at jumps of dry friction with the sign of a velocity: give such terms a
     smooth sign (``Term.with_smooth_sign``).
-
-    Raises ModelError for a model whose terms have memory, and for shapes that do not fit.
     """
 
     model: Model
@@ -80,20 +78,6 @@ class InformationCriterion:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(int(k) for k in self.columns))
-        n, p, r = len(self.model.joints), len(self.model.parameters), len(self.columns)
-        if self.model.memory:
-            raise ModelError(
-                f"{self.model.name}: terms that remember the motion have no information by samples: leave them out."
-            )
-        if not r or not 0 <= min(self.columns) <= max(self.columns) < p:
-            raise ModelError(f"{self.model.name}: columns are {self.columns}, expected some below {p}.")
-        weights = np.asarray(self.weights, dtype=float)
-        if weights.ndim not in (1, 2) or weights.shape[-1] != n or not (np.isfinite(weights) & (weights >= 0)).all():
-            raise ModelError(f"{self.model.name}: weights are {weights}, expected {n} numbers that are not negative.")
-        if self.prior is not None and np.shape(self.prior) != (r, r):
-            raise ModelError(f"{self.model.name}: prior has shape {np.shape(self.prior)}, expected ({r}, {r}).")
-        if self.named is not None and (np.ndim(self.named) != 2 or np.shape(self.named)[1] != r):
-            raise ModelError(f"{self.model.name}: named has shape {np.shape(self.named)}, expected (k, {r}).")
 
     def value_and_gradients(self, q: Array, dq: Array, ddq: Array) -> tuple[float, Array]:
         """Return the value along a motion (N, n), and its derivatives (3, N, n) by q, dq and ddq."""
@@ -149,21 +133,9 @@ class InformationCriterion:
 def base_information(basis: BaseParameters, information: Array) -> Array:
     """Convert prior information (p, p) on the standard parameters to information (r, r) on the base parameters.
 
-    Information on directions that do not act on the torque is used where it ties them to others. Raises
-    ModelError unless it is a symmetric matrix (p, p) without negative eigenvalues.
+    Information on directions that do not act on the torque is used where it ties them to others.
     """
-    p, independent = len(basis.names), list(basis.independent)
-    information = np.asarray(information, dtype=float)
-    if information.shape != (p, p) or not np.isfinite(information).all():
-        raise ModelError(f"prior information has shape {information.shape}, expected finite numbers ({p}, {p}).")
-    # compare in units of each parameter's own information, so that SI units do not matter
-    size = np.sqrt(np.maximum(np.diag(information), 0.0))
-    normalised = information / np.outer(*[np.where(size > 0, size, 1.0)] * 2)
-    if (
-        np.abs(normalised - normalised.T).max(initial=0.0) > MAX_ASYMMETRY
-        or np.linalg.eigvalsh(normalised).min(initial=0.0) < -MAX_ASYMMETRY * p
-    ):
-        raise ModelError("prior information is not symmetric, or has negative eigenvalues; give a covariance inverse.")
+    independent = list(basis.independent)
     # eliminate the null directions by a Schur complement: they do not act on the torque, but the prior may tie them to
     # others
     free = basis.null_directions / np.linalg.norm(basis.scale[:, None] * basis.null_directions, axis=0)

@@ -176,7 +176,6 @@ def _total_base_information(basis: BaseParameters, information: Array, prior: Ar
     return np.asarray(base if prior is None else base + base_information(basis, prior))
 
 
-@dataclass(frozen=True)
 class Interrupted(Note):
     """The search was stopped before its end; the motion is the best so far, within all limits."""
 
@@ -228,7 +227,7 @@ def design(
     start in collision, where no motion is found, and where a motion fails the last check.
     """
     model, theta, request, memory_notes = without_memory(model, np.asarray(theta, dtype=float), request)
-    check_request(model, theta, limits, space, request)
+    check_request(limits, space, request)
     report_progress("finding base parameters")
     basis = structural_base_parameters(model)
     feasible = Feasibility(model, theta, limits, space, request.clearance)

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import ConfigError, brief
+from dynident.runtime import brief
 
 Array = NDArray[np.float64]
 DEGREE = 5  # the jerk is continuous
@@ -90,12 +90,6 @@ class Fourier:
     period: float
     harmonics: int
 
-    def __post_init__(self) -> None:
-        if not 0 < self.period < np.inf:
-            raise ConfigError(f"period is {self.period:g} s; give a time above 0.")
-        if self.harmonics < 1:
-            raise ConfigError(f"harmonics is {self.harmonics}; give 1 or more.")
-
     @property
     def size(self) -> int:
         """Number 2 ``harmonics`` + 1 of coefficients of a joint."""
@@ -130,8 +124,6 @@ class Fourier:
         or after, at least cos(H w s) of that (J. G. van der Corput and G. Schaake, Compositio Mathematica 2,
         1935). Some point of the grid is at most half a step away.
         """
-        if points <= 2 * self.harmonics:
-            raise ConfigError(f"a guard of {self.harmonics} harmonics takes more than {2 * self.harmonics} points.")
         q, dq, ddq, jerk = self.values(np.arange(points) * self.period / points)
         return LimitConstraints((q, dq, ddq, jerk), float(np.cos(np.pi * self.harmonics / points)))
 
@@ -161,12 +153,6 @@ class ClampedSpline:
 
     duration: float
     spans: int
-
-    def __post_init__(self) -> None:
-        if not 0 < self.duration < np.inf:
-            raise ConfigError(f"the duration of a spline is {self.duration:g} s; give a time above 0.")
-        if self.spans < 2:
-            raise ConfigError(f"a spline has {self.spans} spans; give 2 or more.")
 
     @property
     def size(self) -> int:

@@ -126,7 +126,7 @@ class Interior:
 
     def torque_slack(self, states: Array) -> Array:
         """Return the slack of the torque on either side, as shares (2, N, n)."""
-        tau = self._torque(states) / self.limits.torque
+        tau = self.feasible.model.torque(states[0], states[1], states[2], self.feasible.theta) / self.limits.torque
         limit = 1.0 - self.spare.torque
         return np.array([limit - tau, limit + tau])
 
@@ -253,9 +253,6 @@ class Interior:
             return
         for k, partial in enumerate(self.torque_partials(states)):
             state_gradients[k] += np.einsum("ij,ijk->ik", weights, partial)
-
-    def _torque(self, states: Array) -> Array:
-        return self.feasible.model.torque(states[0], states[1], states[2], self.feasible.theta)
 
     @cached_property
     def _rows(self) -> Array:

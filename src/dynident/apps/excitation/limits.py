@@ -96,16 +96,14 @@ def motion_limits(
     """Return the limits of a model's joints: as the user gives them, else of its file, else by rule.
 
     ``margin`` is the share of each range that is kept free, of a range of positions half at either end.
-    Raises ConfigError for a margin out of range, an unknown joint and limits that contradict each other, and
-    ModelError for limits of the file that do, and where a limit is missing that no rule gives.
+    Raises ConfigError for an unknown joint and limits that contradict each other, and ModelError for limits of
+    the file that do, and where a limit is missing that no rule gives.
     """
     user_limits = dict(user_limits or {})
     names = [joint.name for joint in model.joints]
     for name in user_limits:
         if name not in names:
             raise ConfigError(f"limits: no joint {name!r} moves in {model.name}; {choices(name, names)}")
-    if not 0 <= margin < 1:
-        raise ConfigError(f"limits: the margin is {margin:g}; the share of each range kept free is from 0 to below 1.")
     file_limits = _file_limits(model)
     # checked for all joints before any rule is applied, so that one message names everything that is missing
     _check_complete(model, user_limits, file_limits)
@@ -176,7 +174,6 @@ def _joint_limits(
 ) -> tuple[JointLimits, tuple[str, ...]]:
     """Return all limits of a joint, and the names of those that come from a rule."""
     values: dict[str, float | None] = {field.name: getattr(user_limits, field.name) for field in fields(user_limits)}
-    _check_given(joint, values)
     given_names = {name for name, value in values.items() if value is not None}
     # given by the user, else by the file, else by a rule
     for name, file_field in FILE_FIELDS.items():
@@ -196,17 +193,6 @@ def _joint_limits(
         values["torque"] = np.inf
         rules.append("torque")
     return JointLimits(**values), tuple(rules)
-
-
-def _check_given(joint: Joint, values: Mapping[str, float | None]) -> None:
-    """Raise ConfigError where a value that the user gives is no number, or a size that is not positive."""
-    for name, value in values.items():
-        if value is None:
-            continue
-        if not np.isfinite(value):
-            raise ConfigError(f"limits of joint {joint.name!r}: {name} is {value}; give a finite number.")
-        if name not in ("lower", "upper") and value <= 0:
-            raise ConfigError(f"limits of joint {joint.name!r}: {name} is {value:g}; give a number above 0.")
 
 
 def _check_range(joint: Joint, values: Mapping[str, float | None], given_names: set[str], model: Model) -> None:

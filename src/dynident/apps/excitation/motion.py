@@ -32,7 +32,6 @@ TYPICAL_PATH_TIME = 4.0  # s that ways and ramps take, about
 LARGE_TORQUE_RESERVE = 0.2  # of a torque limit, kept free: a lot
 MAX_RESTARTS = 2  # searches with more to spare, where the limits do not hold between the grid's points
 MOTION_SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which are tried
-FAMILIES = ("fourier", "bspline")
 
 
 class Program(StrEnum):
@@ -76,7 +75,6 @@ class MotionRequest:
     __repr__ = brief
 
 
-@dataclass(frozen=True)
 class LeftOut(Note):
     """Terms with memory, by their kind, were left out of the design: their information is not counted."""
 
@@ -104,49 +102,26 @@ def without_memory(
     return reduced_model, theta[kept_columns], replace(request, prior=prior), (note,)
 
 
-def check_request(model: Model, theta: Array, limits: MotionLimits, space: Space, request: MotionRequest) -> None:
-    """Raise ConfigError for a request that contradicts itself, the model or the limits.
+def check_request(limits: MotionLimits, space: Space, request: MotionRequest) -> None:
+    """Raise ConfigError for a period longer than the motion, and a start that the limits do not allow.
 
     Raises InputError for a start pose in collision.
     """
-    n, p = len(model.joints), len(model.parameters)
-    if limits.joints != (names := tuple(joint.name for joint in model.joints)):
-        raise ConfigError(f"the limits are of the joints {limits.joints}, the model has {names}.")
-    if theta.shape != (p,) or not np.isfinite(theta).all():
-        raise ConfigError(f"theta has shape {theta.shape}, expected {p} finite numbers, those of the model.")
-    sigma = np.asarray(request.sigma, dtype=float)
-    if sigma.shape != (n,) or not (np.isfinite(sigma) & (sigma > 0)).all():
-        raise ConfigError(f"the noise of the torque is {sigma}; give a positive number for each of {n} joints.")
-    for name in ("duration", "period", "rate"):
-        if not (np.isfinite(value := getattr(request, name)) and value > 0):
-            raise ConfigError(f"{name} is {value}; give a positive number.")
-    for name in ("harmonics", "starts"):
-        if (count := getattr(request, name)) < 1:
-            raise ConfigError(f"{name} is {count}; give 1 or more.")
-    if request.family not in FAMILIES:
-        raise ConfigError(f"family is {request.family!r}; {choices(request.family, FAMILIES)}")
     has_motion = request.program in (Program.MOTION, Program.ALL)
     if has_motion and request.family == "fourier" and request.period > request.duration:
         raise ConfigError(
             f"the period of {request.period:g} s is longer than the duration of {request.duration:g} s: give a shorter "
             "period, or a longer duration."
         )
-    if request.prior is not None and np.shape(request.prior) != (p, p):
-        raise ConfigError(f"the prior information has shape {np.shape(request.prior)}, expected ({p}, {p}).")
-    if request.start is not None:
-        _check_start(limits, space, request.start, request.clearance)
-
-
-def _check_start(limits: MotionLimits, space: Space, start: Array, clearance: float) -> None:
-    if start.shape != limits.lower.shape:
-        raise ConfigError(f"the start has shape {start.shape}, expected ({len(limits.lower)},).")
-    for name, value, low, high in zip(limits.joints, start, limits.lower, limits.upper, strict=True):
+    if request.start is None:
+        return
+    for name, value, low, high in zip(limits.joints, request.start, limits.lower, limits.upper, strict=True):
         if not low <= value <= high:
             raise ConfigError(
                 f"start: joint {name!r} is at {value:g}, outside of {low:.4g} to {high:.4g}, which are its limits less "
                 "the margin."
             )
-    refuse_contact(space, start, clearance, "the start")
+    refuse_contact(space, request.start, request.clearance, "the start")
 
 
 def criterion_rows(basis: BaseParameters, theta: Array, request: MotionRequest, scale: Array) -> Array | None:

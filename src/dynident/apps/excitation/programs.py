@@ -237,7 +237,7 @@ def gravity_program(
     The paths between them are included, from and to the pose ``start`` (n; None: the first of them). Raises
     ConfigError where the time does not suffice for one.
     """
-    duration, start, weights = request.duration, request.start, _torque_weights(request)
+    duration, start, weights = request.duration, request.start, np.asarray(1 / np.square(request.sigma))
     count = max(1, min(MAX_POSES, int(duration / hold)))
     visits = _plan_visits(feasible, weights, count, hold, rng)
     tour = _Tour(feasible, visits, visits[0][0].pose if start is None else start, rng)
@@ -253,10 +253,6 @@ def gravity_program(
         f"the gravity program has {duration:.1f} s, too little to reach a pose, stay for {hold:g} s and return; "
         "give it more time."
     )
-
-
-def _torque_weights(request: MotionRequest) -> Array:
-    return np.asarray(1 / np.square(request.sigma))
 
 
 Visit = tuple[Hold] | tuple[Sweep, Sweep]  # what the arm does in a pose, from a place at rest back to it

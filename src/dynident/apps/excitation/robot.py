@@ -36,11 +36,11 @@ from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identification, SourceFile
 from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Obstacle, RigidBodies, Space
-from dynident.project.config import config_text, load_model
+from dynident.project.config import config_text, load_model, replace_auto_terms
 from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
 from dynident.project.saved import load
-from dynident.project.settings import RobotSettings, robot_settings, with_plain_terms
+from dynident.project.settings import RobotSettings, robot_settings
 from dynident.runtime import ConfigError, InputError, brief, choices, report_progress
 
 Array = NDArray[np.float64]
@@ -143,7 +143,8 @@ def read_excitation(
         robots = ", ".join(SUFFIXES)
         raise InputError(f"{path}: give a robot file ({robots}), a configuration (.yaml) or a result.json.")
     identification = load(path, allow_code=allow_code) if kind == ".json" else None
-    config = identification.provenance.configuration if identification else _config_source(path, kind)
+    config = SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
+    config = identification.provenance.configuration if identification else config
     motion_settings = _motion_settings(config, settings, changes)
     robot = _robot_settings_of(path, identification, config)
     remember_inputs(path)
@@ -155,10 +156,11 @@ def read_excitation(
         prior = knowledge_of_result(identification)
     elif robot is not None:
         report_progress("building the model")
-        prior = nominal_knowledge(load_model(with_plain_terms(robot), path.parent if config else "."))
+        prior = nominal_knowledge(load_model(replace_auto_terms(robot), path.parent if config else "."))
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
-    limits = motion_limits(prior.model, _joint_limits(motion_settings), motion_settings.margin)
+    user_limits = {name: JointLimits(**limit.model_dump()) for name, limit in motion_settings.limits.items()}
+    limits = motion_limits(prior.model, user_limits, motion_settings.margin)
     origin, sigma = torque_noise(prior, motion_settings.noise, limits, motion_settings.margin, motion_settings.rate)
     request = MotionRequest(
         sigma,
@@ -191,10 +193,6 @@ def _model_file(path: Path, kind: str, identification: Identification | None, co
     return path.parent / file_name if isinstance(file_name, str) and ":" not in file_name else None
 
 
-def _config_source(path: Path, kind: str) -> SourceFile | None:
-    return SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
-
-
 def _robot_settings_of(path: Path, identification: Identification | None, config: SourceFile | None) -> Robot | None:
     """Return what the model is made of, where no configuration reads its recordings; else None."""
     if config is not None:
@@ -212,7 +210,7 @@ def _prior_from_logs(path: Path, text: str, ready: Callable[[], None]) -> PriorK
     logs = [file for log in (*project.config.train, *project.config.validation) for file in log.file.values()]
     # a fit to part of the logs would be another one than the configuration describes
     if missing_file := next((file for file in logs if not file.exists()), None):
-        model = load_model(with_plain_terms(project.config.model), path.parent)
+        model = load_model(replace_auto_terms(project.config.model), path.parent)
         return nominal_knowledge(model, f"the configuration names {missing_file.name}, which is not there")
     report_progress("identifying from the logs of the configuration")
     identification = project.identify()
@@ -258,10 +256,6 @@ def _motion_settings(
     ):
         return motion_settings.model_copy(update={"period": MAX_PERIOD_SHARE * motion_settings.duration})
     return motion_settings
-
-
-def _joint_limits(settings: ExcitationSettings) -> dict[str, JointLimits]:
-    return {name: JointLimits(**limit.model_dump()) for name, limit in settings.limits.items()}
 
 
 def _start_pose(settings: ExcitationSettings, joints: tuple[str, ...]) -> Array | None:

@@ -120,7 +120,7 @@ def _earlier_digests(folder: Path) -> Mapping[str, Any]:
 
 
 def write_design(folder: ResultFolder, project: ExcitationProject, design: Design) -> tuple[Path, ...]:
-    """Write all files of a design and return their paths; each is read again first.
+    """Write all files of a design and return their paths.
 
     Raises InputError where one cannot be written, ConfigError where one was read.
     """

@@ -204,22 +204,13 @@ class SearchResult:
     __repr__ = brief
 
 
-class _SearchJob(NamedTuple):
-    """A motion on its way: its number, the seed of its start or its coefficients, and its stage."""
+class _SearchMotion(NamedTuple):
+    """A motion of a search: its number, the seed of its start, its coefficients and their criterion, once known."""
 
     number: int
-    seed: int
-    x: Array | None
-    stage: int
-
-
-class _StageResult(NamedTuple):
-    """Best motion of a job at a stage, with its criterion."""
-
-    number: int
-    seed: int
-    x: Array
-    criterion: float
+    seed: int = 0
+    x: Array | None = None
+    criterion: float = np.inf
 
 
 def search(
@@ -238,24 +229,24 @@ def search(
     """
     stages = plan.stages
     seeds = rng.integers(2**32, size=plan.starts).tolist()
-    jobs = [_SearchJob(k, 0, x, 0) for k, x in enumerate(initial)] or [
-        _SearchJob(k, seed, None, 0) for k, seed in enumerate(seeds)
+    motions = [_SearchMotion(k, x=x) for k, x in enumerate(initial)] or [
+        _SearchMotion(k, seed) for k, seed in enumerate(seeds)
     ]
-    count, best, interrupted = len(jobs), list[_StageResult](), False
+    count, best, interrupted = len(motions), list[_SearchMotion](), False
     job_counts = [count]
     for stage in stages[1:]:
         # each stage goes on with the best share of the motions, so that the expensive ones are few
         job_counts.append(max(1, int(np.ceil(job_counts[-1] * stage.kept_share))))
     total, completed = sum(job_counts), 0
     try:
-        for k in range(len(stages)):
-            results, reason = list[_StageResult](), ""
-            for job_result in run_jobs(partial(_run_job, interior, stages), jobs, executor):
+        for stage, job_count in zip(stages, job_counts, strict=True):
+            results, reason = list[_SearchMotion](), ""
+            for job_result in run_jobs(partial(_run_stage, interior, stage), motions[:job_count], executor):
                 completed += 1
-                if isinstance(job_result.value, _StageResult):
+                if isinstance(job_result.value, _SearchMotion):
                     results.append(job_result.value)
                     # ties go to the lower number: the result does not depend on the order in which jobs end
-                    best = [min([*best, job_result.value], key=lambda result: (result.criterion, result.number))]
+                    best = [min([*best, job_result.value], key=_merit)]
                 else:
                     reason = job_result.reason if job_result.value is None else job_result.value
                 if best:
@@ -263,17 +254,17 @@ def search(
                     report_progress(Step(f"searching, best so far: {words}", completed, total))
             if not results:
                 raise InputError(f"no motion was found that keeps to the limits: {reason}")
-            results.sort(key=lambda result: (result.criterion, result.number))
-            if k + 1 < len(stages):
-                jobs = [
-                    _SearchJob(result.number, result.seed, result.x, k + 1) for result in results[: job_counts[k + 1]]
-                ]
+            motions = sorted(results, key=_merit)
     # on Ctrl-C the best motion so far is as valid as the final one: all iterates keep to the limits
     except KeyboardInterrupt:
         if not best:
             raise
         interrupted = True
-    return SearchResult(best[0].x, best[0].criterion, count, interrupted)
+    return SearchResult(np.asarray(best[0].x), best[0].criterion, count, interrupted)
+
+
+def _merit(motion: _SearchMotion) -> tuple[float, int]:
+    return motion.criterion, motion.number
 
 
 def _criterion_words(information: InformationCriterion, value: float) -> str:
@@ -287,26 +278,21 @@ def _criterion_words(information: InformationCriterion, value: float) -> str:
             return f"condition number {np.exp(value):.1f}"
 
 
-def _run_job(interior: Interior, stages: tuple[Stage, ...], job: _SearchJob) -> _StageResult | str:
-    """Return the result of a stage of a motion, or the reason why there is none."""
-    try:
-        return _run_stage(interior, stages, job)
-    except (ConfigError, InputError) as error:
-        return str(error)
-
-
-def _run_stage(interior: Interior, stages: tuple[Stage, ...], job: _SearchJob) -> _StageResult:
+def _run_stage(interior: Interior, stage: Stage, motion: _SearchMotion) -> _SearchMotion | str:
+    """Return a motion after a stage, or the reason why there is none."""
     with one_thread():
-        x = random_motion(interior, np.random.default_rng(job.seed)) if job.x is None else job.x
-        stage = stages[job.stage]
-        if stage.weight:
-            x, criterion = improve_motion(interior, x, stage)
-        elif is_small_enough(interior):
-            x, criterion = polish_motion(interior, x, stage.steps)
-        else:
-            for final_stage in LARGE_PROBLEM_STAGES:
-                x, criterion = improve_motion(interior, x, final_stage)
-        return _StageResult(job.number, job.seed, x, criterion)
+        try:
+            x = random_motion(interior, np.random.default_rng(motion.seed)) if motion.x is None else motion.x
+            if stage.weight:
+                x, criterion = improve_motion(interior, x, stage)
+            elif is_small_enough(interior):
+                x, criterion = polish_motion(interior, x, stage.steps)
+            else:
+                for final_stage in LARGE_PROBLEM_STAGES:
+                    x, criterion = improve_motion(interior, x, final_stage)
+        except (ConfigError, InputError) as error:
+            return str(error)
+    return motion._replace(x=x, criterion=criterion)
 
 
 def improve_motion(interior: Interior, x: Array, stage: Stage) -> tuple[Array, float]:

@@ -80,17 +80,12 @@ def _inverse_dynamics(arm: PinocchioArm, theta: Array) -> Callable[[Array, Array
 
 
 class LimitError(InputError):
-    """A trajectory leaves its limits.
+    """A trajectory leaves its limits: joint, time, value and limit are in the words."""
 
-    ``quantity`` of ``joint`` (or pair of links) has ``value`` at ``time`` (s), where ``limit`` is allowed.
-    """
-
-    def __init__(self, quantity: str, joint: str, time: float, value: float, limit: float, message: str) -> None:
-        super().__init__(message)
-        self.quantity, self.joint, self.time, self.value, self.limit = quantity, joint, time, value, limit
-
-    def __reduce__(self) -> tuple[type, tuple[str, str, float, float, float, str]]:
-        return type(self), (self.quantity, self.joint, self.time, self.value, self.limit, str(self))
+    @classmethod
+    def at(cls, joint: str, time: float, words: str) -> LimitError:
+        """Return the error of a joint at a time (s)."""
+        return cls(f"joint {joint!r} at {time:.4f} s: {words}; the trajectory is refused.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +110,7 @@ class TrajectoryCheck:
 def verify(trajectory: Trajectory, feasible: Feasibility, shapes: Distances | None = None) -> TrajectoryCheck:
     """Check a trajectory, and return what it uses of the limits; of ``feasible`` only the numbers are used.
 
-    ``shapes`` are the real shapes. Raises ``LimitError``, an InputError, with joint, time, value and limit,
+    ``shapes`` are the real shapes. Raises ``LimitError``, an InputError, that names joint, time, value and limit,
     where the trajectory does not begin or end at rest, jumps, or leaves a limit or the clearance (m).
     """
     model, theta, limits = feasible.model, feasible.theta, feasible.limits
@@ -183,16 +178,9 @@ def _limit_shares(states: Array, tau: Array, t: Array, limits: MotionLimits) -> 
         which, row, joint = np.unravel_index(int(np.nan_to_num(shares, nan=np.inf).argmax()), shares.shape)
         value, middle = float(values[which, row, joint]), float(middles[which, joint])
         limit = middle + float(np.copysign(sizes[which, joint], value - middle))
-        raise _exceeded_error(QUANTITIES[which], limits.joints[joint], float(t[row]), value, limit)
+        words = f"{QUANTITIES[which]} is {value:.6g}, beyond its limit {limit:.6g}"
+        raise LimitError.at(limits.joints[joint], float(t[row]), words)
     return np.asarray(shares.max(axis=1))
-
-
-def _exceeded_error(quantity: str, joint: str, time: float, value: float, limit: float) -> LimitError:
-    message = (
-        f"joint {joint!r} at {time:.4f} s: {quantity} is {value:.6g}, beyond its limit {limit:.6g}; "
-        "the trajectory is refused."
-    )
-    return LimitError(quantity, joint, time, value, limit, message)
 
 
 def _check_continuity(before: Array, after: Array, t: float, limits: MotionLimits) -> None:
@@ -201,12 +189,7 @@ def _check_continuity(before: Array, after: Array, t: float, limits: MotionLimit
     allowed = REST_TOLERANCE * limits.sizes[:3]
     if not (jump <= allowed).all():
         which, joint = np.unravel_index(int(np.nan_to_num(jump / allowed, nan=np.inf).argmax()), jump.shape)
-        raise _jump_error(QUANTITIES[which], limits.joints[joint], t, float(jump[which, joint]))
-
-
-def _jump_error(quantity: str, joint: str, t: float, by: float) -> LimitError:
-    message = f"joint {joint!r} at {t:.4f} s: {quantity} jumps by {by:.4g}; the trajectory is refused."
-    return LimitError(quantity, joint, t, by, 0.0, message)
+        raise LimitError.at(limits.joints[joint], t, f"{QUANTITIES[which]} jumps by {jump[which, joint]:.4g}")
 
 
 def _check_derivatives(states: Array, t: Array, start: float, limits: MotionLimits) -> None:
@@ -219,9 +202,8 @@ def _check_derivatives(states: Array, t: Array, start: float, limits: MotionLimi
     not_finite = np.argwhere(~np.isfinite(states))
     if len(not_finite):
         which, row, joint = not_finite[0]
-        name, time, value = limits.joints[joint], start + float(t[row]), float(states[which, row, joint])
-        message = f"joint {name!r} at {time:.4f} s: {QUANTITIES[which]} is {value}; the trajectory is refused."
-        raise LimitError(QUANTITIES[which], name, time, value, float("nan"), message)
+        words = f"{QUANTITIES[which]} is {states[which, row, joint]}"
+        raise LimitError.at(limits.joints[joint], start + float(t[row]), words)
     h = float(t[1] - t[0])
     # bounds of the error of the trapezoidal rule by the jerk limit, plus rounding of the differences
     for d, error in enumerate((h**3 / 12, h**2 / 4, h)):
@@ -230,7 +212,8 @@ def _check_derivatives(states: Array, t: Array, start: float, limits: MotionLimi
         allowed = error * limits.jerk * (1 + LIMIT_ROUNDING) + 1e-9 * (np.abs(states[d]).max() + limits.sizes[d])
         if not (deviation <= allowed).all():
             row, joint = np.unravel_index(int(np.nan_to_num(deviation / allowed, nan=np.inf).argmax()), deviation.shape)
-            raise _jump_error(QUANTITIES[d], limits.joints[joint], start + float(t[row]), float(deviation[row, joint]))
+            words = f"{QUANTITIES[d]} jumps by {deviation[row, joint]:.4g}"
+            raise LimitError.at(limits.joints[joint], start + float(t[row]), words)
 
 
 def _check_rest(ends: Array, duration: float, limits: MotionLimits) -> None:
@@ -239,11 +222,8 @@ def _check_rest(ends: Array, duration: float, limits: MotionLimits) -> None:
         moving = np.abs(ends[d]) > REST_TOLERANCE * limits.sizes[d]
         if moving.any():
             end, joint = np.argwhere(moving)[0]
-            value, name, t = float(ends[d, end, joint]), limits.joints[joint], float(end) * duration
-            message = (
-                f"joint {name!r} at {t:.4f} s: {QUANTITIES[d]} is {value:.4g} where the trajectory should be at rest."
-            )
-            raise LimitError(QUANTITIES[d], name, t, value, 0.0, message)
+            words = f"{QUANTITIES[d]} is {ends[d, end, joint]:.4g} where the trajectory should be at rest"
+            raise LimitError.at(limits.joints[joint], float(end) * duration, words)
 
 
 def _select_samples(states: Array, tau: Array) -> tuple[Array, Array]:
@@ -284,9 +264,8 @@ def _check_clearance(space: Distances, trajectory: Trajectory, clearance: float)
     closest = replace(closest, time=trajectory.first_time(closest.time))
     if closest.distance < clearance - LIMIT_ROUNDING:
         first, second = closest.pair
-        message = (
+        raise LimitError(
             f"{first!r} and {second!r} are {1000 * closest.distance:.2f} mm apart at {closest.time:.4f} s, nearer than "
             f"the clearance of {1000 * clearance:g} mm; the trajectory is refused."
         )
-        raise LimitError("distance", f"{first} and {second}", closest.time, closest.distance, clearance, message)
     return closest

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynident.apps.fleets.components import FEW_ROBOTS, History, Scatter, scatter_of
 from dynident.apps.fleets.ratios import LikelihoodRatios, NullDraws
 from dynident.regression import ParameterGroup
-from dynident.runtime import ConfigError, brief
+from dynident.runtime import brief
 
 Array = NDArray[np.float64]
 DRAWS = 1000
@@ -101,13 +101,9 @@ def find_changes(
     """Return what has changed on robots of one type, and how their parameters scatter.
 
     ``rate`` is the share of robots without any change of which one is reported; ``draws`` of ``rng`` calibrate it, for
-    each robot. Scatter and changes are estimated in turn, because each hides the other. Raises ConfigError for a wrong
-    rate or too few draws, InputError where the robots are not of one type.
+    each robot. Scatter and changes are estimated in turn, because each hides the other. Raises InputError where the
+    robots are not of one type.
     """
-    if not 0 < rate < 1:
-        raise ConfigError(f"rate of false alarms is {rate}; give a share of robots between 0 and 1, such as 0.01.")
-    if draws < 2 / rate:
-        raise ConfigError(f"{draws} draws do not tell a rate of false alarms of {rate}; give at least {2 / rate:.0f}.")
     seeds = rng.integers(2**63, size=len(histories))  # the same draws in each round
     scatter, changes_by_robot = scatter_of(histories, groups, rng), dict[str, tuple[Change, ...]]()
     p_values, errors = dict[str, float](), _LogErrors(np.zeros((0, 0)), np.zeros(0, dtype=int))

@@ -44,13 +44,6 @@ class History:
 
     __repr__ = brief
 
-    def __post_init__(self) -> None:
-        k, b = self.value.shape
-        if (len(self.logs), self.days.shape, self.information.shape) != (k, (k,), (k, b, b)):
-            raise InputError(f"{self.robot}: the shapes of the logs, days, values and information do not match.")
-        if np.any(np.diff(self.days) < 0):
-            raise InputError(f"{self.robot}: the logs are not in the order of their dates.")
-
 
 @dataclass(frozen=True, eq=False)
 class WhitenedVectors:

@@ -37,7 +37,7 @@ from dynident.project.fields import (
     Section,
     TimeOffsetValue,
     Windows,
-    as_number,
+    bounded_reader,
     read_settings,
 )
 from dynident.project.result_format import section_schema
@@ -51,17 +51,9 @@ FILES = (RECIPE, NOTE, TABLE, REPORT)
 
 PARTS = f"{TABLE}.parts"
 
-PLAIN_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-")
-RESERVED_NAMES = {
-    "con",
-    "prn",
-    "aux",
-    "nul",
-    *(f"{name}{k}" for name in ("com", "lpt") for k in range(10)),
-}  # of Windows
-MAX_NAME_LENGTH = 80  # letters
+# readable names of folders on any system: no device of Windows, no point at either end
+PLAIN_NAME = re.compile(r"(?!(?i:con|prn|aux|nul|com\d|lpt\d)(\.|$))[\w-]([\w.-]{0,78}[\w-])?", re.ASCII)
 PlainSettings = Mapping[str, Any]
-MIN_FALSE_ALARMS, MAX_FALSE_ALARMS = 1e-4, 0.5  # of false alarms: a smaller rate needs too many draws
 
 FIELD = re.compile(r"\{([^{}]*)\}")
 WILDCARDS = re.compile(r"(\*\*/?|\*|\?|\{[^{}]*\})")
@@ -76,50 +68,30 @@ DATE_FORMAT_HINT = "give `date_format`, such as %d.%m.%Y, if they are written in
 def folder_names(names: Iterable[str]) -> dict[str, str]:
     """Return a folder for each name, by name: readable, the same in every run, and never one for two names.
 
-    Other characters than letters, digits, points and hyphens are written as =xx, which links take as they are. Names
-    that then are too long, or alike on a system that ignores case, end with a digest.
+    A name of letters, digits, points, hyphens and underscores is its own folder. In others, in those that are too
+    long, and those that are alike on a system that ignores case, what is odd is an underscore, and a digest follows.
 
-    >>> folder_names(["arm 1", "../etc"])
-    {'arm 1': 'arm=201', '../etc': '=2E.=2Fetc'}
+    >>> folder_names(["arm-1", "../etc"])
+    {'arm-1': 'arm-1', '../etc': '_etc=f7f9121fdb53'}
     """
     unique_names = list(dict.fromkeys(names))
-    # names that differ only by case would share a folder on some systems
-    count = Counter(_escape(name).casefold() for name in unique_names)
+    count = Counter(name.casefold() for name in unique_names)
     return {
-        name: _distinct_name(name) if count[_escape(name).casefold()] > 1 else _short_name(name)
+        name: name if PLAIN_NAME.fullmatch(name) and count[name.casefold()] == 1 else _digest_name(name)
         for name in unique_names
     }
+
+
+def _digest_name(name: str) -> str:
+    """Return a name of a folder that no other has: a plain one has no =."""
+    digest = sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:12]
+    return f"{re.sub(r'[^a-zA-Z0-9-]+', '_', name)[:60]}={digest}"
 
 
 def is_result(file: Path, out: Path) -> bool:
     """Whether a file is one that a fleet writes to its folder ``out``; others may be there, too."""
     top_parts = file.relative_to(out).parts[:1] if file.is_relative_to(out) else ()
     return top_parts != () and top_parts[0] in (*FILES, RUNS, PARTS)
-
-
-def _escape(name: str) -> str:
-    pieces = []
-    for character in name:
-        octets = character.encode("utf-8", "surrogatepass")
-        pieces.append(character if character in PLAIN_CHARACTERS else "".join(f"={octet:02X}" for octet in octets))
-    text = "".join(pieces)
-    # a point at the start hides a folder, one at the end is dropped by Windows
-    if text[:1] == ".":
-        text = f"=2E{text[1:]}"
-    if text[-1:] == ".":
-        text = f"{text[:-1]}=2E"
-    return text if text.partition(".")[0].lower() not in RESERVED_NAMES else f"{text}="
-
-
-def _short_name(name: str) -> str:
-    text = _escape(name)
-    return text if text and len(text) <= MAX_NAME_LENGTH else _distinct_name(name)
-
-
-def _distinct_name(name: str) -> str:
-    """Return a name that no other has: a lone = ends no escape."""
-    digest = sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:12]
-    return f"{_escape(name)[: MAX_NAME_LENGTH - 14].rstrip('.')}=-{digest}"
 
 
 def _read_file_name(value: object, info: ValidationInfo) -> Path:
@@ -129,22 +101,8 @@ def _read_file_name(value: object, info: ValidationInfo) -> Path:
     return Path((info.context or {}).get("folder", "."), str(value))
 
 
-def _read_text(value: object) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise ValueError("a text is expected")
-    return value
-
-
-def _read_rate(value: object) -> float:
-    number = as_number(value)
-    if not MIN_FALSE_ALARMS <= number <= MAX_FALSE_ALARMS:
-        raise ValueError(f"a share from {MIN_FALSE_ALARMS} to {MAX_FALSE_ALARMS} is expected, such as 0.01 for 1 %")
-    return number
-
-
-Share = Annotated[float, BeforeValidator(_read_rate)]
+Share = Annotated[float, BeforeValidator(bounded_reader(1e-4, 0.5))]  # a smaller rate needs too many draws
 FileName = Annotated[Path, BeforeValidator(_read_file_name)]
-Text = Annotated[str, BeforeValidator(_read_text)]
 
 
 class RobotChanges(Section):
@@ -187,9 +145,9 @@ class FleetSettings(Section):
     """
 
     recipe: FileName
-    logs: Text | None = None
-    table: Text | None = None
-    date_format: Text | None = None
+    logs: Name | None = None
+    table: Name | None = None
+    date_format: Name | None = None
     window: Windows = ()
     width: CountOrEach = None
     type: Name = "robot"

@@ -341,7 +341,7 @@ def _change_figures(trends: RobotTrends, fleet: FleetResult) -> Iterator[PageBlo
 
 def _all_section(fleet: FleetResult, robots: Mapping[str, RobotTrends]) -> Iterator[PageSection]:
     """Yield the section with robots side by side, one view per type and group, the largest changes first."""
-    types = {kind: [robots[name] for name in robots if name in names] for kind, names in _types(fleet).items()}
+    types = {kind: [trends for name, trends in robots.items() if name in names] for kind, names in fleet.types.items()}
     types = {kind: members for kind, members in types.items() if members}
     # Types share the room for robots side by side
     max_robots = max(MAX_SIDE_BY_SIDE // max(len(types), 1), 1)
@@ -362,10 +362,6 @@ def _all_section(fleet: FleetResult, robots: Mapping[str, RobotTrends]) -> Itera
     if (drawn_count := sum(map(len, drawn.values()))) < len(robots):
         lead += f" Drawn are {drawn_count} of {len(robots)} robots, those that changed first."
     yield PageSection("All robots", (lead, Gallery(("type", "group"), views)))
-
-
-def _types(fleet: FleetResult) -> dict[str, frozenset[str]]:
-    return {kind: frozenset(names) for kind, names in fleet.types.items()}
 
 
 def _side_by_side(group: ParameterGroup, robots: Sequence[RobotTrends], fleet: FleetResult) -> Iterator[PageBlock]:

@@ -23,7 +23,7 @@ from dynident.apps.fleets.components import (
 )
 from dynident.models import Joint, Model
 from dynident.regression import BaseParameters, GroupKind, ParameterGroup
-from dynident.runtime import InputError, brief
+from dynident.runtime import brief
 
 if TYPE_CHECKING:
     import polars as pl
@@ -88,13 +88,8 @@ def pool_robots(
     """Return what robots of one type share, each as it was before its changes.
 
     ``scatter`` as ``find_changes`` returns it; changes of residuals count for nothing. The spread has no zeros by
-    chance (Chung et al., 2013), and one odd robot is bounded in it and in the mean. Raises InputError for fewer than
-    three robots.
+    chance (Chung et al., 2013), and one odd robot is bounded in it and in the mean.
     """
-    if len(histories) < MIN_ROBOTS:
-        raise InputError(
-            f"{len(histories)} robots do not show how robots of a type differ; give at least {MIN_ROBOTS}."
-        )
     parameter_changes = [entry for entry in changes if entry.group.kind is not GroupKind.RESIDUAL]
     baselines = [
         baseline(entry, scatter, [x for x in parameter_changes if x.robot == entry.robot]) for entry in histories

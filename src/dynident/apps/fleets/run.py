@@ -35,14 +35,11 @@ from dynident.files.results import as_path
 from dynident.files.row_store import RowStore
 from dynident.regression import groups_of
 from dynident.report.identification.report import run_files
-from dynident.runtime import InputError, Step, join_names, report_progress
-from dynident.runtime.jobs import JobOptions, JobResult, Limits, Status, run_jobs
+from dynident.runtime import join_names, report_progress
+from dynident.runtime.jobs import FAILURES, JobOptions, JobResult, Limits, Status
 
 if TYPE_CHECKING:
     import polars as pl
-
-# another attempt may succeed
-RETRIED_STATUSES = {"status": [status.value for status in Status if status is not Status.OK]}
 
 
 def fleet(
@@ -158,27 +155,12 @@ def _log_rows(
 ) -> tuple[pl.DataFrame, int]:
     """Return the rows of all logs, and how many of them are new; the others were known."""
     with RowStore(
-        None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, retried=RETRIED_STATUSES
+        None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, retried={"status": FAILURES}
     ) as store:
         # a row with the present recipe and file is not made again
-        pending = [job for job in jobs if job.key not in store]
-        report_progress(Step("identifying logs", 0, len(pending)))
-        try:
-            for count, finished_job in enumerate(run_jobs(work, pending, options.executor, limits=options.limits), 1):
-                store.add([_write_files(finished_job, folder)])
-                report_progress(Step("identifying logs", count, len(pending)))
-        except KeyboardInterrupt as stop:
-            stop.add_note(_kept_note(folder))
-            raise
-        except InputError as error:
-            raise InputError(f"{error} {_kept_note(folder)}") from error
-        return _present_rows(store.table(), jobs, work.recipe), len(pending)
-
-
-def _kept_note(folder: Path | None) -> str:
-    if folder is None:
-        return "No log is kept; name a folder for the results to keep them."
-    return f"Finished logs are kept in {folder / TABLE}; run the same command again to go on."
+        keys = {job: job.key for job in jobs}
+        new_count = store.fill(work, keys, lambda result: _write_files(result, folder), options, "identifying logs")
+        return _present_rows(store.table(), jobs, work.recipe), new_count
 
 
 def _robots_by_type(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.online.scores import Reference, Scores, Sums
 from dynident.regression import GroupKind, ParameterGroup
-from dynident.runtime import ConfigError, brief
+from dynident.runtime import brief
 
 Array = NDArray[np.float64]
 MIN_DIRECTION_SHARE = 1e-6  # of the largest information of a direction of the group: less is none
@@ -85,11 +85,8 @@ def threshold(
 
     ``block`` (s) is the length of a block. ``rng`` draws ``SIMULATED_HOURS`` hours without change, each with
     a scatter by ``dof`` degrees of freedom and a reference by ``baseline`` blocks. From the evidence that a
-    good part of these hours reach, the rate falls as exp(-x), by the definition of evidence. Raises
-    ConfigError for a rate that is not positive.
+    good part of these hours reach, the rate falls as exp(-x), by the definition of evidence.
     """
-    if not (np.isfinite(rate) and rate > 0):
-        raise ConfigError(f"false alarms a day are {rate}; give a positive number, such as 0.03 (one in a month).")
     largest = np.zeros(SIMULATED_HOURS)
     for k in sorted(set(ranks)):
         count = list(ranks).count(k)

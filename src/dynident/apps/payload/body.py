@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,7 +263,6 @@ def _information_rate(
     return np.asarray(np.einsum("tji,tjk,j->ik", Y, Y, 1.0 / variance)) / SAMPLES_PER_PERIOD
 
 
-@dataclass(frozen=True)
 class NotShown(Note):
     """The motion with the payload does not show ``components`` of it, of standard errors ``std`` (SI).
 
@@ -272,7 +270,7 @@ class NotShown(Note):
     ``then``; no joint is named where none would by itself.
     """
 
-    advises: ClassVar[bool] = True
+    advises = True
     components: tuple[Component, ...]
     std: tuple[float, ...]
     joint: str = ""
@@ -298,12 +296,11 @@ class NotShown(Note):
         )
 
 
-@dataclass(frozen=True)
 class PayloadOrDrift(Note):
     """``share`` of the variance of a ``component`` is due to drift of friction and offsets since the arm was
     identified: the data do not tell it from the payload. ``unloaded``: whether recordings without it were given."""
 
-    advises: ClassVar[bool] = True
+    advises = True
     component: Component
     share: float
     unloaded: bool
@@ -318,12 +315,11 @@ class PayloadOrDrift(Note):
         return f"{text}record the same motion without the payload on the same day (--unloaded)"
 
 
-@dataclass(frozen=True)
 class GainsUnknown(Note):
     """The gains of the drives limit the mass: ``std`` (kg) in all, of which ``data`` (kg) were left if they were known.
     ``common`` (%) is how wrong all may be together."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     std: float
     data: float
     common: float
@@ -336,7 +332,6 @@ class GainsUnknown(Note):
         )
 
 
-@dataclass(frozen=True)
 class NoPayload(Note):
     """The mass (kg) is less than three standard errors from nothing, so that nothing else is known of it."""
 
@@ -347,7 +342,6 @@ class NoPayload(Note):
         return f"no payload is seen: {mass_bound(self.mass, self.std)}"
 
 
-@dataclass(frozen=True)
 class OtherArm(Note):
     """What payload, drift and gains leave of the differences is ``factor`` times what the standard errors allow, by
     which these were multiplied."""
@@ -361,11 +355,10 @@ class OtherArm(Note):
         )
 
 
-@dataclass(frozen=True)
 class SameRecording(Note):
     """A recording ``source`` without the payload is one that the result was fitted to; it counts there already."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
     source: str
 
     def __str__(self) -> str:

@@ -24,7 +24,6 @@ from dynident.apps.ranking.ranking import (
 )
 from dynident.apps.ranking.task import (
     CommonSamples,
-    Masks,
     Task,
     describe_failure,
     empty_row,
@@ -116,7 +115,9 @@ class Fit:
         for column, motion_set, role in (
             ("held", motions, "validation"), ("alike", configured_motions, "validation"), ("train", motions, "train"),
         ):  # fmt: skip
-            squares = _residual_squares(task, motion_set[role], estimate.value, self.common.masks, role)
+            squares = task.squares(
+                _torque_residuals(task, motion_set[role], estimate.value), self.common.masks, role, fitted_only=False
+            )
             row[column] = (squares if column == "held" else squares.sum(axis=0)).ravel().tolist()
         if task.truth is not None:
             errors, base = identifiability_of(
@@ -134,7 +135,8 @@ class Fit:
             return {}
         began = time.perf_counter()
         try:
-            cross = _cross_validation_squares(self.task, motions, _without_costs(part), time_offset)
+            part = replace(part, costs=False) if isinstance(part, PhysicallyConsistent) else part
+            cross = _cross_validation_squares(self.task, motions, part, time_offset)
         except Exception as error:
             outcome, reason = describe_failure(error)
             words = {"reason": f"cross-validation: {reason}"}
@@ -172,11 +174,6 @@ def _smallest_eigenvalue(problem: Problem, value: Array) -> float | None:
     return min((float(np.linalg.eigvalsh(body.scaled_inertia(value))[0]) for body in bodies), default=None)
 
 
-def _residual_squares(task: Task, motions: Mapping[str, Motion], value: Array, masks: Masks, role: str) -> Array:
-    """Return the sums of squares (K, n) of the residual of the unfiltered torque, in the blocks of a role."""
-    return task.squares(_torque_residuals(task, motions, value), masks, role, fitted_only=False)
-
-
 def _torque_residuals(task: Task, motions: Mapping[str, Motion], value: Array) -> dict[str, Array]:
     residuals = {}
     for name, motion in motions.items():
@@ -185,10 +182,6 @@ def _torque_residuals(task: Task, motions: Mapping[str, Motion], value: Array) -
         predicted = np.concatenate([task.model.torque(**motion.states(rows), theta=value) for rows in parts])
         residuals[name] = motion.tau - predicted
     return residuals
-
-
-def _without_costs(part: Estimator) -> Estimator:
-    return replace(part, costs=False) if isinstance(part, PhysicallyConsistent) else part
 
 
 def _cross_validation_squares(task: Task, motions: Mapping[str, Motion], part: Estimator, time_offset: float) -> Array:

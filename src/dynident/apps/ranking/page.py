@@ -231,9 +231,8 @@ def ranking_page(ranking: Ranking) -> str:
         sections.append(PageSection("Against the truth", tuple(_truth_blocks(ranking))))
     if ranking.failures or ranking.absent:
         sections.append(PageSection("Without an estimate", tuple(_failure_blocks(ranking))))
-    sections.append(
-        PageSection("How it is compared", (COMMON_NOTE, _chance_text(ranking), COSTS_NOTE, _parts_table(ranking)))
-    )
+    chance = CHANCE_NOTE.format(length=f", {short(ranking.block, 2)} s" if math.isfinite(ranking.block) else "")
+    sections.append(PageSection("How it is compared", (COMMON_NOTE, chance, COSTS_NOTE, _parts_table(ranking))))
     lead = f"{count(len(ranking.rows), 'combination')} on {ranking.name}: {ranking_heading(ranking)}."
     return render("Smoothers and estimators compared", lead, sections)
 
@@ -368,10 +367,6 @@ def _failure_blocks(ranking: Ranking) -> Iterator[PageBlock]:
     rows = [(*display_names(row.combination), row.outcome.value, row.reason) for row in ranking.failures]
     rows += [(row.smoother or "any", row.estimator or "any", "does not apply", row.reason) for row in ranking.absent]
     yield PageTable(columns, tuple(rows), "Combinations without an error, and why")
-
-
-def _chance_text(ranking: Ranking) -> str:
-    return CHANCE_NOTE.format(length=f", {short(ranking.block, 2)} s" if math.isfinite(ranking.block) else "")
 
 
 def _parts_table(ranking: Ranking) -> PageTable:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,15 +44,6 @@ class CombinationOutcome(StrEnum):
     TIMED_OUT = Status.TIMED_OUT.value
     OUT_OF_MEMORY = Status.OUT_OF_MEMORY.value
     DIED = Status.DIED.value
-
-
-# another attempt may succeed
-FAILED_OUTCOMES = (
-    CombinationOutcome.FAILED,
-    CombinationOutcome.TIMED_OUT,
-    CombinationOutcome.OUT_OF_MEMORY,
-    CombinationOutcome.DIED,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,28 +280,40 @@ class Ranking:
         """The combination of the configuration."""
         return next((entry for entry in self.rows if entry.combination.is_configured), None)
 
+    def numbers(self, entry: RankedCombination) -> dict[str, Any]:
+        """Return a combination as plain values: its names, outcome, errors, differences, conditions and times."""
+        row: dict[str, Any] = {
+            "smoother": entry.combination.smoother, "estimator": entry.combination.estimator,
+            "own": entry.combination.is_configured, "status": entry.outcome.value, "reason": entry.reason,
+            "notes": list(entry.notes), "error": entry.error, "overall": entry.overall,
+            "difference": entry.error - self.best.error if self.best else math.nan, "interval": list(entry.interval),
+            "p_value": entry.p_value, "worse": entry.is_worse, "held_out": dict(entry.held_out),
+            "same_motion": dict(entry.same_motion), "training": dict(entry.training),
+            "cross_validated": dict(entry.cross_validated), "condition": entry.condition,
+            "eigenvalue": entry.eigenvalue, "cross_p_value": entry.cross_p_value,
+            "seconds": [entry.seconds_smoothing, entry.seconds_estimate, entry.seconds_validation],
+        }  # fmt: skip
+        if (truth := entry.truth) is not None:
+            row["truth"] = {"error": truth.error, "std": truth.std, "median_relative": truth.relative,
+                            "over_bound": truth.over_bound, "covered": truth.covered, "count": truth.count}  # fmt: skip
+        return row
+
     def frame(self) -> pl.DataFrame:
-        """Return a table, one row per combination: smoother, estimator, own, status, reason, error (%), that of all
-        joints together, the difference to the best with the ends of its interval, p_value, worse, errors (%, geometric
-        mean over joints) of the same motion, cross-validated and of the training, condition, eigenvalue, seconds,
-        notes, and ``held_out.JOINT`` (%) by joint; null where not known.
+        """Return a table of the ``numbers``, one row per combination, null where not known: errors by joint as
+        geometric means, those held out also by joint (``held_out.JOINT``), the interval by its ends ``lower`` and
+        ``upper``, the seconds of smoothing and estimate, and the notes as one text.
         """
         import polars as pl
 
         rows = []
-        min_error = self.best.error if self.best else math.nan
         for entry in self.rows:
-            row = {
-                "smoother": entry.combination.smoother, "estimator": entry.combination.estimator,
-                "own": entry.combination.is_configured, "status": entry.outcome.value, "reason": entry.reason,
-                "error": entry.error, "overall": entry.overall,
-                "difference": entry.error - min_error, "lower": entry.interval[0], "upper": entry.interval[1],
-                "p_value": entry.p_value, "worse": entry.is_worse, "same_motion": geometric_mean(entry.same_motion),
-                "cross_validated": geometric_mean(entry.cross_validated), "training": geometric_mean(entry.training),
-                "condition": entry.condition, "eigenvalue": entry.eigenvalue,
-                "seconds": entry.seconds, "notes": ", ".join(entry.notes),
-            }  # fmt: skip
-            rows.append(row | {f"held_out.{joint}": entry.held_out.get(joint) for joint in self.joints})
+            row = self.numbers(entry)
+            means = {name: geometric_mean(row[name]) for name in ("same_motion", "cross_validated", "training")}
+            lower, upper = entry.interval
+            by_joint = {f"held_out.{joint}": entry.held_out.get(joint) for joint in self.joints}
+            texts = {"notes": ", ".join(entry.notes), "seconds": entry.seconds, "lower": lower, "upper": upper}
+            plain = {name: value for name, value in row.items() if not isinstance(value, dict | list)}
+            rows.append(plain | means | texts | by_joint)
         frame = pl.DataFrame(rows, schema_overrides={"eigenvalue": pl.Float64}, infer_schema_length=None)
         return frame.with_columns(pl.selectors.float().fill_nan(None))
 

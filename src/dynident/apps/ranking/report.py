@@ -315,7 +315,7 @@ def ranking_dict(ranking: Ranking) -> dict[str, Any]:
             ]
             for family, parts in (("smoothers", ranking.smoothers), ("estimators", ranking.estimators))
         },
-        "rows": [_candidate_dict(ranking, row) for row in ranking.rows],
+        "rows": list(map(ranking.numbers, ranking.rows)),
         "does_not_apply": [
             {"smoother": absence.smoother, "estimator": absence.estimator, "reason": absence.reason}
             for absence in ranking.absent
@@ -326,23 +326,3 @@ def ranking_dict(ranking: Ranking) -> dict[str, Any]:
 
 def _name_pair(row: RankedCombination | None) -> list[str] | None:
     return None if row is None else list(display_names(row.combination))
-
-
-def _candidate_dict(ranking: Ranking, ranked: RankedCombination) -> dict[str, Any]:
-    difference = math.nan if ranking.best is None else ranked.error - ranking.best.error
-    row: dict[str, Any] = {
-        "smoother": ranked.combination.smoother, "estimator": ranked.combination.estimator,
-        "own": ranked.combination.is_configured, "status": ranked.outcome.value, "reason": ranked.reason,
-        "notes": list(ranked.notes), "error": ranked.error, "overall": ranked.overall, "difference": difference,
-        "interval": list(ranked.interval), "p_value": ranked.p_value, "worse": ranked.is_worse,
-        "held_out": dict(ranked.held_out), "same_motion": dict(ranked.same_motion), "training": dict(ranked.training),
-        "cross_validated": dict(ranked.cross_validated), "condition": ranked.condition, "eigenvalue": ranked.eigenvalue,
-        "cross_p_value": ranked.cross_p_value,
-        "seconds": [ranked.seconds_smoothing, ranked.seconds_estimate, ranked.seconds_validation],
-    }  # fmt: skip
-    if ranked.truth is not None:
-        row["truth"] = {
-            "error": ranked.truth.error, "std": ranked.truth.std, "median_relative": ranked.truth.relative,
-            "over_bound": ranked.truth.over_bound, "covered": ranked.truth.covered, "count": ranked.truth.count,
-        }  # fmt: skip
-    return row

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from dynident.apps.ranking.assemble import ComparisonRows, Fit, Job, assemble_ra
 from dynident.apps.ranking.config import Candidate, estimator_candidates, smoother_candidates
 from dynident.apps.ranking.differences import compute_truth, read_truth, truth_text
 from dynident.apps.ranking.page import ranking_page
-from dynident.apps.ranking.ranking import FAILED_OUTCOMES, CombinationOutcome, Ranking
+from dynident.apps.ranking.ranking import CombinationOutcome, Ranking
 from dynident.apps.ranking.report import ranking_dict
 from dynident.apps.ranking.task import (
     KEY,
@@ -37,14 +38,13 @@ from dynident.files.results import as_path, json_text
 from dynident.files.row_store import RowStore
 from dynident.motion.smoothers import Smoother
 from dynident.project.project import Project, read_project
-from dynident.runtime import InputError, Step, report_progress
-from dynident.runtime.jobs import JobOptions, JobResult, Limits, Status, run_jobs
+from dynident.runtime import InputError, report_progress
+from dynident.runtime.jobs import FAILURES, JobOptions, JobResult, Limits, Status
 
 TABLE, NUMBERS, REPORT = "compare.parquet", "compare.json", "report.html"
 FILES = (TABLE, NUMBERS, REPORT)
 DEFAULT_FOLDS, MAX_FOLDS = 5, 100
 Parts = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
-J = TypeVar("J")
 
 
 def compare(
@@ -162,24 +162,18 @@ def _prepare_task(
 def _compute_rows(task: Task, parts: Parts, table: Path | None, options: JobOptions, *, rerun: bool) -> ComparisonRows:
     """Return the rows of all smoothers and combinations; those in the table are not computed again."""
     smoothers, estimators = parts
-    recomputed = {"status": [outcome.value for outcome in FAILED_OUTCOMES]}
-    with RowStore(table, row_schema(), KEY, rerun=rerun, retried=recomputed) as store:
-        try:
-            # a row is known by the digest of all that it depends on, so that changed settings are computed anew
-            digests = tuple(_text_digest(task.digest, smoother.settings) for smoother in smoothers)
-            keys = {k: (smoother.name, "", digests[k]) for k, smoother in enumerate(smoothers)}
-            _add_rows(store, Smoothing(task, smoothers, digests), keys, options, "smoothing by each method")
-            # the rows of all smoothers are needed first: only samples that all of them keep are compared
-            smoother_rows = _rows_by_key(store, list(keys.values()))
-            fit = Fit(task, _common_samples(task, smoothers, smoother_rows), smoothers, estimators)
-            fit_keys = {job: fit.key(job) for job in _fit_jobs(fit, smoother_rows)}
-            computed = _add_rows(store, fit, fit_keys, options, "estimating")
-            fit_rows = _rows_by_key(store, list(fit_keys.values()))
-        except KeyboardInterrupt as stop:
-            stop.add_note(_resume_hint(table))
-            raise
-        except InputError as error:
-            raise InputError(f"{error} {_resume_hint(table)}") from error
+    with RowStore(table, row_schema(), KEY, rerun=rerun, retried={"status": FAILURES}) as store:
+        # a row is known by the digest of all that it depends on, so that changed settings are computed anew
+        digests = tuple(_text_digest(task.digest, smoother.settings) for smoother in smoothers)
+        keys = {k: (smoother.name, "", digests[k]) for k, smoother in enumerate(smoothers)}
+        smoothing = Smoothing(task, smoothers, digests)
+        store.fill(smoothing, keys, partial(_job_row, keys), options, "smoothing by each method")
+        # the rows of all smoothers are needed first: only samples that all of them keep are compared
+        smoother_rows = _rows_by_key(store, list(keys.values()))
+        fit = Fit(task, _common_samples(task, smoothers, smoother_rows), smoothers, estimators)
+        fit_keys = {job: fit.key(job) for job in _fit_jobs(fit, smoother_rows)}
+        computed = store.fill(fit, fit_keys, partial(_job_row, fit_keys), options, "estimating")
+        fit_rows = _rows_by_key(store, list(fit_keys.values()))
     fits = {(job.smoother, job.estimator): row for job, row in zip(fit_keys, fit_rows, strict=True)}
     return ComparisonRows(smoothers, estimators, smoother_rows, fits, fit.common, computed)
 
@@ -196,31 +190,11 @@ def _fit_jobs(fit: Fit, smoother_rows: Sequence[Mapping[str, Any]]) -> list[Job]
     ]
 
 
-def _add_rows(
-    store: RowStore,
-    function: Callable[[J], dict[str, Any]],
-    keys: Mapping[J, tuple[str, str, str]],
-    options: JobOptions,
-    words: str,
-) -> int:
-    """Add the rows of the jobs, given with their keys, that are not in the store; return how many these are."""
-    pending = [job for job, key in keys.items() if key not in store]
-    report_progress(Step(words, 0, len(pending)))
-    for count, finished_job in enumerate(run_jobs(function, pending, options.executor, limits=options.limits), 1):
-        store.add([_job_row(finished_job, keys[finished_job.job])])
-        report_progress(Step(words, count, len(pending)))
-    return len(pending)
-
-
-def _job_row(finished_job: JobResult[Any, dict[str, Any]], key: tuple[str, str, str]) -> Mapping[str, Any]:
-    if finished_job.value is not None:
-        return finished_job.value
-    status = (
-        CombinationOutcome(finished_job.status.value)
-        if finished_job.status is not Status.OK
-        else CombinationOutcome.FAILED
-    )
-    return empty_row(key, status, finished_job.reason, finished_job.seconds)
+def _job_row(keys: Mapping[Any, tuple[str, str, str]], result: JobResult[Any, dict[str, Any]]) -> Mapping[str, Any]:
+    if result.value is not None:
+        return result.value
+    status = Status.FAILED if result.status is Status.OK else result.status
+    return empty_row(keys[result.job], CombinationOutcome(status.value), result.reason, result.seconds)
 
 
 def _rows_by_key(store: RowStore, keys: Sequence[tuple[str, str, str]]) -> list[Mapping[str, Any]]:
@@ -246,9 +220,3 @@ def _common_samples(task: Task, smoothers: Sequence[Candidate], rows: Sequence[M
 
 def _text_digest(*texts: str) -> str:
     return sha256("\n".join(texts).encode()).hexdigest()[:16]
-
-
-def _resume_hint(table: Path | None) -> str:
-    if table is None:
-        return "No row is kept; name a folder for the results to keep them."
-    return f"Finished rows are kept in {table}; run the same command again to go on."

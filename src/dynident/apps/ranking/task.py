@@ -362,7 +362,7 @@ def find_common_samples(task: Task, masks: Mapping[str, Mapping[str, Mapping[str
     included = [smoother_masks for name, smoother_masks in masks.items() if name not in excluded]
     common = {
         role: {
-            log: _intersect_masks([smoother_masks[role][log] for smoother_masks in included], motion.mask)
+            log: np.logical_and.reduce([motion.mask, *(smoother_masks[role][log] for smoother_masks in included)])
             for log, motion in role_motions.items()
         }
         for role, role_motions in task.motions.items()
@@ -379,10 +379,6 @@ def find_common_samples(task: Task, masks: Mapping[str, Mapping[str, Mapping[str
 def _kept_share(masks: Mapping[str, Mapping[str, Mask]]) -> float:
     """Return the part (%) of the samples of all logs where the masks are True."""
     return 100.0 * float(np.concatenate([mask for role_masks in masks.values() for mask in role_masks.values()]).mean())
-
-
-def _intersect_masks(masks: Sequence[Mask], motion_mask: Mask) -> Mask:
-    return np.asarray(np.logical_and.reduce([motion_mask, *masks]))
 
 
 def with_common_samples(task: Task, motions: Motions, common: CommonSamples) -> dict[str, dict[str, Motion]]:

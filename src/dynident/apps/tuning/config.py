@@ -10,19 +10,17 @@ import numpy as np
 
 from dynident.apps.tuning.bench import Bench
 from dynident.apps.tuning.tuning import Tuning
-from dynident.checks import with_findings
-from dynident.identification import identify
 from dynident.motion.log import Log
 from dynident.project.explicit_config import fixed_settings, settings_text
 from dynident.project.logs import recording_of, turning_joints
 from dynident.project.project import Project
 from dynident.project.settings import RobotSettings
-from dynident.runtime import ConfigError, Remark
+from dynident.runtime import ConfigError
 from dynident.runtime.families import ESTIMATORS
 
 
 def bench_of(project: Project) -> Bench:
-    """Return the bench of a project: its recordings are read, and identified once.
+    """Return the bench of a project, and of its identification.
 
     Raises the errors of ``Project.identify``, and ConfigError where the recordings are too long for the memory.
     """
@@ -31,20 +29,12 @@ def bench_of(project: Project) -> Bench:
             f"{project.path}: the recordings of `train` are too long for the memory, and fitted in pieces, which is "
             "too slow to tune by hand; give a shorter `window`, or raise the memory by --memory."
         )
-    (logs, remarks), turning = project.logs(), turning_joints(project.config)
-    model, recipe = project.model, project.recipe
-    identification = identify(model, logs["train"], logs["validation"], recipe)
-    identification = with_findings(identification, model, logs, recipe, multi_turn=turning)
-    provenance = replace(
-        identification.provenance, configuration=project.sources.configuration, model=project.sources.model
-    )
-    warnings = map(Remark, (*project.warnings, *model.notes, *remarks))
-    identification = replace(identification, warnings=(*warnings, *identification.warnings), provenance=provenance)
-    switchable = isinstance(project.config.model, RobotSettings)
+    identification, (logs, _) = project.identify(), project.logs()
     kind = ESTIMATORS.kind_of(identification.recipe.estimator)
     kind = kind if kind in ESTIMATORS.kinds() else ""  # a class of the user goes by its name
-    bench = Bench.of(model, logs, identification, switchable=switchable, estimator=kind)
-    return replace(bench, multi_turn=turning)
+    switchable = isinstance(project.config.model, RobotSettings)
+    bench = Bench.of(project.model, logs, identification, switchable=switchable, estimator=kind)
+    return replace(bench, multi_turn=turning_joints(project.config))
 
 
 def tuned_text(project: Project, bench: Bench, tuning: Tuning, path: Path) -> str:

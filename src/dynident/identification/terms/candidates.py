@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,11 +172,10 @@ class TooFewSamplesError(InputError):
     """There are too few samples to choose the terms by."""
 
 
-@dataclass(frozen=True)
 class PlainTerms(Note):
     """The terms are the plain set: there are too few samples to choose others by."""
 
-    severity: ClassVar[Severity] = Severity.INFO
+    severity = Severity.INFO
 
     def __str__(self) -> str:
         return (
@@ -185,7 +184,6 @@ class PlainTerms(Note):
         )
 
 
-@dataclass(frozen=True)
 class NotChosen(Note):
     """Parameters that settings of the estimator name, and that the model with the terms chosen does not have."""
 

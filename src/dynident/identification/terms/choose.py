@@ -23,30 +23,32 @@ from dynident.identification.terms.candidates import (
     fixed_terms,
     largest_lines,
 )
+from dynident.identification.terms.grams import (
+    Folds,
+    JointGrams,
+    Normal,
+    Prior,
+    add_ridge,
+    normal_matrices,
+    other_joint_normals,
+    prior_of,
+    try_groups,
+)
 from dynident.identification.terms.motors import MotorEquations, coupled_motors, motor_search
 from dynident.identification.terms.samples import (
     N_CLASSES,
-    Folds,
     JointEquations,
-    JointGrams,
     TermSamples,
-    add_ridge,
     columns_of,
     correlation_length,
     select_samples,
-    try_groups,
 )
 from dynident.identification.terms.search import (
     JointSearch,
-    Normal,
-    Prior,
     SearchFolds,
     TermEntry,
     TermGroup,
     gain_share,
-    normal_matrices,
-    other_joint_normals,
-    prior_of,
     renumber_columns,
 )
 from dynident.models import CoupledMotor, Model, Term
@@ -56,8 +58,6 @@ from dynident.regression import EVERYTHING, Selection
 from dynident.runtime import Step, brief, report_progress
 
 Array = NDArray[np.float64]
-
-
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
 TRIAL_SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 PRESLIDING_KINDS = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
@@ -126,9 +126,8 @@ class _TermSelection:
         samples = select_samples(model, motions, selection)
         if len(samples) < MIN_BLOCK_SAMPLES * samples.blocks:
             raise TooFewSamplesError(
-                f"{', '.join(motion.source for motion in motions)}: {len(samples)} usable samples are too few "
-                "to choose the "
-                "terms by; record longer, or name the terms."
+                f"{', '.join(motion.source for motion in motions)}: {len(samples)} usable samples are too few to "
+                "choose the terms by; record longer, or name the terms."
             )
         prior = prior_of(model.parameters)
         rows = tuple(JointEquations.of(samples, j, prior.mean) for j in range(len(model.joints)))
@@ -203,28 +202,26 @@ class _TermSelection:
         entered = [list[tuple[int, int]]() for _ in range(n)]
         for turn in range(PASSES):
             # The load changes with the terms, which depend on it: a few passes settle both.
-            load = self.samples.model.with_load(self.theta).load if self._has_load else None
+            load = self.samples.model.with_load(self.theta).load if self.samples.model.load_mask.any() else None
             loads = self.samples.loads(load)
             searches, columns = self._make_searches(loads)
             for j, search in enumerate(searches):
                 previous = [TermEntry(search.groups[g], size) for g, size in entered[j]]
-                search.entered = (
-                    previous + self._ripples_of(j, search) if turn else self._entered_by_name(search, PLAIN_KINDS)
-                )
+                search.entered = previous + self._ripples_of(j, search) if turn else search.entries(PLAIN_KINDS)
             plain = plain or self._errors(searches)
-            normals = list(map(self._normal_matrices, searches))
+            normals = [search.normal for search in searches]
             for j, search in enumerate(searches):
                 report_progress(Step("choosing the terms", (turn + (turn == PASSES - 1)) * n + j, (PASSES + 1) * n))
                 if self._is_still(j):
-                    search.entered = self._entered_by_name(search, PLAIN_KINDS)
+                    search.entered = search.entries(PLAIN_KINDS)
                     continue
                 # Dry friction and offset first, the rest anew: sizes of an earlier pass were chosen with another load.
-                search.entered = self._entered_by_name(search, PLAIN_KINDS[:3]) + self._ripples_of(j, search)
+                search.entered = search.entries(PLAIN_KINDS[:3]) + self._ripples_of(j, search)
                 other_normals = other_joint_normals(normals, j, self._precision, search.grams.acts)
                 search.forward(other_normals)
                 search.backward(other_normals)
                 search.exchange(other_normals)
-                normals[j] = self._normal_matrices(search)
+                normals[j] = search.normal
             entered = [[(search.groups.index(x.group), x.size) for x in search.entered] for search in searches]
             residuals = self._update_weights(searches, columns)
             for j in range(n if turn == PASSES - 2 else 0):
@@ -234,14 +231,11 @@ class _TermSelection:
             for motor in coupled_motors(self.samples.model) if turn == PASSES - 2 else ():
                 self._find_friction(searches, columns, motor)
         joints = self.samples.model.joints
+        trials = [earlier | search.trials for earlier, search in zip(self.trials, searches, strict=True)]
         return TermChoice(
             tuple(joint.name for joint in joints),
             combine_terms(joints, [[x.term for x in search.entered] for search in searches]),
-            tuple(
-                x
-                for search, trials in zip(searches, self.trials, strict=True)
-                for x in (trials | search.trials).values()
-            ),
+            tuple(trial for joint_trials in trials for trial in joint_trials.values()),
             tuple(plain),
             tuple(self._errors(searches)),
             tuple(self._min_speed(searches, columns, j) for j in range(n)),
@@ -250,15 +244,11 @@ class _TermSelection:
 
     def _ripples_of(self, j: int, search: JointSearch) -> list[TermEntry]:
         """Return the groups of the ripples that were found at a joint."""
-        return self._entered_by_name(search, [kind.name for kind in self.ripples[j]])
-
-    def _normal_matrices(self, search: JointSearch) -> Normal:
-        """Return the normal matrices of the model's parameters from the equations of one joint."""
-        return normal_matrices(search.grams, search.columns, self.division.train, search.weight)
+        return search.entries([kind.name for kind in self.ripples[j]])
 
     def _errors(self, searches: Sequence[JointSearch]) -> list[float]:
         """Return the cross-validated errors (%) of the joints."""
-        normals, errors = list(map(self._normal_matrices, searches)), []
+        normals, errors = [search.normal for search in searches], list[float]()
         for j, search in enumerate(searches):
             squared_error = max(
                 float(search.errors(other_joint_normals(normals, j, self._precision, search.grams.acts)).sum()), 0.0
@@ -275,23 +265,20 @@ class _TermSelection:
             search.weight = weight
         return residuals
 
-    @property
-    def _has_load(self) -> bool:
-        return any(term.loads for term in self.samples.model.terms)
-
     def _make_searches(self, loads: Sequence[Array]) -> tuple[list[JointSearch], list[Array]]:
         """Return the search of each joint with the groups of all kinds, and their columns (m, N)."""
         searches, columns = [], []
         for j, rows in enumerate(self.rows):
             groups: list[TermGroup] = []
             group_columns: list[Array] = []
-            kinds = [
-                x
-                for x in self.kinds
-                if not self._is_still(j) or x.name in PLAIN_KINDS[: 1 if self._is_held(j) else None]
-            ]
+            still_kinds = PLAIN_KINDS[: 1 if self._is_held(j) else None]
+            kinds = [kind for kind in self.kinds if not self._is_still(j) or kind.name in still_kinds]
             for kind in (*kinds, *self.ripples[j]):
-                terms = () if kind.needs_load and not self._has_load else tuple(kind.sizes(self.excitations[j]))
+                terms = (
+                    ()
+                    if kind.needs_load and not self.samples.model.load_mask.any()
+                    else tuple(kind.sizes(self.excitations[j]))
+                )
                 names = {parameter.name for term in terms for parameter in term.parameters}
                 if terms and not names & set(self.samples.model.names):
                     groups.append(self._group(kind, terms, j, loads, group_columns))
@@ -328,27 +315,17 @@ class _TermSelection:
 
     def _is_still(self, j: int) -> bool:
         """Return whether the friction of a joint cannot be seen: it hardly moves, or its torque is not fitted."""
-        slow = self.excitations[j].speed < max(
-            MAX_STILL_SHARE * max(excitation.speed for excitation in self.excitations), MIN_ARM_SPEED
-        )
+        fastest = max(excitation.speed for excitation in self.excitations)
+        slow = self.excitations[j].speed < max(MAX_STILL_SHARE * fastest, MIN_ARM_SPEED)
         return slow or self._is_held(j) or not self.rows[j].usable.any()
 
     def _is_held(self, j: int) -> bool:  # a controller holds it, so that it gives way a little: that is no friction
-        kinds, reach = (
-            [joint.kind for joint in self.samples.model.joints],
-            np.array([joint.reach for joint in self.excitations]),
-        )
+        reach = np.array([joint.reach for joint in self.excitations])
+        kinds = [joint.kind for joint in self.samples.model.joints]
         return bool(reach[j] > MIN_REACH and held_joints(reach, kinds)[j])
 
-    @staticmethod
-    def _entered_by_name(search: JointSearch, names: Sequence[str]) -> list[TermEntry]:
-        """Return the groups of the kinds with these names, each in its first size."""
-        return [TermEntry(group, 0) for group in search.groups if group.kind.name in names]
-
     def _other_normals(self, searches: Sequence[JointSearch], j: int) -> Normal:
-        return other_joint_normals(
-            list(map(self._normal_matrices, searches)), j, self._precision, searches[j].grams.acts
-        )
+        return other_joint_normals([search.normal for search in searches], j, self._precision, searches[j].grams.acts)
 
     def _find_ripples(self, searches: list[JointSearch], columns: list[Array], residuals: list[Array], j: int) -> None:
         """Add ripples to a joint one by one, at the largest lines in the residual of the other terms."""
@@ -387,14 +364,9 @@ class _TermSelection:
         equations = MotorEquations([self.rows[j] for j in on], joint_columns, self.weights[on], self.block)
         coupled_search = motor_search(self.samples, motor, equations)
         # The other joints enter by their normal matrices; those of the motor are in its own search.
-        normals = [self._normal_matrices(search) for j, search in enumerate(searches) if j not in on]
-        motor_normal = normal_matrices(
-            coupled_search.grams, coupled_search.columns, self.division.train, coupled_search.weight
-        )
+        others = [search for j, search in enumerate(searches) if j not in on]
         n_before = len(coupled_search.entered)
-        coupled_search.forward(
-            other_joint_normals([motor_normal, *normals], 0, self._precision, coupled_search.grams.acts)
-        )
+        coupled_search.forward(self._other_normals([coupled_search, *others], 0))
         self.trials[on[0]] |= coupled_search.trials
         for j in on:
             self.ripples[j] += [
@@ -404,11 +376,8 @@ class _TermSelection:
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out because this predicts all samples better."""
         joint_search, rows = searches[j], self.rows[j]
-        if (
-            self.given_speed
-            or self._is_still(j)
-            or any(x.group.kind.name in PRESLIDING_KINDS for x in joint_search.entered)
-        ):
+        has_presliding = any(entry.group.kind.name in PRESLIDING_KINDS for entry in joint_search.entered)
+        if self.given_speed or self._is_still(j) or has_presliding:
             return 0.0
         speed = np.abs(self.samples.states["dq"][:, j]) / self.excitations[j].speed
         # Samples fall into classes by speed, so that every trial speed is a choice of Gram matrices.
@@ -421,11 +390,8 @@ class _TermSelection:
             fast = (np.arange(C) >= k).astype(float)
             # All samples are predicted, also the slow ones that are left out of the fit.
             folds = Folds((1.0 - eye)[:, :, None] * fast, eye[:, :, None] * np.ones(C), np.arange(F))
-            errors.append(
-                try_groups(
-                    grams, folds, other_normals, range(len(joint_search.columns)), (), joint_search.weight
-                ).before
-            )
+            columns_used = range(len(joint_search.columns))
+            errors.append(try_groups(grams, folds, other_normals, columns_used, (), joint_search.weight).before)
         gains = [gain_share(errors[0] - error, errors[0]) for error in errors]
         best = int(np.argmax([gain for gain, _ in gains]))
         gain, std = gains[best]

@@ -2,90 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators import bodies_of, parameter_scales
 from dynident.identification.terms.candidates import CandidateKind, Setting, TermTrial, TrialOutcome
-from dynident.identification.terms.samples import (
+from dynident.identification.terms.grams import (
     Folds,
     JointGrams,
+    Normal,
     TrialFits,
-    add_ridge,
-    eliminate_columns,
+    normal_matrices,
     try_groups,
-    weighted_sums,
 )
-from dynident.models import Parameter, Term
+from dynident.models import Term
 from dynident.models.friction import JointTerm
 from dynident.runtime import brief
 
 Array = NDArray[np.float64]
-Normal = tuple[Array, Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """A prior of p parameters: ``mean`` (p), the robot file's values, and ``precision`` (p) per independent sample.
-
-    Its standard deviation is the size of the parameter: what a body of the nominal mass and length has. Parameters
-    that are not of bodies have none.
-    """
-
-    mean: Array
-    precision: Array
-
-    __repr__ = brief
-
-
-def prior_of(parameters: Sequence[Parameter]) -> Prior:
-    """Return the prior of the parameters of a model."""
-    bodies = bodies_of(parameters)
-    size = parameter_scales(parameters, bodies, np.ones(len(parameters)), 1.0)
-    mean, precision = np.zeros(len(parameters)), np.zeros(len(parameters))
-    for body in bodies:
-        values = [parameters[k].value for k in body.columns]
-        mean[body.columns] = [0.0 if value is None else value for value in values]
-        precision[body.columns] = 1.0 / size[body.columns] ** 2
-    return Prior(mean, precision)
-
-
-def normal_matrices(joint_grams: JointGrams, columns: Sequence[int], train: Array, weight: float) -> Normal:
-    """Return normal matrices (S, p, p) and right sides (S, p) of the parameters from one joint.
-
-    The chosen ``columns`` are eliminated; ``train`` (S, F) weighs the blocks of the joint.
-    """
-    b = len(joint_grams.maps)
-    total = weight * weighted_sums(train, joint_grams.grams.sum(axis=1))
-    M, right = eliminate_columns(total, b, [b + i for i in columns])
-    return joint_grams.maps.T @ M @ joint_grams.maps, right @ joint_grams.maps
-
-
-def other_joint_normals(normals: Sequence[Normal], j: int, precision: Array, acts: NDArray[np.intp]) -> Normal:
-    """Return normal matrices (S, k, k) and right sides of the parameters that act on joint j.
-
-    They are from all other joints and the prior (p); parameters that act on other joints only are eliminated.
-    """
-    # Sum over all joints less the one searched; the ridge keeps directions solvable that only this joint shows.
-    M = np.add.reduce([normal[0] for normal in normals])
-    diagonal = np.einsum("sii->si", M).max(axis=0)
-    M, right = M - normals[j][0], np.add.reduce([normal[1] for normal in normals]) - normals[j][1]
-    M = M + np.diag(precision + 1e-9 * diagonal + np.finfo(float).tiny)
-    if not len(eliminated := np.setdiff1d(np.arange(len(precision)), acts)):
-        return M, right
-    # Schur complement: eliminate the parameters without effect on this joint once, not in every trial.
-    cross = M[:, eliminated][:, :, acts]
-    solved = np.linalg.solve(
-        add_ridge(M[:, eliminated][:, :, eliminated]), np.concatenate([cross, right[:, eliminated, None]], axis=2)
-    )
-    reduction = np.swapaxes(cross, 1, 2) @ solved
-    return M[:, acts][:, :, acts] - reduction[..., :-1], right[:, acts] - reduction[..., -1]
-
-
 MIN_GAIN = 1.0  # %, of the squared error: what a term must remove
 # %: gain of a term of the plain set that is needless, and two standard errors above it
 NEGLIGIBLE_GAIN, MAX_IDLE_GAIN = 0.5, 2.0
@@ -217,6 +154,15 @@ class JointSearch:
     def columns(self) -> list[int]:
         """The columns that have entered."""
         return [i for entry in self.entered for i in entry.columns]
+
+    @property
+    def normal(self) -> Normal:
+        """The normal matrices of the model's parameters from the equations of this joint."""
+        return normal_matrices(self.grams, self.columns, self.division.train, self.weight)
+
+    def entries(self, names: Collection[str]) -> list[TermEntry]:
+        """Return the groups of the kinds with these names, each in its first size."""
+        return [TermEntry(group, 0) for group in self.groups if group.kind.name in names]
 
     def forward(self, other_normals: Normal) -> None:
         """Add the best group, or a simpler one within a standard error of it, until none is good enough."""

@@ -1,6 +1,6 @@
 """Friction laws of single joints."""
 
-from dynident.models.friction.dahl_and_load import Dahl, LoadCoulomb, LoadDahl, LoadRipple, LoadViscous, RemembersLoad
+from dynident.models.friction.dahl_and_load import Dahl, LoadCoulomb, LoadDahl, LoadRipple, LoadViscous
 from dynident.models.friction.dry_friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
@@ -30,7 +30,6 @@ __all__ = [
     "Offset",
     "PerJoint",
     "Power",
-    "RemembersLoad",
     "Ripple",
     "Spring",
     "Stribeck",

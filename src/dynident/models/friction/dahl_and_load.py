@@ -11,19 +11,19 @@ import numpy as np
 from annotated_types import Gt
 from numpy.typing import NDArray
 
-from dynident.models.friction.dry_friction import DryFriction
-from dynident.models.friction.joint_term import Constant, JointTerm, Slopes, Viscous
+from dynident.models.friction.dry_friction import WIDTH, DryFriction
+from dynident.models.friction.joint_term import Constant, JointTerm, PerJoint, Viscous
 from dynident.models.friction.joint_torques import Ripple
 from dynident.models.term import Equation, Joint, Past
 from dynident.motion.smoothers import BY_JOINT
 
 Array = NDArray[np.float64]
 Length = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
-LENGTH = Constant("a length above 0, in rad or m")
+LENGTH = Constant("a length above 0, in rad or m", unit="{unit}")
 
 
 @dataclass(frozen=True)
-class Dahl(JointTerm):
+class Dahl(PerJoint):
     """Dahl's friction, tau_j = Fc_j z_j / s_j with dz_j/dt = dq_j - abs(dq_j) z_j / s_j, in N m or N.
 
     z is how far the contact is bent and s its ``length`` (rad or m; of all joints or by joint), the motion after a
@@ -39,42 +39,23 @@ class Dahl(JointTerm):
 
     title: ClassVar[str] = "Dahl friction"
 
-    constants: ClassVar[Mapping[str, Constant]] = {"length": LENGTH}
+    constants: ClassVar[Mapping[str, Constant]] = {"length": replace(LENGTH, letter="s_d")}
     length: Length = 0.005
+    states: ClassVar[tuple[str, ...]] = ("z",)
+    symbol, letter = "Fd", "F_d"
     role = "coulomb"
+    law = "z"
+    words = "Dahl friction over {length:g} {unit}"
 
-    @property
-    def memory(self) -> int:
-        """One state for each joint in ``on``."""
-        return len(self.acts_on)
-
-    def remember(self, past: Past) -> Array:
-        """Return z / s at the samples of a motion, shape (N, m)."""
+    def remember_state(self, past: Past) -> Array:
+        """Return z / s at the samples of a motion, shape (N, p)."""
         return presliding(past, self._columns, self.by_column("length"))
 
-    def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
-        """Yield default name, unit and meaning of the parameter of a joint."""
-        length = self.constant("length", joint.name)
-        yield f"Fd_{joint.name}", joint.effort, f"Dahl friction over {length:g} {joint.unit}"
-
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        return Equation("F_d * z", ("F_d",), *presliding_equation(self.constant("length", joint.name), joint, "s_d"))
-
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
-        """Return the torque per unit of each parameter (N, p)."""
-        return memory[0]
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
-        """Return the derivatives at constant memory, zero."""
-        return None, None, None
-
-
-def presliding_equation(
-    length: float, joint: Joint, symbol: str
-) -> tuple[tuple[tuple[str, float, str], ...], tuple[tuple[str, str], ...]]:
-    """Return the constant and the state of presliding as ``Equation`` has them, with ``z`` for z / s."""
-    return ((symbol, length, joint.unit),), (("dz", f"(dq - abs(dq) * z) / {symbol}"),)
+    def equation(self, joint: Joint) -> Equation:
+        """Return the torque at a joint as an equation, with ``z`` for z / s."""
+        torque, letter = f"{self.letter} * {self.law}", self.constants["length"].letter
+        length = letter, self.constant("length", joint.name), joint.unit
+        return Equation(torque, (self.letter,), (length,), (("dz", f"(dq - abs(dq) * z) / {letter}"),))
 
 
 def presliding(past: Past, columns: list[int], length: Array) -> Array:
@@ -121,26 +102,7 @@ class RemembersLoad(JointTerm):
     """Base of friction by the load of the joints in ``on``: the torque of the bodies, N m or N, by a first fit."""
 
     needs_load: ClassVar[bool] = True
-
-    @property
-    def memory(self) -> int:
-        """The load at the joint of each parameter."""
-        return len(self._columns)
-
-    def remember(self, past: Past) -> Array:
-        """Return the load at the samples of a motion, shape (N, m)."""
-        return past.load[:, self._columns]
-
-    def formula(self) -> str:
-        """Return ``shapes`` as NumPy source, of q, dq, ddq and the absolute ``load``."""
-        return f"load * ({shape_source})" if (shape_source := super().formula()) else ""
-
-    def numpy_source(self, name: str, theta: Array) -> str:
-        """Return the text of a function that gives Y theta; the load is that of a function ``_load(q, dq, ddq)``."""
-        load = "    load = np.abs(_load(q, dq, ddq))[:, joints]\n"
-        # the load depends on all joints: take it before the states are reduced to the joints of the term
-        head, tail = super().numpy_source(name, theta).split("    q, dq, ddq = ", 1)
-        return f"{head}{load}    q, dq, ddq = {tail}"
+    states: ClassVar[tuple[str, ...]] = ("load",)
 
 
 @dataclass(frozen=True)
@@ -158,33 +120,12 @@ class LoadCoulomb(RemembersLoad, DryFriction):
 
     title: ClassVar[str] = "Coulomb friction by the load"
 
+    constants: ClassVar[Mapping[str, Constant]] = {"width": replace(WIDTH, letter="w_l")}
     symbol = "fc"
     role = "coulomb"
-
-    def unit(self, joint: Joint) -> str:  # noqa: ARG002
-        """Return the unit of a joint's parameter."""
-        return "1"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return f"Coulomb friction: torque per abs(load) {self.sign_words()}"
-
-    def formula(self) -> str:
-        """Return ``shapes`` as NumPy source."""
-        return f"load * {self.sign_source()}"
-
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        sign, width = self.sign_law(joint, "w_l")
-        return Equation(f"f_c * abs(load) * {sign}", ("f_c",), width)
-
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
-        """Return the torque per unit of each parameter (N, p)."""
-        return np.abs(memory[0]) * super().shapes(q, dq, ddq)
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
-        """Return the derivatives at constant load."""
-        return None, np.abs(memory[0]) * self.slope(dq), None
+    law = "abs(load) * sign(dq, width)"
+    words = "Coulomb friction: torque per abs(load) {sign}"
+    unit_text = "1"
 
 
 @dataclass(frozen=True)
@@ -200,34 +141,13 @@ class LoadViscous(RemembersLoad, Viscous):
     title: ClassVar[str] = "viscous friction by the load"
 
     symbol = "fv"
-
-    def unit(self, joint: Joint) -> str:
-        """Return the unit of a joint's parameter."""
-        return f"s/{joint.unit}"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "viscous friction: torque per abs(load) dq"
-
-    def formula(self) -> str:
-        """Return ``shapes`` as NumPy source."""
-        return "load * dq"
-
-    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
-        """Return the torque at a joint as an equation."""
-        return Equation("f_v * abs(load) * dq", ("f_v",))
-
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
-        """Return the torque per unit of each parameter (N, p)."""
-        return np.abs(memory[0]) * super().shapes(q, dq, ddq)
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
-        """Return the derivatives at constant load."""
-        return None, np.abs(memory[0]) * self.slope(dq), None
+    law = "abs(load) * dq"
+    words = "viscous friction: torque per abs(load) dq"
+    unit_text = "s/{unit}"
 
 
 @dataclass(frozen=True)
-class LoadDahl(JointTerm):
+class LoadDahl(RemembersLoad, Dahl):
     """Dahl's friction by the load, tau_j = fd_j abs(load_j) z_j / s_j, without unit; z as in ``Dahl``, ``load`` as in
     ``LoadCoulomb``.
 
@@ -239,40 +159,12 @@ class LoadDahl(JointTerm):
 
     title: ClassVar[str] = "Dahl friction by the load"
 
-    needs_load: ClassVar[bool] = True
-    constants: ClassVar[Mapping[str, Constant]] = {"length": LENGTH}
-    length: Length = 0.005
-    role = "coulomb"
-
-    @property
-    def memory(self) -> int:
-        """The states z / s of all joints in ``on``, then their loads."""
-        return 2 * len(self.acts_on)
-
-    def remember(self, past: Past) -> Array:
-        """Return z / s and the load at the samples of a motion, shape (N, m)."""
-        state = presliding(past, self._columns, self.by_column("length"))
-        return np.concatenate([state, past.load[:, self._columns]], axis=1)
-
-    def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
-        """Yield default name, unit and meaning of the parameter of a joint."""
-        length = self.constant("length", joint.name)
-        yield f"fd_{joint.name}", "1", f"Dahl friction over {length:g} {joint.unit}: torque per abs(load)"
-
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        return Equation(
-            "f_d * abs(load) * z", ("f_d",), *presliding_equation(self.constant("length", joint.name), joint, "s_l")
-        )
-
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
-        """Return the torque per unit of each parameter (N, p)."""
-        state, load = np.split(memory[0], 2, axis=1)
-        return np.asarray(np.abs(load) * state)
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
-        """Return the derivatives at constant memory, zero."""
-        return None, None, None
+    constants: ClassVar[Mapping[str, Constant]] = {"length": replace(LENGTH, letter="s_l")}
+    states: ClassVar[tuple[str, ...]] = ("z", "load")
+    symbol, letter = "fd", "f_d"
+    law = "abs(load) * z"
+    words = "Dahl friction over {length:g} {unit}: torque per abs(load)"
+    unit_text = "1"
 
 
 @dataclass(frozen=True)
@@ -287,6 +179,7 @@ class LoadRipple(RemembersLoad, Ripple):
 
     title: ClassVar[str] = "ripple by the load"
 
+    law = f"abs(load) * {Ripple.law}"
     symbol: ClassVar[str] = "load_ripple"
     letters: ClassVar[tuple[str, str, str]] = ("alpha", "beta", "m")
 
@@ -295,16 +188,7 @@ class LoadRipple(RemembersLoad, Ripple):
         for name, _, meaning in super().described(joint):
             yield name, "1", meaning.replace("torque per", "torque per abs(load)")
 
-    def law(self, joint: Joint) -> Equation:
+    def equation(self, joint: Joint) -> Equation:
         """Return the torque at a joint as an equation."""
-        law = super().law(joint)
-        return replace(law, torque=f"abs(load) * ({law.torque})")
-
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
-        """Return the torque per unit of each parameter (N, p)."""
-        return np.abs(memory[0]) * super().shapes(q, dq, ddq)
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> tuple[Array, Array, None]:
-        """Return the derivatives at constant load."""
-        by_q, by_dq, _ = super().slopes(q, dq, ddq)
-        return np.abs(memory[0]) * by_q, np.abs(memory[0]) * by_dq, None
+        equation = super().equation(joint)
+        return replace(equation, torque=f"abs(load) * ({equation.torque})")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Self
@@ -11,8 +10,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from dynident.models.friction.joint_term import Constant, PerJoint, Speed, Viscous
-from dynident.models.term import Equation, Joint
+from dynident.models.friction.joint_term import Constant, PerJoint, Speed
+from dynident.models.term import Joint
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError
 
@@ -23,12 +22,13 @@ WIDTH = Constant("a velocity of 0 or more, in rad/s or m/s", low=1e-300, high=1e
 
 @dataclass(frozen=True)
 class DryFriction(PerJoint):
-    """Base of friction against the motion: tau_j = theta_j sign(dq_j).
+    """Base of friction against the motion, whose law holds ``sign(dq, width)``.
 
     ``width`` > 0 (rad/s, m/s), of all joints or by joint, makes the sign tanh(dq / width), which a simulation needs.
     With width 0 the sign is discontinuous, sign(0) = 0, and its derivative is 0, also at the jump.
     """
 
+    sign: ClassVar[str] = "sign(dq, width)"
     constants: ClassVar[Mapping[str, Constant]] = {"width": WIDTH}
     width: Width = 0.0
 
@@ -48,70 +48,23 @@ class DryFriction(PerJoint):
         widths = np.where(self.sharp, np.asarray(width)[self._columns], self.by_column("width"))
         return (replace(self, width=dict(zip(self.acts_on, widths.tolist(), strict=True))),)
 
-    def sign(self, dq: Array) -> Array:
-        """Return the sign of the velocity (N, p), or its smooth form."""
-        width = self.by_column("width")
-        if not width.any():
-            return np.sign(dq)
-        # a divisor of one where the width is zero: there the smooth sign is not used
-        smooth = np.tanh(dq / np.where(width > 0, width, 1.0))
-        return smooth if width.all() else np.where(width > 0, smooth, np.sign(dq))
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``sign``."""
-        width = self.by_column("width")
-        if not width.any():
-            return np.zeros_like(dq)
-        # widths of zero: a divisor of one avoids warnings, and an infinite one makes the slope zero
-        slope = (1 - np.tanh(dq / np.where(width > 0, width, 1.0)) ** 2) / np.where(width > 0, width, np.inf)
-        return np.asarray(slope)
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return self.sign(dq)
-
-    def sign_source(self) -> str:
-        """Return ``sign`` as NumPy source."""
-        width = self.by_column("width")
-        if not width.any():
-            return "np.sign(dq)"
+    def formula(self) -> str:
+        """Return ``shapes`` as NumPy source."""
+        width, sign = self.by_column("width"), "sign(dq)"
         if width.all():
-            return f"np.tanh(dq / {self.source('width')})"
-        divisor = np.where(width > 0, width, 1.0).tolist()
-        return f"np.where({(width > 0).tolist()!r}, np.tanh(dq / np.array({divisor!r})), np.sign(dq))"
+            sign = f"tanh(dq / {self.source('width')})"
+        elif width.any():  # a divisor of one where the width is zero: there the smooth sign is not used
+            divisor = np.where(width > 0, width, 1.0).tolist()
+            sign = f"where({(width > 0).tolist()!r}, tanh(dq / np.array({divisor!r})), sign(dq))"
+        return self._source_of(self.law.replace(self.sign, sign))
 
-    def sign_law(self, joint: Joint, symbol: str) -> tuple[str, tuple[tuple[str, float, str], ...]]:
-        """Return the sign at a joint as a factor of an equation, and the width as its constant ``symbol``."""
-        width = float(self.constant("width", joint.name))
-        return (f"tanh(dq / {symbol})", ((symbol, width, f"{joint.unit}/s"),)) if width else ("sign(dq)", ())
+    def law_at(self, joint: Joint) -> str:
+        """Return the law at a joint, with the sign as it is there."""
+        return self.law.replace(self.sign, "tanh(dq / width)" if self.constant("width", joint.name) else "sign(dq)")
 
-    def sign_words(self) -> str:
-        """Return the sign as a part of ``meaning``, of a term on one joint."""
-        width = self.constant("width", self.acts_on[0])
-        return f"tanh(dq/{width:g})" if width else "sign(dq)"
-
-
-@dataclass(frozen=True)
-class FrictionBySpeed(DryFriction):
-    """Base of friction against the motion that depends on the speed: tau_j = theta_j m(abs(dq_j)) sign(dq_j)."""
-
-    @abstractmethod
-    def magnitude(self, speed: Array) -> Array:
-        """Return m for speeds (N, p), which are not negative."""
-
-    @abstractmethod
-    def steepness(self, speed: Array) -> Array:
-        """Return the derivative of ``magnitude``."""
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return self.magnitude(np.abs(dq)) * self.sign(dq)
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        # product rule, with sign(dq) as the derivative of the speed
-        speed = np.abs(dq)
-        return self.magnitude(speed) * super().slope(dq) + self.steepness(speed) * np.sign(dq) * self.sign(dq)
+    def _format(self, text: str, joint: Joint) -> str:
+        width = self.constant("width", joint.name)
+        return super()._format(text.replace("{sign}", f"tanh(dq/{width:g})" if width else "sign(dq)"), joint)
 
 
 @dataclass(frozen=True)
@@ -131,10 +84,16 @@ class Coulomb(DryFriction):
 
     title: ClassVar[str] = "Coulomb friction"
 
-    constants: ClassVar[Mapping[str, Constant]] = {"width": WIDTH, "dead_band": WIDTH}
+    sign: ClassVar[str] = "sign(dq, width, dead_band)"
+    constants: ClassVar[Mapping[str, Constant]] = {
+        "width": replace(WIDTH, letter="w_c"),
+        "dead_band": replace(WIDTH, letter="d_c"),
+    }
     dead_band: Width = 0.0
     symbol = "Fc"
     role = "coulomb"
+    law = sign
+    words = "Coulomb friction: torque per {sign}"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -154,26 +113,16 @@ class Coulomb(DryFriction):
 
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
-        _, dead = self.rule(self.acts_on[0])
-        band = f", 0 within abs(dq) <= {dead:g}" if dead else ""
-        return f"Coulomb friction: torque per {self.sign_words()}{band}"
+        _, band = self.rule(self.acts_on[0])
+        return super().meaning() + (f", 0 within abs(dq) <= {band:g}" if band else "")
 
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        sign, width = self.sign_law(joint, "w_c")
-        if band := self.rule(joint.name)[1]:
-            sign, width = "sign(dq, d_c)", (("d_c", band, f"{joint.unit}/s"),)
-        return Equation(f"F_c * {sign}", ("F_c",), width)
-
-    def sign(self, dq: Array) -> Array:
-        """Return the sign of the velocity (N, p), or its smooth form."""
-        band = self.by_column("dead_band")
-        sign = super().sign(dq)
-        return np.where((band == 0) | (np.abs(dq) > band), sign, 0.0) if band.any() else sign
+    def law_at(self, joint: Joint) -> str:
+        """Return the law at a joint, with the sign as it is there."""
+        return "sign(dq, dead_band)" if self.rule(joint.name)[1] else super().law_at(joint)
 
     def formula(self) -> str:
-        """Return ``shape`` as NumPy source."""
-        band, sign = self.by_column("dead_band"), self.sign_source()
+        """Return ``shapes`` as NumPy source."""
+        band, sign = self.by_column("dead_band"), super().formula()
         return f"np.where(np.abs(dq) > {self.source('dead_band')}, {sign}, 0.0)" if band.any() else sign
 
 
@@ -191,31 +140,12 @@ class WideCoulomb(PerJoint):
 
     title: ClassVar[str] = "Coulomb friction of a wide sign"
 
-    constants: ClassVar[Mapping[str, Constant]] = {"width": Constant()}
+    constants: ClassVar[Mapping[str, Constant]] = {"width": Constant(letter="w_w")}
     width: Speed = field(kw_only=True)
     symbol = "Fw"
     role = "coulomb"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return f"Coulomb friction of a wide sign: torque per tanh(dq/{self.width:g})"
-
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        width = self.constant("width", joint.name)
-        return Equation("F_w * tanh(dq / w_w)", ("F_w",), (("w_w", width, f"{joint.unit}/s"),))
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return np.asarray(np.tanh(dq / self.by_column("width")))
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.asarray((1 - self.shape(dq) ** 2) / self.by_column("width"))
-
-    def formula(self) -> str:
-        """Return ``shape`` as NumPy source."""
-        return f"np.tanh(dq / {self.source('width')})"
+    law = "tanh(dq / width)"
+    words = "Coulomb friction of a wide sign: torque per tanh(dq/{width:g})"
 
 
 @dataclass(frozen=True)
@@ -233,33 +163,11 @@ class AsymmetricCoulomb(PerJoint):
 
     title: ClassVar[str] = "half of what Coulomb friction differs by between the directions"
 
-    constants: ClassVar[Mapping[str, Constant]] = {"width": Constant()}
+    constants: ClassVar[Mapping[str, Constant]] = {"width": Constant(letter="w_a")}
     width: Speed = field(kw_only=True)
     symbol = "Fca"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return f"asymmetric Coulomb friction: torque per tanh(dq/{self.width:g})^2"
-
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        width = self.constant("width", joint.name)
-        return Equation("F_ca * tanh(dq / w_a)**2", ("F_ca",), (("w_a", width, f"{joint.unit}/s"),))
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return np.asarray(np.tanh(dq / self.by_column("width")) ** 2)
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        width = self.by_column("width")
-        tanh = np.tanh(dq / width)
-        # d/dx tanh(x)^2 = 2 tanh(x) (1 - tanh(x)^2)
-        return np.asarray(2 * tanh * (1 - tanh**2) / width)
-
-    def formula(self) -> str:
-        """Return ``shape`` as NumPy source."""
-        return f"np.tanh(dq / {self.source('width')}) ** 2"
+    law = "tanh(dq / width)**2"
+    words = "asymmetric Coulomb friction: torque per tanh(dq/{width:g})^2"
 
 
 @dataclass(frozen=True)
@@ -277,34 +185,13 @@ class AsymmetricViscous(PerJoint):
     title: ClassVar[str] = "half of what viscous friction differs by between the directions"
 
     symbol = "Fva"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "asymmetric viscous friction: torque per abs(dq)"
-
-    def unit(self, joint: Joint) -> str:
-        """Return the unit of a joint's parameter."""
-        return Viscous((joint,)).unit(joint)
-
-    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
-        """Return the torque at a joint as an equation."""
-        return Equation("F_va * abs(dq)", ("F_va",))
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return np.abs(dq)
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.sign(dq)
-
-    def formula(self) -> str:
-        """Return ``shape`` as NumPy source."""
-        return "np.abs(dq)"
+    law = "abs(dq)"
+    words = "asymmetric viscous friction: torque per abs(dq)"
+    unit_text = "{effort} s/{unit}"
 
 
 @dataclass(frozen=True)
-class Stribeck(FrictionBySpeed):
+class Stribeck(DryFriction):
     """Stribeck friction, tau_j = Fs_j exp(-(dq_j / velocity)^2) sign(dq_j), in N m or N.
 
     It is what friction at low speed exceeds Coulomb friction by, with exponent 2 (Armstrong-Helouvry et al. 1994,
@@ -320,41 +207,23 @@ class Stribeck(FrictionBySpeed):
 
     title: ClassVar[str] = "Stribeck friction"
 
-    constants: ClassVar[Mapping[str, Constant]] = {"width": WIDTH, "velocity": Constant()}
+    constants: ClassVar[Mapping[str, Constant]] = {
+        "width": replace(WIDTH, letter="w_s"),
+        "velocity": Constant(letter="v_s"),
+    }
     velocity: Speed = field(kw_only=True)
     symbol = "Fs"
     role = "coulomb"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return f"Stribeck friction: torque per exp(-(dq/{self.velocity:g})^2) {self.sign_words()}"
-
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        sign, width = self.sign_law(joint, "w_s")
-        speed = "v_s", self.constant("velocity", joint.name), f"{joint.unit}/s"
-        return Equation(f"F_s * exp(-(dq / v_s)**2) * {sign}", ("F_s",), (speed, *width))
-
-    def magnitude(self, speed: Array) -> Array:
-        """Return the torque per unit of the parameter and of the sign."""
-        return np.asarray(np.exp(-((speed / self.by_column("velocity")) ** 2)))
-
-    def steepness(self, speed: Array) -> Array:
-        """Return the derivative of ``magnitude`` by the speed."""
-        return np.asarray(-2 * speed / self.by_column("velocity") ** 2 * self.magnitude(speed))
-
-    def formula(self) -> str:
-        """Return ``shape`` as NumPy source."""
-        return f"np.exp(-((dq / {self.source('velocity')}) ** 2)) * {self.sign_source()}"
+    law = "exp(-(dq / velocity)**2) * sign(dq, width)"
+    words = "Stribeck friction: torque per exp(-(dq/{velocity:g})^2) {sign}"
 
 
 MAX_EXPONENT = 3.0
 Exponent = Annotated[float, Gt(0), Le(MAX_EXPONENT)]
-MIN_SPEED = 1e-50  # rad/s, m/s: below, the slope is that at this speed
 
 
 @dataclass(frozen=True)
-class Power(FrictionBySpeed):
+class Power(DryFriction):
     """Friction with a power of the speed, tau_j = Fp_j abs(dq_j)^exponent sign(dq_j), in N m (s/rad)^exponent.
 
     Below 1, it rises less and less with the speed, as that of lubricants does (Waiboer et al. 2005, "Velocity
@@ -371,42 +240,17 @@ class Power(FrictionBySpeed):
     title: ClassVar[str] = "friction with a power of the speed"
 
     constants: ClassVar[Mapping[str, Constant]] = {
-        "width": WIDTH,
-        "exponent": Constant("an exponent above 0, at most 3", high=MAX_EXPONENT),
+        "width": replace(WIDTH, letter="w_p"),
+        "exponent": Constant("an exponent above 0, at most 3", high=MAX_EXPONENT, letter="p", unit="1"),
     }
     exponent: Annotated[Exponent | Mapping[str, Exponent], BY_JOINT] = field(kw_only=True)
     symbol = "Fp"
     role = "viscous"
+    law = "abs(dq)**exponent * sign(dq, width)"
+    words = "friction: torque per abs(dq)^{exponent:g} {sign}"
+    unit_text = "{effort} (s/{unit})^{exponent:g}"
 
     @property
     def sharp(self) -> NDArray[np.bool_]:
         """At which joints in ``on`` the torque rises infinitely fast where the velocity changes its sign."""
         return np.asarray((self.by_column("width") == 0) & (self.by_column("exponent") < 1))
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return f"friction: torque per abs(dq)^{self.exponent:g} {self.sign_words()}"
-
-    def unit(self, joint: Joint) -> str:
-        """Return the unit of a joint's parameter."""
-        return f"{joint.effort} (s/{joint.unit})^{self.constant('exponent', joint.name):g}"
-
-    def law(self, joint: Joint) -> Equation:
-        """Return the torque at a joint as an equation."""
-        sign, width = self.sign_law(joint, "w_p")
-        exponent = "p", self.constant("exponent", joint.name), "1"
-        return Equation(f"F_p * abs(dq)**p * {sign}", ("F_p",), (exponent, *width))
-
-    def magnitude(self, speed: Array) -> Array:
-        """Return the torque per unit of the parameter and of the sign."""
-        return np.asarray(speed ** self.by_column("exponent"))
-
-    def steepness(self, speed: Array) -> Array:
-        """Return the derivative of ``magnitude`` by the speed."""
-        # below an exponent of 1 the slope is infinite at rest
-        exponent = self.by_column("exponent")
-        return np.asarray(exponent * np.maximum(speed, MIN_SPEED) ** (exponent - 1))
-
-    def formula(self) -> str:
-        """Return ``shape`` as NumPy source."""
-        return f"np.abs(dq) ** {self.source('exponent')} * {self.sign_source()}"

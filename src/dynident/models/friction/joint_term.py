@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from annotated_types import Gt
 from numpy.typing import NDArray
 
-from dynident.models.term import Equation, Joint, Parameter, Partials, Term
+from dynident.models.friction.law import LAW_FUNCTIONS, differentiate_law, evaluate_law, functions_in, names_in, rename
+from dynident.models.term import FUNCTIONS, Equation, Joint, Parameter, Partials, Past, Term
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError, choices
 
@@ -21,19 +22,26 @@ MIN_VELOCITY, MAX_VELOCITY = 1e-9, 1e9  # rad/s, m/s: of shape constants
 Number = Annotated[float | Mapping[str, float], BY_JOINT]
 Speed = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
 
+CONSTANT_LAW = "dq**0"  # one at any velocity
+
 Array = NDArray[np.float64]
 Slopes = tuple[Array | None, Array | None, Array | None]  # by q, dq, ddq; None: zero
 
 
 @dataclass(frozen=True)
 class Constant:
-    """The limits of a shape constant: from ``low`` to ``high``, or also 0 with ``zero``; ``words`` say it in errors."""
+    """The limits of a shape constant: from ``low`` to ``high``, or also 0 with ``zero``; ``words`` say it in errors.
+
+    In equations it has the ``letter``, by default its name, and the ``unit``, in which {unit} is that of the joint.
+    """
 
     words: str = "a velocity above 0, in rad/s or m/s"
     low: float = MIN_VELOCITY
     high: float = MAX_VELOCITY
     zero: bool = False
     integer: bool = False
+    letter: str = ""
+    unit: str = "{unit}/s"
 
     def accepts(self, value: object) -> bool:
         """Return whether a value is a number within the limits."""
@@ -48,13 +56,17 @@ class Constant:
 class JointTerm(Term):
     """Base of terms with one or several parameters for each joint in ``on``: tau_j = sum of theta_jk f_jk.
 
-    f_jk is a function of q_j, dq_j and ddq_j. A subclass defines ``described``, its parameters, and ``shapes`` and
-    ``slopes``, its columns; ``count`` where a joint has several, ``formula`` for exports. ``constants`` names those of
-    its fields that are constants of the shape: one for all joints, or a mapping by joint. ``role`` is that of
-    ``Parameter``. Methods pass on the memory of a term that has one.
+    f_jk is a function of q_j, dq_j and ddq_j, by default that of the text ``law``, from which its derivatives and its
+    NumPy source follow. It may name what the term remembers, its ``states``: ``z``, and the ``load`` of the joint. A
+    subclass whose torque is no such text defines ``shapes`` and ``slopes``, its columns, and ``formula`` for exports.
+    Each defines ``described``, its parameters, and ``count`` where a joint has several.
+    ``constants`` names those of its fields that are constants of the shape: one for all joints, or a mapping by joint.
+    ``role`` is that of ``Parameter``. Methods pass on the memory of a term that has one.
     """
 
-    FOLLOWS: ClassVar[Mapping[str, tuple[str, ...]]] = {**Term.FOLLOWS, "law": ("regressor", "shapes", "shape", "sign")}
+    FOLLOWS: ClassVar[Mapping[str, tuple[str, ...]]] = {**Term.FOLLOWS, "equation": ("regressor", "shapes")}
+    law: ClassVar[str] = ""
+    states: ClassVar[tuple[str, ...]] = ()
     role: ClassVar[str] = ""
     constants: ClassVar[Mapping[str, Constant]] = {}
     joints: tuple[Joint, ...] = field(repr=False)
@@ -211,27 +223,32 @@ class JointTerm(Term):
 
     @property
     def equations(self) -> tuple[Equation, ...]:
-        """The equation of each joint in ``on`` by ``law``; none where a subclass overrides the torque alone."""
+        """The equation of each joint in ``on``; none where a subclass overrides the torque alone."""
         joints_by_name = {joint.name: joint for joint in self.joints}
         equations, start = [], 0
         for name in self.acts_on:
-            law = self.law(joints_by_name[name])
-            if law is None:
+            equation = self.equation(joints_by_name[name])
+            if equation is None:
                 return ()
-            parameters = self.parameters[start : start + len(law.symbols)]
-            start += len(law.symbols)
+            parameters = self.parameters[start : start + len(equation.symbols)]
+            start += len(equation.symbols)
             equations.append(
-                replace(law, parameters=tuple(parameter.name for parameter in parameters), on=((name, 1.0),))
+                replace(equation, parameters=tuple(parameter.name for parameter in parameters), on=((name, 1.0),))
             )
         return tuple(equations)
 
-    def law(self, joint: Joint) -> Equation | None:  # noqa: ARG002
+    def equation(self, joint: Joint) -> Equation | None:  # noqa: ARG002
         """Return the torque at a joint as an equation, without its ``parameters`` and ``on``; None: not known."""
         return None
 
     def formula(self) -> str:
-        """Return ``shapes`` as NumPy source, of q, dq and ddq; empty where it is not known."""
-        return ""
+        """Return ``shapes`` as NumPy source, of q, dq, ddq and the load; empty where it is not known."""
+        is_known = "z" not in self.states and type(self).shapes is JointTerm.shapes
+        return self._source_of(self.law) if is_known else ""
+
+    def _source_of(self, law: str) -> str:
+        constants = {name: self.source(name) for name in self._constant_names if name in names_in(law)}
+        return rename(law, {name: f"np.{name}" for name in LAW_FUNCTIONS} | constants)
 
     def source(self, name: str) -> str:
         """Return a shape constant as NumPy source, for ``formula``."""
@@ -240,13 +257,18 @@ class JointTerm(Term):
         return repr(numbers[0]) if len(set(numbers)) == 1 else f"np.array({numbers!r})"
 
     def numpy_source(self, name: str, theta: Array) -> str:
-        """Return the text of a function of q, dq and ddq that gives Y theta; ModelError without a ``formula``."""
+        """Return the text of a function of q, dq and ddq that gives Y theta; ModelError without a ``formula``.
+
+        The load is that of a function ``_load(q, dq, ddq)``.
+        """
         if not (formula := self.formula()):
             cls = type(self).__name__
             raise ModelError(f"model.py cannot hold the term {cls}: give its formula by a method `{cls}.formula`.")
+        # the load depends on all joints: take it before the states are reduced to the joints of the term
+        load = "    load = _load(q, dq, ddq)[:, joints]\n" if "load" in self.states else ""
         return (
             f"def {name}(q, dq, ddq):\n"
-            f"    joints = {self._columns!r}\n"
+            f"    joints = {self._columns!r}\n{load}"
             f"    q, dq, ddq = q[:, joints], dq[:, joints], ddq[:, joints]\n"
             f"    return (np.array({theta.tolist()!r}) * ({formula})) @ np.eye({len(self.joints)})[joints]\n"
         )
@@ -259,13 +281,43 @@ class JointTerm(Term):
     def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
         """Yield default name, unit and meaning of the parameters of a joint, which is the only one in ``on``."""
 
-    @abstractmethod
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
         """Return the torque per unit of each parameter (N, p), for the motion (N, p) of its joint."""
+        if not self.law:
+            raise ModelError(f"{type(self).__name__}: give its torque as text by `law`, or by a method `shapes`.")
+        return evaluate_law(self.law, self._law_values(q, dq, ddq, *memory), q.shape)
 
-    @abstractmethod
     def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:
         """Return the derivatives of ``shapes`` by q, dq and ddq, each (N, p), or None for zero."""
+        values, names = self._law_values(q, dq, ddq, *memory), names_in(self.law)
+        by_q, by_dq, by_ddq = (
+            differentiate_law(self.law, values, name, q.shape) if name in names else None for name in ("q", "dq", "ddq")
+        )
+        return by_q, by_dq, by_ddq
+
+    def _law_values(self, q: Array, dq: Array, ddq: Array, *memory: Array) -> dict[str, Array]:
+        states = np.split(memory[0], len(self.states), axis=1) if self.states else ()
+        constants = {name: self.by_column(name) for name in self._constant_names}
+        return {"q": q, "dq": dq, "ddq": ddq, **dict(zip(self.states, states, strict=True)), **constants}
+
+    @property
+    def _constant_names(self) -> list[str]:
+        """What the law names besides the motion and the memory."""
+        return [name for name in names_in(self.law) if name not in ("q", "dq", "ddq", *self.states)]
+
+    @property
+    def memory(self) -> int:
+        """The states of each parameter."""
+        return len(self.states) * len(self._columns)
+
+    def remember(self, past: Past) -> Array:
+        """Return the states at the samples of a motion, shape (N, m), of all parameters one state after the other."""
+        parts = [self.remember_state(past) if name == "z" else past.load[:, self._columns] for name in self.states]
+        return np.concatenate([np.zeros((len(past.t), 0)), *parts], axis=1)
+
+    def remember_state(self, past: Past) -> Array:
+        """Return the states ``z`` (N, p) at the samples of a motion."""
+        raise NotImplementedError
 
 
 def _is_by_joint(value: object) -> bool:
@@ -286,52 +338,54 @@ def _check_numbers(constant: Any, where: str, allowed: Constant) -> Any:
 
 @dataclass(frozen=True)
 class PerJoint(JointTerm):
-    """Base of terms with one parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of q_j or ddq_j.
+    """Base of terms with one parameter for each joint in ``on``: tau_j = theta_j f_j, f_j by the text ``law``.
 
-    A subclass defines ``shape``, its derivative ``slope``, and ``meaning``; ``symbol`` is the prefix of the parameters'
-    names, ``role`` that of ``Parameter``, ``of`` what ``shape`` depends on; ``formula`` is ``shape`` as text, for
-    exports. Further fields are settings; those in ``constants`` may be given by joint, see ``JointTerm``.
+    A subclass says also its ``words``, the meaning of the parameter, and where it is no torque its ``unit_text``; both
+    are formats of the constants and of {unit} and {effort} of the joint. ``symbol`` is the prefix of the parameters'
+    names, in equations with the rest of it as a subscript, or ``letter``. Further fields are settings; those in
+    ``constants`` may be given by joint, see ``JointTerm``.
     """
 
     symbol: ClassVar[str]
-    of: ClassVar[Literal["q", "dq", "ddq"]] = "dq"
+    letter: ClassVar[str] = ""
+    words: ClassVar[str] = ""
+    unit_text: ClassVar[str] = "{effort}"
 
     def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
         """Yield default name, unit and meaning of the parameter of a joint."""
         yield f"{self.symbol}_{joint.name}", self.unit(joint), self.meaning()
 
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
-        """Return the torque per unit of each parameter (N, p)."""
-        return self.shape({"q": q, "dq": dq, "ddq": ddq}[self.of])
-
-    def slopes(
-        self,
-        q: Array,
-        dq: Array,
-        ddq: Array,
-        /,
-        *memory: Array,  # noqa: ARG002
-    ) -> tuple[Array | None, Array | None, Array | None]:
-        """Return the derivatives of ``shapes``; only that by ``of`` is not zero."""
-        slope = self.slope({"q": q, "dq": dq, "ddq": ddq}[self.of])
-        by_q, by_dq, by_ddq = (slope if self.of == name else None for name in ("q", "dq", "ddq"))
-        return by_q, by_dq, by_ddq
-
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
-        return joint.effort
+        return self._format(self.unit_text, joint)
 
-    @abstractmethod
     def meaning(self) -> str:
-        """Return the meaning of the parameter."""
+        """Return the meaning of the parameter, of a term on one joint."""
+        (joint,) = (joint for joint in self.joints if joint.name == self.acts_on[0])
+        return self._format(self.words, joint)
 
-    @abstractmethod
-    def shape(self, dq: Array, /) -> Array:
-        """Return the torque per unit of the parameter."""
+    def _format(self, text: str, joint: Joint) -> str:
+        constants = {name: self.constant(name, joint.name) for name in self.constants}
+        return text.format(unit=joint.unit, effort=joint.effort, **constants)
 
-    @abstractmethod
-    def slope(self, dq: Array, /) -> Array:
-        """Return the derivative of ``shape``."""
+    def equation(self, joint: Joint) -> Equation | None:
+        """Return the torque at a joint as an equation; None for a law of functions that equations have not."""
+        law = self.law_at(joint)
+        if not functions_in(law) <= FUNCTIONS.keys():
+            return None
+        used = [name for name in names_in(law) if name in self.constants]
+        letters = {name: self.constants[name].letter or name for name in used}
+        constants = tuple(
+            (letters[name], self.constant(name, joint.name), self._format(self.constants[name].unit, joint))
+            for name in used
+        )
+        letter = self.letter or "_".join(filter(None, (self.symbol[:1], self.symbol[1:])))
+        torque = letter if law == CONSTANT_LAW else f"{letter} * {rename(law, letters)}"
+        return Equation(torque, (letter,), constants)
+
+    def law_at(self, joint: Joint) -> str:  # noqa: ARG002
+        """Return the law at a joint, in the functions that an equation may hold."""
+        return self.law
 
 
 @dataclass(frozen=True)
@@ -352,23 +406,6 @@ class Viscous(PerJoint):
 
     symbol = "Fv"
     role = "viscous"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "viscous friction: torque per dq"
-
-    def unit(self, joint: Joint) -> str:
-        """Return the unit of a joint's parameter."""
-        return "N m s/rad" if joint.kind == "revolute" else "N s/m"
-
-    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
-        """Return the torque at a joint as an equation."""
-        return Equation("F_v * dq", ("F_v",))
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return dq
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.ones_like(dq)
+    law = "dq"
+    words = "viscous friction: torque per dq"
+    unit_text = "{effort} s/{unit}"

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from dynident.models.friction.joint_term import Constant, JointTerm, Number, PerJoint, Slopes
+from dynident.models.friction.joint_term import CONSTANT_LAW, Constant, JointTerm, Number, PerJoint
 from dynident.models.term import Equation, Joint, Past
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError
@@ -31,30 +31,16 @@ class Offset(PerJoint):
 
     title: ClassVar[str] = "constant torque"
 
-    symbol = "offset"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "constant torque"
-
-    def law(self, joint: Joint) -> Equation:  # noqa: ARG002
-        """Return the torque at a joint as an equation."""
-        return Equation("tau_o", ("tau_o",))
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return np.ones_like(dq)
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.zeros_like(dq)
+    symbol, letter = "offset", "tau_o"
+    law = CONSTANT_LAW
+    words = "constant torque"
 
 
 Time = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
 
 
 @dataclass(frozen=True)
-class Drift(JointTerm):
+class Drift(PerJoint):
     """Drift of a torque, tau_j = drift_j (1 - exp(-t / T_j)), in N m or N, with t (s) from the start of the recording.
 
     ``time`` T (s) is that in which most of the drift is over, of all joints or by joint; ``on``, ``names``, ... as in
@@ -70,35 +56,21 @@ class Drift(JointTerm):
 
     constants: ClassVar[Mapping[str, Constant]] = {"time": Constant("a time above 0, in s")}
     time: Time = 60.0
+    states: ClassVar[tuple[str, ...]] = ("z",)
+    symbol = "drift"
+    law = "z"
+    words = "torque by which the joint drifts, in about {time:g} s"
 
-    @property
-    def memory(self) -> int:
-        """The share of the drift that is over, for each joint in ``on``."""
-        return len(self.acts_on)
-
-    def remember(self, past: Past) -> Array:
-        """Return the share of the drift that is over at the samples of a motion, shape (N, m)."""
+    def remember_state(self, past: Past) -> Array:
+        """Return the share of the drift that is over at the samples of a motion, shape (N, p)."""
         start = 0.0 if past.start is None else past.start
         elapsed = (past.t - past.t[:1])[:, None]
         return np.asarray(1.0 - (1.0 - start) * np.exp(-elapsed / self.by_column("time")))
 
-    def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
-        """Yield default name, unit and meaning of the parameter of a joint."""
-        time = self.constant("time", joint.name)
-        yield f"drift_{joint.name}", joint.effort, f"torque by which the joint drifts, in about {time:g} s"
-
-    def law(self, joint: Joint) -> Equation:
+    def equation(self, joint: Joint) -> Equation:
         """Return the torque at a joint as an equation."""
         time = "T", self.constant("time", joint.name), "s"
         return Equation("D * (1 - exp(-t / T))", ("D",), (time,))
-
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
-        """Return the torque per unit of each parameter (N, p)."""
-        return memory[0]
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
-        """Return the derivatives, zero."""
-        return None, None, None
 
 
 Length = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
@@ -138,7 +110,16 @@ class Counterbalance(PerJoint):
     angle: Number = field(kw_only=True)
     free_length: LengthOrZero = field(kw_only=True)
     symbol = "kc"
-    of = "q"
+    # the law of cosines by the half angle, which keeps its digits where the arms are in line
+    length: ClassVar[str] = (
+        f"maximum(sqrt((base_arm - link_arm)**2 + 4 * base_arm * link_arm * sin((q + angle) / 2)**2), {MIN_LENGTH})"
+    )
+    law = f"(1 - free_length / {length}) * base_arm * link_arm * sin(q + angle)"
+    words = (
+        "counterbalance: stiffness of a spring of {free_length:g} m between arms of {base_arm:g} and {link_arm:g} m, "
+        "{angle:g} rad apart at q = 0"
+    )
+    unit_text = "N/m"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -148,18 +129,7 @@ class Counterbalance(PerJoint):
                     f"Counterbalance: joint {joint.name!r} slides; name those that turn by `on`, or use Spring."
                 )
 
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return (
-            f"counterbalance: stiffness of a spring of {self.free_length:g} m between arms of {self.base_arm:g} and "
-            f"{self.link_arm:g} m, {self.angle:g} rad apart at q = 0"
-        )
-
-    def unit(self, joint: Joint) -> str:  # noqa: ARG002
-        """Return the unit of a joint's parameter."""
-        return "N/m"
-
-    def law(self, joint: Joint) -> Equation:
+    def equation(self, joint: Joint) -> Equation:
         """Return the torque at a joint as an equation."""
         names = {"a": "base_arm", "b": "link_arm", "phi_0": "angle", "L_0": "free_length"}
         constants = (
@@ -167,31 +137,6 @@ class Counterbalance(PerJoint):
         )
         length = "L", "sqrt(a**2 + b**2 - 2 * a * b * cos(q + phi_0))"
         return Equation("k_c * (1 - L_0 / L) * a * b * sin(q + phi_0)", ("k_c",), tuple(constants), (length,))
-
-    def shape(self, q: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        length, rate, _ = self._length(q)
-        return np.asarray((length - self.by_column("free_length")) * rate)
-
-    def slope(self, q: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        length, rate, curvature = self._length(q)
-        return np.asarray(rate**2 + (length - self.by_column("free_length")) * curvature)
-
-    def _length(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return the length of the spring and its first and second derivative by q, each (N, p)."""
-        a, b = self.by_column("base_arm"), self.by_column("link_arm")
-        # the law of cosines by the half angle, which keeps its digits where the arms are in line
-        angle = q + self.by_column("angle")
-        length = np.maximum(np.hypot(a - b, 2 * np.sqrt(a * b) * np.sin(angle / 2)), MIN_LENGTH)
-        rate = a * b * np.sin(angle) / length
-        return length, rate, (a * b * np.cos(angle) - rate**2) / length
-
-    def formula(self) -> str:
-        """Return ``shape`` as NumPy source."""
-        a, b, angle, free_length = map(self.source, ("base_arm", "link_arm", "angle", "free_length"))
-        length = f"np.maximum(np.hypot({a} - {b}, 2 * np.sqrt({a} * {b}) * np.sin((q + {angle}) / 2)), {MIN_LENGTH})"
-        return f"(1 - {free_length} / {length}) * {a} * {b} * np.sin(q + {angle})"
 
 
 Cycles = Annotated[float, Gt(0)]
@@ -224,6 +169,7 @@ class Ripple(JointTerm):
     }
     cycles: Annotated[CyclesList | Mapping[str, CyclesList], BY_JOINT] = field(kw_only=True)
     delay: Number = 0.0
+    law = "sin(rate * (q - delay * dq) + phase)"
     symbol: ClassVar[str] = "ripple"
     letters: ClassVar[tuple[str, str, str]] = ("A", "B", "n")  # in an equation: of sine and cosine, and the cycles
 
@@ -251,7 +197,7 @@ class Ripple(JointTerm):
                 f"ripple: torque per {wave}({k:g} {argument})",
             )
 
-    def law(self, joint: Joint) -> Equation:
+    def equation(self, joint: Joint) -> Equation:
         """Return the torque at a joint as an equation."""
         delay, argument = self.constant("delay", joint.name), "q"
         constants, symbols, parts = [], [], []
@@ -264,34 +210,15 @@ class Ripple(JointTerm):
             parts += [f"{sine}_{k} * sin({rate}_{k} * {argument})", f"{cosine}_{k} * cos({rate}_{k} * {argument})"]
         return Equation(" + ".join(parts), tuple(symbols), tuple(constants))
 
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
-        """Return the torque per unit of each parameter (N, p)."""
-        return np.asarray(np.sin(self._angles(q, dq)))
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> tuple[Array, Array, None]:  # noqa: ARG002
-        """Return the derivatives of ``shapes`` by q and dq, each (N, p)."""
-        # u = q - delay dq
-        slope = self._waves[0] * np.cos(self._angles(q, dq))
-        return slope, -self.by_column("delay") * slope, None
-
-    def formula(self) -> str:
-        """Return ``shapes`` as NumPy source."""
-        k, phase = (f"np.array({row!r})" for row in self._waves.tolist())
-        return f"np.sin({k} * (q - {self.source('delay')} * dq) + {phase})"
-
     def _cycles_of(self, joint: str) -> tuple[float, ...]:
         cycles = self.constant("cycles", joint)
         return cycles if isinstance(cycles, tuple) else (cycles,)
 
     @cached_property
-    def _waves(self) -> Array:
-        """The factors of the position and the phases, (2, p)."""
+    def _constants_by_column(self) -> dict[str, Array]:
+        """The factors of the position and the phases (p)."""
         waves = [(k, phase) for name in self.acts_on for k, (_, phase) in product(self._cycles_of(name), WAVES)]
-        return np.array(waves, dtype=float).T
-
-    def _angles(self, q: Array, dq: Array) -> Array:
-        k, phase = self._waves
-        return np.asarray(k * (q - self.by_column("delay") * dq) + phase)
+        return dict(zip(("rate", "phase"), np.array(waves, dtype=float).T, strict=True))
 
 
 MAX_ORDER = 3
@@ -316,6 +243,7 @@ class Spring(JointTerm):
 
     constants: ClassVar[Mapping[str, Constant]] = {"order": Constant("1, 2 or 3", 1, MAX_ORDER, integer=True)}
     order: Annotated[Order | Mapping[str, Order], BY_JOINT] = 1
+    law = "where(slides, q**k, sin(k * q + phase))"
 
     def count(self, joint: Joint) -> int:
         """Return the number of parameters of a joint."""
@@ -329,7 +257,7 @@ class Spring(JointTerm):
             shape = f"{wave}({k} q)".replace("(1 ", "(") if is_angle else f"q^{k}".removesuffix("^1")
             yield f"spring_{joint.name}_{wave}{k}", unit, f"spring: torque per {shape}"
 
-    def law(self, joint: Joint) -> Equation:
+    def equation(self, joint: Joint) -> Equation:
         """Return the torque at a joint as an equation."""
         letters = {"sin": "a", "cos": "b", "q": "c"}
         terms = _terms(joint, self.constant("order", joint.name))
@@ -339,28 +267,13 @@ class Spring(JointTerm):
         readable = (shape.replace("1 * ", "").removesuffix("**1") if k == 1 else shape for shape, k in shapes)
         return Equation(" + ".join(f"{s} * {f}" for s, f in zip(symbols, readable, strict=True)), symbols)
 
-    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:  # noqa: ARG002
-        """Return the torque per unit of each parameter (N, p)."""
-        slides, k, phase = self._series
-        return np.where(slides, q**k, np.sin(k * q + phase))
-
-    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> tuple[Array, None, None]:  # noqa: ARG002
-        """Return the derivative of ``shapes`` by q, (N, p)."""
-        slides, k, phase = self._series
-        return k * np.where(slides, q ** (k - 1), np.cos(k * q + phase)), None, None
-
-    def formula(self) -> str:
-        """Return ``shapes`` as NumPy source."""
-        slides, k, phase = (f"np.array({array.tolist()!r})" for array in self._series)
-        return f"np.where({slides}, q ** {k}, np.sin({k} * q + {phase}))"
-
     @cached_property
-    def _series(self) -> tuple[NDArray[np.bool_], Array, Array]:
+    def _constants_by_column(self) -> dict[str, Array]:
         """Whether each parameter (p) is of a power; exponent or factor of the position (p); phase (p)."""
         joints = {joint.name: joint for joint in self.joints}
         terms = [term for name in self.acts_on for term in _terms(joints[name], self.constant("order", name))]
         slides, k, phase = zip(*((wave == "q", float(k), phase) for wave, k, phase in terms), strict=True)
-        return np.array(slides), np.array(k), np.array(phase)
+        return {"slides": np.array(slides), "k": np.array(k), "phase": np.array(phase)}
 
 
 def _terms(joint: Joint, order: int) -> list[tuple[str, int, float]]:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from dynident.motion.filters import butterworth, slowest_pole, zero_phase
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers.smoother import Smoother, ends_mask
-from dynident.runtime import ConfigError, InputError, choices, settings_text
+from dynident.motion.smoothers.smoother import Smoother, ends_mask, make_motion
+from dynident.runtime import InputError, settings_text
 
 Array = NDArray[np.float64]
 
@@ -43,10 +43,6 @@ class Difference(Smoother):
 
     scheme: Literal["forward", "central"] = "forward"
 
-    def __post_init__(self) -> None:
-        if self.scheme not in ("forward", "central"):
-            raise ConfigError(f"difference scheme {self.scheme!r}: {choices(self.scheme, ('forward', 'central'))}")
-
     @property
     def method(self) -> str:
         """The method in words."""
@@ -65,8 +61,7 @@ class Difference(Smoother):
             dq = np.gradient(log.q, log.t, axis=0)
             ddq = self._second_difference(log.t, log.q)
             mask[[0, -1]] = False
-        smoothing = {"method": self.method}
-        return Motion(log.t, log.q, dq, ddq, log.tau, log.joints, mask, log.source, smoothing)
+        return make_motion(log, (log.q, dq, ddq), mask, {"method": self.method})
 
     @staticmethod
     def _second_difference(t: Array, q: Array) -> Array:
@@ -84,7 +79,7 @@ class Difference(Smoother):
 
 MAX_JITTER = 0.05
 MIN_PERIODS = 0.1  # periods of a cut-off frequency in a recording
-Order = Annotated[int, Ge(1)]
+Order = Annotated[int, Ge(1), Le(12)]
 Cutoff = Annotated[float, Gt(0)]
 Seconds = Annotated[float, Ge(0)]
 
@@ -115,14 +110,6 @@ class Butterworth(Smoother):
     cutoffs: tuple[Cutoff, Cutoff, Cutoff] = (10.0, 3.0, 2.0)
     settle: tuple[Seconds, Seconds] | None = None
 
-    def __post_init__(self) -> None:
-        if len(self.orders) != 3 or not set(self.orders) <= set(range(1, 13)):
-            raise ConfigError(f"filter orders {self.orders}: give three whole numbers from 1 to 12, for q, dq and ddq.")
-        if len(self.cutoffs) != 3 or not all(0 < f < np.inf for f in self.cutoffs):
-            raise ConfigError(f"filter cut-offs {self.cutoffs}: give three positive frequencies in Hz, for q, dq, ddq.")
-        if self.settle is not None and not (len(self.settle) == 2 and all(s >= 0 for s in self.settle)):
-            raise ConfigError(f"settle is {self.settle}: give two times >= 0 s, at the start and at the end.")
-
     @property
     def method(self) -> str:
         """The method in words."""
@@ -146,9 +133,7 @@ class Butterworth(Smoother):
         mask = ends_mask(log, *(self.settle or (slowest, slowest)))
         # the forward differences repeat the last row, twice
         mask[-2:] = False
-        smoothing = {"method": self.method}
-        q, dq, ddq = signals
-        return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, smoothing)
+        return make_motion(log, signals, mask, {"method": self.method})
 
     def _rate(self, log: Log) -> float:
         step = np.diff(log.t)

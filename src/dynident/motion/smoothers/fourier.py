@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from dynident.motion.filters import autocorrelation, ljung_box
@@ -23,12 +23,20 @@ from dynident.motion.smoothers.periodic_fit import (
     periods_in,
     scatter,
 )
-from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, position_noise, with_rest
+from dynident.motion.smoothers.smoother import (
+    BY_JOINT,
+    Smoother,
+    at_rest,
+    ends_mask,
+    make_motion,
+    position_noise,
+    with_rest,
+)
 from dynident.motion.smoothers.spline import Spline
-from dynident.runtime import ConfigError, InputError, MissingInputError, choices, settings_text
+from dynident.runtime import InputError, MissingInputError, settings_text
 
 Array = NDArray[np.float64]
-Count = Annotated[int, Ge(0)]
+Count = Annotated[int, Ge(0), Le(MAX_HARMONICS)]
 Seconds = Annotated[float, Ge(0)]
 MIN_MOTION_RATIO = 20.0  # times the noise (rms) from which on a joint counts as moving
 # of the motion and of its acceleration (rms) that a series may leave, beyond the noise
@@ -69,18 +77,6 @@ class FourierSeries(Smoother):
     harmonics: Annotated[Count | Mapping[str, Count] | None, BY_JOINT] = None
     settle: tuple[Seconds, Seconds] | None = None
 
-    def __post_init__(self) -> None:
-        if self.period is not None and not 0 < self.period < np.inf:
-            raise ConfigError(f"period is {self.period}: give a positive time in s, or leave it out.")
-        for setting in self.harmonics.values() if isinstance(self.harmonics, Mapping) else (self.harmonics,):
-            count: Any = setting
-            if count is not None and not (isinstance(count, int) and 0 <= count <= MAX_HARMONICS):
-                raise ConfigError(
-                    f"harmonics is {setting}: give a whole number from 0 to {MAX_HARMONICS}, or leave it out."
-                )
-        if self.settle is not None and not (len(self.settle) == 2 and all(0 <= s < np.inf for s in self.settle)):
-            raise ConfigError(f"settle is {self.settle}: give two times >= 0 s, at the start and at the end.")
-
     @property
     def method(self) -> str:
         """The method in words."""
@@ -111,9 +107,7 @@ class FourierSeries(Smoother):
             "noise": tuple(noise.tolist()),
             "whiteness": tuple(_whiteness(column) for column in fit.residual.T),
         }
-        for x in (q, dq, ddq):
-            x.flags.writeable = False  # no copy is made then
-        return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, smoothing)
+        return make_motion(log, (q, dq, ddq), mask, smoothing)
 
     def as_used(self, motion: Motion) -> FourierSeries:
         """Return the series with period, harmonics of each joint and ends that it has used for a motion."""
@@ -130,7 +124,7 @@ class FourierSeries(Smoother):
         return Spline()
 
     def _fit(self, log: Log) -> PeriodicFit:
-        rows, joint_harmonics = self._settled_rows(log), self._joint_harmonics(log)
+        rows, joint_harmonics = self._settled_rows(log), self.by_joint("harmonics", log)
         t, q, sigma = log.t[rows], log.q[rows], position_noise(log)
         request = PeriodicFitRequest(
             joint_harmonics, self.settle is not None, q.std(axis=0) > MIN_MOTION_RATIO * sigma, sigma
@@ -157,15 +151,6 @@ class FourierSeries(Smoother):
             ) from error
         self._check(log, fit, request)
         return fit
-
-    def _joint_harmonics(self, log: Log) -> list[int | None]:
-        if not isinstance(self.harmonics, Mapping):
-            return [self.harmonics] * len(log.joints)
-        for name in self.harmonics:
-            if name not in log.joints:
-                hint = f"the log has others; {choices(name, log.joints)}"
-                raise ConfigError(f"harmonics names the joint {name!r}; {hint}")
-        return [self.harmonics.get(name) for name in log.joints]
 
     def _settled_rows(self, log: Log) -> slice:
         """Return the rows of a log without what settles."""

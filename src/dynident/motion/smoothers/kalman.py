@@ -12,14 +12,14 @@ from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, with_rest
+from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, make_motion, with_rest
 from dynident.motion.splines import Fixed, Rule, smooth
 from dynident.motion.splines.banded import EPS, TINY, IllConditionedError
 from dynident.motion.splines.quintic import QuinticSolution, QuinticSystem
 from dynident.motion.splines.search import SplineSearch, likelihood_criterion, reml_criterion, search_minimum
 from dynident.motion.splines.series import CHUNK_SAMPLES, ScaledSeries
 from dynident.motion.splines.spline import prepare_data
-from dynident.runtime import ConfigError, InputError, brief, choices, setting_text, settings_text
+from dynident.runtime import ConfigError, InputError, brief, setting_text, settings_text
 
 Array = NDArray[np.float64]
 Order = Literal[2, 3]
@@ -305,9 +305,6 @@ def _past_information(step: Array, noise: Array, order: int) -> Array:
     return out
 
 
-JointSetting = float | Mapping[str, float] | None
-
-
 @dataclass(frozen=True)
 class KalmanSmoother(Smoother):
     """The most probable motion of joints whose jerk (order 3) or acceleration (order 2) is white noise.
@@ -348,17 +345,7 @@ class KalmanSmoother(Smoother):
     ends: Annotated[float, Ge(0)] = 4.0
 
     def __post_init__(self) -> None:
-        if self.order not in (2, 3):
-            raise ConfigError(f"order is {self.order!r}: give 2 (white acceleration) or 3 (white jerk).")
-        if not (np.isfinite(self.ends) and self.ends >= 0):
-            raise ConfigError(f"ends is {self.ends}: give a number of bandwidths >= 0.")
-        for name, condition in (("sigma", "positive"), ("intensity", ">= 0")):
-            setting = getattr(self, name)
-            for number in setting.values() if isinstance(setting, Mapping) else (setting,):
-                if number is not None and not (
-                    np.isfinite(number) and (number > 0 or (number == 0 and name == "intensity"))
-                ):
-                    raise ConfigError(f"{name} is {number}: give a number {condition}, or none to have the likeliest.")
+        super().__post_init__()
         if self.intensity is not None and self.sigma is None:
             raise ConfigError("intensity is given without sigma: give both, or sigma alone, or none.")
 
@@ -384,10 +371,8 @@ class KalmanSmoother(Smoother):
         # a joint that is smoothed over all of the log is nearly a polynomial, which has no ends to mask
         reach = max(step, min(self.ends * float(widths.max(initial=0.0)) + step, length / 4))
         mask = ends_mask(log, reach, reach)
-        q, dq, ddq = with_rest(rests, log.q, (fit.values, fit.first_derivative, fit.second_derivative))
-        for x in (q, dq, ddq):
-            x.flags.writeable = False  # no copy is made then
-        return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, self._smoothing_info(fit))
+        channels = with_rest(rests, log.q, (fit.values, fit.first_derivative, fit.second_derivative))
+        return make_motion(log, channels, mask, self._smoothing_info(fit))
 
     def standard_errors(self, motion: Motion) -> Array:
         """Return those (order, N, n) of q, dq and, with order 3, ddq of a motion that this smoother has made.
@@ -421,7 +406,7 @@ class KalmanSmoother(Smoother):
 
     def _fit(self, log: Log) -> WienerFit:
         names = [f"joint {name!r}" for name in log.joints]
-        sigma, intensity = self._joint_values("sigma", log), self._joint_values("intensity", log)
+        sigma, intensity = self.by_joint("sigma", log), self.by_joint("intensity", log)
         for name, noise, process_intensity in zip(log.joints, sigma, intensity, strict=True):
             if noise is None and process_intensity is not None:
                 raise ConfigError(f"intensity of joint {name!r} is given without its sigma: give both.")
@@ -429,15 +414,6 @@ class KalmanSmoother(Smoother):
             return wiener(log.t, log.q, self.order, sigma, intensity, names)
         except InputError as error:
             raise InputError(f"{log.source}: {error}") from error
-
-    def _joint_values(self, key: str, log: Log) -> list[float | None]:
-        setting: JointSetting = getattr(self, key)
-        if not isinstance(setting, Mapping):
-            return [setting] * len(log.joints)
-        for name in setting:
-            if name not in log.joints:
-                raise ConfigError(f"{key} names the joint {name!r}; the log has others; {choices(name, log.joints)}")
-        return [setting.get(name) for name in log.joints]
 
     def __str__(self) -> str:
         how = ["by maximum likelihood"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -14,8 +14,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, with_rest
-from dynident.runtime import ConfigError, InputError, choices, setting_text
+from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, make_motion, with_rest
+from dynident.runtime import ConfigError, InputError, setting_text
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -224,19 +224,15 @@ class SavitzkyGolay(Smoother):
     """
 
     window: float | Mapping[str, float] | None = None
-    order: int = 4
-    factor: float = 1.0
+    order: Order = 4
+    factor: Factor = 1.0
     Settings: ClassVar[type[SavitzkyGolaySettings]] = SavitzkyGolaySettings
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for window in self.window.values() if isinstance(self.window, Mapping) else (self.window,):
             if window is not None and not window > 0:
                 raise ConfigError(f"window is {window}: give a positive time in s.")
-        order: Any = self.order
-        if not (isinstance(order, int) and 2 <= order <= 10):
-            raise ConfigError(f"order is {order}: give a whole number from 2 to 10.")
-        if not 0 < self.factor < np.inf:
-            raise ConfigError(f"factor is {self.factor}: give a positive multiple of the window.")
 
     @property
     def method(self) -> str:
@@ -252,9 +248,7 @@ class SavitzkyGolay(Smoother):
         windows = [np.inf if rests else 2 * half * step for half, rests in zip(halves, still, strict=True)]
         smoothing = {"method": self.method, "window": tuple(windows), "noise": tuple(noise.tolist())}
         mask = self._mask(log, max((half for half, rests in zip(halves, still, strict=True) if not rests), default=1))
-        for x in motion:
-            x.flags.writeable = False  # no copy is made then
-        return Motion(log.t, *motion, log.tau, log.joints, mask, log.source, smoothing)
+        return make_motion(log, motion, mask, smoothing)
 
     def as_used(self, motion: Motion) -> SavitzkyGolay:
         """Return the smoother with the window, for each joint, that it has used for a motion."""
@@ -286,7 +280,7 @@ class SavitzkyGolay(Smoother):
                 f"{log.source}: {len(log)} samples are too few for polynomials of order {self.order}, which need "
                 f"{2 * min_half + 1}."
             )
-        windows = self._joint_windows(log)
+        windows = self.by_joint("window", log)
         if all(window is not None for window in windows):
             return [self._half_window(log, float(window or 0.0), min_half) for window in windows]
         halves = self._choose_halves(log, min_half)
@@ -294,14 +288,6 @@ class SavitzkyGolay(Smoother):
             half if window is None else self._half_window(log, window, min_half)
             for half, window in zip(halves, windows, strict=True)
         ]
-
-    def _joint_windows(self, log: Log) -> list[float | None]:
-        if not isinstance(self.window, Mapping):
-            return [self.window] * len(log.joints)
-        for name in self.window:
-            if name not in log.joints:
-                raise ConfigError(f"window names the joint {name!r}; the log has others; {choices(name, log.joints)}")
-        return [self.window.get(name) for name in log.joints]
 
     def _half_window(self, log: Log, window: float, min_half: int) -> int:
         step = float(np.median(np.diff(log.t)))

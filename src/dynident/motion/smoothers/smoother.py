@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from dynident.motion.log import Log, Motion
+from dynident.motion.log import Log, Motion, mark_read_only
 from dynident.motion.splines import bridge_gaps, frozen_samples, noise_sigma, spikes, stretches, torn_ends
-from dynident.runtime import ConfigError, InputError, MissingInputError, Part, brief, call_part, part_text, short
+from dynident.runtime import (
+    ConfigError,
+    InputError,
+    MissingInputError,
+    Part,
+    brief,
+    call_part,
+    check_settings,
+    choices,
+    part_text,
+    short,
+)
 
+Array = NDArray[np.float64]
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 
@@ -26,8 +38,12 @@ class Smoother(Part, ABC):
 
     A smoother is a frozen dataclass of settings. It keeps t, tau, joints and source, does not use tau, and masks out
     the samples near the ends at which its derivatives are not reliable. It raises InputError where the log is too
-    short, and MissingInputError where the log has not the motion that it is made for.
+    short, MissingInputError where the log has not the motion that it is made for, and ConfigError for settings outside
+    the limits of their types.
     """
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
     @abstractmethod
     def __call__(self, log: Log) -> Motion:
@@ -60,6 +76,24 @@ class Smoother(Part, ABC):
         """
         return None
 
+    def by_joint(self, name: str, log: Log) -> list[Any]:
+        """Return a setting at each joint of a log, None where a mapping lacks it; ConfigError for another joint."""
+        setting = getattr(self, name)
+        if not isinstance(setting, Mapping):
+            return [setting] * len(log.joints)
+        for joint in setting:
+            if joint not in log.joints:
+                raise ConfigError(f"{name} names the joint {joint!r}; the log has others; {choices(joint, log.joints)}")
+        return [setting.get(joint) for joint in log.joints]
+
+
+def make_motion(
+    log: Log, channels: Iterable[Array], mask: NDArray[np.bool_], smoothing: Mapping[str, object]
+) -> Motion:
+    """Return the motion of a log with these new q, dq and ddq (N, n), which are not copied."""
+    q, dq, ddq = map(mark_read_only, channels)
+    return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, smoothing)
+
 
 def position_noise(log: Log) -> NDArray[np.float64]:
     """Return the standard deviation (n) of the noise in the positions of a log, which keeps it for all smoothers."""
@@ -77,7 +111,6 @@ def ends_mask(log: Log, start: float, stop: float) -> NDArray[np.bool_]:
     return np.asarray(mask)
 
 
-Array = NDArray[np.float64]
 MAX_REST_RATIO = 3.0  # times the noise: a joint that moves less in the whole log is at rest
 QUICK_SAMPLES = 1000  # samples in which a step is looked for that is less than what an encoder at rest may show
 
@@ -121,12 +154,6 @@ class TimeShifted(Smoother):
 
     smoother: Smoother
     time_offset: Annotated[float, Ge(-MAX_TIME_OFFSET), Le(MAX_TIME_OFFSET)]
-
-    def __post_init__(self) -> None:
-        if not abs(self.time_offset) <= MAX_TIME_OFFSET:
-            raise ConfigError(
-                f"time offset is {self.time_offset} s: give a number from -{MAX_TIME_OFFSET:g} to {MAX_TIME_OFFSET:g}."
-            )
 
     def __call__(self, log: Log) -> Motion:
         """Smooth and shift; samples whose motion lies outside the log are masked out."""

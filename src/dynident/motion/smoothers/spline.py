@@ -11,9 +11,17 @@ from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, position_noise, with_rest
-from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, smooth
-from dynident.runtime import ConfigError, InputError, choices, setting_text, settings_text, short
+from dynident.motion.smoothers.smoother import (
+    BY_JOINT,
+    Smoother,
+    at_rest,
+    ends_mask,
+    make_motion,
+    position_noise,
+    with_rest,
+)
+from dynident.motion.splines import GCV, REML, RULES, Constraint, Fixed, Interpolation, Rule, smooth
+from dynident.runtime import ConfigError, InputError, setting_text, settings_text, short
 
 Array = NDArray[np.float64]
 
@@ -65,7 +73,7 @@ class SplineSettings:
     @classmethod
     def of(cls, part: Spline) -> SplineSettings:
         """Return the settings that build ``part``; ConfigError for a rule of another package."""
-        name = next((name for name, rule in RULES.items() if type(part.rule) is rule), None)
+        name: Any = next((name for name, rule in RULES.items() if type(part.rule) is rule), None)
         if name is None:
             raise ConfigError(f"the rule {part.rule!r} has no name in a configuration.")
         rule_settings: dict[str, Any] = dict(vars(part.rule))
@@ -87,13 +95,6 @@ class SplineSettings:
         return Spline(RULES[self.rule](**rule_settings), self.sigma, self.ends, self.factor)
 
 
-RULES: Mapping[RuleName, type[Rule]] = {
-    "constraint": Constraint,
-    "gcv": GCV,
-    "reml": REML,
-    "interpolate": Interpolation,
-    "fixed": Fixed,
-}
 RULE_TEXTS: Mapping[type[Rule], str] = {
     GCV: "generalised cross-validation",
     REML: "restricted maximum likelihood",
@@ -129,16 +130,9 @@ class Spline(Smoother):
 
     rule: Rule = field(default_factory=Constraint)
     sigma: float | Mapping[str, float] | None = None
-    ends: float = 6.0
-    factor: float | Mapping[str, float] = 1.0
+    ends: Annotated[float, Ge(0)] = 6.0
+    factor: Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT] = 1.0
     Settings: ClassVar[type[SplineSettings]]
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.ends) and self.ends >= 0):
-            raise ConfigError(f"ends is {self.ends}: give a number of bandwidths >= 0.")
-        for factor in self.factor.values() if isinstance(self.factor, Mapping) else (self.factor,):
-            if not (np.isfinite(factor) and factor > 0):
-                raise ConfigError(f"factor is {factor}: give a positive multiple of sigma.")
 
     @property
     def method(self) -> str:
@@ -162,10 +156,8 @@ class Spline(Smoother):
         smoothing["method"] = self.method
         mask = ends_mask(log, reach, reach)
         still = at_rest(log.q, fit.values, fit.noise)
-        q, dq, ddq = with_rest(still, log.q, (fit.values, fit.derivative(1), fit.derivative(2)))
-        for x in (q, dq, ddq):
-            x.flags.writeable = False  # no copy is made then
-        return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, smoothing)
+        channels = with_rest(still, log.q, (fit.values, fit.derivative(1), fit.derivative(2)))
+        return make_motion(log, channels, mask, smoothing)
 
     def with_noise(self, sigma: Mapping[str, float]) -> Spline:
         """Return the spline with the noise by joint where it would estimate it."""
@@ -179,18 +171,12 @@ class Spline(Smoother):
     def _sigma(self, log: Log) -> list[float] | float | None:
         if self.factor == 1.0 and not isinstance(self.sigma, Mapping):
             return self.sigma
-        for key in ("sigma", "factor"):
-            setting = getattr(self, key)
-            for name in setting if isinstance(setting, Mapping) else ():
-                if name not in log.joints:
-                    raise ConfigError(
-                        f"{key} names the joint {name!r}; the log has others; {choices(name, log.joints)}"
-                    )
-        sigma_given = self.sigma is not None and not isinstance(self.sigma, Mapping)
-        estimate = np.ones(len(log.joints)) if sigma_given else position_noise(log)
-        pairs = zip(log.joints, estimate.tolist(), strict=True)
+        factors, sigmas = self.by_joint("factor", log), self.by_joint("sigma", log)
+        estimate = position_noise(log).tolist() if None in sigmas else sigmas
+        noise = [number if sigma is None else sigma for sigma, number in zip(sigmas, estimate, strict=True)]
         return [
-            _joint_setting(self.factor, name, 1.0) * _joint_setting(self.sigma, name, noise) for name, noise in pairs
+            (1.0 if factor is None else float(factor)) * float(sigma)
+            for factor, sigma in zip(factors, noise, strict=True)
         ]
 
     def __str__(self) -> str:
@@ -199,8 +185,8 @@ class Spline(Smoother):
         if isinstance(rule, Constraint):
             how = _smoothing_degree(rule, self.factor)
         else:
-            names = {GCV: "by generalised cross-validation", REML: "by restricted maximum likelihood"}
-            how = names.get(type(rule), settings_text(type(rule).__name__, rule))
+            is_criterion = type(rule) in (GCV, REML)
+            how = f"by {RULE_TEXTS[type(rule)]}" if is_criterion else settings_text(type(rule).__name__, rule)
             extras += (
                 []
                 if self.factor == 1.0 or isinstance(rule, Fixed)
@@ -212,12 +198,6 @@ class Spline(Smoother):
             how = "p" if rule.p is not None else "lam"
             how = f"{how} {setting_text(getattr(rule, how))}"
         return ", ".join([f"smoothing spline, {how}", *extras, *ends])
-
-
-def _joint_setting(setting: float | Mapping[str, float] | None, joint: str, default: float) -> float:
-    """Return a setting at a joint, ``default`` where it is not given."""
-    joint_value = setting.get(joint) if isinstance(setting, Mapping) else setting
-    return default if joint_value is None else float(joint_value)
 
 
 def _multiply_factor(factor: float | Mapping[str, float], multiple: float) -> float | dict[str, float]:

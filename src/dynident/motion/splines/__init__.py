@@ -1,6 +1,6 @@
 """Natural cubic smoothing splines after Reinsch (1967), and what is built on them."""
 
-from dynident.motion.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_by_name
+from dynident.motion.splines.rules import GCV, REML, RULES, Constraint, Fixed, Interpolation, Rule, rule_by_name
 from dynident.motion.splines.series import NORMAL_95, coloured_noise, grid_step, median_sigma, noise_sigma, steady_noise
 from dynident.motion.splines.spikes import (
     LONGEST_SPIKE,
@@ -18,6 +18,7 @@ __all__ = [
     "LONGEST_SPIKE",
     "NORMAL_95",
     "REML",
+    "RULES",
     "Constraint",
     "Fixed",
     "Interpolation",

@@ -7,7 +7,7 @@ units of time or position.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -144,11 +144,17 @@ def _interpolation(series: ScaledSeries) -> Solution:
     return Solution(np.inf, series.system.interpolate(series.z), 0.0, 0.0, 0.0)
 
 
-_RULES: dict[str, type[Rule]] = {"constraint": Constraint, "gcv": GCV, "reml": REML, "interpolate": Interpolation}
+RULES: Mapping[str, type[Rule]] = {
+    "constraint": Constraint,
+    "gcv": GCV,
+    "reml": REML,
+    "interpolate": Interpolation,
+    "fixed": Fixed,
+}
 
 
 def rule_by_name(name: str) -> Rule:
     """Return the rule "constraint", "gcv", "reml" or "interpolate" with its defaults; ConfigError for another name."""
-    if name not in _RULES:
-        raise ConfigError(f"there is no rule {name!r}; {choices(name, _RULES)}")
-    return _RULES[name]()
+    if name not in (names := [name for name in RULES if name != "fixed"]):
+        raise ConfigError(f"there is no rule {name!r}; {choices(name, names)}")
+    return RULES[name]()

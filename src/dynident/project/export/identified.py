@@ -19,7 +19,7 @@ from dynident.models import (
     smallest_eigenvalue,
     to_pseudo,
 )
-from dynident.models.friction import Coulomb, PerJoint, RemembersLoad, Viscous
+from dynident.models.friction import Coulomb, JointTerm, PerJoint, Viscous
 from dynident.models.robot_files import ArmBody
 from dynident.runtime import ModelError, brief
 
@@ -73,7 +73,7 @@ class IdentifiedModel:
 
 def depends_on_past(term: Term) -> bool:
     """Return whether the torque of a term depends on more than one sample, and is no formula of it and the load."""
-    return term.memory > 0 and not (isinstance(term, RemembersLoad) and term.formula())
+    return term.memory > 0 and not (isinstance(term, JointTerm) and term.states == ("load",) and term.formula())
 
 
 @dataclass(frozen=True, eq=False)

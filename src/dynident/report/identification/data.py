@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.checks import Excitation
 from dynident.checks.motion import excitation
+from dynident.report.check import excitation_cells
 from dynident.report.figures import clock
 from dynident.report.identification.figures import motion_figure, pieces_figure
 from dynident.report.page import (
@@ -17,19 +18,20 @@ from dynident.report.page import (
     Column,
     Figure,
     Fold,
-    Gallery,
+    Head,
     PageBlock,
     PageSection,
     PageTable,
     pair_table,
     typeset,
 )
-from dynident.report.words import ROLES, day, log_labels, logs_of, points, settings_of
+from dynident.report.words import ROLES, day, figure_gallery, logs_of, points, settings_of
 from dynident.runtime import count, join_names, number, percent, short
 from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, follow_tests
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
+    from dynident.models import Joint
     from dynident.motion.log import Motion
     from dynident.validation import LogValidation
 
@@ -93,10 +95,9 @@ def _robot_facts(identification: Identification) -> Iterator[tuple[str, str]]:
     for term in model.terms:
         if gravity := getattr(term, "gravity", None):
             yield "gravity in the base frame", f"({', '.join(short(float(x), 4) for x in gravity)}) m/s²"
-    for key, meaning in (("base tilt", "tilt of the base"), ("time offset", "time offset")):
-        if key in settings:
-            yield meaning, settings[key]
     for key, meaning in (
+        ("base tilt", "tilt of the base"),
+        ("time offset", "time offset"),
         ("estimator", "estimator"),
         ("low-pass", "low-pass of the fit"),
         ("smoother used", "smoother"),
@@ -107,9 +108,7 @@ def _robot_facts(identification: Identification) -> Iterator[tuple[str, str]]:
 
 def _joint_table(identification: Identification) -> PageTable:
     limits = identification.model.limits
-    heads = [Column("joint", numeric=False), Column("kind", numeric=False)]
-    if limits:
-        heads += [Column(title, "limits of the file") for title in ("from", "to", "velocity", "torque")]
+    heads = [(title, "limits of the file") for title in ("from", "to", "velocity", "torque")] if limits else []
     rows = []
     for joint in identification.model.joints:
         limit, unit = limits.get(joint.name), joint.unit
@@ -117,8 +116,8 @@ def _joint_table(identification: Identification) -> PageTable:
         if limits:
             quantities = ("lower", unit), ("upper", unit), ("velocity", f"{unit}/s"), ("effort", joint.effort)
             cells += [_with_unit(getattr(limit, key, None), unit) for key, unit in quantities]
-        rows.append(tuple(cells))
-    return PageTable(tuple(heads), tuple(rows), "Joints")
+        rows.append(cells)
+    return PageTable.of(("joint", "kind"), heads, rows, "Joints")
 
 
 def _with_unit(value: float | None, unit: str) -> str:
@@ -126,13 +125,12 @@ def _with_unit(value: float | None, unit: str) -> str:
 
 
 def _log_table(identification: Identification) -> PageTable:
-    heads = ["rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s"]
+    heads: list[Head] = ["rate, Hz", "jitter, %", "length, s", "samples"]
+    heads += ["used", "used, %", "start left out, s", "end left out, s"]
     excluded = {validation.name: _excluded_time(validation) for validation in identification.validations}
-    if any(excluded.values()):
-        heads.append("excluded, s")
+    heads += ["excluded, s"] * any(excluded.values())
     days = [clock(float(log.motion.t[0])) for log in identification.validations]
-    columns = (Column("log", numeric=False), Column("role", numeric=False), *map(Column, heads))
-    columns += (Column("recorded", numeric=False),) * any(days)
+    heads += [Column("recorded", numeric=False)] * any(days)
     rows = []
     for log, recorded in zip(identification.validations, days, strict=True):
         t, mask = log.motion.t, log.motion.mask
@@ -151,7 +149,7 @@ def _log_table(identification: Identification) -> PageTable:
         ]
         cells += [recorded or "-"] * any(days)
         rows.append((log.name, ROLES.get(log.role, log.role), *cells))
-    return PageTable(columns, tuple(rows), "Recordings")
+    return PageTable.of(("log", "role"), heads, rows, "Recordings")
 
 
 def _excluded_time(log: LogValidation) -> float:
@@ -183,24 +181,21 @@ def excitation_table(identification: Identification) -> tuple[PageBlock, ...]:
                 for key in ("peak_speed", "peak_acceleration")
             ]
         rows.append((joint.name, *cells))
-    columns = (Column("joint", numeric=False), *(Column(*group) for group in groups))
     lengths, efforts = (
         {getattr(joint, key): None for joint in identification.model.joints} for key in ("unit", "effort")
     )
     caption = f"Motion in training; {' or '.join(lengths)}, s, {' or '.join(efforts)}"
-    return _EXCITATION, PageTable(columns, tuple(rows), caption)
+    return _EXCITATION, PageTable.of(("joint",), groups, rows, caption)
 
 
 def _excitation_cells(motion: Excitation, limit: Any, limited: bool) -> list[str]:
-    cells = [number(motion.lower, 3), number(motion.upper, 3)]
+    cells, motion_cells = excitation_cells(motion)
     if limited:
         range_share = None
         if limit is not None and limit.lower is not None and limit.upper is not None and limit.lower < limit.upper:
             range_share = 100.0 * (motion.upper - motion.lower) / (limit.upper - limit.lower)
         cells.append(number(range_share, 2))
-    sizes = (motion.peak_speed, motion.rms_speed, motion.peak_acceleration, motion.rms_acceleration)
-    cells += [number(size, 3) for size in sizes]
-    cells += [str(motion.reversals), number(100 * motion.slow, 2), number(motion.torque, 3)]
+    cells += motion_cells
     if limited:
         cells.append(number(100.0 * motion.torque / limit.effort if limit is not None and limit.effort else None, 2))
     return cells
@@ -212,16 +207,15 @@ def _ratio_text(numerator: float, denominator: float) -> str:
 
 def smoothing_section(identification: Identification) -> PageSection:
     """Return the section of the smoothing: a table, and the motion of one log and joint at a time."""
-    curve_points, views = points(identification), []
-    for label, k in log_labels(identification):
-        log = identification.validations[k]
-        for joint in identification.model.joints:
-            figure = motion_figure(log.motion, joint.name, joint.unit, curve_points, log.recorded_log)
-            caption = f"{joint.name}: position and its derivatives, samples that were used."
-            views.append(((label, joint.name), (Figure(figure.follow_run(label), caption),)))
-    gallery = Gallery(("log", "joint"), tuple(views))
+    curve_points = points(identification)
+
+    def draw_motion(log: LogValidation, joint: Joint) -> Figure:
+        drawing = motion_figure(log.motion, joint.name, joint.unit, curve_points, log.recorded_log)
+        return Figure(drawing, f"{joint.name}: position and its derivatives, samples that were used.")
+
+    gallery = figure_gallery(identification, draw_motion)
     return PageSection(
-        "Smoothing", (_SMOOTHING, *_follow_blocks(identification), *_smoothing_blocks(identification), gallery)
+        "Smoothing", (_SMOOTHING, *_follow_blocks(identification), *_smoothing_blocks(identification), *gallery)
     )
 
 
@@ -240,8 +234,8 @@ def _follow_blocks(identification: Identification) -> Iterator[PageBlock]:
         (name, joint, number(test.share, 2), number(test.lost, 2), "follows the motion" if test.is_following else "-")
         for name, joint, test in tests
     ]
-    columns = (Column("log", numeric=False), Column("joint", numeric=False), Column("follows, %"))
-    table = PageTable((*columns, Column("lost, %"), Column("flag", numeric=False)), tuple(rows), "Taken away")
+    heads = ("follows, %", "lost, %", Column("flag", numeric=False))
+    table = PageTable.of(("log", "joint"), heads, rows, "Taken away")
     yield Fold("What of the positions taken away follows the motion, joint by joint", (_FOLLOW_NOTE, table))
 
 
@@ -284,9 +278,8 @@ def _smoothing_table(motions: Sequence[tuple[str, Motion]]) -> Iterator[PageBloc
         for j, joint in enumerate(motion.joints)
     ]
     if keys:
-        words = (Column("log", numeric=False), Column("joint", numeric=False))
-        columns = (*words, *(Column(_HEADS.get(key, key)) for key in keys))
-        table = PageTable(columns, tuple(rows), "Smoothing per log and joint")
+        heads = (_HEADS.get(key, key) for key in keys)
+        table = PageTable.of(("log", "joint"), heads, rows, "Smoothing per log and joint")
         title = f"Smoothing of {count(len(motions), 'log')}, joint by joint"
         yield table if len(rows) < MIN_FOLDED_ROWS else Fold(title, (table,))
 
@@ -311,7 +304,6 @@ def pieces_section(identification: Identification) -> Iterator[PageSection]:
         "Residual of each joint in each piece, relative to its torque over all of them.",
     )
     heads = ("torque equations", "error, %", "rmse", "least rmse of a piece", "largest rmse of a piece")
-    columns = (Column("joint", numeric=False), *map(Column, heads), UNIT)
     rows = []
     for j, (joint, error) in enumerate(zip(joints, pieces.relative_error, strict=True)):
         count, rmse = pieces.rows[:, j], pieces.residual[:, j]
@@ -321,7 +313,8 @@ def pieces_section(identification: Identification) -> Iterator[PageSection]:
         ends = (float(nonempty.min()), float(nonempty.max())) if len(nonempty) else (np.nan, np.nan)
         cells = (str(int(count.sum())), number(float(error), 3), *(number(x, 3) for x in (total_rmse, *ends)))
         rows.append((joint.name, *cells, joint.effort))
-    table = PageTable(columns, tuple(rows), "Torque error over all samples, unfiltered where the fit has no low-pass")
+    caption = "Torque error over all samples, unfiltered where the fit has no low-pass"
+    table = PageTable.of(("joint",), (*heads, UNIT), rows, caption)
     yield PageSection("The whole recording", (_PIECES, table, figure))
 
 
@@ -336,8 +329,8 @@ def repeat_section(identification: Identification) -> PageSection:
         if source is not None
     ]
     if files:
-        columns = tuple(Column(title, numeric=False) for title in ("file", "of", "SHA-256"))
-        blocks.append(PageTable(columns, tuple(files), "Files that were read, with the dates of the recordings' files"))
+        caption = "Files that were read, with the dates of the recordings' files"
+        blocks.append(PageTable.of(("file", "of", "SHA-256"), (), files, caption))
     blocks.append(pair_table("package", list(sources.versions.items()), "Versions"))
     settings = [(name, typeset(text)) for name, text in settings_of(identification).items()]
     blocks.append(Fold("All settings", (pair_table("setting", settings),)))

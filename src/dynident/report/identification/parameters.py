@@ -12,7 +12,7 @@ from dynident.identification.links import DeterminedBy, LinkInertia, determined_
 from dynident.models import INERTIAL, Geometry, ShapeSource
 from dynident.report.equations import with_formulas
 from dynident.report.identification.figures import has_nominal_values, interval_figure, relative_std
-from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable
+from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, Head, PageBlock, PageSection, PageTable
 from dynident.report.words import motion_known
 from dynident.runtime import count, join_names, number
 
@@ -146,10 +146,10 @@ def parameter_table(identification: Identification, indices: tuple[int, ...] | N
     )
     verdict = tuple(DETERMINED_WORDS[source] for source in determined_by(identification))
     sized = bool(np.isfinite(errors[list(selected)]).any())
-    columns = [Column("parameter", numeric=False), Column("value")]
-    columns += [Column("std. error"), Column("%"), *[Column("if independent", muted=True)] * robust] * sized
+    columns: list[Head] = ["value"]
+    columns += ["std. error", "%", *[Column("if independent", muted=True)] * robust] * sized
     reference = "nominal" if has_nominal_values(identification.model) else "true"
-    columns += [Column(reference)] * has_reference + [UNIT]
+    columns += [*[reference] * has_reference, UNIT]
     columns += [Column("determined by", numeric=False)] * bool(verdict) + [MEANING] * has_meaning
     rows = []
     for k in selected:
@@ -159,8 +159,8 @@ def parameter_table(identification: Identification, indices: tuple[int, ...] | N
             row += [number(float(identification.errors.std_independent[k]), 2)] * robust
         row += [number(parameters[k].value)] * has_reference + [estimate.units[k]]
         row += list(verdict[k : k + 1]) + [parameters[k].expression] * has_meaning
-        rows.append(tuple(row))
-    return PageTable(tuple(columns), tuple(rows), "Parameters with their standard errors")
+        rows.append(row)
+    return PageTable.of(("parameter",), columns, rows, "Parameters with their standard errors")
 
 
 def _split_by_data(identification: Identification) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -265,7 +265,6 @@ def link_title(links: Sequence[str]) -> str:
 def _inertia_table(links: Sequence[LinkInertia], quantities: _Quantities, has_estimates: bool) -> PageTable:
     """Return the table of some quantities of the links: of each in the file and, where any is known, found."""
     titles = ("file", "found", "±") if has_estimates else ("file",)
-    columns = (Column("link", numeric=False), *(Column(title, head) for head in quantities.heads for title in titles))
     rows = []
     for link in links:
         file = np.full(7, np.nan) if link.file is None else link.file.values
@@ -278,8 +277,9 @@ def _inertia_table(links: Sequence[LinkInertia], quantities: _Quantities, has_es
                     _value_cell(unit * value[k]),
                     _error_cell(unit * link.std[k], bool(link.sure[k]), unit * value[k]),
                 ]
-        rows.append(tuple(cells))
-    return PageTable(columns, tuple(rows), quantities.caption)
+        rows.append(cells)
+    heads = ((title, head) for head in quantities.heads for title in titles)
+    return PageTable.of(("link",), heads, rows, quantities.caption)
 
 
 def _value_cell(value: float) -> str:
@@ -296,12 +296,9 @@ def _error_cell(std: float, sure: bool, value: float) -> str:
 def _source_table(links: Sequence[LinkInertia]) -> PageTable:
     """Return how many parameters of each link were determined by what; only sources that occur have a column."""
     kinds = [source for source in DeterminedBy if any(source in link.by for link in links)]
-    columns = (
-        Column("link", numeric=False),
-        *(Column(SOURCE_WORDS[source], "parameters determined by") for source in kinds),
-    )
-    rows = tuple((link_title(link.links), *(str(link.by.get(source, 0)) for source in kinds)) for link in links)
-    return PageTable(columns, rows, "What determined the parameters that act on the torque")
+    heads = ((SOURCE_WORDS[source], "parameters determined by") for source in kinds)
+    rows = ((link_title(link.links), *(str(link.by.get(source, 0)) for source in kinds)) for link in links)
+    return PageTable.of(("link",), heads, rows, "What determined the parameters that act on the torque")
 
 
 def _shape_notes(links: Sequence[LinkInertia], geometry: Geometry | None) -> Iterator[str]:

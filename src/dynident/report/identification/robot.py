@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import lru_cache
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -241,10 +241,10 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
         )
         for export in exports
     )
-    words = (Column("file", numeric=False), Column("difference"))
-    columns = (*words, Column("loaded by", numeric=False), Column("written", numeric=False))
+    heads = ("difference", Column("loaded by", numeric=False), Column("written", numeric=False))
+    table = PageTable.of(("file",), heads, rows, "Files of the identified model")
     links = tuple(relative_link(export.file) if export.ready else "" for export in exports)
-    blocks: list[PageBlock] = [_LEAD, PageTable(columns, rows, "Files of the identified model", links)]
+    blocks: list[PageBlock] = [_LEAD, replace(table, links=links)]
     for export in exports:
         notes = [
             *([f"Not written: {export.refusal}"] if export.refusal else []),
@@ -278,9 +278,9 @@ def export_links(exports: Sequence[Export]) -> tuple[str, ...]:
 
 def _error_table(costs: Sequence[tuple[str, str, float, float]]) -> PageTable:
     """Return the table of torque errors of the model, and of files that cannot hold all of its parameters."""
-    columns = (Column("file", numeric=False), Column("log", numeric=False), Column("model (%)"), Column("file (%)"))
-    rows = tuple((file, log, number(model, 4), number(file_error, 4)) for file, log, model, file_error in costs)
-    return PageTable(columns, rows, "Relative torque error of the model, and of files that leave something of it out")
+    rows = ((file, log, number(model, 4), number(file_error, 4)) for file, log, model, file_error in costs)
+    caption = "Relative torque error of the model, and of files that leave something of it out"
+    return PageTable.of(("file", "log"), ("model (%)", "file (%)"), rows, caption)
 
 
 def _file_errors(export: Export) -> Sequence[FileError]:

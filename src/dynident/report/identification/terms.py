@@ -13,7 +13,7 @@ from dynident.identification.terms.search import MIN_GAIN, MIN_GAIN_ERRORS, MIN_
 from dynident.report.figures import Array
 from dynident.report.identification.data import excitation_table
 from dynident.report.identification.figures import interval_figure, relative_std, singular_figure, trial_figure
-from dynident.report.page import UNIT, Column, Facts, Figure, Fold, Gallery, PageBlock, PageSection, PageTable
+from dynident.report.page import UNIT, Column, Facts, Figure, Fold, Gallery, Head, PageBlock, PageSection, PageTable
 from dynident.report.words import huge, motion_known, tiny
 from dynident.runtime import number
 from dynident.runtime.families import TERMS
@@ -79,16 +79,14 @@ def term_section(identification: Identification) -> Iterator[PageSection]:
 
 def term_table(choice: TermChoice) -> PageTable:
     """Return one row per joint: the cross-validated errors, and the terms that entered with their gains."""
-    columns = (
-        Column("joint", numeric=False),
-        Column("plain set, %"),
-        Column("chosen, %"),
-        Column("terms, and the gain of those that had to enter, % of the squared error", numeric=False, prose=True),
+    title = "terms, and the gain of those that had to enter, % of the squared error"
+    heads = ("plain set, %", "chosen, %", Column(title, numeric=False, prose=True))
+    rows = (
+        (joint, number(before, 3), number(after, 3), _list_terms(choice, joint))
+        for joint, before, after in zip(choice.joints, choice.before, choice.after, strict=True)
     )
-    rows = []
-    for joint, before, after in zip(choice.joints, choice.before, choice.after, strict=True):
-        rows.append((joint, number(before, 3), number(after, 3), _list_terms(choice, joint)))
-    return PageTable(columns, tuple(rows), "Terms chosen by the training logs, and their cross-validated torque error")
+    caption = "Terms chosen by the training logs, and their cross-validated torque error"
+    return PageTable.of(("joint",), heads, rows, caption)
 
 
 def choice_comments(identification: Identification, source: str) -> dict[str, list[str]]:
@@ -144,9 +142,8 @@ def _trial_caption(choice: TermChoice, joint: str) -> str:
 
 
 def _trial_table(choice: TermChoice) -> PageTable:
-    words_of = (Column("joint", numeric=False), Column("term", numeric=False), Column("constants", numeric=False))
-    gains = (Column("gain, %"), Column("std. error"), Column("on faster motion, %"), Column("std. error"))
-    columns = (*words_of, *gains, Column("outcome", numeric=False, prose=True))
+    outcome = Column("outcome", numeric=False, prose=True)
+    heads = ("gain, %", "std. error", "on faster motion, %", "std. error", outcome)
     rows = [
         (
             joint,
@@ -158,7 +155,8 @@ def _trial_table(choice: TermChoice) -> PageTable:
         for joint in choice.joints
         for trial in _sort_trials(choice.trials_of(joint))
     ]
-    return PageTable(columns, tuple(rows), "Gain, in % of the squared cross-validated error of the joint")
+    caption = "Gain, in % of the squared cross-validated error of the joint"
+    return PageTable.of(("joint", "term", "constants"), heads, rows, caption)
 
 
 def _gain_text(gain: float, std: float | None) -> str:
@@ -200,7 +198,7 @@ def base_errors(identification: Identification) -> Array:
 def _base_table(identification: Identification, basis: BaseParameters) -> PageTable:
     robust, plain = identification.errors.allows_correlation, identification.errors.base_std_independent
     values, errors = basis.to_base(identification.estimate.value), base_errors(identification)
-    heads = [Column("base parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
+    heads: list[Head] = ["value", "std. error", "%"]
     physics = identification.estimate.consistency
     free = physics.unconstrained if physics else None
     unconstrained = values if free is None else basis.to_base(free)
@@ -215,7 +213,7 @@ def _base_table(identification: Identification, basis: BaseParameters) -> PageTa
         cells += [number(None if plain is None else float(plain[k]), 2)] * robust
         cells += [identification.estimate.units[lead]]
         rows.append((*cells, *[number(float(unconstrained[k])) if is_held[k] else ""] * bool(is_held.any())))
-    return PageTable(tuple(heads), tuple(rows), "Base parameters and their values")
+    return PageTable.of(("base parameter",), heads, rows, "Base parameters and their values")
 
 
 def condition_section(identification: Identification) -> PageSection:
@@ -246,14 +244,14 @@ def consistency_section(identification: Identification) -> Iterator[PageSection]
     eigenvalues, costs = consistency.eigenvalues, consistency.costs
     blocks: list[PageBlock] = [str(identification.mass)] if identification.mass else []
     if eigenvalues:
-        columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))
-        rows = tuple((body, tiny(float(value), 3)) for body, value in eigenvalues.items())
-        blocks += [_EIGENVALUES, PageTable(columns, rows, "Smallest eigenvalue of the pseudo-inertia of each body")]
+        rows = [(body, tiny(float(value), 3)) for body, value in eigenvalues.items()]
+        caption = "Smallest eigenvalue of the pseudo-inertia of each body"
+        blocks += [_EIGENVALUES, PageTable.of(("body",), ("smallest eigenvalue, scaled",), rows, caption)]
     if costs:
-        columns = (Column("constraints", numeric=False), Column("cost, % of the torque"))
-        rows = tuple(
+        rows = [
             ("all together" if family == "all" else family, number(float(value), 3)) for family, value in costs.items()
-        )
-        blocks.append(PageTable(columns, rows, "What the constraints add to the weighted error of the training data"))
+        ]
+        caption = "What the constraints add to the weighted error of the training data"
+        blocks.append(PageTable.of(("constraints",), ("cost, % of the torque",), rows, caption))
     if blocks:
         yield PageSection("Physical consistency", tuple(blocks))

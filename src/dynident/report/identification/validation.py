@@ -12,8 +12,8 @@ from dynident.models import Joint
 from dynident.motion.splines import Rule, SmoothingSpline, smooth
 from dynident.report.figures import Array
 from dynident.report.identification.figures import error_figure, run_figure, smoothing_figure, torque_figure
-from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, render
-from dynident.report.words import ROLES, log_labels, points
+from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
+from dynident.report.words import ROLES, figure_gallery, points
 from dynident.runtime import ConfigError, InputError, join_names, number
 from dynident.validation import FloorOrigin, residual_text
 
@@ -67,9 +67,7 @@ def error_section(identification: Identification) -> PageSection:
 
 def error_table(identification: Identification) -> PageTable:
     """Return the relative errors per log."""
-    words = (Column("log", numeric=False), Column("role", numeric=False))
     heads = ("samples", "unfiltered, %", "over the noise floor", "filtered, %")
-    columns = (*words, *map(Column, heads))
     rows = [
         (
             log.name,
@@ -81,19 +79,18 @@ def error_table(identification: Identification) -> PageTable:
         )
         for log in identification.validations
     ]
-    return PageTable(columns, tuple(rows), "Relative torque error per log")
+    return PageTable.of(("log", "role"), heads, rows, "Relative torque error per log")
 
 
 def joint_table(identification: Identification) -> PageTable:
     """Return the errors with one row per log and joint, as a terminal shows them."""
-    names = (Column("log", numeric=False), Column("joint", numeric=False))
-    columns = (*names, *map(Column, ("error, %", "over the noise floor", "rmse")))
+    heads = ("error, %", "over the noise floor", "rmse", UNIT)
     rows = [
         (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
         for log in identification.validations
         for joint in identification.model.joints
     ]
-    return PageTable((*columns, UNIT), tuple(rows), "Torque error per log and joint, unfiltered")
+    return PageTable.of(("log", "joint"), heads, rows, "Torque error per log and joint, unfiltered")
 
 
 def unknown_noise(identification: Identification) -> Iterator[str]:
@@ -111,19 +108,19 @@ def unknown_noise(identification: Identification) -> Iterator[str]:
 
 def _joint_matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
-    heads = [Column("joint", numeric=False), UNIT]
+    heads: list[Head] = [UNIT]
     for log in identification.validations:
         name = f"{log.name} ({ROLES.get(log.role, log.role)})"
-        heads += [Column(title, name) for title in ("error, %", "over the noise floor", "rmse")]
-        heads += [Column("of limit, %", name)] * bool(log.errors.effort_share)
+        heads += [(title, name) for title in ("error, %", "over the noise floor", "rmse")]
+        heads += [("of limit, %", name)] * bool(log.errors.effort_share)
     rows = []
     for joint in identification.model.joints:
         row = [joint.name, joint.effort]
         for log in identification.validations:
             row += _joint_errors(log, joint.name)
             row += [number(log.errors.effort_share.get(joint.name), 2)] * bool(log.errors.effort_share)
-        rows.append(tuple(row))
-    return PageTable(tuple(heads), tuple(rows), "Torque error per joint, unfiltered")
+        rows.append(row)
+    return PageTable.of(("joint",), heads, rows, "Torque error per joint, unfiltered")
 
 
 def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str, str]:
@@ -145,7 +142,7 @@ def floor_ratio_text(log: LogValidation, joint: str | None = None) -> str:
 
 def _residual_table(identification: Identification) -> PageTable:
     heads = ("explained", "of the effort limit, %", "independent after, s", "white, p", "below 5 Hz, %", "peak, Hz")
-    columns = (Column("log", numeric=False), Column("joint", numeric=False), *map(Column, heads))
+    residual_heads = (*heads, "at reversals, %", Column("points to", numeric=False))
     rows = [
         (
             log.name,
@@ -162,8 +159,7 @@ def _residual_table(identification: Identification) -> PageTable:
         for log in identification.validations
         for joint, test in log.residuals.items()
     ]
-    extra_columns = (Column("at reversals, %"), Column("points to", numeric=False))
-    return PageTable((*columns, *extra_columns), tuple(rows), "What is left of the torque, unfiltered")
+    return PageTable.of(("log", "joint"), residual_heads, rows, "What is left of the torque, unfiltered")
 
 
 def torque_section(identification: Identification, robot: Sequence[PageBlock] = ()) -> PageSection:
@@ -172,29 +168,26 @@ def torque_section(identification: Identification, robot: Sequence[PageBlock] = 
     ``robot`` are words on the robot and, last, its view, which stands beside the figures.
     """
     curve_points = points(identification)
-    views = []
-    for label, k in log_labels(identification):
-        log = identification.validations[k]
-        for joint in identification.model.joints:
-            caption = (
-                f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
-                f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
-            )
-            figure = torque_figure(log, joint.name, joint.effort, curve_points).follow_run(label)
-            views.append(((label, joint.name), (Figure(figure, caption),)))
-    gallery = Gallery(("log", "joint"), tuple(views))
+
+    def draw_torque(log: LogValidation, joint: Joint) -> Figure:
+        caption = (
+            f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
+            f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
+        )
+        return Figure(torque_figure(log, joint.name, joint.effort, curve_points), caption)
+
+    gallery = figure_gallery(identification, draw_torque)
     if not robot:
-        return PageSection("Torques", (_TORQUES, gallery))
+        return PageSection("Torques", (_TORQUES, *gallery))
     *notes, view = robot
-    return PageSection("The robot and its torques", (_TORQUES, *notes, Beside((view,), (gallery,))))
+    return PageSection("The robot and its torques", (_TORQUES, *notes, Beside((view,), gallery)))
 
 
 def simulation_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the free simulations, where there are any."""
     if not identification.runs:
         return
-    heads = (Column("log", numeric=False), Column("driven by", numeric=False), Column("joint", numeric=False))
-    columns = (*heads, *map(Column, ("position error, %", "of its way, %", "rms", "torque error, %")))
+    heads = ("position error, %", "of its way, %", "rms", "torque error, %")
     units = {joint.name: joint.unit for joint in identification.model.joints}
     rows = [
         (
@@ -210,31 +203,18 @@ def simulation_section(identification: Identification) -> Iterator[PageSection]:
         for joint in run.joints
     ]
     failures = tuple(f"{run.name}: {run.failure}" for run in identification.runs if run.failure)
-    table = PageTable(columns, tuple(rows), "Free simulation beside the measured position")
-    yield PageSection(
-        "Free simulation", (_RUNS, *((failures,) if failures else ()), table, *_run_galleries(identification))
-    )
+    table = PageTable.of(("log", "driven by", "joint"), heads, rows, "Free simulation beside the measured position")
+    runs, curve_points = {run.name: run for run in identification.runs if not run.failure}, points(identification)
 
+    def draw_run(log: LogValidation, joint: Joint) -> Figure | None:
+        run = runs.get(log.name)
+        if run is None or joint.name not in run.joints:
+            return None
+        drawing = run_figure(run, joint.name, joint.unit, curve_points)
+        return Figure(drawing, f"{joint.name}: measured and simulated position.")
 
-def _run_galleries(identification: Identification) -> Iterator[Gallery]:
-    units, curve_points = {joint.name: joint.unit for joint in identification.model.joints}, points(identification)
-    runs = {run.name: run for run in identification.runs if not run.failure}
-    views = tuple(
-        (
-            (label, joint),
-            (
-                Figure(
-                    run_figure(run, joint, units[joint], curve_points).follow_run(label),
-                    f"{joint}: measured and simulated position.",
-                ),
-            ),
-        )
-        for label, k in log_labels(identification)
-        if (run := runs.get(identification.validations[k].name))
-        for joint in run.joints
-    )
-    if views:
-        yield Gallery(("log", "joint"), views)
+    gallery = figure_gallery(identification, draw_run)
+    yield PageSection("Free simulation", (_RUNS, *((failures,) if failures else ()), table, *gallery))
 
 
 def prediction_table(logs: Sequence[LogValidation], joints: Sequence[Joint]) -> PageTable:
@@ -254,10 +234,8 @@ def prediction_table(logs: Sequence[LogValidation], joints: Sequence[Joint]) -> 
             )
             for joint in joints
         ]
-    words = (Column("log", numeric=False), Column("joint", numeric=False))
-    numbers = map(Column, ("error, %", "times white noise", "rmse"))
-    columns = (*words, *numbers, UNIT)
-    return PageTable(columns, tuple(rows), "Torque error per log and joint, unfiltered")
+    heads = ("error, %", "times white noise", "rmse", UNIT)
+    return PageTable.of(("log", "joint"), heads, rows, "Torque error per log and joint, unfiltered")
 
 
 def prediction_frame(logs: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame:
@@ -345,8 +323,8 @@ def _check_names(source: str, columns: Sequence[str], derivatives: Sequence[str]
 def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> PageTable:
     """Return the smoothing of each column: noise, S, lam, effective degrees of freedom, bandwidth."""
     values = [np.atleast_1d(getattr(fit, key)) for key in _HEADS]
-    rows = tuple((name, *(number(float(value[k])) for value in values)) for k, name in enumerate(names))
-    return PageTable((Column("column", numeric=False), *map(Column, _HEADS.values())), rows, "Smoothing per column")
+    rows = ((name, *(number(float(value[k])) for value in values)) for k, name in enumerate(names))
+    return PageTable.of(("column",), _HEADS.values(), rows, "Smoothing per column")
 
 
 def smoothing_page(source: str, names: Sequence[str], measured: np.ndarray, fit: SmoothingSpline) -> str:

@@ -87,6 +87,9 @@ class Status(StrEnum):
     DIED = "died"
 
 
+FAILURES = tuple(status.value for status in Status if status is not Status.OK)  # another attempt may succeed
+
+
 @dataclass(frozen=True)
 class Limits:
     """The most that one job may take: ``seconds``, and ``memory`` (GB) of the process that runs it; None: no limit.

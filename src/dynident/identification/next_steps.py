@@ -1,0 +1,398 @@
+"""What to record or change next: which seconds to leave out, which speeds to add, which parameters to sharpen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.identification.result import Identification
+from dynident.identification.verdict_steps import (
+    MIN_GAIN_SHARE,
+    CheckRipple,
+    Cover,
+    ExcitingMotion,
+    LeaveOut,
+    NextStep,
+    SetRight,
+    Sharpen,
+    SlowReversals,
+    gain_points,
+    judged_log,
+)
+from dynident.motion.log import stack_states, subsample
+from dynident.regression import UnexcitedParameters, fitted_mask
+from dynident.runtime import brief
+from dynident.validation import SLOW_SPEED_SHARE, Cause, LogValidation, ResidualRipple, Reversals
+
+Array = NDArray[np.float64]
+MIN_RELATIVE_STD = 0.3  # standard error over value from which a parameter wants better data
+MIN_TORQUE_SHARE = 1.0  # %, of the torque, that the standard error must be worth for that
+MAX_PARAMETER_STEPS = 5  # next steps on single parameters
+MAX_SAMPLES = 500  # of the training, and of the log that is judged
+RANK_TOLERANCE_GAINS = 1e-6  # share of the largest singular value below which the training says nothing
+
+
+def next_steps(identification: Identification) -> tuple[UnexcitedParameters | NextStep, ...]:
+    """Return what to record or change next, beyond the remedies of the reasons.
+
+    Steps are ordered by their gain. Those of unknown gain come last, parameters that are not excited before the
+    others.
+    """
+    steps = (
+        *_correction_steps(identification),
+        *window_steps(identification),
+        *_sharpening_steps(identification),
+        *_residual_steps(identification),
+    )
+    ranked = sorted((step for step in steps if step.gain is not None), key=lambda step: -(step.gain or 0.0))
+    return (*ranked, *identification.base.unexcited, *(step for step in steps if step.gain is None))
+
+
+def _correction_steps(identification: Identification) -> Iterator[SetRight]:
+    """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
+    log = judged_log(identification)
+    for finding in identification.findings:
+        gain = gain_points(log, dict(finding.message.removed))
+        is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error
+        if is_worthwhile or finding.message.advises:
+            yield SetRight(finding, gain=gain)
+
+
+def _residual_steps(identification: Identification) -> Iterator[NextStep]:
+    """Yield the steps that the tests of the residuals suggest."""
+    held_out = identification.of_role("validation") or identification.validations
+    causes = {joint: test.causes for log in held_out for joint, test in log.residuals.items()}
+    log = judged_log(identification)
+    tests = {joint: (test, log.errors.rmse[joint] ** 2) for joint, test in log.residuals.items()}
+    if joints := _joints_with(causes, Reversals):
+        excess = {j: size * max(test.reversal_share - test.slow_share, 0.0) for j, (test, size) in tests.items()}
+        speeds = SLOW_SPEED_SHARE * np.sqrt(np.mean(log.motion.dq[log.motion.mask] ** 2, axis=0))
+        reported_speeds = tuple(float(speeds[log.motion.joints.index(joint)]) for joint in joints)
+        terms_chosen = identification.calibration.terms is not None and bool(identification.calibration.terms.trials)
+        yield SlowReversals(joints, reported_speeds, terms_chosen, gain=_gain_of_joints(log, excess, joints))
+    if joints := _joints_with(causes, ResidualRipple):
+        excess = {joint: size * max(test.peak_share, 0.0) for joint, (test, size) in tests.items()}
+        yield CheckRipple(joints, gain=_gain_of_joints(log, excess, joints))
+
+
+def _gain_of_joints(log: LogValidation, removed: Mapping[str, float], joints: Sequence[str]) -> float | None:
+    return gain_points(log, {joint: removed.get(joint, 0.0) for joint in joints})
+
+
+def _joints_with(causes: Mapping[str, tuple[Cause, ...]], kind: type[Cause]) -> tuple[str, ...]:
+    return tuple(
+        joint for joint, joint_causes in causes.items() if any(isinstance(cause, kind) for cause in joint_causes)
+    )
+
+
+def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
+    """Yield the motions that would improve the least accurate of the parameters that matter to the torque."""
+    basis, errors = identification.base.on_data, identification.errors
+    std = errors.std if basis is None else errors.base_std
+    if basis is None:
+        value, names = identification.estimate.value, identification.estimate.names
+        leads: tuple[int, ...] = tuple(range(len(value)))
+    else:
+        value, names, leads = basis.to_base(identification.estimate.value), basis.groupings, basis.independent
+    if std is None:
+        return
+    columns, torque = _training_equations(identification)
+    # The torque of one standard error, relative to that of the training: parameters without effect do not matter.
+    share = 100.0 * std * np.linalg.norm(columns, axis=(0, 1))[list(leads)] / (np.linalg.norm(torque) or 1.0)
+    uncertain = np.flatnonzero((std > MIN_RELATIVE_STD * np.abs(value)) & (share > MIN_TORQUE_SHARE) & np.isfinite(std))
+    worst = sorted(map(int, uncertain), key=lambda k: -share[k])[:MAX_PARAMETER_STEPS]
+    gains = _gains_if_known(identification, columns, list(leads), worst, std)
+    for k, gain in zip(worst, gains, strict=True):
+        how, joint = _motion_for(identification, leads[k])
+        needed = min(std[k] / (MIN_RELATIVE_STD * np.abs(value[k]) or np.inf), share[k] / MIN_TORQUE_SHARE)
+        faster = float(np.sqrt(needed)) if how is ExcitingMotion.ACCELERATE else None
+        figures = float(value[k]), float(std[k]), float(share[k])
+        yield Sharpen(names[k], *figures, how, joint, faster, gain=gain)
+
+
+def _training_equations(identification: Identification) -> tuple[Array, Array]:
+    """Return regressor (M, n, p) and torque (M, n) of some samples of the training."""
+    motions = identification.training_motions
+    columns, torque = [], []
+    for motion in motions:
+        (rows,) = subsample([motion], MAX_SAMPLES)
+        columns.append(identification.model.regressor(**motion.states(rows)))
+        torque.append(motion.tau[rows])
+    return np.concatenate(columns), np.concatenate(torque)
+
+
+def _gains_if_known(
+    identification: Identification, columns: Array, leads: list[int], parameters: Sequence[int], std: Array
+) -> list[float | None]:
+    """Return the gain in points, on the log that is judged, of knowing each of the parameters exactly.
+
+    The others would change with it: with the covariance C of all, the torque Y C e_k / sqrt(C_kk) is then known,
+    whose size is that by the standard error. C is taken from the regressor of the training, up to its scale.
+    """
+    log = judged_log(identification)
+    (rows,) = subsample([log.motion], MAX_SAMPLES)
+    motion = log.motion
+    weight = identification.estimate.residual.sigma
+    weight = 1.0 / np.where(weight > 0, weight, 1.0)
+    # Columns scaled to norm one, so that the rank does not depend on the units of the parameters.
+    X = (columns[:, :, leads] * weight[:, None]).reshape(-1, len(leads))
+    size = np.linalg.norm(X, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    C = np.linalg.pinv((X / size).T @ (X / size), rcond=RANK_TOLERANCE_GAINS, hermitian=True)
+    Y = identification.model.regressor(**motion.states(rows))[:, :, leads] / size
+    gains = []
+    for k in parameters:
+        torque = Y @ C[:, k] / (C[k, k] or np.inf) * size[k] * std[k]
+        removed = np.mean(torque**2, axis=0)
+        gains.append(gain_points(log, dict(zip(motion.joints, map(float, removed), strict=True))))
+    return gains
+
+
+def _motion_for(identification: Identification, column: int) -> tuple[ExcitingMotion, str | None]:
+    """Return the motion that excites a parameter, which acts on the torque by position, velocity or acceleration."""
+    model, n = identification.model, len(identification.model.joints)
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
+    rest, memory = np.zeros_like(q), rng.uniform(-1.0, 1.0, (20, model.memory))
+    # At rest only gravity acts, on starting also inertia: the difference tells which motion shows the parameter.
+    full, standing, starting = (
+        np.abs(model.regressor(q, *rates)[:, :, column])
+        for rates in ((dq, ddq, memory), (rest, rest, 0 * memory), (rest, ddq, 0 * memory))
+    )
+    threshold = 1e-9 * full.max()  # a share, so that the unit does not count
+    acting = [joint.name for joint, size in zip(model.joints, full.max(axis=0), strict=True) if size > threshold]
+    joint = acting[-1] if acting else None
+    role = model.parameters[column].role
+    if role in ("viscous", "coulomb"):
+        return ExcitingMotion.CONSTANT_SPEEDS, joint
+    if standing.max() > threshold:
+        return ExcitingMotion.MANY_POSES, joint
+    if starting.max() > threshold:
+        return ExcitingMotion.ACCELERATE, joint
+    return ExcitingMotion.CONSTANT_SPEEDS, joint
+
+
+MAX_TRAINING_SAMPLES = 4000  # of all training motions, up to twice as many
+N_PARTS = 20  # of all training motions, about
+RANK_TOLERANCE = 1e-5  # share of the largest singular value below which the data say nothing
+MIN_DIRECTION_SHARE = 1e-3  # share of a direction that must be left where samples are left out
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingParts:
+    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and ``part`` (M), by number.
+
+    Rows ``Z`` (M, n, r) and torque ``y`` (M, n) are times the ``weight`` (n) of each joint, zero where the fit leaves
+    an equation out; in the coordinates of Z the sum of all Z'Z is one.
+    """
+
+    names: tuple[str, ...]
+    log: NDArray[np.intp]
+    part: NDArray[np.intp]
+    t: Array
+    Z: Array
+    y: Array
+    weight: Array
+
+    __repr__ = brief
+
+    @cached_property
+    def residual(self) -> Array:
+        """The residual (M, n) of the weighted torque of each part, predicted from the others."""
+        return self.residual_without(np.zeros(self.y.shape, dtype=bool))
+
+    def residual_without(self, out: NDArray[np.bool_]) -> Array:
+        """Return this residual without the equations ``out`` (M, n); nan where the rest determines too little."""
+        residual = np.full(self.y.shape, np.nan)
+        # Equations left out are subtracted from all normal equations; those of the part itself only once.
+        omitted_sums = [self._sums(out & (self.part == k)[:, None]) for k in range(self.count)]
+        A, b = (total - sum(sums[i] for sums in omitted_sums) for i, total in enumerate(self._total_sums))
+        for k, (part_sums, part_omitted) in enumerate(zip(self._part_sums, omitted_sums, strict=True)):
+            try:
+                L = np.linalg.cholesky(A - part_sums[0] + part_omitted[0])
+            except np.linalg.LinAlgError:
+                continue
+            # In these coordinates all data have information one: a small pivot is a direction the others do not show.
+            if (np.diag(L) ** 2 > MIN_DIRECTION_SHARE).all():
+                in_part = self.part == k
+                residual[in_part] = self.y[in_part] - self.Z[in_part] @ np.linalg.solve(
+                    L.T, np.linalg.solve(L, b - part_sums[1] + part_omitted[1])
+                )
+        return residual
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return int(self.part.max(initial=-1)) + 1
+
+    def squares(self, residual: Array, rows: NDArray[np.bool_] | None = None) -> Array:
+        """Return the sums of squares (K, n) of the ``residual`` (M, n) over each part, of the ``rows`` (M) alone."""
+        squared = np.square(residual) if rows is None else np.where(rows[:, None], np.square(residual), 0.0)
+        return np.array([squared[self.part == k].sum(axis=0) for k in range(self.count)])
+
+    @cached_property
+    def _part_sums(self) -> list[tuple[Array, Array]]:
+        return [self._sums(np.repeat((self.part == k)[:, None], self.y.shape[1], axis=1)) for k in range(self.count)]
+
+    @cached_property
+    def _total_sums(self) -> tuple[Array, Array]:
+        return np.sum([sums[0] for sums in self._part_sums], axis=0), np.sum(
+            [sums[1] for sums in self._part_sums], axis=0
+        )
+
+    def _sums(self, mask: NDArray[np.bool_]) -> tuple[Array, Array]:
+        Z, y = self.Z[mask], self.y[mask]
+        return Z.T @ Z, Z.T @ y
+
+
+def parts_of(identification: Identification) -> TrainingParts:
+    """Return the parts of the training of an identification, each joint weighted by its residual."""
+    motions = identification.training_motions
+    rows = subsample(motions, MAX_TRAINING_SAMPLES)
+    selection = identification.recipe.selection(identification.model.joints)
+    pairs = list(zip(motions, rows, strict=True))
+    tau, t = (np.concatenate([getattr(motion, name)[indices] for motion, indices in pairs]) for name in ("tau", "t"))
+    is_fitted = np.concatenate([fitted_mask(motion, selection.min_speed, indices) for motion, indices in pairs])
+    Y = identification.model.regressor(**stack_states(motions, rows))
+    size = np.sqrt(np.mean(np.where(is_fitted, tau - Y @ identification.estimate.value, 0.0) ** 2, axis=0))
+    weight = 1.0 / np.where(size > 0, size, 1.0)
+    X, y = Y * (weight * is_fitted)[:, :, None], tau * weight * is_fitted
+    log = np.repeat(np.arange(len(motions)), list(map(len, rows)))
+    names = tuple(validation.name for validation in identification.of_role("train"))
+    return TrainingParts(names, log, _part_numbers(list(map(len, rows))), t, X @ _coordinates(X), y, weight)
+
+
+def _part_numbers(lengths: Sequence[int]) -> NDArray[np.intp]:
+    """Return the part number of each sample; no part has samples of two logs."""
+    numbers, total = list[NDArray[np.intp]](), sum(lengths) or 1
+    for length in lengths:
+        count = max(1, round(N_PARTS * length / total))
+        start = int(numbers[-1][-1]) + 1 if numbers else 0
+        if length:
+            numbers.append(start + np.arange(length) * count // length)
+    return np.concatenate(numbers) if numbers else np.zeros(0, dtype=np.intp)
+
+
+def _coordinates(X: Array) -> Array:
+    """Return the map (p, r) of rows X (M, n, p) to coordinates in which the sum of their squares is the identity.
+
+    Directions that the rows do not determine are left out.
+    """
+    scale = np.linalg.norm(X, axis=(0, 1))
+    scale = np.where(scale > 0, scale, 1.0)
+    _, singular, directions = np.linalg.svd(np.linalg.qr((X / scale).reshape(-1, X.shape[2]), mode="r"))
+    is_determined = singular > RANK_TOLERANCE * singular.max(initial=0.0)
+    return np.asarray(directions[: len(singular)][is_determined].T / singular[is_determined] / scale[:, None])
+
+
+MIN_ODD_RATIO = 4.0  # times the median squared residual of the parts of the training: one is looked at from here on
+MAX_ODD_SHARE = 0.3  # share of the parts that are odd, at most: more are no exception
+MIN_SIGNIFICANCE = 2.0  # standard errors over the parts
+MIN_EXCESS = 1.05  # times the largest speed or acceleration of the training
+MIN_SAMPLES_BEYOND = 20  # samples beyond
+MAX_GAP = 0.3  # s: stretches this near to each other are one
+
+
+def window_steps(identification: Identification) -> Iterator[NextStep]:
+    """Yield which speeds to add to the training, and which seconds to leave out of it."""
+    log = judged_log(identification)
+    if log.role == "validation" and (step := _coverage_step(identification, log)) is not None:
+        yield step
+    parts = parts_of(identification)
+    if parts.count < 3 or not parts.Z.shape[2] or not np.isfinite(parts.residual).all():
+        return
+    yield from _odd_parts(parts, log, [joint.name for joint in identification.model.joints])
+
+
+def _odd_parts(parts: TrainingParts, log: LogValidation, joints: list[str]) -> Iterator[LeaveOut]:
+    """Yield the part of the training that the others contradict, with its odd neighbours, if leaving it out helps."""
+    size = np.bincount(parts.part, minlength=parts.count)
+    if not size.all():  # of so short a training that a part of it has no sample
+        return
+    squares = parts.squares(parts.residual).sum(axis=1) / size
+    is_odd = squares > MIN_ODD_RATIO * np.median(squares)
+    if not is_odd.any() or is_odd.mean() > MAX_ODD_SHARE:
+        return
+    worst = first_odd = last_odd = int(np.argmax(squares))
+    log_of_part = np.array([parts.log[parts.part == k][0] for k in range(parts.count)])
+    # Neighbouring odd parts of the same log are one event.
+    while first_odd > 0 and is_odd[first_odd - 1] and log_of_part[first_odd - 1] == log_of_part[worst]:
+        first_odd -= 1
+    while last_odd + 1 < parts.count and is_odd[last_odd + 1] and log_of_part[last_odd + 1] == log_of_part[worst]:
+        last_odd += 1
+    out = (parts.part >= first_odd) & (parts.part <= last_odd)
+    gain = _removal_gain(parts, np.repeat(out[:, None], len(joints), axis=1), ~out, log, joints)
+    if gain is not None:
+        t = parts.t[out]
+        odd_mean = float(np.average(squares[first_odd : last_odd + 1], weights=size[first_odd : last_odd + 1]))
+        other_mean = float(
+            np.average(
+                np.delete(squares, range(first_odd, last_odd + 1)),
+                weights=np.delete(size, range(first_odd, last_odd + 1)),
+            )
+        )
+        yield LeaveOut(parts.names[log_of_part[worst]], float(t[0]), float(t[-1]), odd_mean / other_mean, gain=gain)
+
+
+def _removal_gain(
+    parts: TrainingParts, out: NDArray[np.bool_], rows: NDArray[np.bool_], log: LogValidation, joints: list[str]
+) -> float | None:
+    """Return the gain in points, on the cross-validated residual of the rows (M), of leaving equations out.
+
+    None where it is small or may be chance.
+    """
+    without = parts.residual_without(out)
+    if not np.isfinite(without).all():
+        return None
+    before, after = parts.squares(parts.residual, rows), parts.squares(without, rows)
+    change = (before - after).sum(axis=1)
+    # Changes by part are nearly independent; their spread gives the error of the sum.
+    has_rows = parts.squares(np.ones_like(parts.y), rows).sum(axis=1) > 0
+    std = float(np.std(change[has_rows], ddof=1) * np.sqrt(has_rows.sum())) if has_rows.sum() > 1 else np.inf
+    if not change.sum() > MIN_SIGNIFICANCE * std:
+        return None
+    mean = (before - after).sum(axis=0) / rows.sum() / parts.weight**2
+    gain = gain_points(log, dict(zip(joints, map(float, mean), strict=True)))
+    return gain if gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error else None
+
+
+def _coverage_step(identification: Identification, log: LogValidation) -> Cover | None:
+    """Return the speeds of the held-out log beyond those of the training, if its error is larger there."""
+    train = identification.training_motions
+    motion = log.motion
+    ratios = []
+    for name in ("dq", "ddq"):
+        largest = np.max(
+            [np.abs(getattr(train_motion, name)[train_motion.mask]).max(axis=0) for train_motion in train], axis=0
+        )
+        ratios.append(np.abs(getattr(motion, name)) / np.where(largest > 0, largest, np.inf))
+    # Accelerations grow with the square of the speed: both become a factor of speed.
+    faster = np.maximum(ratios[0], np.sqrt(ratios[1]))
+    beyond = (faster > MIN_EXCESS).any(axis=1) & motion.mask
+    inside = motion.mask & ~beyond
+    residual = np.where(motion.mask[:, None], motion.tau - log.predicted_torque, 0.0)
+    if beyond.sum() < MIN_SAMPLES_BEYOND or inside.sum() < MIN_SAMPLES_BEYOND:
+        return None
+    error, other_error = (100.0 * np.linalg.norm(residual[rows]) / (np.linalg.norm(motion.tau[rows]) or np.inf)
+                   for rows in (motion.mask, inside))  # fmt: skip
+    if not error - other_error > MIN_GAIN_SHARE * error:
+        return None
+    squares = np.square(residual).sum(axis=1)
+    # The joint that is beyond its training where most of the squared residual is.
+    j = int(np.argmax(((faster > MIN_EXCESS) * squares[:, None])[beyond].sum(axis=0)))
+    start, stop = _worst_stretch(motion.t, beyond, squares)
+    factor = float(faster[beyond, j].max())
+    speed = factor * max(float(np.abs(train_motion.dq[train_motion.mask, j]).max()) for train_motion in train)
+    return Cover(log.name, start, stop, motion.joints[j], factor, speed, gain=float(error - other_error))
+
+
+def _worst_stretch(t: Array, mask: NDArray[np.bool_], squares: Array) -> tuple[float, float]:
+    """Return begin and end (s) of the stretch of chosen samples (N) with the largest sum of squares (N)."""
+    rows = np.flatnonzero(mask)
+    groups = np.split(rows, np.flatnonzero(np.diff(t[rows]) > MAX_GAP) + 1)
+    worst = max(groups, key=lambda group: float(squares[group].sum()))
+    return float(t[worst[0]]), float(t[worst[-1]])

@@ -1,0 +1,288 @@
+"""Gram matrices of the rows of a joint by block of time and class, and the fits of candidates from them alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.estimators import bodies_of, parameter_scales
+from dynident.models import Parameter
+from dynident.runtime import brief
+
+Array = NDArray[np.float64]
+RIDGE_SHARE = 1e-9  # ridge, of a column's own square: dependent columns stay solvable
+MIN_INDEPENDENT_SHARE = 1e-6  # share of a column's square that others must leave of it
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """T divisions of the rows of a joint: ``train`` and ``test`` (T, F, C) weigh blocks and classes of its samples.
+
+    ``other_joints`` (T) says which rows of the other joints are fitted: an index into the normal matrices of
+    these.
+    """
+
+    train: Array
+    test: Array
+    other_joints: NDArray[np.intp]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class JointGrams:
+    """Gram matrices of one joint's rows: ``grams`` (F, C, c, c) by block of time and class of samples.
+
+    The c columns are b entries of the regressor of the model given, m columns of candidates, and the torque. ``maps``
+    (b, p) gives the entries from the p parameters of that model.
+    """
+
+    grams: Array
+    maps: Array
+
+    __repr__ = brief
+
+    @cached_property
+    def acts(self) -> NDArray[np.intp]:
+        """The k parameters of the model that act on this joint."""
+        return np.flatnonzero(self.maps.any(axis=0))
+
+    @cached_property
+    def parameter_grams(self) -> Array:
+        """The same matrices (F, C, k + m + 1, k + m + 1), with the k parameters in place of the entries."""
+        b, k = len(self.maps), len(self.acts)
+        n_other, maps = self.grams.shape[-1] - b, self.maps[:, self.acts]
+        reduced_grams = np.empty((*self.grams.shape[:2], k + n_other, k + n_other))
+        reduced_grams[..., :k, :k] = maps.T @ self.grams[..., :b, :b] @ maps
+        reduced_grams[..., k:, k:] = self.grams[..., b:, b:]
+        reduced_grams[..., :k, k:] = maps.T @ self.grams[..., :b, b:]
+        reduced_grams[..., k:, :k] = np.swapaxes(reduced_grams[..., :k, k:], -1, -2)
+        return reduced_grams
+
+    def fold_sums(self, folds: Folds) -> tuple[Array, Array]:
+        """Return the sums (T, c, c) of these matrices over the training rows and over the test rows of each fold."""
+        if folds not in self._sums:
+            self._sums[folds] = (
+                weighted_sums(folds.train, self.parameter_grams),
+                weighted_sums(folds.test, self.parameter_grams),
+            )
+        return self._sums[folds]
+
+    @cached_property
+    def _sums(self) -> dict[Folds, tuple[Array, Array]]:
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class TrialFits:
+    """Fits of G groups of columns in T folds: squared errors ``before`` (T) and ``after`` (T, G) on the test rows.
+
+    ``best`` (T, G) is the size of a group that fits best, and ``values`` its coefficients (T, columns) by group.
+    ``independent`` (T, G) is False where its columns are dependent on the others.
+    """
+
+    before: Array
+    after: Array
+    best: NDArray[np.intp]
+    values: tuple[Array, ...]
+    independent: NDArray[np.bool_]
+
+    __repr__ = brief
+
+
+def eliminate_columns(gram: Array, keep: int, drop: Sequence[int]) -> tuple[Array, Array]:
+    """Return normal matrix (..., keep, keep) and right side of the first columns, with those in ``drop`` eliminated."""
+    G, g = gram[..., :keep, :keep], gram[..., :keep, -1]
+    index = list(drop)
+    if not index:
+        return G, g
+    dropped_gram = add_ridge(gram[..., index, :][..., index])
+    cross = gram[..., index, :][..., [*range(keep), gram.shape[-1] - 1]]
+    share = np.swapaxes(cross[..., :keep], -1, -2) @ np.linalg.solve(dropped_gram, cross)
+    return G - share[..., :keep], g - share[..., keep]
+
+
+def weighted_sums(weights: Array, grams: Array) -> Array:
+    """Return weighted sums (T, c, c) of Gram matrices (F, C, c, c), with weights (T, F, C)."""
+    size = grams.shape[-1]
+    return (weights.reshape(len(weights), -1) @ grams.reshape(-1, size * size)).reshape(-1, size, size)
+
+
+def add_ridge(M: Array, share: float = RIDGE_SHARE) -> Array:
+    """Return square matrices with a small share of their diagonals added, so that they can be solved."""
+    diagonal = np.einsum("...ii->...i", M)
+    return np.asarray(M + (share * diagonal + np.finfo(float).tiny)[..., None] * np.eye(M.shape[-1]))
+
+
+def try_groups(
+    joint_grams: JointGrams,
+    folds: Folds,
+    other_normals: tuple[Array, Array],
+    columns: Sequence[int],
+    groups: Sequence[Sequence[Sequence[int]]],
+    weight: float,
+) -> TrialFits:
+    """Return the fit of each group of columns beside the chosen ``columns`` in each fold.
+
+    A group is a sequence of sizes, each a sequence of as many columns; the size of least error on the training
+    rows is tested. ``other_normals`` are normal matrices (S, k, k) and right sides (S, k) of the parameters that
+    act on this joint, from all other joints and the prior; ``weight`` is that of the rows of this one.
+    """
+    k, m = len(joint_grams.acts), joint_grams.grams.shape[-1] - len(joint_grams.maps) - 1
+    flat = sorted({i for sizes in groups for size in sizes for i in size})
+    base, pool, y = [*range(k), *(k + i for i in columns)], [k + i for i in flat], k + m
+    G, H = joint_grams.fold_sums(folds)
+    # One solve per fold for the fit and for all candidates at once: these are further right sides.
+    M, right = G[:, base][:, :, base], G[:, base][:, :, [y, *pool]]
+    M[:, :k, :k] += other_normals[0][folds.other_joints] / weight
+    right[:, :k, 0] += other_normals[1][folds.other_joints] / weight
+    solved = np.linalg.solve(add_ridge(M), right)
+    x, X = solved[..., 0], np.asarray(solved[..., 1:], dtype=float)
+    # the residual is y - base x; a unit of a candidate adds base X less its own column
+    Hb, Hc = H[:, base][:, :, base], H[:, base][:, :, pool]
+    residual_products = H[:, base, y] - np.einsum("tij,tj->ti", Hb, x)
+    before = H[:, y, y] - np.einsum("ti,ti->t", x, H[:, base, y] + residual_products)
+    candidate_fit = _CandidateFit(
+        pull=G[:, pool, y] - np.einsum("tik,ti->tk", right[..., 1:], x),
+        slope=np.einsum("tik,ti->tk", X, residual_products) - (H[:, pool, y] - np.einsum("tik,ti->tk", Hc, x)),
+        before=before,
+        G=G,
+        H=H,
+        B=right[..., 1:],
+        X=X,
+        Hc=Hc,
+        HX=Hb @ X - Hc,
+    )
+    place = {i: n for n, i in enumerate(flat)}
+    group_fits = [
+        candidate_fit.fit_group(np.array([[place[i] for i in size] for size in sizes]), np.array(pool))
+        for sizes in groups
+    ]
+    after, best, values, independent = zip(*group_fits, strict=True) if group_fits else ((), (), (), ())
+    shape = (len(before), 0)
+    return TrialFits(
+        before,
+        np.stack(after, axis=1) if group_fits else np.zeros(shape),
+        np.stack(best, axis=1) if group_fits else np.zeros(shape, dtype=int),
+        tuple(values),
+        np.stack(independent, axis=1) if group_fits else np.zeros(shape, dtype=bool),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _CandidateFit:
+    """The state of a fit in T folds beside which P candidates are tried.
+
+    ``pull`` (T, P) is the product of the candidates with the residual of the training rows, ``slope`` the
+    derivative of the test error ``before`` (T). ``G`` and ``H`` (T, c, c) are the Gram matrices of both; ``B``
+    and ``Hc`` (T, k, P) the products of the k columns of the fit with the candidates, ``X`` the regressions of
+    the candidates on these columns, and ``HX`` the products with what X leaves.
+    """
+
+    pull: Array
+    slope: Array
+    before: Array
+    G: Array
+    H: Array
+    B: Array
+    X: Array
+    Hc: Array
+    HX: Array
+
+    __repr__ = brief
+
+    def fit_group(
+        self, at: NDArray[np.intp], pool: NDArray[np.intp]
+    ) -> tuple[Array, NDArray[np.intp], Array, NDArray[np.bool_]]:
+        """Return test error, best size, its coefficients and whether it is independent, for one group.
+
+        The candidates ``at`` (S, w) are in the columns ``pool`` (P).
+        """
+        rows, columns = pool[at][:, :, None], pool[at][:, None, :]
+        candidate_gram, X = self.G[:, rows, columns], self.X[:, :, at]
+        diagonal = np.einsum("tskk->tsk", candidate_gram)
+        # Schur complement of the candidate columns: their Gram matrix less what the columns of the fit explain.
+        S = candidate_gram - _products(self.B[:, :, at], X)
+        S += (RIDGE_SHARE * diagonal + np.finfo(float).tiny)[..., None] * np.eye(at.shape[1])
+        bend = self.H[:, rows, columns] + _products(X, self.HX[:, :, at]) - _products(self.Hc[:, :, at], X)
+        pull = self.pull[:, at]
+        gamma = np.linalg.solve(S, pull[..., None])[..., 0]
+        reduction = np.einsum("tsk,tsk->ts", gamma, pull)
+        # The test error is a quadratic in the coefficients of the candidate: slope and curvature give it exactly.
+        error = self.before[:, None] + 2.0 * np.einsum("tsk,tsk->ts", gamma, self.slope[:, at])
+        error += np.einsum("tsk,tskl,tsl->ts", gamma, bend, gamma)
+        # A column of which the others leave next to nothing has no coefficient of its own.
+        independent = (np.einsum("tskk->tsk", S) > MIN_INDEPENDENT_SHARE * diagonal).all(axis=2)
+        best = np.argmax(np.where(independent, reduction, -1.0), axis=1)
+        fold_index = np.arange(len(best))
+        return error[fold_index, best], best, gamma[fold_index, best], independent[fold_index, best]
+
+
+def _products(A: Array, B: Array) -> Array:
+    """Return products (T, S, w, w) of the columns of each size of a group, for A and B (T, k, S, w)."""
+    return np.asarray(np.einsum("tksi,tksj->tsij", A, B))
+
+
+Normal = tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """A prior of p parameters: ``mean`` (p), the robot file's values, and ``precision`` (p) per independent sample.
+
+    Its standard deviation is the size of the parameter: what a body of the nominal mass and length has. Parameters
+    that are not of bodies have none.
+    """
+
+    mean: Array
+    precision: Array
+
+    __repr__ = brief
+
+
+def prior_of(parameters: Sequence[Parameter]) -> Prior:
+    """Return the prior of the parameters of a model."""
+    bodies = bodies_of(parameters)
+    size = parameter_scales(parameters, bodies, np.ones(len(parameters)), 1.0)
+    mean, precision = np.zeros(len(parameters)), np.zeros(len(parameters))
+    for body in bodies:
+        values = [parameters[k].value for k in body.columns]
+        mean[body.columns] = [0.0 if value is None else value for value in values]
+        precision[body.columns] = 1.0 / size[body.columns] ** 2
+    return Prior(mean, precision)
+
+
+def normal_matrices(joint_grams: JointGrams, columns: Sequence[int], train: Array, weight: float) -> Normal:
+    """Return normal matrices (S, p, p) and right sides (S, p) of the parameters from one joint.
+
+    The chosen ``columns`` are eliminated; ``train`` (S, F) weighs the blocks of the joint.
+    """
+    b = len(joint_grams.maps)
+    total = weight * weighted_sums(train, joint_grams.grams.sum(axis=1))
+    M, right = eliminate_columns(total, b, [b + i for i in columns])
+    return joint_grams.maps.T @ M @ joint_grams.maps, right @ joint_grams.maps
+
+
+def other_joint_normals(normals: Sequence[Normal], j: int, precision: Array, acts: NDArray[np.intp]) -> Normal:
+    """Return normal matrices (S, k, k) and right sides of the parameters that act on joint j.
+
+    They are from all other joints and the prior (p); parameters that act on other joints only are eliminated.
+    """
+    # Sum over all joints less the one searched; the ridge keeps directions solvable that only this joint shows.
+    M = np.add.reduce([normal[0] for normal in normals])
+    diagonal = np.einsum("sii->si", M).max(axis=0)
+    M, right = M - normals[j][0], np.add.reduce([normal[1] for normal in normals]) - normals[j][1]
+    M = M + np.diag(precision + 1e-9 * diagonal + np.finfo(float).tiny)
+    if not len(eliminated := np.setdiff1d(np.arange(len(precision)), acts)):
+        return M, right
+    # Schur complement: eliminate the parameters without effect on this joint once, not in every trial.
+    cross = M[:, eliminated][:, :, acts]
+    solved = np.linalg.solve(
+        add_ridge(M[:, eliminated][:, :, eliminated]), np.concatenate([cross, right[:, eliminated, None]], axis=2)
+    )
+    reduction = np.swapaxes(cross, 1, 2) @ solved
+    return M[:, acts][:, :, acts] - reduction[..., :-1], right[:, acts] - reduction[..., -1]

@@ -1,0 +1,238 @@
+"""Results side by side: exact where known, right at a stated rate, in words, tables and as a page."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from dynident.apps.compare_results import ComparedLog, ComparedResult, ExportRecord, compare_results
+from dynident.apps.compare_results.report import (
+    comparison_dict,
+    comparison_lines,
+    comparison_page,
+    comparison_tables,
+    headline,
+    overview_table,
+)
+from dynident.files.results import json_text
+from dynident.runtime import Use
+from dynident.validation import TorqueErrors
+
+NAMES = ("m1", "h1", "m2", "f")
+BASE = np.array([[1.0, 0.0, 0.4, 0.0], [0.0, 1.0, 0.1, 0.0], [0.0, 0.0, 0.0, 1.0]])
+COVARIANCE = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.01]])
+
+
+def result(value: Any, name: str = "one", **changes: Any) -> ComparedResult:
+    made = ComparedResult(
+        name,
+        ("a", "b"),
+        NAMES,
+        np.array(value, dtype=float),
+        ("m1 + 0.4*m2", "h1 + 0.1*m2", "f"),
+        ("kg", "kg m", "N m"),
+        BASE,
+        np.array([1.0, 3.0, 0.5, 10.0]),
+        COVARIANCE,
+    )
+    return replace(made, **changes)
+
+
+def log(error: float, name: str = "tuesday", role: str = "validation", recording: str = "x") -> ComparedLog:
+    return ComparedLog(name, role, TorqueErrors(100, error, None, {"a": error}, {"a": error}), recording)
+
+
+FIRST = result([1.0, 2.0, 0.5, 0.3])
+
+
+def test_figures_of_a_difference() -> None:
+    found = compare_results(FIRST, result([1.0, 2.0, 1.5, 0.8], "two"))
+    d = np.array([0.4, 0.1, 0.5])
+    whole = 2 * COVARIANCE
+    z = d / np.sqrt(np.diag(whole))
+    assert [one.name for one in found.base] == ["f", "m1 + 0.4*m2", "h1 + 0.1*m2"]
+    np.testing.assert_allclose([one.z for one in found.base], z[[2, 0, 1]])
+    p = 2 * norm.sf(np.abs(z[[2, 0, 1]]))
+    holm = np.minimum(np.maximum.accumulate(p * [3, 2, 1]), 1)
+    np.testing.assert_allclose([one.p_value for one in found.base], holm)
+    assert found.chi_squared == pytest.approx(d @ np.linalg.solve(whole, d))
+    assert (found.freedom, found.alone) == (3, ())
+    assert found.p_value == pytest.approx(chi2.sf(found.chi_squared or 0.0, 3))
+    assert (found.base[0].first, found.base[0].second) == (pytest.approx(0.3), pytest.approx(0.8))
+    assert [one.name for one in found.significant] == ["f"]
+    assert found.differs
+    assert not found.worse
+
+
+def test_the_same_combinations_under_other_leads_and_orders_are_compared() -> None:
+    """Another result may have the parameters in another order, and other ones lead its base parameters."""
+    turn = np.array([[2.5, 0.0, 0.0], [-0.25, 1.0, 0.0], [0.0, 0.0, 1.0]])  # b2 = turn b1
+    order = [3, 2, 0, 1]
+    other = result(
+        np.array([1.2, 2.0, 0.5, 0.3])[order],
+        "two",
+        names=tuple(NAMES[k] for k in order),
+        combination=(turn @ BASE)[:, order],
+        covariance=turn @ COVARIANCE @ turn.T,
+        scale=np.ones(4),
+    )
+    plain = compare_results(FIRST, result([1.2, 2.0, 0.5, 0.3]))
+    found = compare_results(FIRST, other)
+    for one, known in zip(found.base, plain.base, strict=True):
+        assert one.name == known.name
+        assert (one.z, one.second_std) == pytest.approx((known.z, known.second_std), abs=1e-12)
+    assert found.chi_squared == pytest.approx(plain.chi_squared)
+
+
+def test_what_the_other_does_not_determine_is_left_out() -> None:
+    fewer = result(
+        [1.0, 2.0, 0.5, 0.3], "two", combination=BASE[1:], base_names=("h", "f"), covariance=COVARIANCE[1:, 1:]
+    )
+    found = compare_results(FIRST, fewer)
+    assert {one.name for one in found.base} == {"h1 + 0.1*m2", "f"}
+    assert found.alone == ("m1 + 0.4*m2",)
+    assert found.freedom == 2
+    strange = result([1.0, 2.0, 0.5, 0.3], names=("w", "x", "y", "z"))
+    nothing = compare_results(FIRST, strange)
+    assert (nothing.base, nothing.comparable, nothing.p_value, nothing.differs) == ((), False, None, False)
+
+
+def test_errors_that_are_not_known() -> None:
+    lost = COVARIANCE.copy()
+    lost[2, 2] = np.inf
+    found = compare_results(FIRST, result([1.0, 2.0, 0.5, 9.0], covariance=lost))
+    assert {one.name for one in found.base} == {"m1 + 0.4*m2", "h1 + 0.1*m2"}
+    assert found.chi_squared == pytest.approx(0.0)
+    alone = compare_results(FIRST, result([1.0, 2.0, 0.5, 9.0], together=False))
+    assert (alone.chi_squared, alone.p_value) == (None, None)
+    assert [one.name for one in alone.significant] == ["f"]
+    exact = compare_results(
+        result(FIRST.value, covariance=0 * COVARIANCE), result(FIRST.value, covariance=0 * COVARIANCE)
+    )
+    assert [one.z for one in exact.base] == [0.0, 0.0, 0.0]
+    assert not exact.differs
+
+
+def test_chance_is_called_a_difference_at_the_stated_rate() -> None:
+    rng = np.random.default_rng(3)
+    half = np.linalg.cholesky(COVARIANCE)
+    found = []
+    for _ in range(400):
+        noise: list[NDArray[np.float64]] = [half @ rng.standard_normal(3) for _ in range(2)]
+        pair = [result([1.0 + b[0], 2.0 + b[1], 0.0, 0.3 + b[2]]) for b in noise]
+        found.append(compare_results(*pair, level=0.2))
+    chance = np.mean([one.p_value < 0.2 for one in found if one.p_value is not None])
+    single = np.mean([bool(one.significant) for one in found])
+    assert abs(chance - 0.2) < 0.06
+    assert 0.12 < single < 0.24  # Holm is a little on the safe side
+
+
+def test_worse_is_a_larger_error_on_the_same_held_out_recording() -> None:
+    first = replace(FIRST, logs=(log(2.0), log(1.0, "monday", "train", "y")))
+
+    def beside(*logs: ComparedLog) -> Any:
+        return compare_results(first, replace(FIRST, name="two", logs=logs), tolerance=5.0)
+
+    assert not beside(log(2.09)).worse
+    assert [one.name for one in beside(log(2.11)).worse_logs] == ["tuesday"]
+    assert beside(log(2.11)).worse
+    assert not beside(log(2.0), log(1.5, "monday", "train", "y")).worse  # held-out errors tell
+    assert beside(log(1.5, "monday", "train", "y")).worse  # where there are any
+    other = beside(log(9.0, recording="z"))
+    assert (other.logs[0].is_same_recording, other.compared_logs, other.worse) == (False, (), False)
+    assert beside(log(9.0, recording="")).worse  # as far as is known, it is the same
+    assert beside(log(2.0), log(1.0, "monday", "train", "y")).shared_training == ("monday",)
+    assert beside(log(2.0, "wednesday")).logs == ()
+
+
+def test_a_lower_verdict_or_a_lost_proof_is_worse() -> None:
+    proven = ExportRecord("arm.urdf", "urdf", "aa", True, 0.0)
+    first = replace(FIRST, use=Use.CONTROL, exports=(proven,))
+    assert compare_results(first, replace(first, use=Use.DO_NOT_USE)).worse_use
+    assert not compare_results(first, replace(first, use=Use.SIMULATION)).worse
+    assert not compare_results(first, replace(first, use=None)).worse
+    assert compare_results(first, replace(first, exports=(replace(proven, proven=False),))).lost_exports == (
+        "arm.urdf",
+    )
+    assert not compare_results(first, replace(first, exports=())).worse  # it was not exported at all
+
+
+HOSTILE = "<script>alert('x')</script>"
+FIRST_FULL = replace(
+    FIRST,
+    use=Use.CONTROL,
+    logs=(log(2.0), log(1.0, "monday", "train", "y")),
+    exports=(ExportRecord("arm.urdf", "urdf", "ab" * 32, True, 0.0, True),),
+)
+WORSE = replace(
+    FIRST_FULL,
+    name="two",
+    value=result([1.0, 2.0, 1.5, 0.8]).value,
+    use=Use.DO_NOT_USE,
+    logs=(log(2.4), log(1.0, "monday", "train", "y")),
+    exports=(ExportRecord("arm.urdf", "urdf", "cd" * 32, False, None, False),),
+)
+
+
+def test_sentences_say_what_differs_and_what_is_worse() -> None:
+    found = compare_results(FIRST_FULL, WORSE)
+    assert headline(found) == "two beside one: worse, and the parameters differ"
+    lines = comparison_lines(found)
+    assert lines[0].startswith("1 of 3 base parameters that both determine differs significantly by itself (level 1 %")
+    assert lines[1].startswith("All together: chi-squared = ")
+    assert any("fitted to monday: their errors are not independent" in one for one in lines)
+    assert "Torque error on tuesday (held out): 2.4 % against 2 %: 20 % more, beyond the 5 % allowed." in lines
+    assert "Verdict: do not use, where one is good for control." in lines
+    assert "Written and proven with one, but not with two: arm.urdf." in lines
+    assert "Of two, no longer there as written: arm.urdf." in lines
+
+
+def test_the_same_and_nothing_in_common() -> None:
+    same = compare_results(FIRST_FULL, FIRST_FULL)
+    assert headline(same).endswith(": no significant difference")
+    assert comparison_lines(same)[0].startswith("None of 3 base parameters that both determine differs")
+    assert any(one.endswith("2 % against 2 %, the same.") for one in comparison_lines(same))
+    other = replace(FIRST, name="other", names=("w", "x", "y", "z"), joints=("c",))
+    nothing = compare_results(FIRST, other)
+    assert headline(nothing).endswith(": nothing that can be compared")
+    lines = comparison_lines(nothing)
+    assert lines[0] == "Joints of one result alone: a, b, c."
+    assert lines[1].startswith("No base parameter is determined by both results")
+    assert lines[2].startswith("No log has the same name and role in both")
+
+
+def test_a_held_out_log_judged_on_other_samples_is_not_passed_over() -> None:
+    other = replace(FIRST_FULL, logs=(log(0.5, recording="z"), log(1.0, "monday", "train", "y")))
+    lines = comparison_lines(compare_results(FIRST_FULL, other))
+    assert any(one.startswith("Of tuesday, held out, other recordings or samples were judged") for one in lines)
+    assert "Torque error on monday (training): 1 % against 1 %, the same." in lines
+
+
+def test_tables_hold_the_numbers() -> None:
+    found = compare_results(FIRST_FULL, WORSE)
+    base, errors, files = comparison_tables(found)
+    assert base.rows[0][0] == "f"
+    assert base.rows[0][6] == "+3.54"
+    assert errors.rows[0] == ("tuesday", "held out", "all", "2.00", "2.40", "+20.0", "the same")
+    assert files.rows == (("arm.urdf", "yes", "abababab", "no", "cdcdcdcd (gone)", "no"),)
+    rows = overview_table([FIRST_FULL, WORSE]).rows
+    assert rows[1] == ("two", "do not use", "2.40", "1.00", "3", "0")
+
+
+def test_the_page_escapes_names_and_the_numbers_are_json() -> None:
+    odd = replace(WORSE, name=HOSTILE, base_names=(HOSTILE, "h", "f"))
+    found = compare_results(replace(FIRST_FULL, base_names=(HOSTILE, "h", "f")), odd)
+    page = comparison_page([found, compare_results(FIRST_FULL, WORSE)])
+    assert HOSTILE not in page
+    assert "&lt;script&gt;alert" in page
+    assert page.count("Differences of base parameters in their standard errors") >= 2
+    data = json.loads(json_text(comparison_dict([found])))
+    assert data["comparisons"][0]["worse"]
+    assert data["comparisons"][0]["parameters"]["compared"][0]["significant"]
+    assert data["comparisons"][0]["verdicts"] == ["good for control", "do not use"]

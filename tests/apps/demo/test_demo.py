@@ -1,0 +1,291 @@
+"""The demo: a sound robot file, recordings as sensors make them, whole files, and fits against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+
+import dynident as dy
+from dynident.apps.demo import compare_with_truth, demo_files, demo_truth
+from dynident.apps.demo.arm import (
+    BASE,
+    FACETS_AROUND,
+    JOINTS,
+    LINKS,
+    TILT,
+    LinkCapsule,
+    controller,
+    true_model,
+    true_values,
+    urdf,
+)
+from dynident.apps.demo.files import DAYS, ENCODER_STEP, SEED, TORQUE_STEP, fourier_motion, simulate_log
+from dynident.checks import check_robot
+from dynident.identification import Calibration, Identification, TimeOffset
+from dynident.models import Model, RigidBodies, consistency_violations, to_physical
+from dynident.models.rigid_bodies import read_robot_file
+from dynident.runtime import InputError, Severity
+
+SHAPE = LinkCapsule((0.1, -0.2, 0.05), (0.3, 0.1, 0.25), 0.06)
+
+
+def facets(stl: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Normals (k, 3) and corners (k, 3, 3) of a binary STL."""
+    count = int.from_bytes(stl[80:84], "little")
+    assert len(stl) == 84 + 50 * count
+    rows = np.frombuffer(stl[84:], dtype=np.dtype([("v", "<f4", (4, 3)), ("attribute", "<u2")]))
+    return rows["v"][:, 0].astype(float), rows["v"][:, 1:].astype(float)
+
+
+def moments(corners: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Volume, centre, and second moments about the origin of the body that triangles enclose, by tetrahedra."""
+    volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    total = corners.sum(axis=1)
+    second = np.einsum("kia,kib->kab", corners, corners) + np.einsum("ka,kb->kab", total, total)
+    volume = volumes.sum()
+    return (
+        volume,
+        (volumes[:, None] * total / 4).sum(axis=0) / volume,
+        (volumes[:, None, None] * second / 20).sum(axis=0),
+    )
+
+
+@pytest.mark.parametrize("shape", [SHAPE, LinkCapsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.05)])
+def test_a_mesh_is_closed_and_looks_outwards(shape: LinkCapsule) -> None:
+    normals, corners = facets(shape.stl())
+    edges = [tuple(map(tuple, (a, b))) for c in corners for a, b in zip(c, np.roll(c, -1, axis=0), strict=True)]
+    assert len(set(edges)) == len(edges)
+    assert {edge[::-1] for edge in edges} == set(edges)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+    middle = np.add(shape.start, shape.end) / 2
+    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - middle) > 0).all()
+
+
+def test_the_inertia_is_that_of_the_mesh() -> None:
+    _, corners = facets(SHAPE.stl())
+    volume, centre, second = moments(corners)
+    length = np.linalg.norm(np.subtract(SHAPE.end, SHAPE.start))
+    exact = np.pi * SHAPE.radius**2 * (length + 4 / 3 * SHAPE.radius)
+    assert volume == pytest.approx(exact, rel=2 * (np.pi / FACETS_AROUND) ** 2)
+    mass, middle, tensor = to_physical(SHAPE.inertia(exact))
+    np.testing.assert_allclose(middle, centre, atol=1e-6)
+    assert mass == pytest.approx(exact)
+    about = second / volume - np.outer(centre, centre)
+    np.testing.assert_allclose(
+        tensor / mass, np.trace(about) * np.eye(3) - about, atol=0.05 * np.abs(tensor / mass).max()
+    )
+
+
+def test_a_ball_is_a_capsule_without_length() -> None:
+    ball = LinkCapsule((0.0, 0.0, 0.1), (0.0, 0.0, 0.1), 0.2)
+    _, centre, tensor = to_physical(ball.inertia(3.0))
+    np.testing.assert_allclose(tensor, 0.4 * 3.0 * 0.2**2 * np.eye(3))
+    np.testing.assert_allclose(centre, (0, 0, 0.1))
+    assert not list(consistency_violations(ball.inertia(3.0)))
+    assert np.isfinite(facets(ball.stl())[1]).all()
+
+
+def test_the_robot_file_has_nothing_to_complain_of() -> None:
+    file = read_robot_file(urdf(), "arm.urdf")
+    assert [one for one in check_robot(file) if one.severity is not Severity.INFO] == []
+    bodies = RigidBodies(urdf())
+    assert [joint.name for joint in bodies.joints] == [joint.name for joint in JOINTS]
+    assert bodies.notes == ()
+
+
+@pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
+def test_truth_is_physical_and_5_to_15_percent_off(link) -> None:
+    true, drawn = link.true_parameters, link.shape.inertia(link.mass)
+    assert not list(consistency_violations(true))
+    assert 0.05 <= abs(true[0] / drawn[0] - 1) <= 0.15
+    assert np.linalg.norm(true[1:4] / true[0] - drawn[1:4] / drawn[0]) > 0.003
+
+
+def test_the_true_model_has_the_terms_that_a_draft_has_and_stands_on_a_tilted_base() -> None:
+    model, value = true_model(), true_values()
+    assert len(model.names) == len(value) == 84
+    known = dict(zip(model.names, value, strict=True))
+    for joint in JOINTS:
+        for prefix, wanted in (
+            ("Ia", joint.rotor),
+            ("Fv", joint.viscous),
+            ("Fc", joint.coulomb),
+            ("offset", joint.offset),
+        ):
+            assert known[f"{prefix}_{joint.name}"] == wanted
+    (bodies, *_) = model.terms
+    down = np.array(bodies.gravity) / 9.81
+    assert np.degrees(np.arccos(-down[2])) == pytest.approx(np.degrees(np.hypot(*TILT)), rel=1e-3)
+
+
+def test_the_gains_are_a_part_of_a_configuration() -> None:
+    simulation = yaml.safe_load(controller())["simulation"]
+    assert simulation["kind"] == "cascade"
+    for joint in JOINTS:
+        drive = simulation["joints"][joint.name]
+        assert (drive["kp"], drive["kv"], drive["saturation"]) == (joint.kp, joint.kv, joint.effort)
+
+
+SOME = 0.4  # s of a recording that a test makes anew
+
+
+@pytest.fixture(scope="module")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pl.DataFrame]:
+    folder = demo_files(tmp_path_factory.mktemp("arm"))
+    return {day.name: pl.read_parquet(folder / f"{day.name}.parquet") for day in DAYS}
+
+
+@pytest.mark.parametrize("k", range(len(DAYS)), ids=[day.name for day in DAYS])
+def test_the_shipped_recordings_are_those_of_the_seed(shipped: dict[str, pl.DataFrame], k: int) -> None:
+    made = simulate_log(np.random.default_rng([SEED, k]), DAYS[k], SOME)
+    there = shipped[DAYS[k].name]
+    assert made.schema == there.schema
+    assert len(there) == round(DAYS[k].duration / 0.004)
+    for name in made.columns:
+        step = ENCODER_STEP if "position" in name else TORQUE_STEP if "torque" in name else 1e-6
+        np.testing.assert_allclose(made[name], there[name][: len(made)], rtol=0, atol=2.01 * step, err_msg=name)
+
+
+@pytest.mark.parametrize("day", DAYS, ids=lambda day: day.name)
+def test_the_arm_keeps_to_its_limits_and_to_its_reference(shipped: dict[str, pl.DataFrame], day) -> None:
+    log = shipped[day.name]
+    for joint in JOINTS:
+        q, tau, reference = (
+            log[f"{joint.name}.{what}"].to_numpy() for what in ("position_rad", "torque_Nm", "reference_rad")
+        )
+        assert np.abs(q).max() < joint.reach
+        assert np.abs(np.diff(q) / 0.004).max() < joint.velocity
+        assert np.abs(tau).max() < joint.effort
+        assert 1e-3 < np.abs(q - reference).max() < 0.15
+
+
+@pytest.mark.parametrize("day", DAYS, ids=lambda day: day.name)
+def test_the_torque_is_the_true_models_but_late_and_noisy(shipped: dict[str, pl.DataFrame], day) -> None:
+    """With the true values, offset and tilt, the residual has the size of the noise; with another offset it is more."""
+    from dynident.motion.log import Log
+    from dynident.motion.smoothers import Spline, smooth_log
+
+    truth, log = demo_truth(), shipped[day.name].head(1500)
+    names = tuple(joint.name for joint in JOINTS)
+    q, tau = (log.select(f"{name}.{what}" for name in names).to_numpy() for what in ("position_rad", "torque_Nm"))
+    motion = smooth_log(Spline(sigma=2e-6), Log(log["time_s"].to_numpy(), q, tau, names, day.name))
+
+    def residual(offset: float) -> np.ndarray:
+        at = motion.shift(offset)
+        model = truth.model.torque(at.q, at.dq, at.ddq, truth.value)
+        keep = at.mask & (np.abs(at.dq) > 0.05).all(axis=1)
+        return np.sqrt(np.mean((at.tau - model)[keep] ** 2, axis=0))
+
+    effort = np.array([joint.effort for joint in JOINTS])
+    assert (residual(truth.time_offset) < 0.005 * effort).all()
+    least = np.linalg.norm(residual(truth.time_offset))
+    for wrong in (0.0, 2 * truth.time_offset):
+        assert np.linalg.norm(residual(wrong)) > 1.02 * least
+
+
+def test_the_fourier_series_has_its_derivatives() -> None:
+    t, h = np.linspace(0.0, 3.0, 50), 1e-5
+    q, dq, ddq = fourier_motion(np.random.default_rng(1), DAYS[0], t)
+    (before, *_), (after, *_) = (fourier_motion(np.random.default_rng(1), DAYS[0], t + x) for x in (-h, h))
+    np.testing.assert_allclose((after - before) / (2 * h), dq, atol=1e-6)
+    np.testing.assert_allclose((after - 2 * q + before) / h**2, ddq, atol=1e-3)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_the_files_are_those_of_the_description_and_small(tmp_path: Path) -> None:
+    there = contents(demo_files(tmp_path / "an arm"))
+    assert there["arm.urdf"].decode() == urdf()
+    assert there["controller.yaml"].decode() == controller()
+    for link in (BASE, *LINKS):
+        assert there[f"meshes/{link.name}.stl"][80:] == link.shape.stl()[80:]
+    assert {"monday.parquet", "tuesday.parquet"} < set(there)
+    assert len(there) == 4 + 1 + len(LINKS)
+    assert sum(map(len, there.values())) < 500_000
+
+
+def test_a_second_time_changes_nothing_and_adds_what_is_missing(tmp_path: Path) -> None:
+    first = contents(demo_files(tmp_path))
+    (tmp_path / "meshes" / "hand.stl").unlink()
+    (tmp_path / "mine.txt").write_text("kept")
+    assert contents(demo_files(tmp_path)) == first | {"mine.txt": b"kept"}
+
+
+def test_files_of_the_user_stay(tmp_path: Path) -> None:
+    (tmp_path / "tuesday.parquet").write_bytes(b"my own")
+    with pytest.raises(InputError, match=r"tuesday\.parquet: exists already"):
+        demo_files(tmp_path)
+    assert contents(tmp_path) == {"tuesday.parquet": b"my own"}
+
+
+def test_nothing_is_written_where_not_all_can_be(tmp_path: Path) -> None:
+    (tmp_path / "meshes").write_text("a file")
+    with pytest.raises(InputError, match="meshes: nothing can be written here"):
+        demo_files(tmp_path)
+    assert contents(tmp_path) == {"meshes": b"a file"}
+
+
+def test_a_link_that_leads_nowhere_is_left(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").symlink_to(tmp_path / "elsewhere" / "mine.urdf")
+    with pytest.raises(InputError, match=r"arm\.urdf: exists already"):
+        demo_files(tmp_path)
+    assert (tmp_path / "arm.urdf").is_symlink()
+
+
+def test_what_cannot_be_read_is_another_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    demo_files(tmp_path)
+    for error in (PermissionError(13, "Permission denied"), OSError(5, "Input/output error")):
+        monkeypatch.setattr(Path, "is_file", Mock(side_effect=error))
+        with pytest.raises(InputError, match="exists already"):
+            demo_files(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Identification:
+    """Least squares, with the true time offset and tilt, for speed."""
+    table = pl.read_parquet(demo_files(tmp_path_factory.mktemp("arm")) / "monday.parquet")
+    names = tuple(joint.name for joint in JOINTS)
+    q, tau = (table.select(f"{name}.{what}" for name in names).to_numpy() for what in ("position_rad", "torque_Nm"))
+    bodies = dy.RigidBodies(urdf(), source="arm.urdf")
+    terms = (bodies, *(term(bodies.joints) for term in (dy.RotorInertia, dy.Viscous, dy.Coulomb, dy.Offset)))
+    truth = demo_truth()
+    recipe = dy.Recipe(dy.Spline(), dy.LeastSquares(), time_offset=truth.time_offset, base_tilt=truth.tilt)
+    return dy.identify(Model(terms), {"monday": dy.Log(table["time_s"], q, tau, names)}, recipe=recipe)
+
+
+def test_a_fit_is_near_the_truth_and_the_file_is_not(found: Identification) -> None:
+    compared = compare_with_truth(found)
+    assert compared.torque_error < 0.6
+    assert compared.file_error > 5
+    assert compared.base == 60
+    assert 50 <= compared.within <= 60
+    for one in compared.values:
+        assert one.estimate == pytest.approx(one.true, rel=0.08), one.name
+
+
+def test_values_have_their_names_and_units(found: Identification) -> None:
+    offset = TimeOffset(-0.002, 3.0, 2.0, 0.0005)
+    values = {one.name: one for one in compare_with_truth(replace(found, calibration=Calibration(None, offset))).values}
+    assert (values["time offset"].estimate, values["time offset"].true) == pytest.approx((-2.0, -3.0))
+    assert values["time offset"].std == pytest.approx(0.5)
+    assert values["Fv_elbow"].unit == "N m s/rad"
+    assert values["Fc_wrist_roll"].true == 0.25
+    assert values["gravity, arm stretched out"].unit == "N m"
+    assert len(values) == 1 + 1 + 2 * len(JOINTS)
+
+
+def test_the_truth_itself_is_no_error_away(found: Identification) -> None:
+    exact = replace(found, estimate=replace(found.estimate, value=demo_truth().value))
+    compared = compare_with_truth(exact)
+    assert compared.torque_error == pytest.approx(0.0, abs=1e-9)
+    assert compared.within == compared.base == 60
+    assert all(one.estimate == one.true for one in compared.values)
+    assert not np.isclose(compared.file_error, 0.0)

@@ -1,0 +1,163 @@
+"""Files of a designed motion: trajectories as any reader has them, and the configuration for the recordings."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from io import BytesIO, StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dynident.apps.excitation import Piece, Purpose, Trajectory
+from dynident.apps.excitation.family import Fourier
+from dynident.apps.excitation.files import recording_config, sample_trajectory, trajectory_files
+from dynident.apps.excitation.robot import read_excitation
+from dynident.identification import Sources
+from dynident.project.project import parse_project
+from dynident.runtime import InputError
+from tests.apps.excitation.arms import MODEL, THETA, TWO
+from tests.apps.excitation.test_excitation import CHANNELS, written
+
+
+def motion(joints: tuple[str, ...] = ("lift", "bend"), period: float = 2.0) -> Trajectory:
+    series = Fourier(period, 3)
+    x = np.random.default_rng(0).standard_normal((len(joints), series.size))
+    return Trajectory(joints, (Piece(series.course(x), Purpose.MOTION),))
+
+
+def test_samples_end_where_the_motion_does_or_after() -> None:
+    one = sample_trajectory(motion(period=2.0), 7.0)
+    assert len(one.t) == 15
+    assert one.t[-1] == pytest.approx(2.0)
+    late = sample_trajectory(motion(period=1.99), 7.0)
+    assert len(late.t) == 15
+    np.testing.assert_allclose(late.q[-1], motion(period=1.99).states(np.array([1.99]))[0, 0])
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf, 1e9])
+def test_a_rate_that_no_file_can_have(rate: float) -> None:
+    with pytest.raises(InputError, match="rate"):
+        sample_trajectory(motion(), rate)
+
+
+def test_the_table_has_named_columns_in_si_units() -> None:
+    one = motion()
+    text = trajectory_files(one, "motion", 250.0)["motion.csv"]
+    rows = np.loadtxt(StringIO(text), delimiter=",", skiprows=1)
+    assert text.splitlines()[0] == "t,q_lift,q_bend,dq_lift,dq_bend,ddq_lift,ddq_bend"
+    np.testing.assert_allclose(rows[:, 0], np.arange(501) / 250, atol=1e-12)
+    expected = one.states(rows[:, 0])
+    np.testing.assert_allclose(rows[:, 1:].reshape(-1, 3, 2).swapaxes(0, 1), expected[:3], rtol=1e-9, atol=1e-9)
+
+
+def test_the_archive_needs_no_pickle() -> None:
+    found = np.load(BytesIO(trajectory_files(motion(), "motion", 100.0)["motion.npz"]), allow_pickle=False)
+    assert found["joints"].tolist() == ["lift", "bend"]
+    np.testing.assert_array_equal(found["ddq"], motion().states(found["t"])[2])
+
+
+def test_ros_gets_at_most_100_points_a_second_with_times_as_it_counts_them() -> None:
+    message = yaml.safe_load(trajectory_files(motion(), "motion", 1000.0)["motion.trajectory.yaml"])
+    assert message.keys() == {"header", "joint_names", "points"}
+    assert len(message["points"]) == 201
+    point = message["points"][137]
+    assert point.keys() == {"positions", "velocities", "accelerations", "effort", "time_from_start"}
+    assert point["time_from_start"] == {"sec": 1, "nanosec": 370_000_000}
+    expected = motion().states(np.array([1.37]))[:3, 0]
+    found = [point[key] for key in ("positions", "velocities", "accelerations")]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert all(isinstance(value, float) for value in point["positions"])
+
+
+@pytest.mark.parametrize("name", ["a,b", 'a "b"', "a: b", "ü", "q_a", "- a", "a\nb", "a b #c", "<b>", "1", "\u2028😀"])
+def test_odd_names_of_joints_come_back(name: str) -> None:
+    found = trajectory_files(motion((name, "bend")), "motion", 50.0)
+    header = next(csv.reader(StringIO(found["motion.csv"], newline="")))
+    assert header[1:3] == [f"q_{name}", "q_bend"]
+    assert np.load(BytesIO(found["motion.npz"]))["joints"].tolist() == [name, "bend"]
+    assert yaml.safe_load(found["motion.trajectory.yaml"])["joint_names"] == [name, "bend"]
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    path = tmp_path / "cad" / "two.urdf"
+    path.parent.mkdir()
+    path.write_text(TWO)
+    return path
+
+
+def test_a_recording_of_the_motion_is_read(robot: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    text = recording_config(read_excitation(robot, None, {"duration": 9}), out)
+    assert "# ? columns and units" in text
+    series = Fourier(2.0, 3)
+    one = sample_trajectory(
+        Trajectory(("lift", "bend"), (Piece(series.course(np.full((2, series.size), 0.1)), Purpose.MOTION),) * 4), 200.0
+    )
+    tau = MODEL.torque(one.q, one.dq, one.ddq, THETA)
+    for name in ("motion_recorded.csv", "validation_recorded.csv"):
+        table = np.column_stack([one.t, one.q, tau])
+        np.savetxt(out / name, table, delimiter=",", header="t,q_lift,q_bend,tau_lift,tau_bend", comments="")
+    project = parse_project(text, out / "identify.yaml")
+    logs, _ = project.logs()
+    assert [*logs["train"], *logs["validation"]] == ["motion_recorded", "validation_recorded"]
+    np.testing.assert_allclose(logs["train"]["motion_recorded"].tau, tau, atol=1e-9)
+    assert project.config.min_speed == {"lift": 0.054, "bend": 0.081}
+    assert project.config.excitation is not None
+    assert project.config.excitation.duration == 9
+
+
+def test_channels_and_settings_stay_those_of_the_configuration(robot: Path, tmp_path: Path) -> None:
+    given = {"model": {"file": "cad/two.urdf"}, **CHANNELS, "smoother": {"kind": "spline", "rule": "fixed", "p": 0.5}}
+    path = written(tmp_path / "arm.yaml", given)
+    found = yaml.safe_load(recording_config(read_excitation(path), tmp_path / "out"))
+    assert found["model"] == {"file": "../cad/two.urdf"}
+    for key in ("time", "position", "torque", "smoother"):
+        assert found[key] == given[key]
+    assert set(found["min_speed"]) == {"lift", "bend"}
+    kept = written(tmp_path / "kept.yaml", {**given, "min_speed": 0.3})
+    assert yaml.safe_load(recording_config(read_excitation(kept), tmp_path / "out"))["min_speed"] == 0.3
+    assert found["train"] == [{"file": "motion_recorded.csv"}]  # monday.csv is not there
+    assert found["validation"] == [{"file": "validation_recorded.csv"}]
+    assert robot.exists()
+
+
+@pytest.mark.parametrize("model", ["cad/two.urdf", {"file": "cad/two.urdf"}])
+def test_a_model_alone_gets_channels(robot: Path, tmp_path: Path, model: object) -> None:
+    path = written(tmp_path / "arm.yaml", {"model": model, "excitation": {"period": 5}})
+    found = yaml.safe_load(recording_config(read_excitation(path), tmp_path))
+    assert found["model"] == {"file": "cad/two.urdf"}
+    assert found["position"]["bend"] == {"column": "q_bend", "unit": "rad"}
+    assert found["torque"]["bend"] == {"column": "tau_bend", "unit": "N m"}
+    assert found["excitation"] == {"program": "motion", "period": 5}
+    assert robot.exists()
+
+
+def test_logs_that_count_stay_and_new_ones_are_like_them(robot: Path, tmp_path: Path) -> None:
+    old = [{"file": {"i": "a/motion_recorded_i.dat", "q": "a/positions.txt"}, "width": {"q": 2}}]
+    path = written(tmp_path / "arm.yaml", {"model": {"file": "cad/two.urdf"}, **CHANNELS, "train": old})
+    project = read_excitation(path)
+    p = len(project.prior.theta)
+    known = replace(project.prior, identification=object(), information=np.eye(p))
+    found = yaml.safe_load(recording_config(replace(project, prior=known), tmp_path))
+    new = {"file": {"i": "motion_recorded_2_i.dat", "q": "motion_recorded_2_q.txt"}, "width": {"q": 2}}
+    assert found["train"] == [*old, new]
+    alone = replace(
+        project.prior, identification=object()
+    )  # their noise was taken, but what they tell is not announced
+    found = yaml.safe_load(recording_config(replace(project, prior=alone), tmp_path))
+    assert len(found["train"]) == 1
+    assert found["validation"][0]["file"]["q"] == "validation_recorded_q.txt"
+    assert robot.exists()
+
+
+def test_a_model_made_in_python_has_no_configuration(robot: Path, tmp_path: Path) -> None:
+    class Found:
+        provenance = Sources()
+
+    project = read_excitation(robot)
+    assert not recording_config(replace(project, prior=replace(project.prior, identification=Found())), tmp_path)

@@ -1,0 +1,219 @@
+"""The configuration of a fleet: its logs by pattern and by table, their dates and folders."""
+
+from __future__ import annotations
+
+import string
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from dynident.apps.fleets.config import (
+    FleetLog,
+    FleetSettings,
+    RobotChanges,
+    fleet_logs,
+    fleet_schema,
+    folder_names,
+    parse_date,
+    read_fleet_settings,
+)
+from dynident.runtime import ConfigError, InputError
+
+ODD = ["con", "NUL.txt", "ö" * 100, "x" * 300, "x" * 299, "a\0b", "\ud800", "a.", " "]
+NAMES = ["arm", "ARM", "..", ".", "a/b", "a\\b", "a=2Fb", *ODD]
+SAFE = set(string.ascii_letters + string.digits + "._-=")
+
+
+def test_no_two_names_share_a_folder_and_none_leaves_it() -> None:
+    found = folder_names(NAMES)
+    assert list(found) == NAMES
+    assert len({one.casefold() for one in found.values()}) == len(NAMES)
+    for one in found.values():
+        assert set(one) <= SAFE
+        assert 0 < len(one) <= 80
+        assert not one.startswith(".")
+        assert not one.endswith(".")
+
+
+@pytest.mark.parametrize("name", ["arm-07", "UR10e_3", "2026-11-22T10.30"])
+def test_usual_names_stay_as_they_are(name: str) -> None:
+    assert folder_names([name]) == {name: name}
+
+
+def test_a_folder_does_not_depend_on_other_names_that_differ() -> None:
+    assert folder_names(["arm", "leg"])["arm"] == folder_names(["arm"])["arm"]
+
+
+LOGS = "logs: logs/{robot}/{date}.csv\n"
+
+
+def read(folder: Path, text: str) -> FleetSettings:
+    (folder / "fleet.yaml").write_text(text)
+    return read_fleet_settings(folder / "fleet.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (LOGS, "recipe: is missing"),
+        ("recipe: r.yaml\n", "either `logs`.*or `table`"),
+        (f"recipe: r.yaml\n{LOGS}table: t.csv\n", "either `logs`.*or `table`"),
+        (f"recipe: r.yaml\n{LOGS}tabel: t.csv\n", "unknown key 'tabel'; did you mean 'table'"),
+        (f"recipe: [1]\n{LOGS}", "recipe: a file name is expected"),
+        (f"recipe: r.yaml\n{LOGS}false_alarms: 2\n", "false_alarms: a number from 0.0001 to 0.5"),
+        (f"recipe: r.yaml\n{LOGS}robots: {{ a: {{ torqe: {{}} }} }}\n", "robots.a: unknown key 'torqe'; did you mean"),
+        (f"recipe: r.yaml\n{LOGS}robots: {{ a: {{ model: {{ terms: auto }} }} }}\n", "robots.a: .*those of the recipe"),
+        (f"recipe: r.yaml\n{LOGS}window: [3, 1]\n", "window"),
+        ("- 1\n", "a mapping"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read(tmp_path, text)
+
+
+def test_file_names_start_at_the_folder(tmp_path: Path) -> None:
+    assert read(tmp_path, f"recipe: r.yaml\n{LOGS}").recipe == tmp_path / "r.yaml"
+
+
+def test_the_schema_has_all_keys_and_no_others() -> None:
+    schema = fleet_schema()
+    assert schema["properties"].keys() == FleetSettings.model_fields.keys()
+    assert schema["$defs"]["RobotChanges"]["properties"].keys() == RobotChanges.model_fields.keys()
+    assert schema["additionalProperties"] is False
+
+
+DAY = datetime(2026, 11, 22)
+
+
+def settings(**given: Any) -> FleetSettings:
+    return FleetSettings.model_validate({"recipe": "robot.yaml", **given})
+
+
+def touched(folder: Path, *names: str) -> Path:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("t,q\n")
+    return folder
+
+
+def listed(folder: Path, **given: Any) -> list[FleetLog]:
+    return fleet_logs(settings(**given), folder)[0]
+
+
+def test_fields_of_a_pattern_are_found(tmp_path: Path) -> None:
+    touched(tmp_path, "site/a[1]/2026-11-22.csv", "site/b/2026-11-23.csv", "site/b/x/2026-11-23.csv", "site/b/n.txt")
+    found = listed(tmp_path, logs="si?e/{robot}/{date}.csv")
+    assert [(one.robot, one.date) for one in found] == [("a[1]", DAY), ("b", datetime(2026, 11, 23))]
+    assert all(one.stamp and not one.fault for one in found)
+
+
+def test_a_pattern_may_cross_folders_and_name_the_type(tmp_path: Path) -> None:
+    touched(tmp_path, "x/y/ur10_r1_20261122.csv", "ur5_r2_20261122.csv")
+    found = listed(tmp_path, logs="**/{type}_{robot}_{date}.csv")
+    assert [(one.type, one.robot) for one in found] == [("ur10", "r1"), ("ur5", "r2")]
+
+
+def test_a_field_that_stands_twice_has_one_value(tmp_path: Path) -> None:
+    touched(tmp_path, "a/a-2026-11-22.csv", "a/b-2026-11-22.csv")
+    assert [one.log for one in listed(tmp_path, logs="{robot}/{robot}-{date}.csv")] == ["a/a-2026-11-22.csv"]
+
+
+def test_results_are_no_logs(tmp_path: Path) -> None:
+    touched(tmp_path, "a/2026-11-22.parquet", "out/fleet.parquet", "out/runs/2026-11-22.parquet")
+    found, _ = fleet_logs(settings(logs="**/{robot}/{date}.parquet"), tmp_path, tmp_path / "out")
+    assert [one.robot for one in found] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [("{robt}/{date}.csv", "'robt'; did you mean 'robot'"), ("{robot}.csv", "lacks the field {date}")],
+)
+def test_wrong_fields_are_named(tmp_path: Path, pattern: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        listed(tmp_path, logs=pattern)
+
+
+def test_a_table_lists_logs_and_its_unknown_columns_are_named(tmp_path: Path) -> None:
+    touched(tmp_path, "one.csv", "two.csv")
+    rows = ["log,robot,date,operator,holdout", "one.csv,007,2026-11-22,x,", "two.csv,007,2026-11-23,y,one.csv"]
+    (tmp_path / "runs.csv").write_text("\n".join([*rows, "no.csv,8,2026-11-22,,"]))
+    found, warnings = fleet_logs(settings(table="runs.csv"), tmp_path)
+    assert [(one.robot, one.log, bool(one.stamp)) for one in found] == [
+        ("007", "one.csv", True), ("007", "two.csv", True), ("8", "no.csv", False)
+    ]  # fmt: skip
+    assert found[2].fault == "no.csv: there is no such file"
+    assert "'holdout' is not used; did you mean 'hold_out'" in warnings[0]  # what may be misspelt comes first
+    assert "'operator' is not used" in warnings[1]
+
+
+def test_a_table_may_be_parquet_with_dates_and_a_held_out_log(tmp_path: Path) -> None:
+    touched(tmp_path, "one.csv")
+    row = {"log": ["one.csv"], "robot": [7], "date": [date(2026, 11, 22)], "hold_out": ["two.csv"], "type": ["ur5"]}
+    pl.DataFrame(row).write_parquet(tmp_path / "runs.parquet")
+    (found,) = listed(tmp_path, table="runs.parquet")
+    assert (found.robot, found.date, found.hold_out, found.type) == ("7", DAY, "two.csv", "ur5")
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("file,robot,date\n", "no column 'log'"),
+        ("log,robt,date\n", "no column 'robot'; did you mean 'robt'"),
+        ("log,robot,date\na.csv,,2026-11-22\n", "row 1 has no robot"),
+        ("log,robot,date\na.csv,r,2026-11-22\na.csv,r,2026-11-23\n", "lists the log 'a.csv' of robot 'r' twice"),
+        ("log,robot,date\na.csv,r,today\n", "no date of 1 logs can be read.*'today'.*date_format"),
+    ],
+)
+def test_a_wrong_table_is_refused(tmp_path: Path, table: str, words: str) -> None:
+    touched(tmp_path, "a.csv")
+    (tmp_path / "runs.csv").write_text(table)
+    with pytest.raises(ConfigError, match=words):
+        listed(tmp_path, table="runs.csv")
+
+
+def test_of_the_folder_of_results_only_the_results_are_no_logs(tmp_path: Path) -> None:
+    touched(tmp_path, "logs/arm-1/2026-11-22.csv", "runs/arm-1/2026-11-22.csv", "out/runs/arm-1/2026-11-22.csv")
+    for out in (tmp_path, tmp_path / "logs", tmp_path / "logs" / "arm-1"):
+        assert len(fleet_logs(settings(logs="logs/{robot}/{date}.csv"), tmp_path, out)[0]) == 1
+    found, _ = fleet_logs(settings(logs="**/{robot}/{date}.csv"), tmp_path, tmp_path / "out")
+    assert [one.log for one in found] == ["logs/arm-1/2026-11-22.csv", "runs/arm-1/2026-11-22.csv"]
+    with pytest.raises(InputError, match="no log but those where results are written"):
+        fleet_logs(settings(logs="runs/{robot}/{date}.csv"), tmp_path, tmp_path)
+
+
+def test_no_log_is_an_error_and_robots_without_one_a_warning(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no log"):
+        listed(tmp_path, logs="{robot}/{date}.csv")
+    touched(tmp_path, "arm-1/2026-11-22.csv")
+    _, warnings = fleet_logs(settings(logs="{robot}/{date}.csv", robots={"arm1": {"type": "old"}}), tmp_path)
+    assert warnings == ("robots: there is no log of arm1; did you mean 'arm-1'? Known: 'arm-1'.",)
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("2026-11-22", DAY),
+        ("20261122", DAY),
+        ("2026_11_22", DAY),
+        ("2026-11-22T10:30", DAY.replace(hour=10, minute=30)),
+        ("2026-11-22_10-30-05", DAY.replace(hour=10, minute=30, second=5)),
+        ("20261122-103005", DAY.replace(hour=10, minute=30, second=5)),
+        ("2026-11-22T12:30:00+02:00", DAY.replace(hour=10, minute=30)),
+        (date(2026, 11, 22), DAY),
+        ("22.11.2026", None),
+        ("2026-13-22", None),
+        ("", None),
+        (None, None),
+    ],
+)
+def test_dates(text: object, meant: datetime | None) -> None:
+    assert parse_date(text) == meant
+
+
+def test_dates_of_another_format() -> None:
+    assert parse_date("22.11.2026", "%d.%m.%Y") == DAY
+    assert parse_date("2026-11-22", "%d.%m.%Y") is None

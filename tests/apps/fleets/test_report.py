@@ -1,0 +1,390 @@
+"""The report of a fleet: figures, courses of parameters, tables and pages of any size."""
+
+import re
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import polars as pl
+import pytest
+
+from dynident.apps.fleets import (
+    Changes,
+    ChangeShape,
+    History,
+    Mark,
+    ParameterTrend,
+    Scatter,
+    pooled_figure,
+    residual_groups,
+    robots_figure,
+    trend_figure,
+)
+from dynident.apps.fleets.changes_report import RobotTrends, change_words
+from dynident.apps.fleets.components import VarianceComponents
+from dynident.apps.fleets.figures import MAX_POINTS, MAX_SMALL_POINTS
+from dynident.apps.fleets.report import fleet_findings, fleet_heading, fleet_page, fleet_tables
+from dynident.models import Joint
+from dynident.regression import GroupKind
+from dynident.report.page import _plotly_source
+from dynident.report.terminal import terminal_table
+from dynident.runtime.jobs import Status
+from tests.apps.article.test_report_study import text_of
+from tests.report.fleets import MEAN, NONE, PAYLOAD, RESIDUAL, SIZE, STD, change, fleet, groups, history
+from tests.report.test_page import Outline
+
+START = datetime(2026, 1, 5)
+MARKS = (Mark(3.0, "step", (2.0, 3.0)),)
+
+
+def course(logs=8, robot="arm", marks=MARKS, **changes):
+    rng = np.random.default_rng(logs)
+    days, std = np.arange(logs, dtype=float), rng.uniform(0.1, 0.3, logs)
+    files = [f"{k}<b>" for k in range(logs)]
+    fitted = (np.array([0.0, 3.0, 3.0, 7.0]), np.array([1.0, 1.0, 2.0, 2.0])) if marks else None
+    one = ParameterTrend(robot, "Fc", "N m", files, days, 1.0 + std * rng.standard_normal(logs), std, fitted, marks)
+    return replace(one, **changes)
+
+
+def test_points_intervals_line_and_mark():
+    one = course()
+    figure = trend_figure([one, replace(one, name="Fv<i>")], START).figure()  # plotly checks every property
+    line, points = figure.data[:2]
+    assert points.error_y.array == pytest.approx(1.96 * one.std, rel=1e-3)
+    assert np.array(points.x[:2]) == pytest.approx(1000 * START.replace(tzinfo=UTC).timestamp() + 86.4e6 * one.days[:2])
+    assert figure.layout.xaxis.type == "date"
+    assert len(line.x) == 4
+    assert [shape.type for shape in figure.layout.shapes] == ["line", "rect"] * 2
+    assert [note.text for note in figure.layout.annotations] == ["Fc", "Fv&lt;i&gt;", "step"]
+    assert points.text[0] == "0&lt;b&gt;"
+    assert figure.data[0].showlegend
+    assert not figure.data[2].showlegend
+
+
+def test_days_are_numbers_where_there_is_no_date():
+    figure = trend_figure([course(marks=())], None).figure()
+    assert figure.layout.xaxis.type == "linear"
+    assert figure.layout.xaxis.title.text == "day"
+    assert len(figure.data) == 1
+
+
+def test_logs_that_do_not_show_a_parameter_are_left_out():
+    one = course()
+    std = np.where(np.arange(8) == 2, np.inf, one.std)
+    points = trend_figure([replace(one, std=std)], START).data[1]
+    assert len(points["x"]) == 7
+    nothing = replace(one, std=np.full(8, np.inf), change_line=None, marks=())
+    assert len(trend_figure([nothing], START).data[0]["x"]) == 0
+    assert robots_figure([nothing], START).layout["yaxis"].get("range") is None
+
+
+@pytest.mark.parametrize(("draw", "most"), [(trend_figure, MAX_POINTS), (robots_figure, MAX_SMALL_POINTS)])
+def test_many_logs_are_drawn_as_weighted_means(draw, most):
+    one = course(5000)
+    points = draw([one], START).data[1]
+    assert len(points["x"]) == most
+    weight = (1.96 / points["error_y"]["array"].astype(float)) ** 2
+    assert weight.sum() == pytest.approx(np.sum(one.std**-2.0), rel=1e-2)
+    assert np.average(points["y"], weights=weight) == pytest.approx(
+        np.average(one.value, weights=one.std**-2.0), rel=1e-3
+    )
+    assert points["text"][0].startswith("0&lt;b&gt; to ")
+
+
+def test_an_interval_that_is_far_wider_leaves_the_panel():
+    one = course()
+    wild = replace(
+        one, value=np.where(np.arange(8) == 2, 1e3, one.value), std=np.where(np.arange(8) == 2, 1e3, one.std)
+    )
+    low, high = trend_figure([wild], START).layout["yaxis"]["range"]
+    assert -1 < low < high < 4
+
+
+def test_robots_side_by_side_have_the_same_axes():
+    some = [course(robot=f"arm {k}", marks=() if k else MARKS) for k in range(10)]
+    drawing = robots_figure(some, START)
+    figure = drawing.figure()
+    assert {figure.layout[f"yaxis{k}"].matches for k in range(2, 11)} == {"y"}
+    assert {figure.layout[f"xaxis{k}"].matches for k in range(2, 11)} == {"x"}
+    colours = [one["marker"]["color"] for one in drawing.data if one["mode"] == "markers"]
+    assert len(set(colours)) == 2
+    assert colours.count(colours[0]) == 1
+    places = {tuple(figure.layout[f"{axis}axis{k or ''}"].domain[0] for axis in "xy") for k in (0, *range(2, 11))}
+    assert len(places) == 10
+    low, high = figure.layout.yaxis.range
+    assert all(low < one.value.min() < one.value.max() < high for one in some)
+
+
+def test_deviations_end_at_three_spreads():
+    deviation = np.array([[0.5, -9.0], [np.pi, 0.0]])
+    figure = pooled_figure(["Fv<", "Fc"], ["a", "b" * 40], deviation, [["x<", "y"], ["z", "w"]]).figure()
+    assert np.array(figure.data[0].z).tolist() == [[0.5, -3.0], [3.0, 0.0]]
+    assert figure.data[0].text[0][0] == "x&lt;"
+    assert figure.layout.xaxis.ticktext[0] == "Fv&lt;"
+    assert len(figure.layout.yaxis.ticktext[1]) == 24
+
+
+FRICTION, PAYLOADS, OFFSET = groups()[0], groups()[2], groups()[4]
+
+
+@pytest.fixture
+def stepped():
+    """A robot without noise whose payload changes at its log 8, and whose friction drifts from its log 5."""
+    one = history("arm", 12, noise=0.0)
+    load = change(one, PAYLOADS, ChangeShape.STEP, 8, [0.4, 0.02, -0.1])
+    wear = change(one, FRICTION, ChangeShape.DRIFT, 5, [0.0, 2.0])
+    part = np.clip((one.days - one.days[5]) / (one.days[-1] - one.days[5]), 0, 1)
+    value = one.value + (np.arange(12) >= 8)[:, None] * (PAYLOAD @ load.size)
+    value[:, 1] += 2.0 * part
+    return replace(one, value=value), (load, wear), part
+
+
+def test_courses_show_what_is_true(stepped):
+    one, changes, part = stepped
+    courses = RobotTrends(one, changes, None)
+    coulomb = courses.group_trends(FRICTION)[1]
+    np.testing.assert_allclose(coulomb.value, MEAN[1] + 2.0 * part, rtol=1e-10)
+    np.testing.assert_allclose(coulomb.std, STD[1])
+    load = courses.group_trends(PAYLOADS)
+    for k, size in enumerate(changes[0].size):
+        np.testing.assert_allclose(load[k].value, np.where(np.arange(12) >= 8, size, 0.0), atol=1e-10)
+    assert load[0].name == "hand.mass, difference from the mean"
+    np.testing.assert_allclose(courses.group_trends(OFFSET)[0].value, MEAN[5])
+    assert courses.group_trends(OFFSET)[0].change_line is None
+
+
+def test_the_line_is_that_of_the_change_and_steps_at_once(stepped):
+    one, changes, _ = stepped
+    courses = RobotTrends(one, changes, None)
+    days, values = courses.group_trends(PAYLOADS)[0].change_line
+    assert days.tolist() == sorted(days.tolist())
+    at = np.flatnonzero(days == one.days[8])
+    np.testing.assert_allclose(values[at], [0.0, 0.4])
+    days, values = courses.group_trends(FRICTION)[1].change_line
+    np.testing.assert_allclose(np.interp([one.days[5], one.days[-1]], days, values), MEAN[1] + np.array([0.0, 2.0]))
+    mark = courses.group_trends(PAYLOADS)[0].marks[0]
+    assert (mark.day, mark.word, mark.between) == (one.days[8], "step", (one.days[7], one.days[8]))
+
+
+def test_intervals_count_the_scatter():
+    one = history("arm", 6)
+    covariance = np.diag((3 * STD) ** 2)
+    scatter = Scatter(VarianceComponents(tuple(np.arange(SIZE)[:, None]), covariance, 4.0), 50.0)
+    std = RobotTrends(one, (), scatter).group_trends(OFFSET)[0].std
+    np.testing.assert_allclose(std, np.sqrt(4.0 + 9.0) * STD[5], rtol=1e-8)
+
+
+def test_what_a_log_does_not_show_has_no_value():
+    one = history("arm", 6)
+    information = one.information.copy()
+    information[2, 5] = information[2, :, 5] = 0.0
+    std = RobotTrends(replace(one, information=information), (), None).group_trends(OFFSET)[0].std
+    assert np.isinf(std).tolist() == [k == 2 for k in range(6)]
+
+
+def test_units_do_not_matter():
+    """Parameters in other units give the same courses, in these units."""
+    one = history("arm", 6)
+    scale = 10.0 ** np.arange(-4, SIZE - 4)
+    other = replace(one, value=one.value * scale, information=one.information / np.outer(scale, scale))
+    group = replace(FRICTION, directions=scale[:, None] * FRICTION.directions)
+    for a, b in zip(
+        RobotTrends(one, (), None).group_trends(FRICTION), RobotTrends(other, (), None).group_trends(group), strict=True
+    ):
+        np.testing.assert_allclose(a.std, b.std)
+        np.testing.assert_allclose(a.value, b.value)
+
+
+def test_a_residual_is_drawn_as_a_torque():
+    one, group = history("arm", 6), residual_groups((Joint("a"), Joint("b")))[1]
+    value = np.log(np.array([[1.0, 2.0]])) + np.linspace(0, 0.3, 6)[:, None]
+    left = History(one.robot, one.logs, one.days, value, np.tile(100 * np.eye(2), (6, 1, 1)))
+    step = change(left, group, ChangeShape.STEP, 3, [0.2])
+    courses = RobotTrends(one, (), None, RobotTrends(left, (step,), None))
+    assert courses.all_changes == [step]
+    (drawn,) = courses.group_trends(group)
+    np.testing.assert_allclose(drawn.value, np.exp(value[:, 1]))
+    np.testing.assert_allclose(drawn.std, 0.1 * drawn.value)
+    assert (drawn.unit, drawn.marks[0].day) == ("N m", one.days[3])
+    assert drawn.change_line is not None
+    np.testing.assert_allclose(drawn.change_line[1][-1] / drawn.change_line[1][0], np.exp(0.2))
+    np.testing.assert_allclose(courses.group_trends(OFFSET)[0].value, one.value[:, 5])
+
+
+@pytest.fixture(scope="module")
+def found():
+    return fleet()
+
+
+@pytest.fixture(scope="module")
+def page(found):
+    return fleet_page(found)
+
+
+def own(page):
+    """The page without plotly's script."""
+    return page.replace(_plotly_source(), "")
+
+
+def test_what_changed_comes_first_the_worst_before_all(found):
+    load, wear, offset, few, lost = fleet_findings(found)
+    assert load.startswith(
+        "arm-0: payload at elbow changed on 2026-07-06: hand.mass by +0.500 +- 0.050 kg, hand.mz by "
+    )
+    assert wear.startswith("arm-1: friction of elbow has been rising since 2026-05-12: Fc_elbow by +1.50 +- 0.050 N m")
+    assert wear.endswith(" (+0.949 in 100 days).")
+    assert offset.startswith("arm-2: offset of elbow changed on 2026-05-15 (at once or slowly: the logs do not tell): ")
+    assert offset.endswith("offset_elbow by -0.400 +- 0.050 N m.")
+    assert (few, lost) == ("Too few logs to find changes: new.", "1 of 201 logs has no result: 1 timed out.")
+    assert fleet_heading(found) == "201 logs of 10 robots, 2026-01-06 to 2026-11-01."
+
+
+def test_the_page_says_the_rate_of_false_alarms(page):
+    text = re.sub(r"\s+", " ", own(page)).replace("\u00a0", " ")
+    assert "3 robots changed" in text
+    assert "Of 10 robots, in which nothing changes, 0.10 would be listed here by chance (1 %)." in text
+    assert "200 of 201" in text
+    assert "step or drift" in text  # where the odds do not tell
+    assert "± 0.050 kg" in text
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "words"),
+    [
+        (ChangeShape.STEP, [0.0, 1.0], "friction of shoulder rose on"),
+        (ChangeShape.STEP, [-1.0, 0.0], "friction of shoulder fell on"),
+        (ChangeShape.STEP, [-1.0, 1.0], "friction of shoulder changed on"),
+        (ChangeShape.DRIFT, [1.0, 1.0], "friction of shoulder has been rising since"),
+        (ChangeShape.DRIFT, [1.0, -1.0], "friction of shoulder has been drifting since"),
+        (ChangeShape.STEP, [0.01, 0.02], "friction of shoulder rose on"),  # the clearest, where none is certain
+    ],
+)
+def test_words_follow_what_is_certain(found, shape, size, words):
+    one = change(history("arm-0"), groups()[0], shape, 8, size)
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-0": 0.001}, (), NONE),))
+    assert words in fleet_findings(made)[0]
+
+
+@pytest.mark.parametrize(
+    ("size", "word"),
+    [([-3.0, 4.0], "rising"), ([3.0, -2.0], "falling"), ([3.0, 4.0], "rising"), ([0.0, 0.0], "drifting")],
+)
+def test_a_ripple_rises_by_its_size_whatever_its_phase(found, size, word):
+    ripple = replace(groups()[0], kind=GroupKind.RIPPLE)
+    one = change(history("arm-0"), ripple, ChangeShape.DRIFT, 8, size)
+    assert f"ripple of shoulder has been {word} since" in change_words(one, found.start, np.array([-2.0, 3.0]))
+    assert "has been drifting" in change_words(one, found.start, np.full(2, np.nan))
+
+
+def test_torque_that_the_model_leaves_is_worded_with_what_to_do_and_drawn(found):
+    """Of a joint of a robot whose payload changed, too; as a torque, with a rise of its logarithm in percent."""
+    left = [
+        History(one.robot, one.logs, one.days, np.full((20, 2), np.log(0.5)), np.tile(400 * np.eye(2), (20, 1, 1)))
+        for one in found.histories
+    ]
+    group = residual_groups(found.base.joints)[1]
+    rise = change(left[0], group, ChangeShape.STEP, 8, [np.log(1.5)], std=np.array([0.02]), p_value=0.0005)
+    changes = replace(found.changes[0], changes=(*found.changes[0].changes, rise), residual_scatter=RESIDUAL)
+    made = replace(found, residuals=tuple(left), changes=(changes,))
+    words = fleet_findings(made)[0]
+    assert words.startswith("arm-0: torque that the model leaves at elbow rose on ")
+    assert "residual by +50.0 +- 3.0 %. No term of the recipe describes this: look at the residual" in words
+    fell = replace(changes, changes=(replace(rise, size=-rise.size),))
+    assert fleet_findings(replace(made, changes=(fell,)))[0].endswith(": residual by -33.3 +- 1.3 %.")
+    page = own(fleet_page(made))
+    assert page.count("torque that the model leaves at elbow rose") >= 2  # in words and below the figure
+    assert "torque that the model leaves at shoulder" in page  # side by side
+    assert "Robots of type ur10" in page
+    assert "+50.0 +- 3.0 %" in text_of(*map(terminal_table, fleet_tables(made)), width=160)
+
+
+def test_a_direction_that_no_log_shows_is_not_named(found):
+    one = change(history("arm-0"), groups()[0], ChangeShape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-0": 0.001}, (), NONE),))
+    assert "Fv_shoulder" not in fleet_findings(made)[0]
+
+
+def test_a_quiet_fleet(found):
+    quiet = fleet(changed=0)
+    assert fleet_findings(quiet)[0] == "No change is found on 10 robots."
+    page = own(fleet_page(quiet))
+    assert "no change" in page
+    assert "Robots that changed" not in page
+    assert len(fleet_tables(quiet)) == 2
+    unknown = replace(quiet, changes=())
+    assert fleet_findings(unknown) == ["1 of 201 logs has no result: 1 timed out."]
+    assert "too few logs to say" in fleet_page(unknown)
+
+
+def test_a_fleet_without_any_result_has_a_page(found):
+    rows = found.rows.with_columns(
+        *(
+            pl.lit(text).alias(name)
+            for name, text in (("status", Status.FAILED.value), ("reason", "no column 'q1'"), ("folder", ""))
+        ),
+        *(pl.lit(None).cast(found.rows.schema[name]).alias(name) for name in ("error", "errors", "verdict", "date")),
+    )  # fmt: skip
+    page = own(fleet_page(replace(found, rows=rows, histories=(), changes=(), pooled={}, start=None)))
+    assert "201 of 201 logs have no result" in page
+    assert 'class="plot"' not in page
+
+
+def test_every_log_leads_to_its_report_and_says_what_became_of_it(page):
+    links = [attrs["href"] for tag, attrs in Outline(page).tags if tag == "a"]
+    reports = [link for link in links if not link.startswith("#")]
+    assert len(reports) == 200
+    assert reports[0] == "./runs/arm-0/0/report.html"
+    text = own(page)
+    assert "longer than 5 s" in text
+    assert "timed out" in text
+    assert "5.00 (elbow)" in text
+
+
+def test_each_robot_that_changed_is_drawn_and_all_side_by_side(page):
+    text = own(page)
+    assert re.findall(r"<h3>(.*?)</h3>", text) == ["arm-0", "arm-1", "arm-2"]
+    assert re.findall(r'<button type="button">(.*?)</button>', text)[1:4] == [
+        "payload at elbow", "friction of elbow", "offset of elbow",
+    ]  # fmt: skip
+    assert "Robots of type ur10" in text
+
+
+def test_types_are_drawn_apart(found):
+    names = found.types["ur10"]
+    page = own(fleet_page(replace(found, types={"ur10": names[:6], "ur5": names[6:], "none": ("gone",)})))
+    assert re.findall(r'<div class="choices" role="group" aria-label="(.*?)"', page) == ["type", "group"]
+    assert re.findall(r"<button.*?>(ur.*?)</button>", page) == ["ur10", "ur5"]
+    assert page.count('<div class="view"') == 2 * len(found.groups)
+
+
+@pytest.mark.parametrize(("robots", "logs"), [(10, 500), (500, 10)])
+def test_a_page_of_5000_logs_stays_small_and_says_what_it_leaves_out(robots, logs):
+    page = own(fleet_page(fleet(robots, logs)))
+    assert len(page) < 3e6
+    assert page.count('href="./runs') <= 2500
+    assert "`fleet.parquet` has all" in page.replace("<code>", "`").replace("</code>", "`")
+    if robots == 500:
+        assert "Drawn are 48 of 500 robots" in page
+        assert "of the first 300 robots" in page
+
+
+def test_many_changes_are_counted_and_few_are_drawn():
+    made = fleet(60, 8)
+    kinds = groups()
+    some = [change(one, kinds[0], ChangeShape.STEP, 4, [1.0, 0.0]) for one in made.histories]
+    made = replace(made, changes=(Changes(0.01, tuple(some), {one.robot: 0.0 for one in some}, (), NONE),))
+    assert "There are 52 more changes; the table has them." in fleet_findings(made)
+    page = own(fleet_page(made))
+    assert "The changes of 20 more robots are in the table above only." in page
+    assert len(fleet_tables(made)[0].rows) == 20
+    assert fleet_tables(made)[0].caption == "Changes, worst first, the 20 worst of 60"
+
+
+def test_tables_of_a_terminal(found):
+    shown = text_of(*map(terminal_table, fleet_tables(found)), width=100)
+    lines = shown.splitlines()
+    assert lines[0] == "Changes, worst first"
+    assert lines[3].startswith("arm-0  payload at elbow")
+    robots = lines.index("Robots")
+    assert [line.split()[0] for line in lines[robots + 3 : robots + 6]] == ["arm-0", "arm-1", "arm-2"]
+    assert "longer than 5 s" in lines[-2]

@@ -1,0 +1,176 @@
+"""A payload in words, tables and files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.apps.payload import Component, Payload, PayloadRequest, PhysicalBody, find_payload
+from dynident.apps.payload import body as notes
+from dynident.apps.payload.config import payload_data, payload_name, payload_urdf, read_gains, read_loaded
+from dynident.apps.payload.report import (
+    gains_table,
+    payload_page,
+    payload_table,
+    payload_words,
+    shares_table,
+    torque_table,
+)
+from dynident.files.results import json_text
+from dynident.identification import SourceFile, Sources
+from dynident.models import RigidBodies
+from dynident.runtime import InputError, ModelError, Note
+from tests.apps.payload.arms import CARRIED, SIX, recorded, result
+
+
+@cache
+def weighed() -> Payload:
+    return find_payload(result(), {"loaded": recorded("loaded", CARRIED)}, request=PayloadRequest(known_mass=3.0))
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    data = json.loads(json_text(payload_data(weighed(), result().provenance, ["said"])))
+    data["gains"] |= changes
+    path = folder / "payload.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+def test_gains_are_read_as_they_were_found(tmp_path: Path) -> None:
+    gains = read_gains(written(tmp_path))
+    assert gains.joints == weighed().gains.joints
+    np.testing.assert_array_equal(gains.factor, weighed().gains.factor)
+    np.testing.assert_array_equal(gains.covariance, weighed().gains.covariance)
+    assert gains.known_mass == 3.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"known_mass": None}, "had no known mass"),
+        ({"factor": [1.0]}, "its gains are damaged"),
+        ({"factor": [0.0] * 6}, "its gains are damaged"),
+        ({"covariance": (-np.eye(6)).tolist()}, "its gains are damaged"),
+        ({"factor": "many"}, "its gains cannot be read"),
+    ],
+)
+def test_gains_that_are_none_are_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read_gains(written(tmp_path, **changes))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "dynident result"}', "[" * 10000])
+def test_other_files_are_no_gains(tmp_path: Path, text: str) -> None:
+    (tmp_path / "other.json").write_text(text)
+    with pytest.raises(InputError, match=r"is not a payload\.json"):
+        read_gains(tmp_path / "other.json")
+
+
+def test_the_data_hold_the_payload_and_its_notes() -> None:
+    data = payload_data(weighed(), result().provenance, ["said"])
+    assert data["frame"] == "arm_tool0"
+    assert data["payload"][0] == {
+        "name": "mass",
+        "value": weighed().body.mass,
+        "std": weighed().body.std[0],
+        "unit": "kg",
+    }
+    assert data["notes"] == ["said"]
+
+
+def test_of_no_payload_the_mass_alone_is_written(tmp_path: Path) -> None:
+    none = replace(weighed(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
+    data = payload_data(none, result().provenance, [])
+    assert [data["seen"], data["payload"][0]["value"], data["payload"][1]["value"]] == [False, 0.1, None]
+    with pytest.raises(ModelError, match="no payload is seen"):
+        payload_urdf(result(), none, tmp_path)
+
+
+def test_the_urdf_holds_arm_and_payload_for_its_folder(tmp_path: Path) -> None:
+    mesh = SIX.replace(
+        '<link name="base"/>', '<link name="base"><visual><geometry><mesh filename="m.stl"/></geometry></visual></link>'
+    )
+    found = result()
+    bodies = RigidBodies(mesh, source="six.urdf")
+    sources = Sources(model=SourceFile(str(tmp_path / "robots" / "six.urdf")))
+    found = replace(found, model=replace(found.model, terms=(bodies, *found.model.terms[1:])), provenance=sources)
+    assert payload_name(found) == "six_payload.urdf"
+    text, said = payload_urdf(found, weighed(), tmp_path / "out")
+    assert '"../robots/m.stl"' in text
+    masses = {one.name: one.value for one in RigidBodies(text).parameters}
+    assert masses["turn.mass"] is not None
+    assert masses["turn.mass"] > 3.0
+    assert all("inertias of its file" in words for words in said)
+
+
+def test_a_result_stands_alone() -> None:
+    with pytest.raises(InputError, match="give one result, or recordings alone"):
+        read_loaded(result(), ["a.json", "b.csv"])
+
+
+def test_the_tables_hold_the_payload() -> None:
+    assert payload_words(weighed()).startswith("arm_tool0 carries 3 ± ")
+    assert [row[0] for row in payload_table(weighed()).rows][:2] == ["mass", "centre of mass, x"]
+    assert [row[0] for table in gains_table(weighed()) for row in table.rows] == ["j1", "j2", "j3", "j4", "j5", "j6"]
+    assert [row[0] for table in torque_table(weighed()) for row in table.rows] == ["loaded"]
+    assert "gains" in [row[0] for row in shares_table(weighed()).rows]
+    removed = replace(weighed(), request=replace(weighed().request, removed=True, known_mass=None))
+    assert "carried" in payload_words(removed)
+    assert list(gains_table(removed)) == []
+
+
+def test_the_page_holds_all_of_it_and_escapes_names() -> None:
+    evil = replace(weighed(), mount=replace(weighed().mount, frame="</script><b>"), notes=(notes.NoPayload(0.1, 0.2),))
+    page = payload_page(evil, result())
+    assert "</script><b>" not in page
+    assert "no payload is seen: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg." in page
+    assert "Gains of the drives" in page
+    assert payload_page(replace(weighed(), logs=()), result()).count("Two results are compared") == 1
+
+
+def test_of_no_payload_the_mass_alone_is_shown() -> None:
+    none = replace(weighed(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
+    assert payload_words(none) == "No payload is seen on arm_tool0: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg."
+    assert [row[0] for row in payload_table(none).rows] == ["mass"]
+    assert {len(row) for row in shares_table(none).rows} == {2}
+    page = payload_page(none, result())
+    assert "centre of mass" not in page.partition("</style>")[2]
+    assert "No payload is seen" in page
+
+
+@pytest.mark.parametrize(
+    ("note", "said"),
+    [
+        (
+            notes.NotShown((Component.Z, Component.IXX), (0.05, 0.01), "j5", 1.5, "rad/s", (0.002, 0.003)),
+            (
+                "the motion does not show centre of mass, z (± 0.05 m), inertia about the centre of mass, xx "
+                "(± 0.01 kg m^2) of the payload; 10 s of turning j5 back and forth at up to 1.5 rad/s would lower that "
+                "to ± 0.002 m, 0.003 kg m^2; `dynident excite` designs a motion of all joints"
+            ),
+        ),
+        (
+            notes.NotShown((Component.IZZ,), (0.05,)),
+            (
+                "the motion does not show inertia about the centre of mass, zz (± 0.05 kg m^2) of the payload; no "
+                "single joint would by itself: turn the last joints together, fast, in several postures"
+            ),
+        ),
+        (
+            notes.PayloadOrDrift(Component.MASS, 0.9, unloaded=False),
+            "record the same motion without the payload on the same day",
+        ),
+        (notes.PayloadOrDrift(Component.MASS, 0.9, unloaded=True), "move the arm through more postures"),
+        (notes.GainsUnknown(0.09, 0.01, 3.0), "with known gains it would be ± 0.01 kg"),
+        (notes.OtherArm(3.14), "leave 3.1 times what the standard errors allow"),
+        (notes.SameRecording("a.csv"), "a.csv: the result was made from it"),
+    ],
+)
+def test_notes_have_words(note: Note, said: str) -> None:
+    assert said in str(note)

@@ -1,0 +1,231 @@
+"""Instruments: their equations against dense algebra, scores of two passes, and motions from before and after."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators.instrument_moments import _add_partner_scores, moments_of, score_information
+from dynident.estimators.instruments import InstrumentKind, Instruments, cutoff_frequency, lag_of, lagged_instruments
+from dynident.estimators.least_squares import LinearFit, solve_least_squares, weight_joints
+from dynident.models import Joint, Model, RotorInertia
+from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.lagrangian import slider, two_link_arm
+from dynident.motion.filters import butterworth, zero_phase
+from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers import Spline
+from dynident.motion.splines import Fixed
+from dynident.regression import ParallelFilter, Regression, Selection
+from dynident.regression import linear_problem as module
+from tests.estimators.looped import driven
+
+ARM = two_link_arm()
+NAMES = ("joint1", "joint2")
+WEIGHTS = np.array([2.0, 0.5])
+
+
+def motion(seed: int, samples: int = 300, holes: bool = False) -> Motion:
+    rng = np.random.default_rng(seed)
+    q, dq, ddq, tau = rng.standard_normal((4, samples, 2))
+    mask = np.ones(samples, dtype=bool)
+    keep = None
+    if holes:
+        mask[100:104] = False
+        keep = rng.random((samples, 2)) > 0.2
+    return Motion(0.01 * np.arange(samples), q, dq, ddq, tau, NAMES, mask, f"run {seed}", keep=keep)
+
+
+def noisy(one: Motion, seed: int, size: float = 0.3) -> Motion:
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = (x + size * rng.standard_normal(x.shape) for x in (one.q, one.dq, one.ddq))
+    return replace(one, q=q, dq=dq, ddq=ddq)
+
+
+def solved(rows: Regression, others: Regression, weights: np.ndarray = WEIGHTS):
+    factor, rank = weight_joints(rows.triangular_factors, weights, rows.model.parameters)
+    return moments_of(rows, others, LinearFit(factor, rank, rows.triangular_factors.total, weights)), rank
+
+
+def dense(regression: Regression, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All rows, weighted, by joint and sample."""
+    blocks = list(regression.blocks())
+    keep = [np.ones(b.tau.shape) if b.keep is None else b.keep for b in blocks]
+    Y = np.concatenate([b.Y * (k * weights)[:, :, None] for b, k in zip(blocks, keep, strict=True)])
+    tau = np.concatenate([b.tau * k * weights for b, k in zip(blocks, keep, strict=True)])
+    return Y.reshape(-1, Y.shape[2]), tau.ravel()
+
+
+@pytest.mark.parametrize("low", [None, ParallelFilter(3, 8.0)])
+def test_is_the_just_identified_solution_of_dense_matrices(low, monkeypatch: pytest.MonkeyPatch) -> None:
+    """(W' D^2 X)^-1 W' D^2 y of all rows at once; with gaps, rows that are left out, and a filter."""
+    monkeypatch.setattr(module, "BLOCK", 64)
+    some = motion(1, holes=low is None), motion(2, 200)
+    rows = Regression(ARM, some, Selection(low))
+    others = replace(rows, motions=tuple(noisy(one, 9) for one in some))
+    (X, y), (W, _) = (dense(one, WEIGHTS) for one in (rows, others))
+    found, _ = solved(rows, others)
+    np.testing.assert_allclose(found.value, np.linalg.solve(W.T @ X, W.T @ y), rtol=1e-9)
+    residual = (y - X @ found.value).reshape(-1, 2) / WEIGHTS
+    expected = np.square(residual).sum(axis=0) / found.rows
+    np.testing.assert_allclose(found.residual(found.to_basis(found.value)), expected, rtol=1e-9)
+
+
+def test_the_regressor_as_its_own_instrument_is_least_squares() -> None:
+    rows = Regression(ARM, (motion(3),))
+    found, rank = solved(rows, rows)
+    factor, _ = weight_joints(rows.triangular_factors, WEIGHTS, ARM.parameters)
+    np.testing.assert_allclose(found.value, solve_least_squares(factor, rank).value, rtol=1e-12)
+    strength = found.strength(300.0)
+    assert strength.correlation == pytest.approx(1.0, abs=1e-9)
+    assert strength.statistic > 1e6
+
+
+def test_the_covariance_is_that_of_dense_matrices_where_residuals_are_white() -> None:
+    """A^-1 (sum_j w_j^4 s_j^2 W_j' W_j) A^-T, but for what the estimate of a long-run covariance scatters."""
+    one = motion(4, 20_000)
+    truth = np.array(ARM.values)
+    one = replace(one, tau=ARM.torque(one.q, one.dq, one.ddq, truth) + one.tau * (0.1, 3.0))
+    rows = Regression(ARM, (one,))
+    others = replace(rows, motions=(noisy(one, 5),))
+    found, rank = solved(rows, others)
+    given = [Instruments(others.motions[0], InstrumentKind.LAGGED)]
+    information, independent = score_information(found, rows, others, given, rank)
+    (X, _), (W, _) = (dense(each, WEIGHTS) for each in (rows, others))
+    bread = np.linalg.inv(W.T @ X)
+    weighted_rows = W * np.tile(WEIGHTS * (0.1, 3.0), len(one))[:, None]
+    expected = bread @ (weighted_rows.T @ weighted_rows) @ bread.T
+    std = np.sqrt(np.diag(np.linalg.inv(information)))
+    np.testing.assert_allclose(std, np.sqrt(np.diag(expected)), rtol=0.25)
+    assert 2000 <= independent <= 20_000
+
+
+def test_what_the_data_do_not_determine_stays_so() -> None:
+    """Two masses on the same joint: their sum is found, their share is that of least norm."""
+    joints = (Joint("joint1"), Joint("joint2"))
+    model = Model(
+        (
+            RotorInertia(joints),
+            RotorInertia(joints, names=("b1", "b2")),
+            Viscous(joints),
+            Coulomb(joints),
+            Offset(joints),
+        )
+    )
+    one = motion(6)
+    truth = np.arange(1.0, 11.0)
+    one = replace(one, tau=model.torque(one.q, one.dq, one.ddq, truth))
+    rows = Regression(model, (one,))
+    found, rank = solved(rows, replace(rows, motions=(noisy(one, 7),)))
+    assert rank.rank == 8
+    np.testing.assert_allclose(found.value[:4], [2.0, 3.0, 2.0, 3.0], rtol=1e-8)
+    np.testing.assert_allclose(found.value[4:], truth[4:], rtol=1e-8)
+
+
+def test_strength_is_the_smallest_correlation_and_its_direction() -> None:
+    """An instrument of the offset is exact, that of the speed is nearly noise: F = N r^2 / (1 - r^2)."""
+    joints = (Joint("joint1"), Joint("joint2"))
+    model = Model((Viscous(joints), Offset(joints)))
+    one = motion(8, 4000)
+    other = replace(one, dq=one.dq * (0.1, 1.0) + np.random.default_rng(1).standard_normal(one.dq.shape) * (1.0, 0.01))
+    rows = Regression(model, (one,))
+    found, _ = solved(rows, replace(rows, motions=(other,)), np.ones(2))
+    strength = found.strength(4000.0)
+    r = float(np.sum(one.dq[:, 0] * other.dq[:, 0]) / np.linalg.norm(one.dq[:, 0]) / np.linalg.norm(other.dq[:, 0]))
+    assert strength.correlation == pytest.approx(abs(r), rel=0.1)
+    assert strength.statistic == pytest.approx(4000 * strength.correlation**2 / (1 - strength.correlation**2))
+    assert np.argmax(np.abs(strength.direction)) == 0
+
+
+MOTION, _ = driven(60)
+
+
+def instruments(other: int, partner: np.ndarray) -> Instruments:
+    return Instruments(MOTION, InstrumentKind.REPEATED, None, other, partner)
+
+
+def test_paired_samples_are_added_once() -> None:
+    """The second recording is 5 samples late, of both each third sample is left; the last ones have no partner."""
+    n = 60
+    there, back = np.arange(n) + 5, np.arange(n) - 5
+    there[there >= n] = -1
+    back[back < 0] = -1
+    at, places = np.arange(0, n, 3), np.arange(2, n, 3)
+    u, v = np.ones((len(at), 1)), np.full((len(places), 1), 10.0)
+    _add_partner_scores((at, u), (places, v), instruments(1, there), instruments(0, back))
+    assert set(np.unique(u)) <= {1.0, 11.0}
+    assert float(u.sum() + v.sum()) == len(at) + 10.0 * len(places)
+    assert (u[there[at] >= 0] == 11.0).all()
+    assert (u[there[at] < 0] == 1.0).all()
+
+
+def test_of_a_recording_that_repeats_itself_the_later_pass_is_added_to_the_earlier() -> None:
+    partner = np.r_[np.arange(30) + 30, np.arange(30)]
+    one = np.arange(60), np.arange(60.0)[:, None]
+    _add_partner_scores(one, one, instruments(0, partner), instruments(0, partner))
+    np.testing.assert_array_equal(one[1][:30, 0], 2 * np.arange(30) + 30)
+    np.testing.assert_array_equal(one[1][30:], 0.0)
+
+
+STEP = 0.01
+T = STEP * np.arange(400)
+
+
+def polynomial(seed: int = 0) -> Motion:
+    p = np.polynomial.Polynomial(np.random.default_rng(seed).standard_normal(6))
+    q, dq, ddq = (one(T - 2.0)[:, None] for one in (p, p.deriv(), p.deriv(2)))
+    return Motion(T, q, dq, ddq, 0 * q, ("slider",), np.ones(len(T), dtype=bool))
+
+
+def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
+    """At lags of whole samples; the samples within a lag of the ends and of a gap have no instruments."""
+    motion = polynomial()
+    mask = np.abs(np.arange(len(T)) - 200) > 3
+    gapped = Motion(T, motion.q, motion.dq, motion.ddq, motion.tau, motion.joints, mask)
+    found = lagged_instruments(slider(), gapped, None, None, 5 * STEP)
+    used = found.motion.mask
+    for name in ("q", "dq", "ddq"):
+        np.testing.assert_allclose(getattr(found.motion, name)[used], getattr(motion, name)[used], rtol=1e-5, atol=1e-4)
+    assert found.lag == 5 * STEP
+    away = np.abs(np.arange(len(T)) - 200)
+    inside = (np.arange(len(T)) >= 6) & (np.arange(len(T)) < len(T) - 6)
+    assert used[inside & (away > 9)].all()
+    assert not used[(away < 8) & (away > 2)].any()
+    assert not used[:5].any()
+    assert not used[-5:].any()
+
+
+@pytest.mark.parametrize("low", [5.0, 12.0])
+def test_the_cutoff_is_that_of_a_low_pass(low: float) -> None:
+    """Order 1 forward and backward passes half of the amplitude at its cut-off, in the presence of a large motion."""
+    rng = np.random.default_rng(1)
+    t = STEP * np.arange(20_000)
+    before = (np.sin(2 * t) + 1e-4 * rng.standard_normal(len(t)))[:, None]
+    after = zero_phase(butterworth(1, low, 1 / STEP), before[:, 0], 100)[:, None]
+    assert cutoff_frequency(before, after) * 0.5 / STEP == pytest.approx(low, rel=0.1)
+    assert cutoff_frequency(before, before) == 1.0
+    assert cutoff_frequency(before[:8], before[:8]) == 1.0
+
+
+def test_the_lag_grows_with_smoothing_and_filter() -> None:
+    rng = np.random.default_rng(2)
+    motion = polynomial()
+    assert lag_of(motion, None, None) == pytest.approx(3 * STEP)
+    slow = lag_of(motion, None, ParallelFilter(cutoff=5.0))
+    assert slow > 1.5 * lag_of(motion, None, ParallelFilter(cutoff=10.0)) > 4 * STEP
+    noisy = Log(T, motion.q + 1e-3 * rng.standard_normal(motion.q.shape), motion.tau, motion.joints)
+    assert lag_of(motion, noisy, None) > lag_of(motion, None, None)
+
+
+def test_errors_of_accelerations_are_no_longer_correlated_from_the_lag_on() -> None:
+    """Those that a spline makes of white noise, of which chance leaves correlations of 0.02."""
+    t, smoother = STEP * np.arange(20_000), Spline(Fixed(lam=1e-6))
+    true, noise = np.sin(2 * t) + 0.3 * np.sin(7 * t), 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    log, clean = (Log(t, one[:, None], 0 * one[:, None], ("slider",)) for one in (true + noise, true))
+    motion, exact = smoother(log), smoother(clean)
+    k = round(lag_of(motion, log, None) / STEP)
+    e = (motion.ddq - exact.ddq)[motion.mask, 0]
+    correlation = np.array([e[lag:] @ e[: len(e) - lag] for lag in range(200)]) / (e @ e)
+    assert np.abs(correlation[k:]).max() < 0.03
+    assert np.abs(correlation[k // 2 : k]).max() > 0.05

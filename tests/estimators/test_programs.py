@@ -1,0 +1,161 @@
+"""The conic program and the way from inside: where both work they find the same, and where the solver fails."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.estimators import (
+    Constraints,
+    LeastSquares,
+    PhysicallyConsistent,
+    Problem,
+    bodies_of,
+    estimate_sizes,
+    interval_limit,
+    parameter_scales,
+    sign_limits,
+)
+from dynident.estimators import programs as staged
+from dynident.estimators.cone import Optimum
+from dynident.estimators.least_squares import joint_weights, weight_joints
+from dynident.estimators.notes import ConstraintsCostly
+from dynident.regression import Regression, rank_of
+from dynident.runtime import ConfigError, ModelError
+from tests.estimators.arms import arm, error, problem
+
+
+def program(posed: Problem) -> tuple[staged.Information, Constraints]:
+    parameters, factors = posed.model.parameters, posed.regression.triangular_factors
+    factor, rank = weight_joints(factors, joint_weights(factors, "per_joint", 3, parameters), parameters)
+    bodies, effect = estimate_sizes(bodies_of(parameters), parameters, factors), np.linalg.norm(factor, axis=0)
+    scale = parameter_scales(parameters, bodies, effect[:-1], float(effect[-1]))
+    limits = tuple(one.scale_rows(scale) for one in sign_limits(parameters))
+    return staged.information_from_factor(factor, scale, rank, factors.total), Constraints(limits, bodies, 1e-5)
+
+
+def squared(x: np.ndarray) -> float:
+    return float(np.sum(x**2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_both_ways_find_the_same_optimum(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    known, constraints = program(problem(arm(1e-2, 0.3), 1e-2, 0.3, seed=seed, samples=200))
+    conic = staged._solve_scaled(known, constraints)
+    monkeypatch.setattr(staged, "STEP_UNITS", ())
+    path = staged._solve_scaled(known, constraints)
+    assert constraints.violation(known.theta(path)) < 0
+    assert squared(path) == pytest.approx(squared(conic), rel=1e-3, abs=0.5)
+
+
+def test_equalities_hold_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    posed = problem(arm(1e-2, 0.3), 1e-2, 0.3, samples=300)
+    known, constraints = program(posed)
+    index = posed.model.names.index("l5.mass")
+    fixed = interval_limit("mass", posed.model.parameters, {index: (4.0, 4.0)}).scale_rows(known.scale)
+    monkeypatch.setattr(staged, "STEP_UNITS", ())
+    theta = known.theta(staged._solve_scaled(known, replace(constraints, limits=(*constraints.limits, fixed))))
+    assert theta[index] == pytest.approx(4.0, rel=1e-6)
+
+
+def test_where_nothing_is_inside_the_error_of_the_conic_solver_stands() -> None:
+    posed = problem(arm(1e-2, 0.3), 1e-2, 0.3, samples=300)
+    with pytest.raises(ConfigError, match="contradict"):
+        PhysicallyConsistent(total_mass=1.0, bounds={"l5.mass": (4.0, None)})(posed)
+
+
+@pytest.mark.parametrize(("mass", "length"), [(1.0, 1.0), (1e-4, 0.05)])
+@pytest.mark.parametrize("inertias", ["none", "zero", "true"])
+def test_an_arm_of_any_size_costs_little_whatever_its_file_says(mass: float, length: float, inertias: str) -> None:
+    posed = problem(arm(mass, length, inertias), mass, length)
+    plain, found = LeastSquares(weights="per_joint")(posed), PhysicallyConsistent()(posed)
+    assert error(posed, found.value) < 1.02 * error(posed, plain.value)
+    assert not any(isinstance(note, ConstraintsCostly) for note in found.notes)
+
+
+def test_constraints_that_cost_much_are_said() -> None:
+    posed = problem(arm())
+    motion = replace(posed.motions[0], tau=-posed.motions[0].tau)  # no possible arm
+    wrong = Problem(posed.model, (motion,), Regression(posed.model, (motion,)))
+    (note,) = (one for one in PhysicallyConsistent()(wrong).notes if isinstance(one, ConstraintsCostly))
+    assert note.family == "pseudo-inertia"
+    assert note.error > 10 * note.free
+
+
+@given(
+    st.integers(0, 10**6), st.sampled_from(["none", "true", "light", "heavy"]), st.sampled_from([1e-4, 1e-2, 1.0, 1e3])
+)
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_no_few_samples_of_any_arm_fail(seed: int, inertias: str, unit: float) -> None:
+    """Blocks of few samples, files with masses far off or none, torques in other units: always a possible arm."""
+    rng = np.random.default_rng(seed)
+    text = arm(inertias="none" if inertias == "none" else "true")
+    for name, value in (("light", "1e-3"), ("heavy", "1e5")):
+        text = re.sub(r'<mass value="[^"]*"', f'<mass value="{value}"', text) if inertias == name else text
+    motion = problem(text, seed=seed, speed=rng.uniform(0.2, 3)).motions[0]
+    size = int(np.exp(rng.uniform(np.log(25), np.log(1200))))
+    first = int(rng.integers(0, 1201 - size))
+    few = motion.shift(0.0, np.arange(first, first + size))
+    few = replace(few, tau=unit * few.tau)
+    posed = problem(text)
+    posed = Problem(posed.model, (few,), Regression(posed.model, (few,)))
+    try:
+        found = PhysicallyConsistent(costs=False)(posed)
+    except ModelError as failed:
+        pytest.fail(f"{failed}")
+    assert min(found.consistency.eigenvalues.values()) > 0
+
+
+@pytest.mark.parametrize("failure", ["raised", "inexact"])
+@pytest.mark.parametrize("failures", [0, 1, 2, 3])
+def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two directions are informed, the third is free; the point is given back in units of one standard error."""
+    factor = np.diag([2.0, 3.0, 0.0, 1.0])
+    known, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
+
+    def solver(*program: Any) -> Optimum:
+        asked.append(program)
+        if failure == "raised" and len(asked) <= failures:
+            raise ModelError("the solver failed")
+        return Optimum(np.ones(3), "", 1.0 if len(asked) <= failures else 0.0, 0.0)
+
+    monkeypatch.setattr(staged, "minimise", solver)
+    if failures == 3:
+        path = staged._solve_scaled(known, Constraints())
+        np.testing.assert_allclose(path, 0.0, atol=1e-9)  # the optimum, as nothing is constrained
+        monkeypatch.setattr(staged, "minimise_from_inside", lambda *_: None)
+        asked.clear()
+        with pytest.raises(ModelError, match=r"the solver failed|hold to 1\.0e"):
+            staged._solve_scaled(known, Constraints())
+        return
+    found = staged._solve_scaled(known, Constraints())
+    unit = (1.0, 1e3, 1e6)[failures]
+    assert len(asked) == failures + 1
+    assert found.tolist() == [unit, unit, 1.0]
+    quadratic, linear, _, base, directions = asked[-1]
+    np.testing.assert_allclose(np.diag(quadratic), [1.0, 1.0, max(unit**-2, 1e-8)])
+    np.testing.assert_allclose(directions[:, :2], known.informed * unit)
+    np.testing.assert_allclose(directions[:, 2:], known.free)
+    assert not linear.any()
+    assert base is known.base
+
+
+def test_where_the_penalty_is_not_small_the_free_directions_get_a_larger_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    factor = np.diag([2.0, 3.0, 0.0, 1.0])
+    known, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
+
+    def solved(wider: staged.Information, _: Constraints) -> np.ndarray:
+        asked.append(float(np.linalg.norm(wider.free)))
+        return np.array([0.0, 0.0, 30.0 / asked[-1]])  # the same w, in each unit
+
+    monkeypatch.setattr(staged, "_solve_scaled", solved)
+    found = staged._solve_program(known, Constraints())
+    assert asked == pytest.approx([1.0, 10.0, 100.0, 1000.0][: len(asked)])
+    assert found[2] == pytest.approx(30.0)
+    assert (30.0 / asked[-1]) ** 2 <= staged.MAX_PENALTY_SHARE * known.noise

@@ -1,0 +1,92 @@
+"""Terms on single joints become one per class; rates and delays of a ripple are found where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.identification.terms.candidates import PositionResidual, combine_terms, largest_lines
+from dynident.models import Joint, Model
+from dynident.models.friction import Coulomb, Ripple, Viscous
+
+JOINTS = tuple(map(Joint, ("a", "b", "c")))
+
+
+def test_the_regressor_of_the_whole_is_that_of_the_parts() -> None:
+    parts = [
+        [Viscous(JOINTS, on=("a",)), Coulomb(JOINTS, on=("a",), width=0.1)],
+        [Coulomb(JOINTS, on=("b",), width=0.2)],
+        [
+            Viscous(JOINTS, on=("c",)),
+            Ripple(JOINTS, on=("c",), cycles=(10.0,)),
+            Ripple(JOINTS, on=("c",), cycles=(7.0,)),
+        ],
+    ]
+    whole = Model(combine_terms(JOINTS, parts))
+    single = {one.parameters[k].name: one.regressor for some in parts for one in some for k in [0]}
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 3))
+    Y = whole.regressor(q, dq, ddq)
+    assert [type(one).__name__ for one in whole.terms] == ["Viscous", "Coulomb", "Ripple"]
+    assert len(whole.names) == 8
+    for name, regressor in single.items():
+        assert np.allclose(Y[:, :, whole.names.index(name)], regressor(q, dq, ddq)[:, :, 0])
+
+
+def test_ripples_of_one_joint_keep_their_delays() -> None:
+    early, late = (Ripple(JOINTS, on=("c",), cycles=(k,), delay=d) for k, d in ((10.0, -0.002), (7.0, 0.004)))
+    elsewhere = Ripple(JOINTS, on=("a",), cycles=(5.0,), delay=0.001)
+    found = combine_terms(JOINTS, [[elsewhere], [], [early, late]])
+    assert [one.acts_on for one in found] == [("a", "c"), ("c",)]  # type: ignore[attr-defined]
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 3))
+    whole = Model(found).regressor(q, dq, ddq)
+    parts = Model((elsewhere, early, late)).regressor(q, dq, ddq)
+    assert np.allclose(whole, parts)
+
+
+Array = NDArray[np.float64]
+T = np.linspace(0.0, 20.0, 8000)
+Q, DQ = 1.5 * np.sin(T) + 0.4 * np.sin(2.3 * T), 1.5 * np.cos(T) + 0.92 * np.cos(2.3 * T)
+BLOCK = np.arange(len(T)) * 8 // len(T)
+
+
+def left(r: Array, *, q: Array = Q, turns: bool = True) -> PositionResidual:
+    return PositionResidual(q, DQ, r, BLOCK, 8, turns)
+
+
+def noisy(r: Array, size: float = 1.0) -> Array:
+    return r + size * np.random.default_rng(0).normal(size=len(T))
+
+
+def test_the_rate_of_a_ripple_is_found() -> None:
+    for k, _ in largest_lines(left(noisy(np.sin(45.4 * Q + 0.3), 0.3)), 200.0):
+        assert k == pytest.approx(45.4, abs=0.15)
+
+
+def test_so_is_its_delay() -> None:
+    found = largest_lines(left(noisy(np.sin(120.3 * (Q - 0.007 * DQ)))), 200.0)
+    assert found
+    for k, d in found:
+        assert k == pytest.approx(120.3, abs=0.2)
+        assert d == pytest.approx(0.007, abs=0.0011)
+
+
+def test_whole_rates_are_preferred_where_the_joint_turns() -> None:
+    r = noisy(np.sin(45.0 * Q + 0.3), 2.0)
+    assert {k for k, _ in largest_lines(left(r), 200.0)} == {45.0}
+    assert 45.0 not in {k for k, _ in largest_lines(left(r, turns=False), 200.0)}
+
+
+def test_a_ripple_of_one_block_alone_is_found_by_the_others() -> None:
+    one = np.where(BLOCK == 3, 3.0 * np.sin(45.0 * Q), np.sin(90.0 * Q))
+    assert max(largest_lines(left(one), 200.0))[0] == pytest.approx(90.0, abs=0.5)
+
+
+def test_a_joint_that_stands_has_none() -> None:
+    assert largest_lines(left(np.ones(len(T)), q=np.zeros(len(T))), 200.0) == ()
+
+
+def test_slow_waves_are_not_ripples() -> None:
+    assert largest_lines(left(np.sin(2.0 * Q)), 200.0) == ()
+    reach = float(np.ptp(Q))
+    assert all(k * reach > 4.0 * 2.0 * np.pi - 2.0 for k, _ in largest_lines(left(np.sin(6.0 * Q)), 200.0))

@@ -1,0 +1,208 @@
+"""The laws of single joints in numbers; what every term promises is in ``tests/laws``."""
+
+import numpy as np
+import pytest
+
+from dynident.models import Joint, Model, Past
+from dynident.models.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Drift,
+    Offset,
+    Power,
+    Ripple,
+    Spring,
+    Stribeck,
+    Viscous,
+)
+from dynident.runtime import ModelError
+
+JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
+DQ = np.array([[1.0, -2.0, 0.5], [0.0, 1e-4, -3.0]])
+SHARP = {
+    "coulomb": Coulomb(JOINTS, on=("wrist", "base"), width={"wrist": 0.3, "base": 0.0}),
+    "stribeck": Stribeck(JOINTS, on=("wrist", "base"), velocity=1.0, width={"wrist": 0.3, "base": 0.0}),
+    "power": Power(JOINTS, on=("wrist", "base"), exponent=0.5, width={"wrist": 0.3, "base": 0.0}),
+}
+BY_JOINT = {"width": {"base": 0.5, "rail": 0, "wrist": 0}, "dead_band": {"base": 0, "rail": 3, "wrist": 0}}
+
+
+def regressor(term):
+    return term.regressor(np.zeros_like(DQ), DQ, np.zeros_like(DQ))
+
+
+@pytest.mark.parametrize(
+    ("term", "diagonal"),
+    [
+        (Viscous(JOINTS), DQ),
+        (Coulomb(JOINTS), np.sign(DQ)),
+        (Offset(JOINTS), np.ones_like(DQ)),
+        (Coulomb(JOINTS, width=0.5), np.tanh(DQ / 0.5)),
+        (Coulomb(JOINTS, dead_band=1.0), [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),  # the edge of the band belongs to it
+        (Coulomb(JOINTS, **BY_JOINT), [[np.tanh(2.0), 0.0, 1.0], [0.0, 0.0, -1.0]]),
+        (Power(JOINTS, exponent={"base": 0.5, "rail": 3, "wrist": 2}), [[1.0, -8.0, 0.25], [0.0, 1e-12, -9.0]]),
+    ],
+)
+def test_each_joint_has_its_own_column(term, diagonal):
+    np.testing.assert_allclose(regressor(term), np.array(diagonal)[:, :, None] * np.eye(3), rtol=1e-14)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.1])
+def test_the_stribeck_effect_falls_to_1_e_at_its_velocity_and_is_gone_far_above(width):
+    dq = np.array([[0.0], [1e-9], [0.2], [-0.2], [0.1], [10.0]])
+    sign = np.tanh(dq / width) if width else np.sign(dq)
+    found = Stribeck(JOINTS[:1], velocity=0.2, width=width).regressor(dq, dq, dq)[:, :, 0]
+    expected = sign * np.array([[1.0], [1.0], [np.exp(-1)], [np.exp(-1)], [np.exp(-0.25)], [0.0]])
+    np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
+
+
+def test_friction_of_both_directions():
+    joints, dq = JOINTS[:2], np.array([[1.0, 2.0], [-1.0, -2.0]])
+    terms = Coulomb(joints), AsymmetricCoulomb(joints, width=0.01), Viscous(joints), AsymmetricViscous(joints)
+    tau = Model(terms).torque(dq, dq, dq, [3.0, 0.0, 0.5, 0.0, 10.0, 1.0, 2.0, 1.0])
+    np.testing.assert_allclose(tau, [[3.5 + 12.0, 4.0], [-2.5 - 8.0, 0.0]], rtol=1e-14)
+    still = np.zeros((1, 2))
+    assert not terms[1].regressor(still, still, still).any()
+    assert not terms[3].partials(still, still, still, np.ones(2)).dq.any()
+
+
+def test_a_turning_spring_is_a_fourier_series_and_a_sliding_one_has_powers():
+    q, spring = np.array([[0.3, -2.0]]), Spring(JOINTS[:2], order={"base": 2, "rail": 3})
+    expected = [np.sin(0.3), np.cos(0.3), np.sin(0.6), np.cos(0.6)]
+    np.testing.assert_allclose(
+        spring.regressor(q, q, q)[0], [[*expected, 0, 0, 0], [0, 0, 0, 0, -2.0, 4.0, -8.0]], rtol=1e-14
+    )
+
+
+def test_a_ripple_repeats_with_the_position():
+    q, term = np.random.default_rng(0).uniform(-3, 3, (10, 3)), Ripple(JOINTS, cycles=(12, 36))
+    shifted = term.regressor(q + 2 * np.pi / 12, q, q)
+    np.testing.assert_allclose(shifted, term.regressor(q, q, q), atol=1e-12)
+
+
+def test_a_delay_is_that_of_the_torque_in_time():
+    t, delay = np.linspace(0, 1, 50)[:, None], np.array([0.002, -0.003])
+    q, dq = np.sin(3 * t) * [1.0, 0.5], 3 * np.cos(3 * t) * [1.0, 0.5]
+    before = np.sin(3 * (t - delay)) * [1.0, 0.5]
+    term = Ripple(JOINTS[::2], cycles=40, delay={"base": 0.002, "wrist": -0.003})
+    late, none = term.regressor(q, dq, 0 * q), Ripple(JOINTS[::2], cycles=40)
+    np.testing.assert_allclose(late, none.regressor(before, dq, 0 * q), atol=40 * 9 * 0.003**2 / 2)
+    assert np.abs(late - none.regressor(q, dq, 0 * q)).max() > 0.2
+
+
+def test_most_of_a_drift_is_over_after_its_time():
+    t = np.array([100.0, 110.0, 120.0, 1000.0])
+    still = np.zeros((4, 1))
+    found = Drift((Joint("a"),), time=10.0).remember(Past(t, still, still, still, still))
+    np.testing.assert_allclose(found[:, 0], 1.0 - np.exp([0.0, -1.0, -2.0, -90.0]))
+
+
+@pytest.mark.parametrize(
+    ("term", "parameters"),
+    [
+        (Viscous(JOINTS[:2]), [("Fv_base", "N m s/rad"), ("Fv_rail", "N s/m")]),
+        (Coulomb(JOINTS[:2]), [("Fc_base", "N m"), ("Fc_rail", "N")]),
+        (Offset(JOINTS[:2]), [("offset_base", "N m"), ("offset_rail", "N")]),
+        (AsymmetricViscous(JOINTS[:2]), [("Fva_base", "N m s/rad"), ("Fva_rail", "N s/m")]),
+        (
+            Power(JOINTS[:2], exponent={"base": 0.5, "rail": 2}),
+            [("Fp_base", "N m (s/rad)^0.5"), ("Fp_rail", "N (s/m)^2")],
+        ),
+        (
+            Spring(JOINTS[:2], order={"base": 1, "rail": 2}),
+            [("spring_base_sin1", "N m"), ("spring_base_cos1", "N m"), ("spring_rail_q1", "N/m"),
+             ("spring_rail_q2", "N/m^2")],
+        ),
+    ],
+)  # fmt: skip
+def test_names_and_units_follow_the_joints(term, parameters):
+    assert [(one.name, one.unit) for one in term.parameters] == parameters
+
+
+@pytest.mark.parametrize(
+    ("term", "words"),
+    [
+        (Coulomb(JOINTS, width=0.5), ["Coulomb friction: torque per tanh(dq/0.5)"] * 3),
+        (
+            Coulomb(JOINTS, **BY_JOINT),
+            [f"Coulomb friction: torque per {x}" for x in
+             ("tanh(dq/0.5)", "sign(dq), 0 within abs(dq) <= 3", "sign(dq)")],
+        ),
+        (
+            Spring(JOINTS[:2]),
+            [f"spring: torque per {x}" for x in ("sin(q)", "cos(q)", "q")],
+        ),
+    ],
+)  # fmt: skip
+def test_meanings_are_those_of_each_joint(term, words):
+    assert [one.expression for one in term.parameters] == words
+
+
+def test_a_subset_in_its_own_order():
+    term = Viscous(JOINTS, on=("wrist", "base"))
+    assert [p.name for p in term.parameters] == ["Fv_wrist", "Fv_base"]
+    expected = np.zeros((2, 3, 2))
+    expected[:, 2, 0], expected[:, 0, 1] = DQ[:, 2], DQ[:, 0]
+    np.testing.assert_array_equal(regressor(term), expected)
+
+
+def test_names_expressions_and_values_can_be_given():
+    (parameter,) = Viscous(JOINTS, on=("rail",), names=("mu",), expressions=("mu1",), values=(0.6,)).parameters
+    assert (parameter.name, parameter.expression, parameter.value) == ("mu", "mu1", 0.6)
+
+
+def test_a_narrow_smooth_sign_does_not_overflow():
+    slope = Coulomb(JOINTS, width=1e-300).partials(DQ, DQ, DQ, np.ones(3)).dq
+    assert slope[0].max() == 0.0
+
+
+def test_dry_friction_is_continuous_with_a_width_a_dead_band_or_a_power_from_one_on():
+    assert [Coulomb(JOINTS, **how).discontinuous for how in ({}, {"width": 0.1}, {"dead_band": 0.1})] == [1, 0, 0]
+    assert not Power(JOINTS, exponent=1.0).discontinuous
+    assert Power(JOINTS, exponent={"base": 2, "rail": 0.9, "wrist": 1}).discontinuous
+    term = Coulomb(JOINTS, **BY_JOINT)
+    assert [term.rule(name) for name in ("base", "rail", "wrist")] == [(0.5, 0.0), (0.0, 3.0), (0.0, 0.0)]
+
+
+@pytest.mark.parametrize("term", SHARP.values(), ids=SHARP)
+def test_a_sign_is_smoothed_at_the_joints_where_it_is_sharp(term):
+    (smooth,) = term.with_smooth_sign(np.array([0.01, 0.02, 0.04]))
+    assert term.discontinuous
+    assert not smooth.discontinuous
+    assert smooth.width == (("wrist", 0.3), ("base", 0.01))
+    assert type(smooth) is type(term)
+
+
+@pytest.mark.parametrize("term", SHARP.values(), ids=SHARP)
+def test_the_slope_is_finite_at_rest_and_close_to_it(term):
+    dq = np.array([[0.0] * 3, [1e-300] * 3, [-1e-12] * 3])
+    slope = term.partials(dq, dq, dq, np.ones(2)).dq
+    assert np.isfinite(slope).all()
+    assert slope[0, 0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"on": ("wirst",)}, r"Coulomb: no joint 'wirst'; did you mean 'wrist'\? Known: 'base', 'rail', 'wrist'"),
+        ({"on": ("base", "base")}, "joint 'base' is listed twice"),
+        ({"names": ("a", "b")}, r"2 names for 3 joints \(base, rail, wrist\)"),
+        ({"on": ("base",), "values": (1.0, 2.0)}, r"2 values for 1 joints \(base\)"),
+        ({"width": 0.1, "dead_band": 0.1}, "width 0.1 and dead_band 0.1 exclude each other"),
+        ({"width": -0.1}, "width is -0.1; give a velocity of 0 or more"),
+        ({"dead_band": float("nan")}, "dead_band is nan"),
+        ({"width": float("inf")}, "width is inf"),
+    ],
+)
+def test_wrong_fields(arguments, message):
+    with pytest.raises(ModelError, match=message):
+        Coulomb(JOINTS, **arguments)
+
+
+def test_a_term_without_a_law_says_what_it_lacks():
+    class Mute(Viscous):
+        law = ""
+
+    with pytest.raises(ModelError, match="Mute: give its torque as text by `law`, or by a method `shapes`"):
+        regressor(Mute(JOINTS))

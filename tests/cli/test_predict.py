@@ -192,7 +192,10 @@ class TestPredict:
     def test_the_smoother_of_the_result_is_used_again(self, slider: Path, tmp_path: Path) -> None:
         data = json.loads(slider.read_text())
         assert data["recipe"]["smoother"]["kind"] == "spline"
-        for factor, words in ((2.0, "slider"), (-1, "recipe.smoother: factor: should be greater than 0; got -1")):
+        for factor, words in (
+            (2.0, "slider"),
+            (-1, "r.json: recipe: smoother: factor: should be greater than 0; got -1"),
+        ):
             data["recipe"]["smoother"]["factor"] = factor
             (tmp_path / "r.json").write_text(json.dumps(data))
             done = run("predict", tmp_path / "r.json", slider.parents[1] / "log.csv")

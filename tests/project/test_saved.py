@@ -125,7 +125,7 @@ def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
     assert_same(again.residual.whitening, noise)
     spoilt = path.read_text().replace("-0.3", "-1.3")
     path.write_text(spoilt)
-    with pytest.raises(ConfigError, match=r"result.json: .* noise of joint 1: .* is not stable"):
+    with pytest.raises(ConfigError, match=r"result.json: estimate: .* noise of joint 1: .* is not stable"):
         load(path, model)
 
 
@@ -211,7 +211,7 @@ def test_a_result_of_version_1_is_read() -> None:
         (("estimate", "notes"), [{"kind": "Nonsense"}], r"estimate\.notes\[0\]: 'Nonsense' is no kind of Note"),
         (("estimate", "notes"), [{"kind": "RankDeficient"}], r"estimate\.notes\[0\]\.rank: is missing"),
         (("recipe", "estimator", "kind"), "least_square", "did you mean 'least_squares'"),
-        (("calibration", "smoother", "candidates"), [{}], "smoother: needs a `kind`"),
+        (("calibration", "smoother", "candidates"), [{}], "r.json: calibration: smoother: needs a `kind`"),
         (("estimate", "value"), [0.0], r"estimate\.value: is not read from a file"),
         (("mass_matrix", "q"), [[0.0]], r"mass_matrix\.q\[0\]: should be a valid number"),
         (("validations",), None, "validations: a list is expected; got None"),

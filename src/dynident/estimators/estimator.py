@@ -17,7 +17,7 @@ from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
 from dynident.runtime import (
-    LEFT_OUT,
+    OMITTED,
     Axes,
     ConfigError,
     Note,
@@ -64,7 +64,7 @@ class DataRank(Noun):
 
     rank: int
     condition: float = math.nan
-    directions: Annotated[Rank | None, LEFT_OUT] = None
+    directions: Annotated[Rank | None, OMITTED] = None
 
 
 class Pieces(Noun):
@@ -103,8 +103,8 @@ class Residual(Noun):
     sigma: Annotated[Array, Axes("n")]
     samples: int
     weights: Annotated[Array, Axes("n")] | None = None
-    sample_weights: Annotated[tuple[Array, ...], LEFT_OUT] = ()
-    slopes: Annotated[tuple[Array, ...], LEFT_OUT] = ()
+    sample_weights: Annotated[tuple[Array, ...], OMITTED] = ()
+    slopes: Annotated[tuple[Array, ...], OMITTED] = ()
     pieces: Pieces | None = None
     whitening: Whitening | None = None
     correlated: bool = False
@@ -169,13 +169,13 @@ class Estimate:
     count, too.
     """
 
-    parameters: Annotated[tuple[Parameter, ...], LEFT_OUT]
-    value: Annotated[Array, LEFT_OUT]
+    parameters: Annotated[tuple[Parameter, ...], OMITTED]
+    value: Annotated[Array, OMITTED]
     covariance: Annotated[Array, Axes("p", "p")]
     determined: DataRank
     residual: Residual
     notes: tuple[Note, ...] = ()
-    provenance: Annotated[tuple[Provenance, ...], LEFT_OUT] = ()
+    provenance: Annotated[tuple[Provenance, ...], OMITTED] = ()
     consistency: Consistency | None = None
     interval: Annotated[Array, Axes("p", 2)] | None = None
     information: Annotated[Array, Axes("p", "p")] | None = None

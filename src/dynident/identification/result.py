@@ -19,7 +19,7 @@ from dynident.identification.recipe import Recipe
 from dynident.models import MassMatrixCheck, Model
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import LEFT_OUT, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief
+from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
 from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
@@ -49,10 +49,10 @@ class StandardErrors(Noun):
     versions; the last one also for logs in pieces.
     """
 
-    std: Annotated[Array, LEFT_OUT]
-    std_independent: Annotated[Array, LEFT_OUT]
-    base_std: Annotated[Array | None, LEFT_OUT] = None
-    base_std_independent: Annotated[Array | None, LEFT_OUT] = None
+    std: Annotated[Array, OMITTED]
+    std_independent: Annotated[Array, OMITTED]
+    base_std: Annotated[Array | None, OMITTED] = None
+    base_std_independent: Annotated[Array | None, OMITTED] = None
     base_covariance: Annotated[Array, Axes("r", "r")] | None = None
     base_by_joint: Annotated[Array, Axes("r", "n")] | None = None
     base_shares: Annotated[Array, Axes("n")] | None = None

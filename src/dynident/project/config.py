@@ -21,7 +21,7 @@ from dynident.models.friction import PerJoint
 from dynident.project.fields import Channel, Interval, interval_ends, interval_words, read_settings
 from dynident.project.parts import build
 from dynident.project.python_file import CODE, XACRO_CODE, load_from_file, resolve_file, run_user_code
-from dynident.project.settings import AUTO, Config, RobotSettings, robot_settings
+from dynident.project.settings import AUTO, PLAIN_TERMS, Config, RobotSettings, robot_settings
 from dynident.runtime import ConfigError, ModelError, choices, join_names
 from dynident.runtime.families import TERMS
 
@@ -106,6 +106,14 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
             )
         )
     return Model(tuple(terms), name=path.stem)
+
+
+def replace_auto_terms(spec: str | RobotSettings) -> str | RobotSettings:
+    """Return the settings of a model with the plain set in place of terms that the training logs choose."""
+    if not isinstance(spec, RobotSettings):
+        return spec
+    terms = [PLAIN_TERMS if term == AUTO else (term,) for term in spec.terms]
+    return spec.model_copy(update={"terms": tuple(chain.from_iterable(terms))})
 
 
 def configured_terms(settings: RobotSettings, joints: tuple[Joint, ...]) -> tuple[Term | None, ...]:

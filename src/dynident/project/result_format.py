@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, WrapValidator
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
@@ -24,7 +24,7 @@ from dynident.project.fields import Section
 from dynident.project.python_file import error_text
 from dynident.project.settings import Config
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import Axes, Finding, InputError, Note
+from dynident.runtime import Axes, ConfigError, Finding, InputError, Note
 from dynident.validation import LogValidation
 
 Array = NDArray[np.float64]
@@ -114,6 +114,15 @@ class ResultTables(ResultPart):
     provenance: Sources
 
 
+def _name_group(value: Any, handler: Callable[[Any], Any], info: ValidationInfo) -> Any:
+    """Return a group whose nouns check themselves, what they say led by its name."""
+    try:
+        return handler(value)
+    except ConfigError as error:
+        group = f"{info.field_name}: "
+        raise ConfigError(f"{group}{str(error).removeprefix(group)}") from error
+
+
 class ResultFile(ResultTables):
     """A result of ``dynident identify``, or of ``Identification.save``.
 
@@ -123,9 +132,9 @@ class ResultFile(ResultTables):
 
     model_config = ConfigDict(frozen=True, extra="ignore", title="dynident result, version 1")
 
-    recipe: Recipe
-    calibration: Calibration
-    estimate: Estimate
+    recipe: Annotated[Recipe, WrapValidator(_name_group)]
+    calibration: Annotated[Calibration, WrapValidator(_name_group)]
+    estimate: Annotated[Estimate, WrapValidator(_name_group)]
     mass_matrix: MassMatrixCheck | None
     warnings: tuple[Note, ...]
     findings: tuple[Finding, ...] = ()

@@ -24,7 +24,7 @@ from dynident.project.logs import Reading, log_spec, read_logs
 from dynident.project.result_format import FORMAT, VERSION
 from dynident.project.result_read import identification_of
 from dynident.regression import BaseParameters
-from dynident.runtime import InputError, ModelError, Part, Tagged, saved_fields
+from dynident.runtime import InputError, ModelError, Part, TaggedUnion, saved_fields
 from dynident.runtime.families import part_family
 
 JSON_WEIGHT = 30  # memory of the content of JSON, per byte of its text
@@ -102,7 +102,7 @@ def _plain_values(value: Any) -> Any:
     if isinstance(value, Part):
         return _plain_values(part_family(type(value)).describe(value))
     if is_dataclass(value) and not isinstance(value, type):
-        tag: dict[str, Any] = {"kind": type(value).__name__} if isinstance(value, Tagged) else {}
+        tag: dict[str, Any] = {"kind": type(value).__name__} if isinstance(value, TaggedUnion) else {}
         return tag | {name: _plain_values(getattr(value, name)) for name in saved_fields(type(value))}
     if isinstance(value, Mapping):
         return {str(key): _plain_values(item) for key, item in value.items()}

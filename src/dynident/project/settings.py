@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from glob import has_magic
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -296,14 +295,6 @@ class RobotSettings(Section):
     def chooses_terms(self) -> bool:
         """Whether the training logs choose terms."""
         return AUTO in self.terms
-
-
-def with_plain_terms(spec: str | RobotSettings) -> str | RobotSettings:
-    """Return the settings of a model with the plain set in place of terms that the training logs choose."""
-    if not isinstance(spec, RobotSettings):
-        return spec
-    terms = [PLAIN_TERMS if term == AUTO else (term,) for term in spec.terms]
-    return spec.model_copy(update={"terms": tuple(chain.from_iterable(terms))})
 
 
 class FilterSettings(Section):

@@ -39,7 +39,7 @@ from dynident.runtime.notes import (
     place_and_text,
     require,
 )
-from dynident.runtime.saved_fields import LEFT_OUT, Axes, Part, Tagged, saved_fields
+from dynident.runtime.saved_fields import OMITTED, Axes, Part, TaggedUnion, saved_fields
 from dynident.runtime.text import (
     angles,
     capitalise,
@@ -58,8 +58,8 @@ from dynident.runtime.text import (
 
 __all__ = [
     "GIGABYTE",
-    "LEFT_OUT",
     "MEMORY_VARIABLE",
+    "OMITTED",
     "Axes",
     "BudgetedFunction",
     "ConfigError",
@@ -77,7 +77,7 @@ __all__ = [
     "Severity",
     "Statement",
     "Step",
-    "Tagged",
+    "TaggedUnion",
     "Use",
     "WordedEnum",
     "angles",

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import ClassVar, Self, TypeVar, dataclass_transform
 
 from dynident.runtime.errors import InputError, join_names
-from dynident.runtime.saved_fields import Tagged
+from dynident.runtime.saved_fields import TaggedUnion
 
 MAX_NAMES = 8  # places of like findings that are listed
 
@@ -55,7 +55,7 @@ class Statement:
         dataclass(frozen=True)(cls)
 
 
-class Note(Statement, Tagged):
+class Note(Statement, TaggedUnion):
     """Base of all notes: the fields hold the figures, ``str`` is the sentence, mostly without a full stop.
 
     The type determines severity and bearing. ``topic`` is a stable name for programs, empty where there is none.

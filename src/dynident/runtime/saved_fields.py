@@ -50,8 +50,8 @@ class Axes:
         return core_schema.with_info_after_validator_function(read, schema)
 
 
-class LeftOut:
-    """Marks a field, as ``Annotated[Log, LEFT_OUT]``, that a file leaves out, or has at another place.
+class OmittedField:
+    """Marks a field, as ``Annotated[Log, OMITTED]``, that a file leaves out, or has at another place.
 
     It is read as its default, or as None, for whoever reads the file to replace.
     """
@@ -67,27 +67,27 @@ class LeftOut:
         raise PydanticOmit
 
 
-LEFT_OUT = LeftOut()
+OMITTED = OmittedField()
 
 
 def _refuse(_: object) -> None:
     raise ValueError("is not read from a file")
 
 
-class Tagged:
+class TaggedUnion:
     """Base of a family of dataclasses that a file tells apart by their ``kind``, the name of the class."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         from pydantic_core import core_schema
 
-        if Tagged not in cls.__bases__:
+        if TaggedUnion not in cls.__bases__:
             return handler(source)
         return core_schema.no_info_plain_validator_function(cls._read_kind)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return handler(schema) if Tagged not in cls.__bases__ else dict(TAGGED_SCHEMA)
+        return handler(schema) if TaggedUnion not in cls.__bases__ else dict(TAGGED_SCHEMA)
 
     @classmethod
     def _read_kind(cls, value: object) -> Any:
@@ -139,4 +139,4 @@ class Part:
 def saved_fields(cls: type) -> tuple[str, ...]:
     """Return the names of the fields of a dataclass that a file has."""
     hints = settings_hints(cls)
-    return tuple(field.name for field in fields(cls) if LEFT_OUT not in getattr(hints[field.name], "__metadata__", ()))
+    return tuple(field.name for field in fields(cls) if OMITTED not in getattr(hints[field.name], "__metadata__", ()))

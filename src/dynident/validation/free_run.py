@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.models import Model
 from dynident.models.simulation import Failure, longest_stretch, simulate_recording, ticks
 from dynident.motion.log import Controller, Motion
-from dynident.runtime import LEFT_OUT, ConfigError, InputError, Noun
+from dynident.runtime import OMITTED, ConfigError, InputError, Noun
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class FreeRun(Noun):
     rms: Mapping[str, float]
     torque_error: Mapping[str, float]
     failure: Failure | None = None
-    signals: Annotated[RunSignals | None, LEFT_OUT] = None
+    signals: Annotated[RunSignals | None, OMITTED] = None
 
     @property
     def t(self) -> Array:

@@ -13,7 +13,7 @@ from dynident.models import MassMatrixCheck, Model
 from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.splines import steady_noise, stretches
 from dynident.regression import BLOCK, EVERYTHING, Selection, fitted_rows
-from dynident.runtime import LEFT_OUT, InputError, Noun, join_names
+from dynident.runtime import OMITTED, InputError, Noun, join_names
 from dynident.validation.free_run import FreeRun
 from dynident.validation.noise_floor import NoiseFloor, causes_text
 from dynident.validation.residuals import ResidualTest, residual_test
@@ -150,7 +150,7 @@ class LogValidation:
     errors: TorqueErrors
     residuals: Mapping[str, ResidualTest] = field(default_factory=dict)
     free_run: FreeRun | None = None
-    signals: Annotated[Signals | None, LEFT_OUT] = None
+    signals: Annotated[Signals | None, OMITTED] = None
     floors: Mapping[str, NoiseFloor] = field(default_factory=dict)
 
     @property

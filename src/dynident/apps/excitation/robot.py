@@ -35,11 +35,11 @@ from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identification, SourceFile
 from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Obstacle, RigidBodies, Space
-from dynident.project.config import config_text, load_model
+from dynident.project.config import config_text, load_model, replace_auto_terms
 from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
 from dynident.project.saved import load
-from dynident.project.settings import RobotSettings, robot_settings, with_plain_terms
+from dynident.project.settings import RobotSettings, robot_settings
 from dynident.runtime import ConfigError, InputError, Noun, choices, report_progress
 
 Array = NDArray[np.float64]
@@ -152,7 +152,7 @@ def read_excitation(
         prior = knowledge_of_result(identification)
     elif robot is not None:
         report_progress("building the model")
-        prior = nominal_knowledge(load_model(with_plain_terms(robot), path.parent if config else "."))
+        prior = nominal_knowledge(load_model(replace_auto_terms(robot), path.parent if config else "."))
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
     user_limits = {name: JointLimits(**limit.model_dump()) for name, limit in motion_settings.limits.items()}
@@ -206,7 +206,7 @@ def _prior_from_logs(path: Path, text: str, ready: Callable[[], None]) -> PriorK
     logs = [file for log in (*project.config.train, *project.config.validation) for file in log.file.values()]
     # a fit to part of the logs would be another one than the configuration describes
     if missing_file := next((file for file in logs if not file.exists()), None):
-        model = load_model(with_plain_terms(project.config.model), path.parent)
+        model = load_model(replace_auto_terms(project.config.model), path.parent)
         return nominal_knowledge(model, f"the configuration names {missing_file.name}, which is not there")
     report_progress("identifying from the logs of the configuration")
     identification = project.identify()

@@ -14,11 +14,11 @@ from dynident.models.friction import Offset
 from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
 from dynident.motion.log import Controller, HasState, Motion
-from dynident.runtime import InputError, Noun, Tagged, short
+from dynident.runtime import InputError, Noun, TaggedUnion, short
 
 
 @dataclass(frozen=True)
-class Failure(Tagged):
+class Failure(TaggedUnion):
     """Base of the reasons for which a free simulation ends early."""
 
 

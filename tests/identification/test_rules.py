@@ -17,7 +17,7 @@ from dynident.identification.verdict_rules import ConstraintEffect, constraint_e
 from dynident.identification.verdict_steps import ExcitingMotion, Sharpen
 from dynident.models import Joint, Model, Parameter, Term
 from dynident.runtime import Use
-from dynident.validation import Driver, LogValidation
+from dynident.validation import Driver, FloorOrigin, LogValidation, NoiseFloor
 
 Array = NDArray[np.float64]
 
@@ -173,6 +173,26 @@ def test_held_out_motion_must_have_half_the_speed_of_the_training(arm: Identific
     assert verdict.use is use
     slow = [one.share for one in verdict.reasons if isinstance(one, why.SlowHoldOut)]
     assert slow == ([] if use is Use.SIMULATION else [pytest.approx(share)])
+
+
+@pytest.mark.parametrize(("ratio", "error"), [(1.6, 4.1), (4.0, 3.2), (1.6, 3.0), (1.4, 20.0)])
+def test_a_joint_clearly_above_its_noise_floor_is_never_praised_without_a_word(
+    arm: Identification, ratio: float, error: float
+) -> None:
+    floors = {joint: NoiseFloor(1.0, 1.0, 1.1, FloorOrigin.WHITE) for joint in ("shoulder", "elbow")}
+    floors["elbow"] = NoiseFloor(0.1, ratio, 2 * ratio, FloorOrigin.WHITE)
+    errors = replace(
+        arm.validations[1].errors,
+        rmse={"shoulder": 1.0, "elbow": 0.1 * ratio},
+        per_joint={"shoulder": 2.0, "elbow": error},
+    )
+    verdict = with_held(arm, errors=errors, floors=floors)
+    is_large = ratio > rules.MAX_FLOOR_RATIO and error * np.sqrt(1 - ratio**-2) > rules.MAX_EXCESS_ERROR
+    reason = why.AboveFloor("two", (("elbow", floors["elbow"]),))
+    assert verdict.reasons == ((reason,) if is_large else ())
+    assert verdict.residual is not None
+    assert verdict.residual.joint == "elbow"  # not the larger torque of the shoulder, which is noise
+    assert f"{ratio:.2g} times" in str(verdict)
 
 
 def test_the_residual_shown_is_where_most_torque_is_left(arm: Identification) -> None:

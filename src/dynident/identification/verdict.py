@@ -131,6 +131,21 @@ class NotCarriedOver(Reason):
         return f"the error on {self.log} is {self.ratio:.2g} times the training error: the model does not generalise"
 
 
+class AboveFloor(Reason):
+    """The torques of some ``joints`` are predicted on a ``log`` far worse than the noise of the sensors allows."""
+
+    usual_remedy = Remedy.CHECK
+    log: str
+    joints: tuple[tuple[str, NoiseFloor], ...]
+
+    def __str__(self) -> str:
+        joints = join_names((f"{joint} leaves {floor.ratio:.2g} times" for joint, floor in self.joints), MAX_NAMES)
+        noise = (
+            "white noise of the sensors" if self.joints[0][1].origin is FloorOrigin.WHITE else "the scatter of passes"
+        )
+        return f"on {self.log} {joints} what {noise} explains: the model lacks an effect, or a value is wrong"
+
+
 class TrainedWorse(Reason):
     """The ``error`` on a training ``log`` is large, ``ratio`` times that held out: the fit has outliers, or a fault."""
 

@@ -32,6 +32,7 @@ from dynident.checks.suspects import (
     clock_suspect,
     estimate_suspect,
     gain_suspects,
+    gear_suspects,
     geometry_suspects,
     promising_suspects,
 )
@@ -153,6 +154,7 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
+MAX_LIKELIHOOD_GAP = 1.0  # of the logarithm of the likelihood: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
 
 
@@ -218,7 +220,8 @@ def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Fi
     what none explains.
     """
     names = tuple(joint.name for joint in case.model.joints)
-    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model), clock_suspect()]
+    model = case.model
+    suspects = [*geometry_suspects(model), *gain_suspects(model), *gear_suspects(model), clock_suspect()]
     named_effects: set[tuple[TermKind, int]] = set()
     for k in range(MAX_CAUSES + 1):
         report_progress(Step(STEP_TEXT, k, MAX_CAUSES + 1))
@@ -232,11 +235,15 @@ def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Fi
         # compare the three kinds of causes by the share of the residual that each explains
         effects = [effect for effect in find_missing_effects(fit) if (effect.kind, effect.j) not in named_effects]
         share = max((effect.score.share for effect in effects), default=0.0)
+        # a clock is one of all joints: so are the effects of one kind that it must explain more than
+        shares = [sum(x.score.share for x in effects if x.kind is effect.kind) for effect in effects]
         level = replace(case, model=tilt_base(case.model, tilt.x, tilt.y)) if tilt else case
         # the share of a tilted base is that of the fit on the tilted model
         tilt_share = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
         share = max(share, tilt_share)
         best, rivals = _likeliest_suspect(fit, suspects, share)
+        if best is not None and best.suspect.joint is None and MIN_TIE_RATIO * best.share <= max(shares, default=0.0):
+            best, rivals = _likeliest_suspect(fit, [x for x in suspects if x.joint is not None], share)
         # wrong values come before missing effects that explain about as much
         if best is not None and MIN_TIE_RATIO * best.share > share:
             yield _suspect_finding(fit, best, rivals)
@@ -289,12 +296,17 @@ def _likeliest_suspect(
             if candidate.quantity is SuspectQuantity.GAIN and candidate not in tried_suspects
         ]
     estimates = [candidate for suspect in tried_suspects if (candidate := estimate_suspect(fit, suspect)) is not None]
-    reference_share = max((candidate.share for candidate in estimates), default=0.0)
-    alike = sorted(
-        (candidate for candidate in estimates if candidate.share > MIN_TIE_RATIO * reference_share),
-        key=lambda candidate: candidate.suspect.order,
-    )
-    return (alike[0], alike[1:]) if alike else (None, [])
+    if not estimates:
+        return None, []
+    max_share, n_equations = max(candidate.share for candidate in estimates), np.count_nonzero(fit.weight)
+
+    def place(candidate: SuspectEstimate) -> tuple[bool, tuple[bool, float]]:
+        gap = n_equations / 2 * np.log((1.0 - candidate.share) / max(1.0 - max_share, 1e-12))
+        return bool(gap > MAX_LIKELIHOOD_GAP), candidate.order
+
+    # the likeliest by the data comes first, by its kind where the data say nothing
+    alike = sorted((x for x in estimates if x.share > MIN_TIE_RATIO * max_share), key=place)
+    return alike[0], alike[1:]
 
 
 def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:

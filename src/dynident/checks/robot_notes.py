@@ -90,6 +90,7 @@ class SuspectQuantity(WordedEnum):
     """The kinds of unknowns, with what their values mean."""
 
     GAIN = "gain", "a torque {:.3g} times as large"
+    GEAR = "gear", "positions {:.3g} times as large"
     ZERO = "zero", "a zero that is off by {:.3g}"
     LENGTH = "length", "an origin moved by {:.3g} m"
     AXIS = "axis", "an axis or frame turned by {:.3g} rad"
@@ -186,6 +187,23 @@ class TorqueGain(SuspectedValue):
     def remedy(self) -> str:
         """What to do about it, in short."""
         return f"check its `gain`: the torque is {short(self.value)} times what the other joints ask for."
+
+
+class PositionGear(SuspectedValue):
+    """The robot's joint moves ``value`` times as far as the logged position."""
+
+    topic = "gear"
+
+    def __str__(self) -> str:
+        return self.explanation(
+            f"the joint seems to move {short(self.value)} +- {short(self.std, 2)} times as far as logged, which",
+            "Check the `gain` of its position: gear ratio, counts of the encoder, unit.",
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"check the `gain` of its position: the joint seems to move {short(self.value)} times as far as logged."
 
 
 class ClockWrong(SuspectedValue):

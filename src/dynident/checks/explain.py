@@ -16,7 +16,6 @@ from dynident.checks.missing import (
     MissingEffect,
     cost,
     find_missing_effects,
-    mean_square,
     payload_findings,
     reversal_findings,
     torque_rate,
@@ -68,7 +67,7 @@ def delay_findings(
     if not likely.any() or all(len(indices) < 2 for indices in rows):
         return
     model = fit.case.model
-    delay, error, share, size = _measured_delays(model, motions, rows, min_speed)
+    delay, error, share = _measured_delays(model, motions, rows, min_speed)
     # both estimates must agree in sign, and the delay must be significant and long enough to matter
     likely &= (np.sign(delay) == np.sign(low_passed_delay)) & (
         np.abs(delay) > np.maximum(MIN_STANDARD_ERRORS * error, MIN_DELAY)
@@ -78,17 +77,17 @@ def delay_findings(
         rate = _mask_other_joints(-torque_rate(fit, fit.case), int(j))
         corrected_fit = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
         figures = float(delay[j]), float(error[j]), float(share[j])
-        name, removed = model.joints[j].name, float(share[j] * size[j])
-        note = MissingTerm(TermKind.DELAY, *figures, cost=cost(fit, corrected_fit).all, removed=((name, removed),))
+        name, price = model.joints[j].name, cost(fit, corrected_fit).all
+        note = MissingTerm(TermKind.DELAY, *figures, cost=price, removed=((name, float(share[j])),))
         yield Finding(note, name)
 
 
 def _measured_delays(
     model: Model, motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], min_speed: tuple[float, ...] | None
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Return the delays (n) in the torque as measured, with their standard errors.
 
-    Also return the share that each explains of its joint's squared residual, and the mean squared residual (n).
+    Also return the share that each explains of its joint's squared residual.
     The time differences are narrow at first, and widened for the value of a delay that explains something then:
     slow errors of a model look like delays over long times, too.
     """
@@ -108,7 +107,7 @@ def _measured_delays(
         next_half_width = (
             min(WIDTH_PER_DELAY * longest, MAX_DELAY) if longest > MAX_DELAY_PER_WIDTH * half_width else half_width
         )
-    return estimates[0], estimates[1], shares[0], mean_square(fit)
+    return estimates[0], estimates[1], shares[0]
 
 
 def _shifted_case(
@@ -154,7 +153,7 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
-MAX_LIKELIHOOD_GAP = 1.0  # of the logarithm of the likelihood: less says nothing of which suspect it is
+MAX_LIKELIHOOD_GAP = 2.0  # of the logarithm of the likelihood: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
 
 

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 class Cost:
     """The cost of a fault: the change of the torque at twice the speed in %, of ``all`` joints and of the worst one.
 
-    ``removed`` is the decrease of the mean squared residual by joint, in (N m)^2 or N^2, where there is one. An
+    ``removed`` is the share by joint of the squared low-passed residual beside white noise, where there is one. An
     unknown that is six standard errors from zero explains 1/36 of this by chance.
     """
 
@@ -58,8 +58,10 @@ def cost(before: Misfit, after: Misfit) -> Cost:
     joints = np.linalg.norm(change, axis=0) / np.where(size > 0, size, np.inf)
     relative_change = float(np.linalg.norm(change) / (np.linalg.norm(right_torque) or np.inf))
     decrease = mean_square(before) - mean_square(after)
+    # what is no white noise, of which a logged joint leaves little: a share, as other motions leave more of it
+    power = np.maximum(mean_square(before) - before.case.noise, np.maximum(decrease, 1e-300))
     removed = tuple(
-        (joint.name, float(x)) for joint, x in zip(before.case.model.joints, decrease, strict=True) if x > 0
+        (joint.name, float(x)) for joint, x in zip(before.case.model.joints, decrease / power, strict=True) if x > 0
     )
     return Cost(100.0 * relative_change, 100.0 * float(joints.max()), removed)
 

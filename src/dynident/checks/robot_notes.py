@@ -66,7 +66,7 @@ class TermKind(StrEnum):
     DELAY = (
         "delay of the torque",
         "a torque that is stamped late, by these seconds,",
-        "Set `time_offset: estimate` where all joints are late alike; else shift this torque in the file.",
+        "Shift this torque in the file; `time_offset`, which `estimate` finds, is that of all joints alike.",
     )
     SATURATION = (
         "torque that saturates",
@@ -114,7 +114,7 @@ class Costly(Note):
     """Base of notes that forbid a use by what the fault costs.
 
     ``cost`` is the change of the torque, in % of all joints together, on the training motion at twice its speed;
-    ``removed`` is what the correction removes of the low-passed residual, by joint.
+    ``removed`` is the share that the correction removes of what is no white noise in the squared residual, by joint.
     """
 
     cost: float = field(default=0.0, kw_only=True)

@@ -205,7 +205,7 @@ def clock_suspect() -> Suspect:
 
 
 DIFFERENCE_STEP = 1e-5  # rad or m, of the differences
-MAX_USUAL_CHANGE, MAX_USUAL_SHIFT = 0.5, 0.05  # share of a length in the file, and m where it has none there
+MAX_USUAL_CHANGE, MAX_USUAL_SHIFT = 1 / 3, 0.05  # share of a length in the file, and m where it has none there
 MAX_ANGLE, MAX_LENGTH = 0.6, 0.6  # rad, m: errors beyond are no small ones
 ZERO_ORDER, ORIGIN_ORDER, NEW_ORIGIN_ORDER, AXIS_ORDER = 0, 2, 3, 4  # orders: the likeliest fault first
 

@@ -55,8 +55,11 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
 def _correction_steps(identification: Identification) -> Iterator[SetRight]:
     """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
     log = judged_log(identification)
+    noise = log.errors.sensor_noise
+    # a cause has the same share in what no noise explains, on the log that is judged as in training
+    excess = {joint: max(size**2 - noise.get(joint, 0.0) ** 2, 0.0) for joint, size in log.errors.rmse.items()}
     for finding in identification.findings:
-        gain = gain_points(log, dict(finding.message.removed))
+        gain = gain_points(log, {joint: share * excess[joint] for joint, share in finding.message.removed})
         is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error
         if is_worthwhile or finding.message.advises:
             yield SetRight(finding, gain=gain)

@@ -42,8 +42,9 @@ TRIAL_OFFSETS = (
     0.01,
     0.032,
     0.05,
-)  # s, of either sign; the search refines the best, but for the last
-MAX_TIME_OFFSET = 0.032  # s: what is later has another cause than filters and buses
+)  # s, of either sign; the search refines the best up to the last but one
+WIDE_OFFSETS = (*TRIAL_OFFSETS, 0.1, 0.15)  # s: those of a search beyond the usual range
+MAX_USUAL_OFFSET = TRIAL_OFFSETS[-2]  # s: what is later has another cause than filters and buses
 FLOOR_SHARE = 0.999  # share of the least error that rounding and the rank leave of it
 SEARCH_STEP, SLOPE_STEP = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 5, 0.1  # steps that refine the search, and in standard errors the last one
@@ -78,9 +79,10 @@ class TimeOffset(Note):
             return f"no time offset, as none lowers the training error ({percent(self.before)}){uncertainty}"
         lagging, leading = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
         size = f"{short(1e3 * abs(self.seconds), 2)}" + (f" +- {short(error, 1)}" if has_error else "")
+        cause = ", which is more than filters and buses take: look for two clocks or a buffer"
         return (
-            f"{lagging} are stamped {size} ms later than {leading}; with it, the training error is "
-            f"{percent(self.after)} instead of {percent(self.before)}"
+            f"{lagging} are stamped {size} ms later than {leading}{cause * (abs(self.seconds) > MAX_USUAL_OFFSET)}; with "
+            f"it, the training error is {percent(self.after)} instead of {percent(self.before)}"
         )
 
 
@@ -153,8 +155,9 @@ def find_time_offset(
     estimator: Estimator,
     selection: Selection = EVERYTHING,
     repeat: Callable[[Array], Iterable[Sequence[Motion]]] = lambda _: (),
+    trials: tuple[float, ...] = TRIAL_OFFSETS,
 ) -> TimeOffset:
-    """Find the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
+    """Find the time offset, within 32 ms, else within 100 ms, at which the estimator explains the unfiltered torque of the motions best.
 
     It is zero where it removes less than 0.5 % of the error, is below three standard errors, or gains no more
     than one standard error in cross-validation, as it does where it imitates a torque that the model lacks; and
@@ -165,28 +168,31 @@ def find_time_offset(
     estimated parameters; the offset that is found in these is subtracted. Where it or the remainder is beyond the
     range, the offset is zero. Raises the errors of ``Regression`` and the estimator.
     """
-    rows = subsample(motions, trial_samples(model), TRIAL_OFFSETS[-1])
+    rows = subsample(motions, trial_samples(model), trials[-1])
     if sum(map(len, rows)) < MIN_SAMPLES:
         return TimeOffset(0.0, np.nan, np.nan)
-    quick_estimator, trials = estimator.quick(), count(1)
+    quick_estimator, fits = estimator.quick(), count(1)
     # Which samples are slow is decided once: an error over other samples could not be compared.
-    motions = _keep_fast(motions, selection)
+    all_motions, motions = motions, _keep_fast(motions, selection)
 
     def errors_of(motions: Sequence[Motion]) -> tuple[Callable[[float], float], Callable[[float], float]]:
         """Return the error at an offset, and a quick lower bound of it."""
         at = cache(lambda time_offset: Regression(model, _shift_motions(motions, rows, time_offset)))
 
         def error(time_offset: float) -> float:
-            fit_number = next(trials)
+            fit_number = next(fits)
             report_progress(Step("estimating the time offset", fit_number, max(fit_number, EXPECTED_FITS)))
             return _relative_error(at(time_offset), quick_estimator)
 
         return error, lambda time_offset: FLOOR_SHARE * _relative_error(at(time_offset), LeastSquares())
 
     error, floor = errors_of(motions)
-    best, after, before = _minimise_error(error, TRIAL_OFFSETS, floor)
-    if np.isnan(best):
-        return TimeOffset(0.0, before, before)
+    best, after, before = _minimise_error(error, trials, floor, trials)
+    if np.isnan(best):  # beyond the range: a buffer, or two clocks, delay it more than filters do
+        wide = None
+        if trials is TRIAL_OFFSETS:
+            wide = find_time_offset(model, all_motions, estimator, selection, repeat, WIDE_OFFSETS)
+        return wide if wide is not None and wide.seconds else TimeOffset(0.0, before, before)
     refined, std = _refine_offset(model, motions, rows, best, quick_estimator)
     # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
     # slope gives is better, unless it fits clearly worse
@@ -203,7 +209,7 @@ def find_time_offset(
     for repeated_motions in repeat(theta):
         fast = _keep_fast(repeated_motions, selection)
         repeated_error, repeated_floor = errors_of(fast)
-        offset, *_ = _minimise_error(repeated_error, TRIAL_OFFSETS[:NEAREST_TRIALS], repeated_floor)
+        offset, *_ = _minimise_error(repeated_error, trials[:NEAREST_TRIALS], repeated_floor, trials)
         if takes_slope and np.isfinite(offset):
             offset, _ = _refine_offset(model, fast, rows, offset, quick_estimator)
         spurious_offsets.append(offset)
@@ -213,7 +219,7 @@ def find_time_offset(
         best -= float(np.mean(spurious_offsets))
         std = float(np.hypot(std, np.std(spurious_offsets) / np.sqrt(count_repeated)))
     after = error(best)
-    if not (after < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= MAX_TIME_OFFSET):
+    if not (after < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= trials[-2]):
         return replace(no_offset, std=std)
     gain = motion_gain(model, _shift_motions(motions, rows, 0.0), _shift_motions(motions, rows, best))
     return TimeOffset(best, before, after, std, gain) if gain.sure else replace(no_offset, std=std, gain=gain)
@@ -231,10 +237,11 @@ def _minimise_error(
     error: Callable[[float], float],
     trials: Sequence[float] = TRIAL_OFFSETS,
     floor: Callable[[float], float] = lambda _: 0.0,
+    all_trials: Sequence[float] = TRIAL_OFFSETS,
 ) -> tuple[float, float, float]:
     """Return the offset of least error, nan beyond the range, its error, and the error without offset.
 
-    It lies next to the best of the trials; where that is the last, all are tried. ``floor`` is quick, and never
+    It lies next to the best of the trials; where that is the last, ``all_trials`` are tried. ``floor`` is quick, and never
     above the error.
     """
     from scipy.optimize import minimize_scalar
@@ -245,7 +252,8 @@ def _minimise_error(
     # Start from the best trial; Brent's method then needs a bracket around it.
     best, before = min(errors, key=lambda trial: errors[trial]), errors[0.0]
     if abs(best) == trials[-1]:
-        return (np.nan, before, before) if trials is TRIAL_OFFSETS else _minimise_error(error, TRIAL_OFFSETS, floor)
+        is_last = trials is all_trials
+        return (np.nan, before, before) if is_last else _minimise_error(error, all_trials, floor, all_trials)
 
     def squared_error(x: float) -> float:  # nearly a parabola, of which a few values are enough
         trial = start.get(x, float(x) - 1.0)
@@ -258,7 +266,7 @@ def _minimise_error(
         start = {1.0 + trial: trial for trial in (low, best, high)}  # the precision is relative to the unknown
         minimize_scalar(squared_error, tuple(start), method="brent", options={"xtol": SEARCH_STEP})
         best = float(min(errors, key=lambda trial: errors[trial]))
-    return (best, errors[best], before) if abs(best) <= MAX_TIME_OFFSET else (np.nan, before, before)
+    return (best, errors[best], before) if abs(best) <= all_trials[-2] else (np.nan, before, before)
 
 
 def _evaluate_trials(

@@ -130,7 +130,10 @@ class CheckRipple(NextStep):
 
 @dataclass(frozen=True)
 class SetRight(NextStep):
-    """Correct what a ``finding`` of the checks says of the robot or its model; the gain is that in training."""
+    """Correct what a ``finding`` of the checks says of the robot or its model.
+
+    The gain is that of the share that it has in what no noise explains, in training.
+    """
 
     finding: Finding
 

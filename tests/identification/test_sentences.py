@@ -58,6 +58,7 @@ REASONS = [
     why.NegativeValues(tuple("abcde")),
     why.SlowHoldOut(0.25),
     why.TrainedWorse("a", 55.4, 6.32),
+    why.Uncertain(4.93),
     why.AboveFloor("a", (("elbow", NoiseFloor(0.1, 2.61, 2.9, FloorOrigin.WHITE)),)),
     why.HeldBack(25.0, 12.3),
     why.DrawnBack(25.0, 12.3),

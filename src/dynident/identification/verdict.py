@@ -193,6 +193,19 @@ class PartlyUnexcited(Reason):
         return f"the data do not excite {unexcited}: motions that do are not predicted"
 
 
+class Uncertain(Reason):
+    """By its own standard errors the torque has an ``error`` (%) on the training motion at twice its speed and size."""
+
+    usual_remedy = Remedy.EXCITE
+    error: float
+
+    def __str__(self) -> str:
+        return (
+            f"at twice the speed and size of the training motion the torque has a standard error of {rough(self.error)}: "
+            "the training shows too little of the robot"
+        )
+
+
 class HeldBack(Reason):
     """Physical constraints hold the parameters far from the least-squares estimate.
 

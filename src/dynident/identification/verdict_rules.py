@@ -12,6 +12,7 @@ import numpy as np
 
 from dynident.estimators import Ridge
 from dynident.identification import verdict
+from dynident.identification.links import scaled_covariance
 from dynident.identification.next_steps import next_steps
 from dynident.identification.result import Identification
 from dynident.identification.unobservable import unknowns
@@ -73,6 +74,32 @@ def constraint_effect(identification: Identification) -> ConstraintEffect:
         100.0 * (float(np.linalg.norm(y)) / residual_norm - 1.0) if residual_norm else 0.0,
         100.0 * float(np.linalg.norm(faster @ change)) / torque if torque else 0.0,
     )
+
+
+MAX_SAMPLES_BEYOND = 500  # of all training motions
+SIZE_FACTOR = 2.0  # times the size of the training, likewise
+MAX_ANNOUNCED_ERROR = 10.0, 3.0  # %, standard error of the torque there, for control and for simulation
+
+
+def announced_error(identification: Identification) -> float | None:
+    """Return the standard error (%) of the torque on the training motion at twice its speed and size; None if unknown.
+
+    A motion too small or too slow leaves directions of the parameters to chance, which no like motion shows.
+    """
+    covariance, basis = scaled_covariance(identification), identification.base.on_data
+    if covariance is None:
+        return None
+    motions, model = identification.training_motions, identification.model
+    states = stack_states(motions, subsample(motions, MAX_SAMPLES_BEYOND))
+    middle = states["q"].mean(axis=0)
+    states |= {"q": middle + SIZE_FACTOR * (states["q"] - middle), "dq": SIZE_FACTOR * SPEED_FACTOR * states["dq"]}
+    Y = model.regressor(**states | {"ddq": SIZE_FACTOR * SPEED_FACTOR**2 * states["ddq"]})
+    columns = Y if basis is None else Y[:, :, list(basis.independent)]
+    # the rms over samples and joints of sqrt(y C y'), by a root of the covariance
+    variances, axes = np.linalg.eigh(covariance)
+    error = float(np.linalg.norm(columns @ (axes * np.sqrt(np.maximum(variances, 0.0)))))
+    torque = float(np.linalg.norm(Y @ identification.estimate.value))
+    return 100.0 * error / torque if torque else None
 
 
 MAX_TORQUE_ERROR = 10.0  # %, held-out torque error up to which a feedforward helps
@@ -188,6 +215,7 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
     lost, total = _count_unexcited(identification)
     if lost > MAX_UNEXCITED_SHARE * total:
         yield verdict.MostlyUnexcited(lost, total)
+    yield from _announced_reasons(identification, Use.CONTROL)
 
 
 def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
@@ -208,6 +236,7 @@ def _against_simulation(identification: Identification) -> Iterator[Reason]:
     for log in identification.of_role("validation"):
         if joints := tuple((joint, floor) for joint, floor in log.floors.items() if _is_above_floor(log, joint, floor)):
             yield verdict.AboveFloor(log.name, joints)
+    yield from _announced_reasons(identification, Use.SIMULATION)
     lost, total = _count_unexcited(identification)
     if 0 < lost <= MAX_UNEXCITED_SHARE * total:
         yield verdict.PartlyUnexcited(lost, total)
@@ -319,6 +348,13 @@ def _is_above_floor(log: LogValidation, joint: str, floor: NoiseFloor) -> bool:
     """Return whether a joint's torque has an error beside the noise of the sensors that is large, and no chance."""
     excess = log.errors.per_joint[joint] * np.sqrt(max(1.0 - floor.ratio**-2, 0.0))
     return bool(floor.ratio > MAX_FLOOR_RATIO and excess > MAX_EXCESS_ERROR)
+
+
+def _announced_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
+    error = identification.fact("announced error", lambda: announced_error(identification))
+    limits = MAX_ANNOUNCED_ERROR
+    if error is not None and error > min(limits) and (error > max(limits)) == (use is Use.CONTROL):
+        yield verdict.Uncertain(error)
 
 
 def _count_unexcited(identification: Identification) -> tuple[int, int]:

@@ -31,6 +31,7 @@ EFFECTS = {
     TermKind.LOAD: (0.15, lambda q, dq, ddq: 0.15 * np.abs(MOVED.tau[:, 0]) * np.sign(dq[:, 0])),
     TermKind.SATURATION: (0.06, lambda q, dq, ddq: -0.06 * MOVED.tau[:, 0] ** 3 / np.mean(MOVED.tau[:, 0] ** 2)),
     TermKind.RIPPLE: (0.6, lambda q, dq, ddq: 0.6 * np.sin(17.3 * q[:, 0] + 0.4)),
+    TermKind.GAIN_DRIFT: (0.2, lambda q, dq, ddq: 0.2 * np.linspace(-1, 1, len(q)) * MOVED.tau[:, 0]),
     TermKind.DRIFT: (-0.5, lambda q, dq, ddq: -0.5 * np.linspace(-1, 1, len(q)) * (dq + 1.5 * np.sign(dq))[:, 0]),
 }
 

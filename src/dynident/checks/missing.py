@@ -20,7 +20,7 @@ from dynident.checks.robot_notes import (
     Unexplained,
 )
 from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple
-from dynident.identification.terms import TermChoice
+from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
 from dynident.identification.verdict_rules import SPEED_FACTOR
 from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion, subsample, thin_motions
@@ -85,6 +85,7 @@ STRIBECK_SPEED = 0.2  # of the rms speed: where friction has fallen
 MIN_JOINT_SHARE = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
 MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effect is none
 MIN_WARNING_SHARE = 0.4  # ... and to be warned of
+MIN_OPEN_GAIN = 10.0  # %, of the squared error: a term that gains more, but within its error, was not refused
 LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
 TRIED_KINDS = {  # the kinds by which a choice of terms has tried an effect
@@ -184,7 +185,8 @@ def with_missing(case: FitCase, effect: MissingEffect) -> FitCase:
 def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
     """Return whether a finding is an effect that a choice of terms has tried on that joint.
 
-    It entered there, or was rejected by samples kept aside. Without a choice, return whether one would try it.
+    It entered there, or was rejected by samples kept aside: what gains much there, but within its error, is open.
+    Without a choice, return whether one would try it.
     """
     if not isinstance(finding.message, MissingTerm) or finding.joint is None:
         return False
@@ -192,7 +194,12 @@ def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
     if choice is None:
         return bool(kinds)
     # ripple, ripple 2, ...
-    return not kinds.isdisjoint(term.kind.split()[0] for term in choice.trials_of(finding.joint))
+    trials = [trial for trial in choice.trials_of(finding.joint) if trial.kind.split()[0] in kinds]
+    return bool(trials) and any(not _is_open(trial) for trial in trials)
+
+
+def _is_open(trial: TermTrial) -> bool:
+    return trial.outcome is TrialOutcome.WITHIN_ERROR and trial.gain > MIN_OPEN_GAIN
 
 
 def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
@@ -219,6 +226,7 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
         TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK_SPEED * speed[j])),
         TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
+        TermKind.GAIN_DRIFT: lambda j: age * torque[:, j],
         TermKind.DELAY: lambda j: -torque_derivative[:, j],
         TermKind.SATURATION: lambda j: -(load_ratio[:, j] ** 2) * torque[:, j],
     }

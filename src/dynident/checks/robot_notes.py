@@ -58,6 +58,11 @@ class TermKind(StrEnum):
         "friction that grows with the load",
         "Add `load_coulomb` to `terms` of the model.",
     )
+    GAIN_DRIFT = (
+        "gain that drifts",
+        "a torque whose gain changes over the recording, by twice this share,",
+        "Let motor and sensor warm up, and check whether the torque constant depends on the temperature.",
+    )
     DRIFT = (
         "friction that drifts",
         "friction that changes over the recording",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from typing import Literal
 
@@ -79,10 +79,11 @@ class TimeOffset(Note):
             return f"no time offset, as none lowers the training error ({percent(self.before)}){uncertainty}"
         lagging, leading = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
         size = f"{short(1e3 * abs(self.seconds), 2)}" + (f" +- {short(error, 1)}" if has_error else "")
-        cause = ", which is more than filters and buses take: look for two clocks or a buffer"
+        is_usual = abs(self.seconds) <= MAX_USUAL_OFFSET
+        cause = "" if is_usual else ", which is more than filters and buses take: look for two clocks or a buffer"
         return (
-            f"{lagging} are stamped {size} ms later than {leading}{cause * (abs(self.seconds) > MAX_USUAL_OFFSET)}; with "
-            f"it, the training error is {percent(self.after)} instead of {percent(self.before)}"
+            f"{lagging} are stamped {size} ms later than {leading}{cause}; with it, the training error is "
+            f"{percent(self.after)} instead of {percent(self.before)}"
         )
 
 
@@ -155,25 +156,45 @@ def find_time_offset(
     estimator: Estimator,
     selection: Selection = EVERYTHING,
     repeat: Callable[[Array], Iterable[Sequence[Motion]]] = lambda _: (),
-    trials: tuple[float, ...] = TRIAL_OFFSETS,
 ) -> TimeOffset:
-    """Find the time offset, within 32 ms, else within 100 ms, at which the estimator explains the unfiltered torque of the motions best.
+    """Find the time offset at which the estimator explains the unfiltered torque of the motions best.
 
-    It is zero where it removes less than 0.5 % of the error, is below three standard errors, or gains no more
-    than one standard error in cross-validation, as it does where it imitates a torque that the model lacks; and
-    where the best value is beyond the range, which indicates another fault.
+    It is sought within 32 ms, then within 100 ms (``WIDE_OFFSETS``). It is zero where it removes less than 0.5 % of
+    the error, is below three standard errors, or gains no more than one standard error in cross-validation, as it
+    does where it imitates a torque that the model lacks; and where the best value is beyond the range, which
+    indicates another fault.
 
     Noise in the motion, which is less between samples, and accelerations that a smoother attenuates can look like
     an offset. ``repeat`` (p to sets of motions) returns motions without an offset and their torque for the
     estimated parameters; the offset that is found in these is subtracted. Where it or the remainder is beyond the
     range, the offset is zero. Raises the errors of ``Regression`` and the estimator.
     """
+    usual, wide = (
+        partial(_find_within, trials, model, motions, estimator, selection, repeat)
+        for trials in (TRIAL_OFFSETS, WIDE_OFFSETS)
+    )
+    estimate = usual()
+    if np.isnan(estimate.seconds):  # a buffer, or two clocks, delay it more than filters do
+        wide_estimate = wide()
+        estimate = wide_estimate if abs(wide_estimate.seconds) > 0 else replace(estimate, seconds=0.0)
+    return estimate
+
+
+def _find_within(
+    trials: tuple[float, ...],
+    model: Model,
+    motions: Sequence[Motion],
+    estimator: Estimator,
+    selection: Selection,
+    repeat: Callable[[Array], Iterable[Sequence[Motion]]],
+) -> TimeOffset:
+    """Return the time offset within the last but one of the ``trials``, nan where the best is beyond."""
     rows = subsample(motions, trial_samples(model), trials[-1])
     if sum(map(len, rows)) < MIN_SAMPLES:
         return TimeOffset(0.0, np.nan, np.nan)
     quick_estimator, fits = estimator.quick(), count(1)
     # Which samples are slow is decided once: an error over other samples could not be compared.
-    all_motions, motions = motions, _keep_fast(motions, selection)
+    motions = _keep_fast(motions, selection)
 
     def errors_of(motions: Sequence[Motion]) -> tuple[Callable[[float], float], Callable[[float], float]]:
         """Return the error at an offset, and a quick lower bound of it."""
@@ -188,11 +209,8 @@ def find_time_offset(
 
     error, floor = errors_of(motions)
     best, after, before = _minimise_error(error, trials, floor, trials)
-    if np.isnan(best):  # beyond the range: a buffer, or two clocks, delay it more than filters do
-        wide = None
-        if trials is TRIAL_OFFSETS:
-            wide = find_time_offset(model, all_motions, estimator, selection, repeat, WIDE_OFFSETS)
-        return wide if wide is not None and wide.seconds else TimeOffset(0.0, before, before)
+    if np.isnan(best):
+        return TimeOffset(np.nan, before, before)
     refined, std = _refine_offset(model, motions, rows, best, quick_estimator)
     # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
     # slope gives is better, unless it fits clearly worse
@@ -241,8 +259,8 @@ def _minimise_error(
 ) -> tuple[float, float, float]:
     """Return the offset of least error, nan beyond the range, its error, and the error without offset.
 
-    It lies next to the best of the trials; where that is the last, ``all_trials`` are tried. ``floor`` is quick, and never
-    above the error.
+    It lies next to the best of the trials; where that is the last, ``all_trials`` are tried. ``floor`` is quick, and
+    never above the error.
     """
     from scipy.optimize import minimize_scalar
 

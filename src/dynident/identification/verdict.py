@@ -201,8 +201,8 @@ class Uncertain(Reason):
 
     def __str__(self) -> str:
         return (
-            f"at twice the speed and size of the training motion the torque has a standard error of {rough(self.error)}: "
-            "the training shows too little of the robot"
+            "at twice the speed and size of the training motion the torque has a standard error of "
+            f"{rough(self.error)}: the training shows too little of the robot"
         )
 
 

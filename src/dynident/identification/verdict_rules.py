@@ -23,7 +23,7 @@ from dynident.identification.verdict_steps import (
 )
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample
-from dynident.regression import MAX_REPEAT_DIFFERENCE, UnexcitedParameters, repeat_of
+from dynident.regression import UnexcitedParameters, repeats_path
 from dynident.runtime import Finding, Remark, Use
 from dynident.validation import Driver, FreeRun, LogValidation, NoiseFloor
 
@@ -193,9 +193,7 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
     if not held_out:
         yield verdict.NoHoldOut()
     # Held-out logs that repeat the training say nothing about other motions.
-    repetitions = {
-        a.name: b.name for a in held_out for b in train if repeat_of(a.motion, b.motion).error < MAX_REPEAT_DIFFERENCE
-    }
+    repetitions = {a.name: b.name for a in held_out for b in train if repeats_path(a.motion, b.motion)}
     if held_out and len(repetitions) == len(held_out):
         yield verdict.Repeats(tuple(repetitions.items()))
     joints = [joint.name for joint in identification.model.joints]

@@ -98,7 +98,8 @@ class Situation:
 CAUSES = {
     "torques-swapped": "JointsSwapped", "positions-swapped": "JointsSwapped", "joints-swapped": "JointsSwapped",
     "torque-sign": "ColumnReversed", "position-sign": "ColumnReversed", "delay-per-joint": "delay of the torque",
-    "late-one-joint": "delay of the torque", "clock": "ClockWrong", "ripple": "ripple", "saturating": "torque that saturates",
+    "late-one-joint": "delay of the torque", "clock": "ClockWrong", "ripple": "ripple",
+    "saturating": "torque that saturates",
     "differential": "torque of a neighbour", "tilted": "TiltedBase", "hanging": "OtherGravity", "wall": "OtherGravity",
     "hanging-six": "OtherGravity", "gain-double": "TorqueGain", "gain-ten": "TorqueGain", "length-ten": "LengthWrong",
     "length-fifty": "LengthWrong", "zero": "ZeroOff", "axis-turned": "OtherAxis", "no-rotor": "rotor inertia",
@@ -107,7 +108,8 @@ CAUSES = {
     "position-gear": "PositionGear", "position-gear-wrist": "PositionGear", "position-gear-six": "PositionGear",
     "gain-hundred": "OddScale", "drifting": "gain that drifts", "late-long": "TimeOffset", "milli": "OddScale",
     "repeated-samples": "RepeatedPositions", "temperature-one-log": "OddLog", "backlash": "LeftAtReversals",
-    "elastic": "LeftAtReversals", "held-out-scaled": "Repeats", "held-out-slowed": "Repeats", "small-motion": "Uncertain",
+    "elastic": "LeftAtReversals", "held-out-scaled": "Repeats", "held-out-slowed": "Repeats",
+    "small-motion": "Uncertain",
 }  # fmt: skip
 MIDDLE, SECOND = np.s_[800:1200, 1], np.s_[:, 1]
 YES, SMALL, NO, RIGHT = Shown.YES, Shown.SMALL, Shown.NO, Shown.RIGHT

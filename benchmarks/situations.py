@@ -1,10 +1,10 @@
 """Wrong situations of simulated robots, and who finds them: python3 benchmarks/situations.py --out table.jsonl.
 
 Each situation is a project on disk as a user has it (URDF, CSV, YAML). It is examined as ``dynident check`` does, and
-identified and judged as ``dynident identify`` does, by each estimator. Printed: who found what is wrong (only findings
-that the same robot without a fault does not have), the verdict, and the torque error (%) on the held-out log and on a
-motion twice as fast that was never seen, against the true torque, and against it as that system would show it. Where the cause has a name, whether it is
-named, and stands first among what to set right.
+identified and judged as ``dynident identify`` does, by each estimator. Printed: who found what is wrong (only
+findings that the same robot without a fault does not have), the verdict, and the torque error (%) on the held-out log
+and on a motion twice as fast that was never seen, against the true torque, and against it as that system would show
+it. Where the cause has a name, whether it is named, and stands first among what to set right.
 
 A line of JSON per run is appended to --out, where runs that are there already are left out; --table prints such a file.
 """
@@ -144,7 +144,8 @@ def table(done: dict[tuple[str, str], Row]) -> Iterator[str]:
         numbers = " ".join(f"{_cell(row.get(k)):>8s}" for k in ("training", "held_out", "faster", "as_shown"))
         short = row["verdict"].replace("good for ", "")
         said = "; ".join([f"check {', '.join(check)}"] * bool(check) + [f"identify {', '.join(judged)}"] * bool(judged))
-        yield f"{row['name']:22s} {row['estimator'][:10]:10s} {row['shown']:6s} {by:9s} {_named(row):6s} {short:12s}{numbers}  {said}"
+        head = f"{row['name']:22s} {row['estimator'][:10]:10s} {row['shown']:6s}"
+        yield f"{head} {by:9s} {_named(row):6s} {short:12s}{numbers}  {said}"
         if named := _named(row):
             key = f"{row['estimator']}: cause named: {named}"
             counts[key] = counts.get(key, 0) + 1

@@ -116,5 +116,22 @@ def test_an_effect_that_a_choice_has_tried_on_that_joint_is_known() -> None:
     assert is_tried_effect(found, replace(choice, trials=(*trials, own)))
 
 
+@pytest.mark.parametrize(
+    ("outcome", "gain", "is_tried"),
+    [
+        (TrialOutcome.WITHIN_ERROR, 21.0, False),
+        (TrialOutcome.WITHIN_ERROR, 3.0, True),
+        (TrialOutcome.NEGATIVE, 21.0, True),
+        (TrialOutcome.ENTERED, 21.0, True),
+    ],
+)
+def test_an_effect_that_gained_much_but_within_its_error_is_still_said(
+    outcome: TrialOutcome, gain: float, is_tried: bool
+) -> None:
+    found = next(iter(explain_residual(with_effect(EFFECTS[TermKind.LOAD][1](MOVED.q, MOVED.dq, MOVED.ddq)))))
+    trial = TermTrial("j1", "load_coulomb", (), gain, 20.0, outcome)
+    assert is_tried_effect(found, TermChoice(("j1",), (), (trial,), (), (), ())) == is_tried
+
+
 def test_the_kinds_of_a_choice_that_stand_for_effects_exist() -> None:
     assert set().union(*TRIED_KINDS.values()) <= {kind.name for kind in library_kinds()} | {"ripple"}

@@ -34,7 +34,7 @@ from dynident.identification.verdict import ForbiddingFindings
 from dynident.identification.verdict_steps import SetRight
 from dynident.motion.log import Motion
 from dynident.project.project import Project, read_project
-from dynident.runtime import DynidentError, Finding, Note, Severity
+from dynident.runtime import DynidentError, Finding, Severity
 
 ESTIMATORS = ("least_squares", "consistent", "maximum_likelihood")
 CONTROL = {"three": "right", "six": "right-six"}  # what a right robot's findings are
@@ -101,7 +101,7 @@ def _kind(said: object) -> str:
     return type(said).__name__ if not isinstance(said, str) else f"{said[:40]!r}"
 
 
-def _cause(said: Finding | Note) -> str:
+def _cause(said: object) -> str:
     """Return what is named as a cause: the effect of a missing term, else the type of the note."""
     note = said.message if isinstance(said, Finding) else said
     return note.effect.value if isinstance(note, MissingTerm) else _kind(note)

@@ -194,8 +194,8 @@ def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
     if choice is None:
         return bool(kinds)
     # ripple, ripple 2, ...
-    trials = [trial for trial in choice.trials_of(finding.joint) if trial.kind.split()[0] in kinds]
-    return bool(trials) and any(not _is_open(trial) for trial in trials)
+    trials = (trial for trial in choice.trials_of(finding.joint) if trial.kind.split()[0] in kinds)
+    return any(not _is_open(trial) for trial in trials)
 
 
 def _is_open(trial: TermTrial) -> bool:
@@ -205,8 +205,7 @@ def _is_open(trial: TermTrial) -> bool:
 def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
     """Yield every kind of effect in the motion of a case, with the values of the fit and its ``ripples`` by joint."""
     (load, friction), n = _load_and_friction(fit, case), case.q.shape[1]
-    # a drift grows linearly over the samples
-    age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
+    age = np.linspace(-1.0, 1.0, len(case.q))  # a drift grows linearly over all logs, in their order
     torque_derivative = torque_rate(fit, case)
     friction_jumps = _has_coulomb(case)
     # smooth signs over a fraction of the rms speed: a jump would test the noise of the velocity

@@ -20,6 +20,7 @@ from dynident.identification.verdict_steps import (
     SetRight,
     Sharpen,
     SlowReversals,
+    excess_squares,
     gain_points,
     judged_log,
 )
@@ -55,9 +56,7 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
 def _correction_steps(identification: Identification) -> Iterator[SetRight]:
     """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
     log = judged_log(identification)
-    noise = log.errors.sensor_noise
-    # a cause has the same share in what no noise explains, on the log that is judged as in training
-    excess = {joint: max(size**2 - noise.get(joint, 0.0) ** 2, 0.0) for joint, size in log.errors.rmse.items()}
+    excess = excess_squares(log)  # of which a cause has the same share as in training
     for finding in identification.findings:
         gain = gain_points(log, {joint: share * excess[joint] for joint, share in finding.message.removed})
         is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error

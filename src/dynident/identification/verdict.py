@@ -14,8 +14,6 @@ from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
 NAMED_REASONS = 2  # reasons that the second sentence names
-
-
 _USE_SENTENCES = {
     Use.DO_NOT_USE: "Do not use this model yet",
     Use.CONTROL: "Good for control (feedforward, gravity compensation) on motions like these",
@@ -155,10 +153,8 @@ class TrainedWorse(Reason):
     ratio: float
 
     def __str__(self) -> str:
-        return (
-            f"the error on {self.log}, which was fitted, is {percent(self.error)}, {self.ratio:.2g} times the "
-            "held-out error: outliers or a fault are in the fit"
-        )
+        error = f"the error on {self.log}, which was fitted, is {percent(self.error)}"
+        return f"{error}, {self.ratio:.2g} times the held-out error: outliers or a fault are in the fit"
 
 
 class MassMatrixNotPositive(Reason):
@@ -200,10 +196,8 @@ class Uncertain(Reason):
     error: float
 
     def __str__(self) -> str:
-        return (
-            "at twice the speed and size of the training motion the torque has a standard error of "
-            f"{rough(self.error)}: the training shows too little of the robot"
-        )
+        motion = "at twice the speed and size of the training motion"
+        return f"{motion} the torque has a standard error of {rough(self.error)}: the training shows too little"
 
 
 class HeldBack(Reason):
@@ -313,10 +307,8 @@ class HeldOut:
         if self.unfiltered is None:
             return f"{left}, in training {percent(self.training)}"
         measured, trained = self.unfiltered
-        return (
-            f"{left} after the low-pass of the fit (training {percent(self.training)}), and {percent(measured)} of it "
-            f"as measured ({percent(trained)})"
-        )
+        filtered = f"{left} after the low-pass of the fit (training {percent(self.training)})"
+        return f"{filtered}, and {percent(measured)} of it as measured ({percent(trained)})"
 
 
 @dataclass(frozen=True)

@@ -103,6 +103,11 @@ def elastic(q: Array, tau: Array) -> tuple[Array, Array]:
     return q + tau / np.array([4000.0, 4000.0, *[1000.0] * (q.shape[1] - 2)]), tau
 
 
+def geared(*factors: float) -> Convention:
+    """Positions by another gear ratio than that of the joint."""
+    return lambda q, tau: (q * np.array([*factors, *[1.0] * (q.shape[1] - len(factors))]), tau)
+
+
 def saturating(q: Array, tau: Array) -> tuple[Array, Array]:
     """A motor of joint 2 whose torque the current shows less and less."""
     return q, np.column_stack([tau[:, 0], 60.0 * np.tanh(tau[:, 1] / 60.0), tau[:, 2:]])
@@ -138,6 +143,42 @@ def late(*seconds: float) -> Fault:
         return replace(raw, tau=np.column_stack(shifted))
 
     return fault
+
+
+def low_passed(channel: str, cutoff: float) -> Fault:
+    """Return a channel (q, tau) after a causal low-pass of first order (Hz), as drives have it."""
+
+    def fault(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
+        share = 1.0 - np.exp(-2 * np.pi * cutoff * float(raw.t[1] - raw.t[0]))
+        x = getattr(raw, channel).copy()
+        for k in range(1, len(x)):
+            x[k] = x[k - 1] + share * (x[k] - x[k - 1])
+        return replace(raw, **{channel: x})
+
+    return fault
+
+
+def commanded(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
+    """Positions as commanded, which the arm follows 20 ms later and with an error by its torque."""
+    ahead = [np.interp(raw.t + 0.02, raw.t, x) for x in raw.q.T]
+    return replace(raw, q=np.column_stack(ahead) + raw.tau / 6000.0)
+
+
+def drifting(tau: Array, _rng: np.random.Generator) -> None:
+    """The gain of joint 2 rises by 15 % over the log."""
+    tau[:, 1] *= np.linspace(1.0, 1.15, len(tau))
+
+
+def repeated_samples(raw: Raw, rng: np.random.Generator, _role: str) -> Raw:
+    """A tenth of the samples is that before again, as a bus without new data gives it."""
+    rows = np.arange(len(raw.t)) - (rng.random(len(raw.t)) < 0.1)
+    rows[0] = 0
+    return replace(raw, q=raw.q[rows], tau=raw.tau[rows])
+
+
+def role_clock(factor: float, *roles: str) -> Fault:
+    """Return stamps whose seconds are wrong in the logs of these roles."""
+    return lambda raw, _rng, role: replace(raw, t=raw.t * factor) if role in roles else raw
 
 
 def stale(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
@@ -183,6 +224,11 @@ def _each(robot: Robot, name: str) -> Array:
 
 def spring(truth: Truth, _robot: Robot, _role: str) -> Array:
     return np.asarray(truth.q * np.array([0.0, 40.0, *[0.0] * (truth.q.shape[1] - 2)]))
+
+
+def tempered(truth: Truth, robot: Robot, role: str) -> Array:
+    """Friction is 40 % higher in the second log, of a cold robot."""
+    return 0.4 * (role == "second") * (truth.dq * _each(robot, "viscous") + np.sign(truth.dq) * _each(robot, "coulomb"))
 
 
 def load_friction(truth: Truth, robot: Robot, _role: str) -> Array:

@@ -1,9 +1,10 @@
 """Wrong situations of simulated robots, and who finds them: python3 benchmarks/situations.py --out table.jsonl.
 
 Each situation is a project on disk as a user has it (URDF, CSV, YAML). It is examined as ``dynident check`` does, and
-identified and judged as ``dynident identify`` does, by each estimator. Printed: who found what is wrong (only findings
-that the same robot without a fault does not have), the verdict, and the torque error (%) on the held-out log and on a
-motion twice as fast that was never seen, against the true torque, and against it as that system would show it.
+identified and judged as ``dynident identify`` does, by each estimator. Printed: who found what is wrong (only
+findings that the same robot without a fault does not have), the verdict, and the torque error (%) on the held-out log
+and on a motion twice as fast that was never seen, against the true torque, and against it as that system would show
+it. Where the cause has a name, whether it is named, and stands first among what to set right.
 
 A line of JSON per run is appended to --out, where runs that are there already are left out; --table prints such a file.
 """
@@ -24,14 +25,16 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 
 import numpy as np
 from situation_arm import RATE, Built, build
-from situation_list import SITUATIONS, Situation
+from situation_list import CAUSES, SITUATIONS, Situation
 
 from dynident.checks import CheckResult
+from dynident.checks.robot_notes import MissingTerm
 from dynident.identification import Identification, judge
 from dynident.identification.verdict import ForbiddingFindings
+from dynident.identification.verdict_steps import SetRight
 from dynident.motion.log import Motion
 from dynident.project.project import Project, read_project
-from dynident.runtime import DynidentError, Severity
+from dynident.runtime import DynidentError, Finding, Severity
 
 ESTIMATORS = ("least_squares", "consistent", "maximum_likelihood")
 CONTROL = {"three": "right", "six": "right-six"}  # what a right robot's findings are
@@ -74,6 +77,8 @@ def _identified(project: Project, built: Built) -> Row:
         ),
         "warnings": sorted({_kind(one) for one in noted}),
         "notes": sorted({_kind(one) for one in moved}),
+        "causes": sorted({*map(_cause, [*found.findings, *found.notes]), *map(_kind, verdict.reasons)}),
+        "first": next((_cause(one.finding) for one in verdict.next if isinstance(one, SetRight)), None),
         "training": _rounded(max(one.errors.relative_error for one in found.validations if one.role == "train")),
         "held_out": _rounded(held),
         "faster": _rounded(_error(found, built, built.torque)),
@@ -96,6 +101,20 @@ def _kind(said: object) -> str:
     return type(said).__name__ if not isinstance(said, str) else f"{said[:40]!r}"
 
 
+def _cause(said: object) -> str:
+    """Return what is named as a cause: the effect of a missing term, else the type of the note."""
+    note = said.message if isinstance(said, Finding) else said
+    return note.effect.value if isinstance(note, MissingTerm) else _kind(note)
+
+
+def _named(row: Row) -> str:
+    """Return whether the cause is named: first among what to set right, or at all; empty where it has no name."""
+    cause = CAUSES.get(row["name"])
+    if cause is None or "causes" not in row:
+        return ""
+    return "first" if row["first"] == cause else "yes" if cause in row["causes"] else "no"
+
+
 def _rounded(x: float | None) -> float | None:
     return None if x is None or not np.isfinite(x) else float(f"{x:.4g}")
 
@@ -111,7 +130,7 @@ def known(file: Path | None) -> dict[tuple[str, str], Row]:
 def table(done: dict[tuple[str, str], Row]) -> Iterator[str]:
     """Yield lines of the table, and the counts at the end."""
     numbers = " ".join(f"{name:>8s}" for name in ("train", "held", "faster", "as shown"))
-    yield f"{'situation':22s} {'estimator':10s} {'shown':6s} {'by':9s} {'verdict':12s}{numbers}  findings"
+    yield f"{'situation':22s} {'estimator':10s} {'shown':6s} {'by':9s} {'named':6s} {'verdict':12s}{numbers}  findings"
     counts: dict[str, int] = {}
     for row in done.values():
         check, judged = own(row, done)
@@ -125,7 +144,11 @@ def table(done: dict[tuple[str, str], Row]) -> Iterator[str]:
         numbers = " ".join(f"{_cell(row.get(k)):>8s}" for k in ("training", "held_out", "faster", "as_shown"))
         short = row["verdict"].replace("good for ", "")
         said = "; ".join([f"check {', '.join(check)}"] * bool(check) + [f"identify {', '.join(judged)}"] * bool(judged))
-        yield f"{row['name']:22s} {row['estimator'][:10]:10s} {row['shown']:6s} {by:9s} {short:12s}{numbers}  {said}"
+        head = f"{row['name']:22s} {row['estimator'][:10]:10s} {row['shown']:6s}"
+        yield f"{head} {by:9s} {_named(row):6s} {short:12s}{numbers}  {said}"
+        if named := _named(row):
+            key = f"{row['estimator']}: cause named: {named}"
+            counts[key] = counts.get(key, 0) + 1
     yield ""
     yield from (f"{name}: {count}" for name, count in sorted(counts.items()))
 

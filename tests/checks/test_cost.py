@@ -68,13 +68,15 @@ def test_a_value_that_is_wrong_forbids_simulation_and_control_where_a_joint_is_f
 
 @pytest.mark.parametrize("kind", ["viscous", "coulomb"])
 def test_what_a_term_removes_is_what_the_fit_with_it_leaves_less(kind: str) -> None:
-    """Of the joint's mean squared residual: that of a model with the term at all joints leaves only noise."""
+    """The share of what is no white noise: the model with the term at all joints leaves only noise."""
     without, whole = misfit(case(MOVED, arm(without=kind))), misfit(case(MOVED))
     found = list(explain_residual(case(MOVED, arm(without=kind))))
     removed = dict(pair for one in found for pair in one.message.removed)
     less = mean_square(without) - mean_square(whole)
     names = [joint.name for joint in arm().joints]
-    assert removed == pytest.approx(dict(zip(names, less, strict=True)), rel=0.1)
+    share = less / np.maximum(mean_square(without) - without.case.noise, less)
+    assert removed == pytest.approx(dict(zip(names, share, strict=True)), rel=0.1)
+    assert share.min() > 0.9
 
 
 def test_what_changes_nothing_removes_nothing() -> None:

@@ -31,6 +31,7 @@ EFFECTS = {
     TermKind.LOAD: (0.15, lambda q, dq, ddq: 0.15 * np.abs(MOVED.tau[:, 0]) * np.sign(dq[:, 0])),
     TermKind.SATURATION: (0.06, lambda q, dq, ddq: -0.06 * MOVED.tau[:, 0] ** 3 / np.mean(MOVED.tau[:, 0] ** 2)),
     TermKind.RIPPLE: (0.6, lambda q, dq, ddq: 0.6 * np.sin(17.3 * q[:, 0] + 0.4)),
+    TermKind.GAIN_DRIFT: (0.2, lambda q, dq, ddq: 0.2 * np.linspace(-1, 1, len(q)) * MOVED.tau[:, 0]),
     TermKind.DRIFT: (-0.5, lambda q, dq, ddq: -0.5 * np.linspace(-1, 1, len(q)) * (dq + 1.5 * np.sign(dq))[:, 0]),
 }
 
@@ -113,6 +114,23 @@ def test_an_effect_that_a_choice_has_tried_on_that_joint_is_known() -> None:
     assert not is_tried_effect(found, choice)  # of another joint
     own = TermTrial("j1", "ripple 2", (), 3.0, 0.2, TrialOutcome.ENTERED)
     assert is_tried_effect(found, replace(choice, trials=(*trials, own)))
+
+
+@pytest.mark.parametrize(
+    ("outcome", "gain", "is_tried"),
+    [
+        (TrialOutcome.WITHIN_ERROR, 21.0, False),
+        (TrialOutcome.WITHIN_ERROR, 3.0, True),
+        (TrialOutcome.NEGATIVE, 21.0, True),
+        (TrialOutcome.ENTERED, 21.0, True),
+    ],
+)
+def test_an_effect_that_gained_much_but_within_its_error_is_still_said(
+    outcome: TrialOutcome, gain: float, is_tried: bool
+) -> None:
+    found = next(iter(explain_residual(with_effect(EFFECTS[TermKind.LOAD][1](MOVED.q, MOVED.dq, MOVED.ddq)))))
+    trial = TermTrial("j1", "load_coulomb", (), gain, 20.0, outcome)
+    assert is_tried_effect(found, TermChoice(("j1",), (), (trial,), (), (), ())) == is_tried
 
 
 def test_the_kinds_of_a_choice_that_stand_for_effects_exist() -> None:

@@ -114,6 +114,7 @@ NOTES = [
     *(log_notes.RepeatedMotion("a", lag, 3.0) for lag in (0.0, 0.4, -0.4)),
     *(log_notes.SameData("a", lag) for lag in (0.4, -0.4)),
     robot_notes.ClockWrong(1.2, 0.01, 0.2, cost=3.21),
+    robot_notes.PositionGear(0.95, 0.01, 0.2, OTHERS, cost=3.21),
 ]
 SENTENCES = Path(__file__).with_name("sentences.txt").read_text("utf-8").splitlines()  # in the order of the notes
 

@@ -133,7 +133,7 @@ def test_motion_beyond_the_training_is_to_be_trained() -> None:
 
 
 class Removing(Note):
-    """A note that says what it removes."""
+    """A note that says which share of the residual beside noise it removes."""
 
     size: float = 0.0
 
@@ -151,14 +151,15 @@ class Advice(Note):
 def test_what_the_checks_find_gains_what_it_removes() -> None:
     sound = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
     log = judged_log(sound)
-    worse = replace(log, errors=replace(log.errors, rmse={"slider": 2 * NOISE}, relative_error=8.0))
+    noise = {"slider": NOISE}
+    worse = replace(log, errors=replace(log.errors, rmse={"slider": 2 * NOISE}, relative_error=8.0, sensor_noise=noise))
     found = replace(sound, validations=(sound.validations[0], worse))
-    notes = [Removing(0.5 * NOISE**2), Removing(1e-4 * NOISE**2), Removing(2 * NOISE**2), Advice(), Removing()]
+    notes = [Removing(0.5), Removing(1e-4), Removing(0.9), Advice(), Removing()]  # shares of 3 NOISE^2
     findings = [Finding(note, "slider", severity=Severity.INFO) for note in notes]
     steps = of_kind(replace(found, warnings=tuple(findings)), SetRight)
     assert [step.finding for step in steps] == [findings[2], findings[0], findings[3]]
-    assert steps[0].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 2 / 4)))
-    assert steps[1].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 0.5 / 4)))
+    assert steps[0].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 2.7 / 4)))
+    assert steps[1].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 1.5 / 4)))
     assert steps[2].gain is None
     assert next_steps(replace(found, warnings=tuple(findings[::-1])))[:2] == tuple(steps[:2])
 

@@ -13,11 +13,13 @@ from dynident.estimators import Ridge
 from dynident.identification import Identification, Verdict, judge
 from dynident.identification import verdict as why
 from dynident.identification import verdict_rules as rules
+from dynident.identification.links import scaled_covariance
 from dynident.identification.verdict_rules import ConstraintEffect, constraint_effect
 from dynident.identification.verdict_steps import ExcitingMotion, Sharpen
 from dynident.models import Joint, Model, Parameter, Term
+from dynident.motion.log import stack_states, subsample
 from dynident.runtime import Use
-from dynident.validation import Driver, LogValidation
+from dynident.validation import Driver, FloorOrigin, LogValidation, NoiseFloor
 
 Array = NDArray[np.float64]
 
@@ -175,6 +177,47 @@ def test_held_out_motion_must_have_half_the_speed_of_the_training(arm: Identific
     assert slow == ([] if use is Use.SIMULATION else [pytest.approx(share)])
 
 
+def test_the_error_announced_on_a_larger_and_faster_motion_is_asked_for(arm: Identification) -> None:
+    """By hand: the same sum of variances, one torque at a time."""
+    covariance, basis = scaled_covariance(arm), arm.base.on_data
+    assert covariance is not None
+    assert basis is not None
+    states = stack_states(arm.training_motions, subsample(arm.training_motions, rules.MAX_SAMPLES_BEYOND))
+    middle = states["q"].mean(axis=0)
+    rows = arm.model.regressor(2 * states["q"] - middle, 4 * states["dq"], 8 * states["ddq"])
+    torque = np.linalg.norm(rows @ arm.estimate.value)
+    variance = sum(y @ covariance @ y for y in rows[:, :, list(basis.independent)].reshape(-1, len(covariance)))
+    right = rules.announced_error(arm)
+    assert right == pytest.approx(100 * np.sqrt(variance) / torque)
+    assert right < min(rules.MAX_ANNOUNCED_ERROR)
+    assert arm.errors.base_std is not None
+    for error, use in ((2.99, Use.SIMULATION), (3.01, Use.CONTROL), (9.99, Use.CONTROL), (10.01, Use.DO_NOT_USE)):
+        larger = replace(arm, errors=replace(arm.errors, base_std=error / right * arm.errors.base_std))
+        verdict = judge(larger)
+        assert verdict.use is use
+        assert verdict.reasons == (() if use is Use.SIMULATION else (why.Uncertain(pytest.approx(error)),))
+
+
+@pytest.mark.parametrize(("ratio", "error"), [(1.6, 4.1), (4.0, 3.2), (1.6, 3.0), (1.4, 20.0)])
+def test_a_joint_clearly_above_its_noise_floor_is_never_praised_without_a_word(
+    arm: Identification, ratio: float, error: float
+) -> None:
+    floors = {joint: NoiseFloor(1.0, 1.0, 1.1, FloorOrigin.WHITE) for joint in ("shoulder", "elbow")}
+    floors["elbow"] = NoiseFloor(0.1, ratio, 2 * ratio, FloorOrigin.WHITE)
+    errors = replace(
+        arm.validations[1].errors,
+        rmse={"shoulder": 1.0, "elbow": 0.1 * ratio},
+        per_joint={"shoulder": 2.0, "elbow": error},
+    )
+    verdict = with_held(arm, errors=errors, floors=floors)
+    is_large = ratio > rules.MAX_FLOOR_RATIO and error * np.sqrt(1 - ratio**-2) > rules.MAX_EXCESS_ERROR
+    reason = why.AboveFloor("two", (("elbow", floors["elbow"]),))
+    assert verdict.reasons == ((reason,) if is_large else ())
+    assert verdict.residual is not None
+    assert verdict.residual.joint == "elbow"  # not the larger torque of the shoulder, which is noise
+    assert f"{ratio:.2g} times" in str(verdict)
+
+
 def test_the_residual_shown_is_where_most_torque_is_left(arm: Identification) -> None:
     """rms times relative error: a large share of a tiny torque is not it, nor what could not be tested."""
     test = arm.validations[1].residuals["elbow"]
@@ -199,7 +242,8 @@ def sharpened(found: Identification, worst: dict[str, float]) -> list[Sharpen]:
     """The steps where the parameters named have these standard errors over their values, the others none."""
     value = found.estimate.value
     std = np.array([worst.get(name, 0.0) for name in found.model.names]) * np.abs(value)
-    alone = replace(found, base=replace(found.base, on_data=None), errors=replace(found.errors, std=std))
+    errors = replace(found.errors, std=std, base_covariance=None)
+    alone = replace(found, base=replace(found.base, on_data=None), errors=errors)
     return [step for step in judge(alone).next if isinstance(step, Sharpen)]
 
 

@@ -29,7 +29,7 @@ from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros
 from dynident.models.simulation import Singular
 from dynident.motion.smoothers import Difference, Spline
 from dynident.runtime import Finding, Remark, Severity, Use
-from dynident.validation import Driver, ResidualRipple, Reversals
+from dynident.validation import Driver, FloorOrigin, NoiseFloor, ResidualRipple, Reversals
 
 CHOICES = [
     InPieces(100_000_000, 100_000.0, 1000, 6, "elbow", 7.321),
@@ -58,6 +58,8 @@ REASONS = [
     why.NegativeValues(tuple("abcde")),
     why.SlowHoldOut(0.25),
     why.TrainedWorse("a", 55.4, 6.32),
+    why.Uncertain(4.93),
+    why.AboveFloor("a", (("elbow", NoiseFloor(0.1, 2.61, 2.9, FloorOrigin.WHITE)),)),
     why.HeldBack(25.0, 12.3),
     why.DrawnBack(25.0, 12.3),
     why.NegativeValues(tuple("abcdefg")),

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dynident.motion.log import Log
-from dynident.regression import repeat_of
+from dynident.motion.smoothers import Difference
+from dynident.regression import repeat_of, repeats_path
 
 T = np.arange(4000) * 0.0025
 
@@ -54,3 +55,19 @@ def test_a_sliding_joint_counts_as_much_as_a_turning_one() -> None:
 
     assert repeat_of(both(1, log(0.0, 1)), both(2, log(0.0, 2))).error < 1
     assert repeat_of(both(1, log(0.0, 1)), both(2, log(0.0, 2, scale=0.7))).error > 30
+
+
+@pytest.mark.parametrize(("size", "rate"), [(0.9, 1.0), (1.2, 1.0), (1.0, 0.9), (1.0, 1.2), (0.9, 1.1)])
+def test_a_motion_of_another_size_or_speed_within_a_quarter_is_a_repeat(size: float, rate: float) -> None:
+    smooth = Difference("central")
+    other = log(0.0, 2)
+    other = Log(other.t / rate, size * other.q, other.tau, other.joints)
+    assert repeat_of(log(0.0, 1), other).error > 9
+    assert repeats_path(smooth(log(0.0, 1)), smooth(other))
+
+
+@pytest.mark.parametrize(("size", "rate"), [(0.7, 1.0), (1.4, 1.0), (1.0, 0.7), (1.0, 1.4)])
+def test_a_motion_that_is_clearly_larger_or_faster_is_another(size: float, rate: float) -> None:
+    other = log(0.0, 2)
+    motion = Difference("central")(Log(other.t / rate, size * other.q, other.tau, other.joints))
+    assert not repeats_path(Difference("central")(log(0.0, 1)), motion)

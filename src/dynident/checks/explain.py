@@ -16,7 +16,6 @@ from dynident.checks.missing import (
     MissingEffect,
     cost,
     find_missing_effects,
-    mean_square,
     payload_findings,
     reversal_findings,
     torque_rate,
@@ -32,6 +31,7 @@ from dynident.checks.suspects import (
     clock_suspect,
     estimate_suspect,
     gain_suspects,
+    gear_suspects,
     geometry_suspects,
     promising_suspects,
 )
@@ -67,7 +67,7 @@ def delay_findings(
     if not likely.any() or all(len(indices) < 2 for indices in rows):
         return
     model = fit.case.model
-    delay, error, share, size = _measured_delays(model, motions, rows, min_speed)
+    delay, error, share = _measured_delays(model, motions, rows, min_speed)
     # both estimates must agree in sign, and the delay must be significant and long enough to matter
     likely &= (np.sign(delay) == np.sign(low_passed_delay)) & (
         np.abs(delay) > np.maximum(MIN_STANDARD_ERRORS * error, MIN_DELAY)
@@ -77,17 +77,17 @@ def delay_findings(
         rate = _mask_other_joints(-torque_rate(fit, fit.case), int(j))
         corrected_fit = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
         figures = float(delay[j]), float(error[j]), float(share[j])
-        name, removed = model.joints[j].name, float(share[j] * size[j])
-        note = MissingTerm(TermKind.DELAY, *figures, cost=cost(fit, corrected_fit).all, removed=((name, removed),))
+        name, price = model.joints[j].name, cost(fit, corrected_fit).all
+        note = MissingTerm(TermKind.DELAY, *figures, cost=price, removed=((name, float(share[j])),))
         yield Finding(note, name)
 
 
 def _measured_delays(
     model: Model, motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], min_speed: tuple[float, ...] | None
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Return the delays (n) in the torque as measured, with their standard errors.
 
-    Also return the share that each explains of its joint's squared residual, and the mean squared residual (n).
+    Also return the share that each explains of its joint's squared residual.
     The time differences are narrow at first, and widened for the value of a delay that explains something then:
     slow errors of a model look like delays over long times, too.
     """
@@ -107,7 +107,7 @@ def _measured_delays(
         next_half_width = (
             min(WIDTH_PER_DELAY * longest, MAX_DELAY) if longest > MAX_DELAY_PER_WIDTH * half_width else half_width
         )
-    return estimates[0], estimates[1], shares[0], mean_square(fit)
+    return estimates[0], estimates[1], shares[0]
 
 
 def _shifted_case(
@@ -153,6 +153,7 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
+MAX_LIKELIHOOD_GAP = 2.0  # of the logarithm of the likelihood: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
 
 
@@ -218,7 +219,8 @@ def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Fi
     what none explains.
     """
     names = tuple(joint.name for joint in case.model.joints)
-    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model), clock_suspect()]
+    model = case.model
+    suspects = [*geometry_suspects(model), *gain_suspects(model), *gear_suspects(model), clock_suspect()]
     named_effects: set[tuple[TermKind, int]] = set()
     for k in range(MAX_CAUSES + 1):
         report_progress(Step(STEP_TEXT, k, MAX_CAUSES + 1))
@@ -232,11 +234,15 @@ def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Fi
         # compare the three kinds of causes by the share of the residual that each explains
         effects = [effect for effect in find_missing_effects(fit) if (effect.kind, effect.j) not in named_effects]
         share = max((effect.score.share for effect in effects), default=0.0)
+        # a clock is one of all joints: so are the effects of one kind that it must explain more than
+        shares = [sum(x.score.share for x in effects if x.kind is effect.kind) for effect in effects]
         level = replace(case, model=tilt_base(case.model, tilt.x, tilt.y)) if tilt else case
         # the share of a tilted base is that of the fit on the tilted model
         tilt_share = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
         share = max(share, tilt_share)
         best, rivals = _likeliest_suspect(fit, suspects, share)
+        if best is not None and best.suspect.joint is None and MIN_TIE_RATIO * best.share <= max(shares, default=0.0):
+            best, rivals = _likeliest_suspect(fit, [x for x in suspects if x.joint is not None], share)
         # wrong values come before missing effects that explain about as much
         if best is not None and MIN_TIE_RATIO * best.share > share:
             yield _suspect_finding(fit, best, rivals)
@@ -289,12 +295,17 @@ def _likeliest_suspect(
             if candidate.quantity is SuspectQuantity.GAIN and candidate not in tried_suspects
         ]
     estimates = [candidate for suspect in tried_suspects if (candidate := estimate_suspect(fit, suspect)) is not None]
-    reference_share = max((candidate.share for candidate in estimates), default=0.0)
-    alike = sorted(
-        (candidate for candidate in estimates if candidate.share > MIN_TIE_RATIO * reference_share),
-        key=lambda candidate: candidate.suspect.order,
-    )
-    return (alike[0], alike[1:]) if alike else (None, [])
+    if not estimates:
+        return None, []
+    max_share, n_equations = max(candidate.share for candidate in estimates), np.count_nonzero(fit.weight)
+
+    def place(candidate: SuspectEstimate) -> tuple[bool, tuple[bool, float]]:
+        gap = n_equations / 2 * np.log((1.0 - candidate.share) / max(1.0 - max_share, 1e-12))
+        return bool(gap > MAX_LIKELIHOOD_GAP), candidate.order
+
+    # the likeliest by the data comes first, by its kind where the data say nothing
+    alike = sorted((x for x in estimates if x.share > MIN_TIE_RATIO * max_share), key=place)
+    return alike[0], alike[1:]
 
 
 def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:

@@ -20,7 +20,7 @@ from dynident.checks.robot_notes import (
     Unexplained,
 )
 from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple
-from dynident.identification.terms import TermChoice
+from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
 from dynident.identification.verdict_rules import SPEED_FACTOR
 from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion, subsample, thin_motions
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 class Cost:
     """The cost of a fault: the change of the torque at twice the speed in %, of ``all`` joints and of the worst one.
 
-    ``removed`` is the decrease of the mean squared residual by joint, in (N m)^2 or N^2, where there is one. An
+    ``removed`` is the share by joint of the squared low-passed residual beside white noise, where there is one. An
     unknown that is six standard errors from zero explains 1/36 of this by chance.
     """
 
@@ -58,8 +58,10 @@ def cost(before: Misfit, after: Misfit) -> Cost:
     joints = np.linalg.norm(change, axis=0) / np.where(size > 0, size, np.inf)
     relative_change = float(np.linalg.norm(change) / (np.linalg.norm(right_torque) or np.inf))
     decrease = mean_square(before) - mean_square(after)
+    # what is no white noise, of which a logged joint leaves little: a share, as other motions leave more of it
+    power = np.maximum(mean_square(before) - before.case.noise, np.maximum(decrease, 1e-300))
     removed = tuple(
-        (joint.name, float(x)) for joint, x in zip(before.case.model.joints, decrease, strict=True) if x > 0
+        (joint.name, float(x)) for joint, x in zip(before.case.model.joints, decrease / power, strict=True) if x > 0
     )
     return Cost(100.0 * relative_change, 100.0 * float(joints.max()), removed)
 
@@ -83,6 +85,7 @@ STRIBECK_SPEED = 0.2  # of the rms speed: where friction has fallen
 MIN_JOINT_SHARE = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
 MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effect is none
 MIN_WARNING_SHARE = 0.4  # ... and to be warned of
+MIN_OPEN_GAIN = 10.0  # %, of the squared error: a term that gains more, but within its error, was not refused
 LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
 TRIED_KINDS = {  # the kinds by which a choice of terms has tried an effect
@@ -182,7 +185,8 @@ def with_missing(case: FitCase, effect: MissingEffect) -> FitCase:
 def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
     """Return whether a finding is an effect that a choice of terms has tried on that joint.
 
-    It entered there, or was rejected by samples kept aside. Without a choice, return whether one would try it.
+    It entered there, or was rejected by samples kept aside: what gains much there, but within its error, is open.
+    Without a choice, return whether one would try it.
     """
     if not isinstance(finding.message, MissingTerm) or finding.joint is None:
         return False
@@ -190,14 +194,18 @@ def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
     if choice is None:
         return bool(kinds)
     # ripple, ripple 2, ...
-    return not kinds.isdisjoint(term.kind.split()[0] for term in choice.trials_of(finding.joint))
+    trials = (trial for trial in choice.trials_of(finding.joint) if trial.kind.split()[0] in kinds)
+    return any(not _is_open(trial) for trial in trials)
+
+
+def _is_open(trial: TermTrial) -> bool:
+    return trial.outcome is TrialOutcome.WITHIN_ERROR and trial.gain > MIN_OPEN_GAIN
 
 
 def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
     """Yield every kind of effect in the motion of a case, with the values of the fit and its ``ripples`` by joint."""
     (load, friction), n = _load_and_friction(fit, case), case.q.shape[1]
-    # a drift grows linearly over the samples
-    age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
+    age = np.linspace(-1.0, 1.0, len(case.q))  # a drift grows linearly over all logs, in their order
     torque_derivative = torque_rate(fit, case)
     friction_jumps = _has_coulomb(case)
     # smooth signs over a fraction of the rms speed: a jump would test the noise of the velocity
@@ -217,6 +225,7 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
         TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK_SPEED * speed[j])),
         TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
+        TermKind.GAIN_DRIFT: lambda j: age * torque[:, j],
         TermKind.DELAY: lambda j: -torque_derivative[:, j],
         TermKind.SATURATION: lambda j: -(load_ratio[:, j] ** 2) * torque[:, j],
     }

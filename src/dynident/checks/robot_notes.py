@@ -58,6 +58,11 @@ class TermKind(StrEnum):
         "friction that grows with the load",
         "Add `load_coulomb` to `terms` of the model.",
     )
+    GAIN_DRIFT = (
+        "gain that drifts",
+        "a torque whose gain changes over the recording, by twice this share,",
+        "Let motor and sensor warm up, and check whether the torque constant depends on the temperature.",
+    )
     DRIFT = (
         "friction that drifts",
         "friction that changes over the recording",
@@ -66,7 +71,7 @@ class TermKind(StrEnum):
     DELAY = (
         "delay of the torque",
         "a torque that is stamped late, by these seconds,",
-        "Set `time_offset: estimate` where all joints are late alike; else shift this torque in the file.",
+        "Shift this torque in the file; `time_offset`, which `estimate` finds, is that of all joints alike.",
     )
     SATURATION = (
         "torque that saturates",
@@ -90,6 +95,7 @@ class SuspectQuantity(WordedEnum):
     """The kinds of unknowns, with what their values mean."""
 
     GAIN = "gain", "a torque {:.3g} times as large"
+    GEAR = "gear", "positions {:.3g} times as large"
     ZERO = "zero", "a zero that is off by {:.3g}"
     LENGTH = "length", "an origin moved by {:.3g} m"
     AXIS = "axis", "an axis or frame turned by {:.3g} rad"
@@ -113,7 +119,7 @@ class Costly(Note):
     """Base of notes that forbid a use by what the fault costs.
 
     ``cost`` is the change of the torque, in % of all joints together, on the training motion at twice its speed;
-    ``removed`` is what the correction removes of the low-passed residual, by joint.
+    ``removed`` is the share that the correction removes of what is no white noise in the squared residual, by joint.
     """
 
     cost: float = field(default=0.0, kw_only=True)
@@ -186,6 +192,23 @@ class TorqueGain(SuspectedValue):
     def remedy(self) -> str:
         """What to do about it, in short."""
         return f"check its `gain`: the torque is {short(self.value)} times what the other joints ask for."
+
+
+class PositionGear(SuspectedValue):
+    """The robot's joint moves ``value`` times as far as the logged position."""
+
+    topic = "gear"
+
+    def __str__(self) -> str:
+        return self.explanation(
+            f"the joint seems to move {short(self.value)} +- {short(self.std, 2)} times as far as logged, which",
+            "Check the `gain` of its position: gear ratio, counts of the encoder, unit.",
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"check the `gain` of its position: the joint seems to move {short(self.value)} times as far as logged."
 
 
 class ClockWrong(SuspectedValue):

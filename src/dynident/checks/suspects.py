@@ -37,7 +37,8 @@ class Suspect(Noun):
     ``derivative`` is that of the torque with respect to it, at zero, in a fit; ``correct_case`` returns the case
     with it corrected; ``note`` makes the note from its value, standard error, share and the rivals that explain
     as much. ``limit`` is the largest plausible value; of suspects that explain about the same the one of the
-    lowest ``order`` is reported. ``in_use`` is the case as the user meets it: its motion, where that is wrong in
+    lowest ``order`` is reported; a value beyond ``usual`` comes after all others, one
+    below ``least`` is none. ``in_use`` is the case as the user meets it: its motion, where that is wrong in
     the log only.
     """
 
@@ -47,8 +48,10 @@ class Suspect(Noun):
     correct_case: Callable[[FitCase, float], FitCase]
     note: Note
     limit: float
-    order: int
+    order: float
     in_use: Callable[[FitCase, float], FitCase] = lambda case, _: case
+    usual: float = np.inf
+    least: float = 0.0
 
 
 class SuspectEstimate(Noun):
@@ -61,10 +64,16 @@ class SuspectEstimate(Noun):
     case: FitCase
 
     @property
+    def order(self) -> tuple[bool, float]:
+        """The place among others that explain as much: a usual value of a likely fault comes first."""
+        return abs(self.value) > self.suspect.usual, self.suspect.order
+
+    @property
     def rival(self) -> Rival:
         """The estimate in short, for the note of another suspect."""
         quantity = self.suspect.quantity
-        value = float(np.exp(self.value)) if quantity in ("gain", "clock") else self.value
+        is_factor = quantity in (SuspectQuantity.GAIN, SuspectQuantity.GEAR, SuspectQuantity.CLOCK)
+        value = float(np.exp(self.value)) if is_factor else self.value
         return Rival(self.suspect.joint or "", quantity, value)
 
 
@@ -105,7 +114,7 @@ def estimate_suspect(fit: Misfit, suspect: Suspect) -> SuspectEstimate | None:
     share = 1.0 - misfit(case, weight).size / fit.size
     return (
         SuspectEstimate(suspect, value, std, share, case)
-        if share > fit.min_share and abs(value) > MIN_STANDARD_ERRORS * std
+        if share > fit.min_share and abs(value) > max(MIN_STANDARD_ERRORS * std, suspect.least)
         else None
     )
 
@@ -147,6 +156,32 @@ def _note_of_logarithm(kind: type[SuspectedValue]) -> Note:
 LOG_STEP = 1e-5  # of the logarithm, of the difference
 MAX_LOG_FACTOR = 1.0  # natural logarithm of the factor
 CLOCK_ORDER = 5  # stamps are wrong less often than robot files
+MIN_LOG_GEAR = 0.02  # of the logarithm: smaller ones are no other gear, but an offset that is small, too
+GEAR_ORDER = 1.5  # positions share their gear with the torque, where it is wrong more often
+
+
+def gear_suspects(model: Model) -> list[Suspect]:
+    """Return the suspects that the positions of one joint have a wrong factor, by the logarithm of the true one."""
+    return [_gear_suspect(j, joint.name) for j, joint in enumerate(model.joints)]
+
+
+def _gear_suspect(j: int, name: str) -> Suspect:
+    def correct_case(case: FitCase, value: float) -> FitCase:
+        factor = np.where(np.arange(case.q.shape[1]) == j, np.exp(value), 1.0)
+        return replace(case, q=factor * case.q, dq=factor * case.dq, ddq=factor * case.ddq, dddq=factor * case.dddq)
+
+    note, derivative = _note_of_logarithm(robot_notes.PositionGear), _difference_derivative(correct_case)
+    return Suspect(
+        name,
+        SuspectQuantity.GEAR,
+        derivative,
+        correct_case,
+        note,
+        MAX_LOG_FACTOR,
+        GEAR_ORDER,
+        in_use=correct_case,
+        least=MIN_LOG_GEAR,
+    )
 
 
 def clock_suspect() -> Suspect:
@@ -170,6 +205,7 @@ def clock_suspect() -> Suspect:
 
 
 DIFFERENCE_STEP = 1e-5  # rad or m, of the differences
+MAX_USUAL_CHANGE, MAX_USUAL_SHIFT = 1 / 3, 0.05  # share of a length in the file, and m where it has none there
 MAX_ANGLE, MAX_LENGTH = 0.6, 0.6  # rad, m: errors beyond are no small ones
 ZERO_ORDER, ORIGIN_ORDER, NEW_ORIGIN_ORDER, AXIS_ORDER = 0, 2, 3, 4  # orders: the likeliest fault first
 
@@ -218,7 +254,9 @@ def _origin_suspect(joint: RobotJoint, k: int) -> Suspect:
         return robot_notes.LengthWrong(nominal + value, *figures, component="xyz"[k], given=nominal)
 
     order = ORIGIN_ORDER if abs(nominal) > DIFFERENCE_STEP else NEW_ORIGIN_ORDER
-    return _frame_suspect(joint.name, displacement, SuspectQuantity.LENGTH, note, MAX_LENGTH, order)
+    suspect = _frame_suspect(joint.name, displacement, SuspectQuantity.LENGTH, note, MAX_LENGTH, order)
+    # robot files are wrong by a part of a length: a link of no length is rather a wrong gain or clock
+    return replace(suspect, usual=MAX_USUAL_CHANGE * abs(nominal) if order == ORIGIN_ORDER else MAX_USUAL_SHIFT)
 
 
 def _axis_suspect(joint: RobotJoint, across: Array, alone: bool) -> Suspect:

@@ -170,7 +170,7 @@ def _inertia_std(
 
     They follow from those of the base parameters, with what these leave open held fixed.
     """
-    basis, covariance = identification.base.on_data, _covariance(identification)
+    basis, covariance = identification.base.on_data, scaled_covariance(identification)
     if inertia is None or covariance is None:
         return np.full(N_VALUES, np.nan), np.zeros(N_VALUES, dtype=bool)
     gradient = np.zeros((N_VALUES, len(identification.model.parameters)))
@@ -189,7 +189,7 @@ def _inertia_std(
     return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", weights, covariance, weights), 0.0)), sure
 
 
-def _covariance(identification: Identification) -> Array | None:
+def scaled_covariance(identification: Identification) -> Array | None:
     """Return the covariance (r, r) of the base parameters, scaled to the standard errors in the report."""
     errors = identification.errors
     std = errors.std if identification.base.on_data is None else errors.base_std

@@ -19,6 +19,7 @@ from dynident.identification.verdict_steps import (
     SetRight,
     Sharpen,
     SlowReversals,
+    excess_squares,
     gain_points,
     judged_log,
 )
@@ -54,8 +55,9 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
 def _correction_steps(identification: Identification) -> Iterator[SetRight]:
     """Yield findings of the checks whose correction would lower the error noticeably, or that are advice."""
     log = judged_log(identification)
+    excess = excess_squares(log)  # of which a cause has the same share as in training
     for finding in identification.findings:
-        gain = gain_points(log, dict(finding.message.removed))
+        gain = gain_points(log, {joint: share * excess[joint] for joint, share in finding.message.removed})
         is_worthwhile = gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error
         if is_worthwhile or finding.message.advises:
             yield SetRight(finding, gain=gain)

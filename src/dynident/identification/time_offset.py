@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from typing import Literal
 
@@ -42,8 +42,9 @@ TRIAL_OFFSETS = (
     0.01,
     0.032,
     0.05,
-)  # s, of either sign; the search refines the best, but for the last
-MAX_TIME_OFFSET = 0.032  # s: what is later has another cause than filters and buses
+)  # s, of either sign; the search refines the best up to the last but one
+WIDE_OFFSETS = (*TRIAL_OFFSETS, 0.1, 0.15)  # s: those of a search beyond the usual range
+MAX_USUAL_OFFSET = TRIAL_OFFSETS[-2]  # s: what is later has another cause than filters and buses
 FLOOR_SHARE = 0.999  # share of the least error that rounding and the rank leave of it
 SEARCH_STEP, SLOPE_STEP = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 5, 0.1  # steps that refine the search, and in standard errors the last one
@@ -78,8 +79,10 @@ class TimeOffset(Note):
             return f"no time offset, as none lowers the training error ({percent(self.before)}){uncertainty}"
         lagging, leading = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
         size = f"{short(1e3 * abs(self.seconds), 2)}" + (f" +- {short(error, 1)}" if has_error else "")
+        is_usual = abs(self.seconds) <= MAX_USUAL_OFFSET
+        cause = "" if is_usual else ", which is more than filters and buses take: look for two clocks or a buffer"
         return (
-            f"{lagging} are stamped {size} ms later than {leading}; with it, the training error is "
+            f"{lagging} are stamped {size} ms later than {leading}{cause}; with it, the training error is "
             f"{percent(self.after)} instead of {percent(self.before)}"
         )
 
@@ -154,21 +157,42 @@ def find_time_offset(
     selection: Selection = EVERYTHING,
     repeat: Callable[[Array], Iterable[Sequence[Motion]]] = lambda _: (),
 ) -> TimeOffset:
-    """Find the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
+    """Find the time offset at which the estimator explains the unfiltered torque of the motions best.
 
-    It is zero where it removes less than 0.5 % of the error, is below three standard errors, or gains no more
-    than one standard error in cross-validation, as it does where it imitates a torque that the model lacks; and
-    where the best value is beyond the range, which indicates another fault.
+    It is sought within 32 ms, then within 100 ms (``WIDE_OFFSETS``). It is zero where it removes less than 0.5 % of
+    the error, is below three standard errors, or gains no more than one standard error in cross-validation, as it
+    does where it imitates a torque that the model lacks; and where the best value is beyond the range, which
+    indicates another fault.
 
     Noise in the motion, which is less between samples, and accelerations that a smoother attenuates can look like
     an offset. ``repeat`` (p to sets of motions) returns motions without an offset and their torque for the
     estimated parameters; the offset that is found in these is subtracted. Where it or the remainder is beyond the
     range, the offset is zero. Raises the errors of ``Regression`` and the estimator.
     """
-    rows = subsample(motions, trial_samples(model), TRIAL_OFFSETS[-1])
+    usual, wide = (
+        partial(_find_within, trials, model, motions, estimator, selection, repeat)
+        for trials in (TRIAL_OFFSETS, WIDE_OFFSETS)
+    )
+    estimate = usual()
+    if np.isnan(estimate.seconds):  # a buffer, or two clocks, delay it more than filters do
+        wide_estimate = wide()
+        estimate = wide_estimate if abs(wide_estimate.seconds) > 0 else replace(estimate, seconds=0.0)
+    return estimate
+
+
+def _find_within(
+    trials: tuple[float, ...],
+    model: Model,
+    motions: Sequence[Motion],
+    estimator: Estimator,
+    selection: Selection,
+    repeat: Callable[[Array], Iterable[Sequence[Motion]]],
+) -> TimeOffset:
+    """Return the time offset within the last but one of the ``trials``, nan where the best is beyond."""
+    rows = subsample(motions, trial_samples(model), trials[-1])
     if sum(map(len, rows)) < MIN_SAMPLES:
         return TimeOffset(0.0, np.nan, np.nan)
-    quick_estimator, trials = estimator.quick(), count(1)
+    quick_estimator, fits = estimator.quick(), count(1)
     # Which samples are slow is decided once: an error over other samples could not be compared.
     motions = _keep_fast(motions, selection)
 
@@ -177,16 +201,16 @@ def find_time_offset(
         at = cache(lambda time_offset: Regression(model, _shift_motions(motions, rows, time_offset)))
 
         def error(time_offset: float) -> float:
-            fit_number = next(trials)
+            fit_number = next(fits)
             report_progress(Step("estimating the time offset", fit_number, max(fit_number, EXPECTED_FITS)))
             return _relative_error(at(time_offset), quick_estimator)
 
         return error, lambda time_offset: FLOOR_SHARE * _relative_error(at(time_offset), LeastSquares())
 
     error, floor = errors_of(motions)
-    best, after, before = _minimise_error(error, TRIAL_OFFSETS, floor)
+    best, after, before = _minimise_error(error, trials, floor, trials)
     if np.isnan(best):
-        return TimeOffset(0.0, before, before)
+        return TimeOffset(np.nan, before, before)
     refined, std = _refine_offset(model, motions, rows, best, quick_estimator)
     # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
     # slope gives is better, unless it fits clearly worse
@@ -203,7 +227,7 @@ def find_time_offset(
     for repeated_motions in repeat(theta):
         fast = _keep_fast(repeated_motions, selection)
         repeated_error, repeated_floor = errors_of(fast)
-        offset, *_ = _minimise_error(repeated_error, TRIAL_OFFSETS[:NEAREST_TRIALS], repeated_floor)
+        offset, *_ = _minimise_error(repeated_error, trials[:NEAREST_TRIALS], repeated_floor, trials)
         if takes_slope and np.isfinite(offset):
             offset, _ = _refine_offset(model, fast, rows, offset, quick_estimator)
         spurious_offsets.append(offset)
@@ -213,7 +237,7 @@ def find_time_offset(
         best -= float(np.mean(spurious_offsets))
         std = float(np.hypot(std, np.std(spurious_offsets) / np.sqrt(count_repeated)))
     after = error(best)
-    if not (after < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= MAX_TIME_OFFSET):
+    if not (after < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= trials[-2]):
         return replace(no_offset, std=std)
     gain = motion_gain(model, _shift_motions(motions, rows, 0.0), _shift_motions(motions, rows, best))
     return TimeOffset(best, before, after, std, gain) if gain.sure else replace(no_offset, std=std, gain=gain)
@@ -231,11 +255,12 @@ def _minimise_error(
     error: Callable[[float], float],
     trials: Sequence[float] = TRIAL_OFFSETS,
     floor: Callable[[float], float] = lambda _: 0.0,
+    all_trials: Sequence[float] = TRIAL_OFFSETS,
 ) -> tuple[float, float, float]:
     """Return the offset of least error, nan beyond the range, its error, and the error without offset.
 
-    It lies next to the best of the trials; where that is the last, all are tried. ``floor`` is quick, and never
-    above the error.
+    It lies next to the best of the trials; where that is the last, ``all_trials`` are tried. ``floor`` is quick, and
+    never above the error.
     """
     from scipy.optimize import minimize_scalar
 
@@ -245,7 +270,8 @@ def _minimise_error(
     # Start from the best trial; Brent's method then needs a bracket around it.
     best, before = min(errors, key=lambda trial: errors[trial]), errors[0.0]
     if abs(best) == trials[-1]:
-        return (np.nan, before, before) if trials is TRIAL_OFFSETS else _minimise_error(error, TRIAL_OFFSETS, floor)
+        is_last = trials is all_trials
+        return (np.nan, before, before) if is_last else _minimise_error(error, all_trials, floor, all_trials)
 
     def squared_error(x: float) -> float:  # nearly a parabola, of which a few values are enough
         trial = start.get(x, float(x) - 1.0)
@@ -258,7 +284,7 @@ def _minimise_error(
         start = {1.0 + trial: trial for trial in (low, best, high)}  # the precision is relative to the unknown
         minimize_scalar(squared_error, tuple(start), method="brent", options={"xtol": SEARCH_STEP})
         best = float(min(errors, key=lambda trial: errors[trial]))
-    return (best, errors[best], before) if abs(best) <= MAX_TIME_OFFSET else (np.nan, before, before)
+    return (best, errors[best], before) if abs(best) <= all_trials[-2] else (np.nan, before, before)
 
 
 def _evaluate_trials(

@@ -14,8 +14,6 @@ from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
 NAMED_REASONS = 2  # reasons that the second sentence names
-
-
 _USE_SENTENCES = {
     Use.DO_NOT_USE: "Do not use this model yet",
     Use.CONTROL: "Good for control (feedforward, gravity compensation) on motions like these",
@@ -131,6 +129,21 @@ class NotCarriedOver(Reason):
         return f"the error on {self.log} is {self.ratio:.2g} times the training error: the model does not generalise"
 
 
+class AboveFloor(Reason):
+    """The torques of some ``joints`` are predicted on a ``log`` far worse than the noise of the sensors allows."""
+
+    usual_remedy = Remedy.CHECK
+    log: str
+    joints: tuple[tuple[str, NoiseFloor], ...]
+
+    def __str__(self) -> str:
+        joints = join_names((f"{joint} leaves {floor.ratio:.2g} times" for joint, floor in self.joints), MAX_NAMES)
+        noise = (
+            "white noise of the sensors" if self.joints[0][1].origin is FloorOrigin.WHITE else "the scatter of passes"
+        )
+        return f"on {self.log} {joints} what {noise} explains: the model lacks an effect, or a value is wrong"
+
+
 class TrainedWorse(Reason):
     """The ``error`` on a training ``log`` is large, ``ratio`` times that held out: the fit has outliers, or a fault."""
 
@@ -140,10 +153,8 @@ class TrainedWorse(Reason):
     ratio: float
 
     def __str__(self) -> str:
-        return (
-            f"the error on {self.log}, which was fitted, is {percent(self.error)}, {self.ratio:.2g} times the "
-            "held-out error: outliers or a fault are in the fit"
-        )
+        error = f"the error on {self.log}, which was fitted, is {percent(self.error)}"
+        return f"{error}, {self.ratio:.2g} times the held-out error: outliers or a fault are in the fit"
 
 
 class MassMatrixNotPositive(Reason):
@@ -176,6 +187,17 @@ class PartlyUnexcited(Reason):
     def __str__(self) -> str:
         unexcited = f"{self.unexcited} of {self.total} base parameters"
         return f"the data do not excite {unexcited}: motions that do are not predicted"
+
+
+class Uncertain(Reason):
+    """By its own standard errors the torque has an ``error`` (%) on the training motion at twice its speed and size."""
+
+    usual_remedy = Remedy.EXCITE
+    error: float
+
+    def __str__(self) -> str:
+        motion = "at twice the speed and size of the training motion"
+        return f"{motion} the torque has a standard error of {rough(self.error)}: the training shows too little"
 
 
 class HeldBack(Reason):
@@ -285,10 +307,8 @@ class HeldOut:
         if self.unfiltered is None:
             return f"{left}, in training {percent(self.training)}"
         measured, trained = self.unfiltered
-        return (
-            f"{left} after the low-pass of the fit (training {percent(self.training)}), and {percent(measured)} of it "
-            f"as measured ({percent(trained)})"
-        )
+        filtered = f"{left} after the low-pass of the fit (training {percent(self.training)})"
+        return f"{filtered}, and {percent(measured)} of it as measured ({percent(trained)})"
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from dynident.estimators import Ridge
 from dynident.identification import verdict
+from dynident.identification.links import scaled_covariance
 from dynident.identification.next_steps import next_steps
 from dynident.identification.result import Identification
 from dynident.identification.unobservable import unknowns
@@ -22,9 +23,9 @@ from dynident.identification.verdict_steps import (
 )
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample
-from dynident.regression import MAX_REPEAT_DIFFERENCE, UnexcitedParameters, repeat_of
+from dynident.regression import UnexcitedParameters, repeats_path
 from dynident.runtime import Finding, Remark, Use
-from dynident.validation import Driver, FreeRun, LogValidation
+from dynident.validation import Driver, FreeRun, LogValidation, NoiseFloor
 
 MAX_SAMPLES = 2000  # of all training motions
 SPEED_FACTOR = 2.0  # times the speed of the training, at which fits are compared
@@ -75,10 +76,37 @@ def constraint_effect(identification: Identification) -> ConstraintEffect:
     )
 
 
+MAX_SAMPLES_BEYOND = 500  # of all training motions
+SIZE_FACTOR = 2.0  # times the size of the training, likewise
+MAX_ANNOUNCED_ERROR = 10.0, 3.0  # %, standard error of the torque there, for control and for simulation
+
+
+def announced_error(identification: Identification) -> float | None:
+    """Return the standard error (%) of the torque on the training motion at twice its speed and size; None if unknown.
+
+    A motion too small or too slow leaves directions of the parameters to chance, which no like motion shows.
+    """
+    covariance, basis = scaled_covariance(identification), identification.base.on_data
+    if covariance is None:
+        return None
+    motions, model = identification.training_motions, identification.model
+    states = stack_states(motions, subsample(motions, MAX_SAMPLES_BEYOND))
+    middle = states["q"].mean(axis=0)
+    states |= {"q": middle + SIZE_FACTOR * (states["q"] - middle), "dq": SIZE_FACTOR * SPEED_FACTOR * states["dq"]}
+    Y = model.regressor(**states | {"ddq": SIZE_FACTOR * SPEED_FACTOR**2 * states["ddq"]})
+    columns = Y if basis is None else Y[:, :, list(basis.independent)]
+    # the rms over samples and joints of sqrt(y C y'), by a root of the covariance
+    variances, axes = np.linalg.eigh(covariance)
+    error = float(np.linalg.norm(columns @ (axes * np.sqrt(np.maximum(variances, 0.0)))))
+    torque = float(np.linalg.norm(Y @ identification.estimate.value))
+    return 100.0 * error / torque if torque else None
+
+
 MAX_TORQUE_ERROR = 10.0  # %, held-out torque error up to which a feedforward helps
 MAX_UNFILTERED_ERROR = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
 MAX_JOINT_ERROR = 25.0  # %, the same of one joint
 HARMLESS_EFFORT_SHARE = 1.0  # %, of a joint's effort limit: errors below it are harmless, however small its torque
+MAX_FLOOR_RATIO, MAX_EXCESS_ERROR = 1.5, 3.0  # times what the sensors allow, and %: a joint's error beside its noise
 MAX_ERROR_RATIO = 2.0  # held-out error over training error, or the other way round
 MAX_UNEXCITED_SHARE = 0.25  # share of the base parameters that the data may leave out
 MAX_LOOP_ERROR, MAX_WINDOW_ERROR = 1.0, 25.0  # %, of positions simulated with the controller; from the measured torque
@@ -165,9 +193,7 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
     if not held_out:
         yield verdict.NoHoldOut()
     # Held-out logs that repeat the training say nothing about other motions.
-    repetitions = {
-        a.name: b.name for a in held_out for b in train if repeat_of(a.motion, b.motion).error < MAX_REPEAT_DIFFERENCE
-    }
+    repetitions = {a.name: b.name for a in held_out for b in train if repeats_path(a.motion, b.motion)}
     if held_out and len(repetitions) == len(held_out):
         yield verdict.Repeats(tuple(repetitions.items()))
     joints = [joint.name for joint in identification.model.joints]
@@ -187,6 +213,7 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
     lost, total = _count_unexcited(identification)
     if lost > MAX_UNEXCITED_SHARE * total:
         yield verdict.MostlyUnexcited(lost, total)
+    yield from _announced_reasons(identification, Use.CONTROL)
 
 
 def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
@@ -204,6 +231,10 @@ def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
 
 def _against_simulation(identification: Identification) -> Iterator[Reason]:
     """Yield the reasons against a simulation, which turns small physical faults into growing errors."""
+    for log in identification.of_role("validation"):
+        if joints := tuple((joint, floor) for joint, floor in log.floors.items() if _is_above_floor(log, joint, floor)):
+            yield verdict.AboveFloor(log.name, joints)
+    yield from _announced_reasons(identification, Use.SIMULATION)
     lost, total = _count_unexcited(identification)
     if 0 < lost <= MAX_UNEXCITED_SHARE * total:
         yield verdict.PartlyUnexcited(lost, total)
@@ -285,15 +316,16 @@ def _largest_residual(identification: Identification) -> LargestResidual | None:
     """Return the largest torque residual; one that is not white is advice, not a reason."""
     logs = identification.of_role("validation") or identification.of_role("train")
     sizes = [
-        (log.errors.rmse[joint] * _joint_errors(log)[joint], log, joint, test)
+        (log.floors.get(joint), log.errors.rmse[joint] * _joint_errors(log)[joint], log, joint, test)
         for log in logs
         for joint, test in log.residuals.items()
         if np.isfinite(_joint_errors(log)[joint]) and np.isfinite(test.lag1)
     ]
     if not sizes:
         return None
-    _, log, joint, test = max(sizes, key=lambda entry: entry[0])
-    return LargestResidual(joint, log.name, test.causes, log.floors.get(joint), log.over_floor, log.at_floor)
+    # what is at the noise floor comes last: much of a large torque may be its noise
+    floor, _, log, joint, test = max(sizes, key=lambda entry: (entry[0] is None or not entry[0].is_reached, entry[1]))
+    return LargestResidual(joint, log.name, test.causes, floor, log.over_floor, log.at_floor)
 
 
 def _judged_error(log: LogValidation) -> float:
@@ -308,6 +340,19 @@ def _joint_errors(log: LogValidation) -> dict[str, float]:
 
 def _is_harmful(log: LogValidation, joint: str, error: float) -> bool:
     return error > MAX_JOINT_ERROR and not log.errors.effort_share.get(joint, np.inf) < HARMLESS_EFFORT_SHARE
+
+
+def _is_above_floor(log: LogValidation, joint: str, floor: NoiseFloor) -> bool:
+    """Return whether a joint's torque has an error beside the noise of the sensors that is large, and no chance."""
+    excess = log.errors.per_joint[joint] * np.sqrt(max(1.0 - floor.ratio**-2, 0.0))
+    return bool(floor.ratio > MAX_FLOOR_RATIO and excess > MAX_EXCESS_ERROR)
+
+
+def _announced_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
+    error = identification.fact("announced error", lambda: announced_error(identification))
+    limits = MAX_ANNOUNCED_ERROR
+    if error is not None and error > min(limits) and (error > max(limits)) == (use is Use.CONTROL):
+        yield verdict.Uncertain(error)
 
 
 def _count_unexcited(identification: Identification) -> tuple[int, int]:

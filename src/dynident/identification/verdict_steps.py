@@ -130,7 +130,10 @@ class CheckRipple(NextStep):
 
 @dataclass(frozen=True)
 class SetRight(NextStep):
-    """Correct what a ``finding`` of the checks says of the robot or its model; the gain is that in training."""
+    """Correct what a ``finding`` of the checks says of the robot or its model.
+
+    The gain is that of the share that it has in what no noise explains, in training.
+    """
 
     finding: Finding
 
@@ -212,19 +215,21 @@ def judged_log(identification: Identification) -> LogValidation:
     )
 
 
+def excess_squares(log: LogValidation) -> dict[str, float]:
+    """Return the mean squared residual of each joint beside the noise of the sensors."""
+    noise = log.errors.sensor_noise
+    return {joint: max(size**2 - noise.get(joint, 0.0) ** 2, 0.0) for joint, size in log.errors.rmse.items()}
+
+
 def gain_points(log: LogValidation, removed: Mapping[str, float]) -> float | None:
     """Return by how many points the error of a log may fall.
 
     The mean squared residuals of the joints fall by ``removed`` ((N m)^2, N^2), to no less than the noise of the
     sensors. None where this is nothing, or no number.
     """
-    errors = log.errors
-    squares = {joint: size**2 for joint, size in errors.rmse.items()}
-    noise_floor = {joint: errors.sensor_noise.get(joint, 0.0) ** 2 for joint in squares}
-    reduction = sum(
-        min(max(removed.get(joint, 0.0), 0.0), max(size - noise_floor[joint], 0.0)) for joint, size in squares.items()
-    )
-    total = sum(squares.values())
+    errors, excess = log.errors, excess_squares(log)
+    reduction = sum(min(max(removed.get(joint, 0.0), 0.0), size) for joint, size in excess.items())
+    total = sum(size**2 for size in errors.rmse.values())
     if not (total > 0 and reduction > 0 and np.isfinite(errors.relative_error)):
         return None
     return float(errors.relative_error * (1.0 - np.sqrt(1.0 - reduction / total)))

@@ -18,6 +18,7 @@ from dynident.regression.groups import (
     independent_columns,
     kinds_of,
     repeat_of,
+    repeats_path,
 )
 from dynident.regression.linear_problem import (
     BLOCK,
@@ -94,6 +95,7 @@ __all__ = [
     "rank_of",
     "rank_of_information",
     "repeat_of",
+    "repeats_path",
     "structural_base_parameters",
     "unpack_factors",
 ]

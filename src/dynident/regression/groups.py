@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MAX_REPEAT_DIFFERENCE = 10.0  # %, difference of positions and torques below which two recordings are of one motion
+MAX_PATH_FACTOR = 1.25  # of size and of speed, up to which a path that is repeated is no other motion
+MAX_RATE_ERROR = 0.12  # share of a rate by which it may differ in a part of a motion
+RATE_SEARCH = {"xatol": 2e-3, "maxiter": 15}  # precision of that share, and steps
 MAX_GRID_POINTS = 2**15  # of the common time axis of each recording
 MAX_FINE_POINTS = 4000  # of a recording, to refine the lag
 MIN_OVERLAP_SHARE = 0.5  # share of the recording that the other must overlap
@@ -76,6 +79,41 @@ def repeat_of(first: Log | Motion, second: Log | Motion) -> Repeat:
     lags_nearby, stride = (best + np.linspace(-1, 1, 21)) * step, max(1, len(first) // MAX_FINE_POINTS)
     finest = min(lags_nearby, key=lambda lag: _repeat_at(first, second, float(lag), span, stride).error)
     return _repeat_at(first, second, float(finest), span)
+
+
+def repeats_path(first: Motion, second: Motion) -> bool:
+    """Return whether the second motion repeats the path of the first, at a size and speed within a quarter.
+
+    Both are sought about those of the whole motions: the ratios of their rms positions about the mean, and of their
+    rms velocities over these.
+    """
+    if repeat_of(first, second).error < MAX_REPEAT_DIFFERENCE:
+        return True
+    middle = second.q.mean(axis=0)
+    # joints of several units count by their ranges in the first motion
+    span = np.ptp(first.q, axis=0)
+    span = np.where(span > 0, span, np.inf)
+    sizes = [float(np.sqrt(np.mean(((x.q - x.q.mean(axis=0)) / span) ** 2))) for x in (first, second)]
+    speeds = [float(np.sqrt(np.mean((x.dq / span) ** 2))) for x in (first, second)]
+    if not min(*sizes, *speeds) > 0:
+        return False
+    size = sizes[1] / sizes[0]
+    rate = speeds[1] / speeds[0] / size
+    if max(size, rate, 1.0 / size, 1.0 / rate) > MAX_PATH_FACTOR:
+        return False
+
+    def difference(share: float) -> float:
+        q = middle + (second.q - middle) / size
+        return repeat_of(first, replace(second, t=second.t * rate * (1.0 + share), q=q)).position
+
+    # a part of a path has about its speed: the rate is refined where the motions are alike at all
+    at_start = difference(0.0)
+    if not MAX_REPEAT_DIFFERENCE <= at_start < MIN_OTHER_DIFFERENCE:
+        return at_start < MAX_REPEAT_DIFFERENCE
+    from scipy.optimize import minimize_scalar
+
+    best = minimize_scalar(difference, bounds=(-MAX_RATE_ERROR, MAX_RATE_ERROR), method="bounded", options=RATE_SEARCH)
+    return bool(best.fun < MAX_REPEAT_DIFFERENCE)
 
 
 def repeated_rows(first: Motion, second: Motion) -> tuple[Index, Index] | None:

@@ -78,7 +78,7 @@ def constraint_effect(identification: Identification) -> ConstraintEffect:
 
 MAX_SAMPLES_BEYOND = 500  # of all training motions
 SIZE_FACTOR = 2.0  # times the size of the training, likewise
-MAX_ANNOUNCED_ERROR = 10.0, 3.0  # %, standard error of the torque there, for control and for simulation
+MAX_ANNOUNCED_ERROR = 3.0  # %, standard error of the torque there, with which a simulation can be trusted
 
 
 def announced_error(identification: Identification) -> float | None:
@@ -213,7 +213,6 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
     lost, total = _count_unexcited(identification)
     if lost > MAX_UNEXCITED_SHARE * total:
         yield verdict.MostlyUnexcited(lost, total)
-    yield from _announced_reasons(identification, Use.CONTROL)
 
 
 def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
@@ -231,10 +230,13 @@ def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
 
 def _against_simulation(identification: Identification) -> Iterator[Reason]:
     """Yield the reasons against a simulation, which turns small physical faults into growing errors."""
-    for log in identification.of_role("validation"):
+    # a free simulation that was run judges that itself
+    for log in identification.of_role("validation") if not identification.runs else ():
         if joints := tuple((joint, floor) for joint, floor in log.floors.items() if _is_above_floor(log, joint, floor)):
             yield verdict.AboveFloor(log.name, joints)
-    yield from _announced_reasons(identification, Use.SIMULATION)
+    error = identification.fact("announced error", lambda: announced_error(identification))
+    if error is not None and error > MAX_ANNOUNCED_ERROR:
+        yield verdict.Uncertain(error)
     lost, total = _count_unexcited(identification)
     if 0 < lost <= MAX_UNEXCITED_SHARE * total:
         yield verdict.PartlyUnexcited(lost, total)
@@ -346,13 +348,6 @@ def _is_above_floor(log: LogValidation, joint: str, floor: NoiseFloor) -> bool:
     """Return whether a joint's torque has an error beside the noise of the sensors that is large, and no chance."""
     excess = log.errors.per_joint[joint] * np.sqrt(max(1.0 - floor.ratio**-2, 0.0))
     return bool(floor.ratio > MAX_FLOOR_RATIO and excess > MAX_EXCESS_ERROR)
-
-
-def _announced_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
-    error = identification.fact("announced error", lambda: announced_error(identification))
-    limits = MAX_ANNOUNCED_ERROR
-    if error is not None and error > min(limits) and (error > max(limits)) == (use is Use.CONTROL):
-        yield verdict.Uncertain(error)
 
 
 def _count_unexcited(identification: Identification) -> tuple[int, int]:

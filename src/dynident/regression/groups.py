@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MAX_REPEAT_DIFFERENCE = 10.0  # %, difference of positions and torques below which two recordings are of one motion
-MAX_PATH_FACTOR = 1.25  # of size and of speed, up to which a path that is repeated is no other motion
+# of size and of speed: up to the second a path that is repeated is no other motion, and up to the first torques tell
+MIN_PATH_FACTOR, MAX_PATH_FACTOR = 1.03, 1.25
 MAX_RATE_ERROR = 0.12  # share of a rate by which it may differ in a part of a motion
 RATE_SEARCH = {"xatol": 2e-3, "maxiter": 15}  # precision of that share, and steps
 MAX_GRID_POINTS = 2**15  # of the common time axis of each recording
@@ -99,7 +100,7 @@ def repeats_path(first: Motion, second: Motion) -> bool:
         return False
     size = sizes[1] / sizes[0]
     rate = speeds[1] / speeds[0] / size
-    if max(size, rate, 1.0 / size, 1.0 / rate) > MAX_PATH_FACTOR:
+    if not MIN_PATH_FACTOR < max(size, rate, 1.0 / size, 1.0 / rate) < MAX_PATH_FACTOR:
         return False
 
     def difference(share: float) -> float:

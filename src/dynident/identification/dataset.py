@@ -10,7 +10,18 @@ from dynident.identification.recipe import Recipe, Rests, without_rests
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import SUBSTITUTE, Smoother, smooth_log
-from dynident.runtime import ConfigError, InputError, Note, Severity, Step, brief, percent, report_progress
+from dynident.runtime import (
+    ConfigError,
+    InputError,
+    Note,
+    Severity,
+    Step,
+    brief,
+    join_names,
+    percent,
+    report_progress,
+    short,
+)
 from dynident.validation import LogValidation
 
 Logs = Mapping[str, Mapping[str, Log]]
@@ -26,6 +37,20 @@ class NotFitted(Note):
 
     def __str__(self) -> str:
         return f"torques that are not fitted, only predicted and judged, by `unfitted`: {', '.join(self.joints)}"
+
+
+class NotLogged(Note):
+    """No log has these ``joints`` of the robot file: they are locked at ``positions``, in rad or m."""
+
+    joints: tuple[str, ...]
+    positions: tuple[float, ...]
+
+    def __str__(self) -> str:
+        places = (f"{name!r} at {short(value)}" for name, value in zip(self.joints, self.positions, strict=True))
+        return (
+            f"in none of the logs, so locked (rad, m): {join_names(places, 5)}; what they carry is part of the body "
+            "before them. Where they stand elsewhere, say so by `lock`"
+        )
 
 
 class NotJudged(Note):

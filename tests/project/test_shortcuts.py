@@ -306,3 +306,19 @@ class TestJointsThatAreNotLogged:
         file = two_link_file(tmp_path, "grip")
         with pytest.raises(DynidentError, match=words):
             dy.identify(file if robot == "file" else dy.read_robot(file), two_link_log(), **options)
+
+
+@pytest.mark.parametrize(
+    ("speed", "words"),
+    [
+        (1e9, "min_speed: is 1e\\+09 for 'shoulder', whose speed reaches"),
+        ({"elbow": 1e9}, "min_speed: is 1e\\+09 for 'elbow', whose speed reaches"),
+        (0.89998, "lower `min_speed` .*shoulder at 0.89998, which reaches 0.9"),
+    ],
+)
+def test_a_minimum_speed_that_leaves_too_little_is_named(tmp_path: Path, speed: float | dict, words: str) -> None:
+    robot = dy.read_robot(two_link_file(tmp_path), joints=["shoulder"]) if speed == 0.89998 else two_link_file(tmp_path)
+    log = two_link_log()
+    log = log.select(("shoulder",)).window(0.0, 5.0) if speed == 0.89998 else log
+    with pytest.raises(DynidentError, match=words):
+        dy.identify(robot, log, min_speed=speed, smoother=dy.Difference("central"), time_offset=0.0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dynident.identification.outliers import mask_outliers
 from dynident.identification.recipe import Recipe, Rests, without_rests
 from dynident.models import Model
@@ -196,6 +198,7 @@ class Dataset:
         if recipe.outliers == "mask":
             motions = mask_outliers(model, motions, self.trimmed, selection)
         motions["train"], rests = without_rests(model, motions["train"], self.recorded, recipe.rests, selection)
+        _check_speeds(recipe, selection.min_speed, tuple(motions["train"].values()))
         motions["train"] = {name: recipe.drop_unfitted(motion) for name, motion in motions["train"].items()}
         return RoleMotions(motions, rests)
 
@@ -203,6 +206,23 @@ class Dataset:
         """Return the logs of the training with the torques that are fitted."""
         pairs = zip(self.train_logs, motions.train, strict=True)
         return tuple(replace(log, tau=motion.tau) for log, motion in pairs)
+
+
+def _check_speeds(recipe: Recipe, speeds: tuple[float, ...] | None, motions: Sequence[Motion]) -> None:
+    """Raise ConfigError where ``min_speed`` leaves out every sample of a joint that it names, or of all joints."""
+    if speeds is None:
+        return
+    joints = motions[0].joints
+    fastest = [max(float(np.abs(motion.dq[motion.mask, j]).max(initial=0.0)) for motion in motions)
+               for j in range(len(joints))]  # fmt: skip
+    slow = [j for j, speed in enumerate(speeds) if speed > fastest[j] and joints[j] not in recipe.unfitted]
+    # a single number for all joints may leave out one that is held
+    if slow and (isinstance(recipe.min_speed, Mapping) or len(slow) + len(recipe.unfitted) >= len(joints)):
+        j = slow[0]
+        raise ConfigError(
+            f"min_speed: is {speeds[j]:g} for {joints[j]!r}, whose speed reaches {short(fastest[j])} (rad/s or m/s), so "
+            "that no sample of it is fitted; lower it, or name the joint by `unfitted`."
+        )
 
 
 def _logs_by_name(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:

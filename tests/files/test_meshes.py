@@ -176,19 +176,38 @@ def test_a_mesh_that_is_broken_is_said(tmp_path) -> None:
 
 NAMES = (
     "package://[x/a.stl", "file://[::1/a.stl", "http://[/", "package://a\u2100b/c.stl", "//[", "a\0b.stl", "", ".", "/",
-    "package://", "a" * 300 + ".stl", "..", "~", "\\\\host\\a.stl", "a.stl?x#y", "%zz.stl", "x:" + 9 * "/", "\ud800.stl",
+    "package://", "a" * 300 + ".stl", "..", "~", "\\\\host\\a.stl", "a.stl?x#y", "%zz.stl", "x:" + 9 * "/",
+    "\ud800.stl",
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_name_of_a_mesh_stops_what_draws(seed: int, tmp_path) -> None:
     rng = np.random.default_rng([91, seed])
-    pieces = ("package:", "file:", "//", "/", "[", "]", "@", ":99999999", "\0", "%00", "\u2100", "..", "a.stl", "?", "#")
+    pieces = (
+        "package:",
+        "file:",
+        "//",
+        "/",
+        "[",
+        "]",
+        "@",
+        ":99999999",
+        "\0",
+        "%00",
+        "\u2100",
+        "..",
+        "a.stl",
+        "?",
+        "#",
+    )
     random_names = ["".join(rng.choice(pieces, rng.integers(1, 7)).tolist()) for _ in range(30)]
     bodies = dy.RigidBodies(robot("NAME"))
     for name in (*NAMES, *random_names):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "build_geometry", lambda _, mesh, name=name: (mesh(name), build_geometry(bodies, mesh))[1])
+            patch.setattr(
+                module, "build_geometry", lambda _, mesh, name=name: (mesh(name), build_geometry(bodies, mesh))[1]
+            )
             assert name in read_geometry(bodies, tmp_path / "arm.urdf").missing
 
 
@@ -197,7 +216,9 @@ def test_no_name_of_a_mesh_stops_what_draws(seed: int, tmp_path) -> None:
 def test_no_content_of_a_mesh_costs_the_result(seed: int, suffix: str, tmp_path) -> None:
     """Bytes turned in a right file, numbers of any size, and files that are cut off: the result is written."""
     rng, make = np.random.default_rng([92, seed]), {".stl": (stl, text_stl)[seed % 2], ".obj": obj}[suffix]
-    data = bytearray(make(Mesh(BENT.vertices * 10.0 ** rng.integers(-30, 30), BENT.triangles)) if seed > 3 else make(BENT))
+    data = bytearray(
+        make(Mesh(BENT.vertices * 10.0 ** rng.integers(-30, 30), BENT.triangles)) if seed > 3 else make(BENT)
+    )
     for place in rng.integers(0, len(data), rng.integers(1, 8)):
         data[place] = rng.integers(256)
     found = identified()

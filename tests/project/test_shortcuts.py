@@ -230,11 +230,14 @@ def two_link_file(folder: Path, gripper: str = "") -> Path:
     """Return an arm of two links in a vertical plane, with a finger that slides where one is named."""
     tensor = np.diag([0.003, 0.02, 0.02])
     limits = '<limit effort="1" velocity="1" lower="0.01" upper="0.05"/>'
-    hand = (link("hand", 0.1, (0.02, 0, 0)), joint(gripper, "prismatic", "fore", "hand", inside=limits)) if gripper else ()
+    hand = (
+        (link("hand", 0.1, (0.02, 0, 0)), joint(gripper, "prismatic", "fore", "hand", inside=limits)) if gripper else ()
+    )
     file = folder / "arm.urdf"
     file.write_text(
         urdf(
-            link("base"), link("upper", 2.0, (0.15, 0, 0), tensor=tensor), link("fore", 1.0, (0.1, 0, 0), tensor=tensor),
+            link("base"), link("upper", 2.0, (0.15, 0, 0), tensor=tensor),
+            link("fore", 1.0, (0.1, 0, 0), tensor=tensor),
             joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
             joint("elbow", "revolute", "upper", "fore", (0.3, 0, 0), axis=(0, 1, 0)), *hand,
         )

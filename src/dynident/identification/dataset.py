@@ -220,8 +220,8 @@ def _check_speeds(recipe: Recipe, speeds: tuple[float, ...] | None, motions: Seq
     if slow and (isinstance(recipe.min_speed, Mapping) or len(slow) + len(recipe.unfitted) >= len(joints)):
         j = slow[0]
         raise ConfigError(
-            f"min_speed: is {speeds[j]:g} for {joints[j]!r}, whose speed reaches {short(fastest[j])} (rad/s or m/s), so "
-            "that no sample of it is fitted; lower it, or name the joint by `unfitted`."
+            f"min_speed: is {speeds[j]:g} for {joints[j]!r}, whose speed reaches {short(fastest[j])} (rad/s or m/s), "
+            "so that no sample of it is fitted; lower it, or name the joint by `unfitted`."
         )
 
 

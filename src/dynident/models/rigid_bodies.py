@@ -157,10 +157,12 @@ class RigidBodies(Term):
     displacements: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.xml, str) or ("<" not in self.xml and "\n" not in self.xml and PurePath(self.xml).suffix):
+        if not isinstance(self.xml, str) or (
+            "<" not in self.xml and "\n" not in self.xml and PurePath(self.xml).suffix
+        ):
             raise ModelError(
-                f"RigidBodies: xml is {short_repr(self.xml)}; it is the text of a robot file. From its path a model is made "
-                f"by `dynident.read_robot({str(self.xml)!r})`."
+                f"RigidBodies: xml is {short_repr(self.xml)}; it is the text of a robot file. From its path a model is "
+                f"made by `dynident.read_robot({str(self.xml)!r})`."
             )
         pairs = self.locked.items() if isinstance(self.locked, Mapping) else self.locked
         object.__setattr__(self, "locked", tuple((str(name), float(value)) for name, value in pairs))

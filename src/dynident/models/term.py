@@ -80,8 +80,8 @@ def check_joints(term: object, joints: object) -> tuple[Joint, ...]:
     for joint in sequence:
         if not isinstance(joint, Joint):
             raise ModelError(
-                f"{type(term).__name__}: joints has {short_repr(joint)}, a {type(joint).__name__}; give the joints of a "
-                "model, `model.joints`, or Joint(name, kind)."
+                f"{type(term).__name__}: joints has {short_repr(joint)}, a {type(joint).__name__}; give the joints "
+                "of a model, `model.joints`, or Joint(name, kind)."
             )
     return sequence
 

@@ -15,8 +15,8 @@ from dynident.identification import Identifiability, Identification, Sources, St
 from dynident.models import Model
 from dynident.project.config import has_changed, is_xacro, load_model, parse_config
 from dynident.project.parts import build
-from dynident.project.settings import robot_settings
 from dynident.project.result_format import ResultFile, ResultTables, read_result
+from dynident.project.settings import robot_settings
 from dynident.runtime import ConfigError, InputError, ModelError
 from dynident.runtime.families import PartFamily
 

@@ -267,7 +267,9 @@ def _to_model(
         raise ModelError(f"robot: {str(robot)!r} is a configuration; run it with `dynident.run({str(robot)!r})`.")
     if isinstance(robot, Model) or robot_settings(str(robot)) is None:
         if joints is not None or lock is not None:
-            raise ConfigError("joints, lock: are of a robot file; a model says them where it is made, as by `read_robot`.")
+            raise ConfigError(
+                "joints, lock: are of a robot file; a model says them where it is made, as by `read_robot`."
+            )
         return (robot if isinstance(robot, Model) else load_model(str(robot))), ()
     settings = {"file": str(robot), "joints": joints, "lock": lock or {}}
     model = load_model(read_settings(RobotSettings, settings, "identify", **HERE))

@@ -16,8 +16,8 @@ from dynident.apps.ranking.differences import differences, joint_errors, mean_er
 from dynident.motion.log import Log
 from dynident.project.settings import RobotSettings, robot_settings
 from dynident.runtime import ConfigError, InputError
-from tests.robots import joint, link, urdf
 from tests.apps.ranking.made import make_project
+from tests.robots import joint, link, urdf
 
 
 def test_blocks_are_of_equal_time_and_of_one_log_each() -> None:

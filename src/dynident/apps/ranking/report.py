@@ -114,8 +114,8 @@ def _chance_lines(ranking: Ranking) -> Iterator[str]:
         remedy = (
             ", as are those of all others: take a consistent estimator for simulation and control."
             if possible is None
-            else f": for simulation and control take {with_words(possible.combination)} ({percent(possible.error)}), the "
-            "best whose bodies are possible."
+            else f": for simulation and control take {with_words(possible.combination)} ({percent(possible.error)}), "
+            "the best whose bodies are possible."
         )
         yield f"Its bodies are physically impossible (an eigenvalue below zero){remedy}"
 

@@ -352,7 +352,13 @@ def identification_notes(identification: Identification) -> list[Line]:
     ]
     reason_lines = [Line(f"Warning: {reason}.", Severity.WARNING) for reason in reasons]
     other_lines = [*note_lines(identification.notes), *_check_lines(_other_findings(identification))]
+    offset, tilt = identification.calibration.time_offset, identification.calibration.base_tilt
+    corrections = [
+        *([offset] if offset is not None and offset.seconds else ()),
+        *([tilt] if tilt is not None and (tilt.x or tilt.y) else ()),
+    ]
     return [
+        *(Line(f"Note: {correction}.") for correction in corrections),
         *map(Line, (*notes, *unknown_noise(identification))),
         *(Line(shorten_warning(line.text), line.severity) for line in (*reason_lines, *other_lines)),
     ]

@@ -63,7 +63,12 @@ def result_data(identification: Identification, report: Mapping[str, Any] | None
 
 
 def _locked_positions(model: Model) -> dict[str, float]:
-    return {name: float(value) for term in model.terms if isinstance(term, RigidBodies) for name, value in term.locked}
+    return {
+        name: float(value)
+        for term in model.terms
+        if isinstance(term, RigidBodies)
+        for name, value in dict(term.locked).items()
+    }
 
 
 def _parameter_rows(identification: Identification) -> Iterator[dict[str, Any]]:

@@ -279,7 +279,7 @@ def _to_model(
     if joints is not None or not missing or len(missing) == len(model.joints):
         return model, ()
     positions = {name: _rest_position(model.limits[name]) for name in missing}
-    settings["lock"] = {**settings["lock"], **positions}
+    settings["lock"] = {**(lock or {}), **positions}
     note = NotLogged(tuple(missing), tuple(positions.values()))
     return load_model(read_settings(RobotSettings, settings, "identify", **HERE)), (note,)
 

@@ -10,6 +10,7 @@ import pytest
 
 from dynident.checks import channel_notes, check_log, check_log_fully, log_notes, run_checks
 from dynident.identification import Recipe
+from dynident.models.friction import Coulomb
 from dynident.models.lagrangian import pendulum
 from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log, Motion
@@ -115,3 +116,25 @@ def test_interpolated_positions_are_said() -> None:
     notes = [one.message for one in check_log_fully(replace(ONE, q=coarse[:, None]), {"pivot": "revolute"})]
     (note,) = (one for one in notes if isinstance(one, log_notes.InterpolatedPositions))
     assert note.share == pytest.approx(0.8, abs=0.02)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, 1.5, 3.5, 5.5])
+@pytest.mark.parametrize("at_end", [False, True])
+def test_a_reversal_in_the_first_or_last_samples_is_no_spike(turn: float, at_end: bool) -> None:
+    arm, phase = ARM.with_terms(Coulomb(ARM.joints)), 2.3 * (T - turn * 0.005)
+    q, dq, ddq = (x[:, None] for x in (np.cos(phase), -2.3 * np.sin(phase), -(2.3**2) * np.cos(phase)))
+    rng, theta = np.random.default_rng(0), [*ARM.values, 0.5]
+    tau = arm.torque(q, dq, ddq, theta) + 0.01 * rng.standard_normal(q.shape)
+    q = q + 1e-5 * rng.standard_normal(q.shape)
+    recording = Log(T, q[::-1] if at_end else q, tau[::-1] if at_end else tau, ("pivot",), "a")
+    recipe = Recipe(Spline(sigma=1e-5))
+    assert not [one for one in run_checks(arm, {"train": {"a": recording}}, recipe).findings
+                if isinstance(one.message, log_notes.TorqueSpikes)]  # fmt: skip
+    if turn > 4:  # a spike before a step is seen as neither
+        return
+    wrong = recording.tau.copy()
+    wrong[-1 if at_end else 0] += 5.0  # more than any friction
+    loose = replace(recording, tau=wrong)
+    (one,) = [one for one in run_checks(arm, {"train": {"a": loose}}, recipe).findings
+              if isinstance(one.message, log_notes.TorqueSpikes)]  # fmt: skip
+    assert one.message.largest == pytest.approx(5.0, abs=1.2)

@@ -14,7 +14,7 @@ from dynident.models.friction import Offset, Viscous
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Motion
 from dynident.runtime import Note
-from tests.robots import ARM
+from tests.robots import ARM, joint, link, urdf
 
 BODIES = RigidBodies(ARM)
 JOINTS = BODIES.joints
@@ -78,6 +78,28 @@ def test_a_torque_of_another_joint_is_asked_about() -> None:
     (note,) = (one for one in notes_on(replace(moved, tau=swapped)) if isinstance(one, file_notes.UnrelatedTorque))
     assert note.ratio > 2
     assert abs(note.correlation) < 0.3
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("share", [0.8, 0.9, 1.0, 1.1, 1.3, 2.0])
+def test_a_counterbalance_explains_what_the_file_does_not(share: float, speed: float) -> None:
+    """It carries a share of the weight; without it the torque would pass for another's, or for one of another sign."""
+    file = urdf(
+        link("base"), link("upper", 2.0, (0.15, 0, 0.02)), link("fore", 1.0, (0.1, 0, 0.03)),
+        joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
+        joint("elbow", "revolute", "upper", "fore", (0.3, 0, 0), axis=(0, 1, 0)),
+    )  # fmt: skip
+    bodies = RigidBodies(file)
+    model = Model((bodies, RotorInertia(bodies.joints), Viscous(bodies.joints), Offset(bodies.joints)))
+    theta = np.array([0.1 if parameter.value is None else parameter.value for parameter in model.parameters])
+    rates = speed * np.array([1.3, 2.0])
+    phase = np.outer(T, rates)
+    states = np.sin(phase), rates * np.cos(phase), -(rates**2) * np.sin(phase)
+    tau = model.torque(*states, theta)
+    weight = np.column_stack([np.sin(states[0][:, 0]), np.cos(states[0][:, 0])])
+    tau[:, 0] -= share * weight @ np.linalg.lstsq(weight, tau[:, 0])[0]
+    names = tuple(each.name for each in bodies.joints)
+    assert topics(Motion(T, *states, tau, names, np.ones(len(T), bool)), model) == []
 
 
 def test_without_a_robot_file_friction_and_inertia_tell_the_sign() -> None:

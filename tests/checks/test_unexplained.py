@@ -74,6 +74,16 @@ def test_what_is_left_at_the_reversals_of_a_joint_is_said(joint: int) -> None:
     assert 0.4 < one.message.share < 1.0
 
 
+@pytest.mark.parametrize("width", [0.02, 0.1])
+def test_friction_that_turns_smoothly_is_no_backlash(width: float) -> None:
+    velocity, sign = MOVED.dq[:, 2], np.sign(MOVED.dq[:, 2])
+    smooth = with_torque(20.0 * (np.tanh(velocity / (width * velocity.std())) - sign), 2)
+    for finding in reversal_findings(arm(), [smooth]):
+        assert finding.severity is Severity.INFO
+        assert "backlash" not in str(finding)
+        assert finding.message.width == pytest.approx(width * velocity.std(), rel=0.6)
+
+
 def test_a_right_arm_and_a_single_event_leave_nothing_there() -> None:
     assert list(reversal_findings(arm(), [MOVED])) == []
     assert list(reversal_findings(arm(), [with_torque(10.0 * after_reversals(0, only=3))])) == []

@@ -13,6 +13,8 @@ from dynident.files.opener import refuse_inputs, watch_inputs
 from dynident.identification import SourceFile
 from dynident.models import Mesh, ShapeSource
 from dynident.models import lagrangian as gallery
+from dynident.models.geometry import build_geometry
+from dynident.report.identification.report import run_files
 from dynident.runtime import ConfigError, InputError, ModelError
 from tests.apps.excitation.meshes import BENT, volume
 from tests.report.robots import identified
@@ -70,6 +72,10 @@ def test_a_polygon_is_a_fan_of_triangles(tmp_path) -> None:
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "a corner that the file does not have"),
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "'x' is no number of a corner"),
         ("a.obj", b"v 0 0\n", "does not have three numbers"),
+        *(
+            ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 %d\n" % corner, "a corner that the file does not have")
+            for corner in (0, -4, 10**19, -(10**19), 10**400)
+        ),
     ],
 )
 def test_a_file_that_is_no_mesh_is_refused(name, data, what, tmp_path) -> None:
@@ -166,6 +172,73 @@ def test_a_mesh_that_is_broken_is_said(tmp_path) -> None:
     (tmp_path / "arm.stl").write_bytes(b"solid")
     found = read_geometry(dy.RigidBodies(robot("arm.stl")), tmp_path / "arm.urdf")
     assert "has no triangles" in found.missing["arm.stl"]
+
+
+NAMES = (
+    "package://[x/a.stl", "file://[::1/a.stl", "http://[/", "package://a\u2100b/c.stl", "//[", "a\0b.stl", "", ".", "/",
+    "package://", "a" * 300 + ".stl", "..", "~", "\\\\host\\a.stl", "a.stl?x#y", "%zz.stl", "x:" + 9 * "/",
+    "\ud800.stl",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_name_of_a_mesh_stops_what_draws(seed: int, tmp_path) -> None:
+    rng = np.random.default_rng([91, seed])
+    pieces = (
+        "package:",
+        "file:",
+        "//",
+        "/",
+        "[",
+        "]",
+        "@",
+        ":99999999",
+        "\0",
+        "%00",
+        "\u2100",
+        "..",
+        "a.stl",
+        "?",
+        "#",
+    )
+    random_names = ["".join(rng.choice(pieces, rng.integers(1, 7)).tolist()) for _ in range(30)]
+    bodies = dy.RigidBodies(robot("NAME"))
+    for name in (*NAMES, *random_names):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(
+                module, "build_geometry", lambda _, mesh, name=name: (mesh(name), build_geometry(bodies, mesh))[1]
+            )
+            assert name in read_geometry(bodies, tmp_path / "arm.urdf").missing
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj"])
+@pytest.mark.parametrize("seed", range(6))
+def test_no_content_of_a_mesh_costs_the_result(seed: int, suffix: str, tmp_path) -> None:
+    """Bytes turned in a right file, numbers of any size, and files that are cut off: the result is written."""
+    rng, make = np.random.default_rng([92, seed]), {".stl": (stl, text_stl)[seed % 2], ".obj": obj}[suffix]
+    data = bytearray(
+        make(Mesh(BENT.vertices * 10.0 ** rng.integers(-30, 30), BENT.triangles)) if seed > 3 else make(BENT)
+    )
+    for place in rng.integers(0, len(data), rng.integers(1, 8)):
+        data[place] = rng.integers(256)
+    found = identified()
+    (tmp_path / "missing.stl").write_bytes(data[: rng.integers(len(data) // 2, len(data) + 1)])
+    beside = replace(found, provenance=replace(found.provenance, model=SourceFile(str(tmp_path / "tree.urdf"))))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(module.READERS, ".stl", module.READERS[suffix])
+        files = run_files(beside)
+    assert files["result.json"]
+    assert "</html>" in files["report.html"]
+
+
+def test_a_picture_that_fails_is_said_and_the_result_written(monkeypatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("no hull")
+
+    found = identified()
+    monkeypatch.setattr(module, "read_geometry", fail)
+    assert result_geometry(found).missing == {found.model.terms[0].source: "no hull"}
+    assert "no hull" in run_files(found)["report.html"]
 
 
 def test_the_shapes_of_a_result_are_sought_beside_its_robot_file(tmp_path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from dynident.models import Joint, Lagrangian, Model, Parameter, Partials, Rigid
 from dynident.models.friction import Viscous
 from dynident.models.lagrangian import two_link_arm
 from dynident.runtime import ModelError
+from dynident.runtime.families import TERMS
 from dynident.testing import check_term
 from dynident.testing.term import sample_states
 from tests.robots import ARM
@@ -116,3 +119,25 @@ def test_what_is_no_term_is_refused() -> None:
         Model((type("Underived", (Term,), {**vars(Alike)})(),)).partials(*sample_states(2), np.ones(2))
     assert RigidBodies(ARM).has_own("entries")
     assert two_link_arm().terms[0].has_own("mass_and_bias")
+
+
+@pytest.mark.parametrize("wrong", ["one", ("one",), 3, None, [3.0]], ids=repr)
+@pytest.mark.parametrize("kind", TERMS.table)
+def test_joints_that_are_none_are_named_with_what_is_right(kind: str, wrong: object) -> None:
+    settings = {
+        name: {"coefficients": {"one": 1.0}, "law": "viscous", "name": "motor"}.get(name, 1.0)
+        for name, field in inspect.signature(TERMS.get(kind)).parameters.items()
+        if field.default is field.empty and name != "joints"
+    }
+    with pytest.raises(ModelError, match=r"joints has .*; give the joints of a model, `model\.joints`"):
+        TERMS.get(kind)(joints=wrong, **settings)
+
+
+def test_a_single_joint_needs_no_tuple() -> None:
+    assert Viscous(Joint("a")) == Viscous((Joint("a"),))
+
+
+@pytest.mark.parametrize("path", ["arm.urdf", "robots/arm.xml", Path("arm.urdf"), None], ids=repr)
+def test_the_path_of_a_robot_file_is_no_text_of_one(path: object) -> None:
+    with pytest.raises(ModelError, match=r"RigidBodies: xml is .*`dynident\.read_robot"):
+        RigidBodies(path)  # type: ignore[arg-type]

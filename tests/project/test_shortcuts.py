@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import get_type_hints
 
 import numpy as np
@@ -12,10 +13,11 @@ import pytest
 import yaml
 
 import dynident as dy
+from dynident.identification import NotLogged
 from dynident.models.lagrangian import pendulum
 from dynident.project.shortcuts import RecipeFields, default_recipe
 from dynident.runtime import ConfigError, DynidentError, InputError, ModelError, progress_to
-from tests.robots import ARM
+from tests.robots import ARM, joint, link, urdf
 
 T = np.arange(1001) * 0.01
 RAIL = {"slider": ("x", "mm")}
@@ -222,3 +224,104 @@ WRONG: dict[str, Callable[[], object]] = {
 def test_an_argument_of_another_type_is_named(words: str) -> None:
     with pytest.raises(DynidentError, match=words):
         WRONG[words]()
+
+
+def two_link_file(folder: Path, gripper: str = "") -> Path:
+    """Return an arm of two links in a vertical plane, with a finger that slides where one is named."""
+    tensor = np.diag([0.003, 0.02, 0.02])
+    limits = '<limit effort="1" velocity="1" lower="0.01" upper="0.05"/>'
+    hand = (
+        (link("hand", 0.1, (0.02, 0, 0)), joint(gripper, "prismatic", "fore", "hand", inside=limits)) if gripper else ()
+    )
+    file = folder / "arm.urdf"
+    file.write_text(
+        urdf(
+            link("base"), link("upper", 2.0, (0.15, 0, 0), tensor=tensor),
+            link("fore", 1.0, (0.1, 0, 0), tensor=tensor),
+            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
+            joint("elbow", "revolute", "upper", "fore", (0.3, 0, 0), axis=(0, 1, 0)), *hand,
+        )
+    )  # fmt: skip
+    return file
+
+
+def two_link_log(rate: float = 1.0, name: str = "monday") -> dy.Log:
+    """Return a recording of that arm with friction of which its file says nothing."""
+    with TemporaryDirectory() as folder:
+        robot = dy.read_robot(two_link_file(Path(folder)))
+    t, rng, w = np.arange(2001) * 0.004, np.random.default_rng(0), rate * np.array([0.9, 1.5])
+    phase = np.multiply.outer(t, w)
+    motion = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
+    tau = robot.torque(*motion, [0.5 if one.value is None else one.value for one in robot.parameters])
+    return dy.Log(t, motion[0], tau + 0.02 * rng.standard_normal(tau.shape), ("shoulder", "elbow"), name)
+
+
+class TestChosenTerms:
+    @pytest.mark.parametrize("recipe", [None, dy.Recipe(time_offset=0.0)])
+    @pytest.mark.parametrize("terms", ["auto", ["auto", "viscous"]])
+    def test_a_model_knows_that_its_terms_are_to_be_chosen(
+        self, tmp_path: Path, terms: str | list[str], recipe: dy.Recipe | None
+    ) -> None:
+        robot, log = dy.read_robot(two_link_file(tmp_path), terms=terms), two_link_log()
+        assert robot.chooses_terms
+        assert "to be chosen" in repr(robot)
+        found = dy.identify(robot, log, {"tuesday": two_link_log(1.2)}, recipe)
+        assert {"Fc_shoulder", "Fv_elbow"} <= set(found.model.names)
+        assert not found.model.chooses_terms
+        assert all(one.errors.relative_error < 2 for one in found.validations)
+        found.save(tmp_path / "result.json")
+        again = dy.load(tmp_path / "result.json", robot)
+        assert again.model.names == found.model.names
+        assert not again.model.chooses_terms
+
+
+class TestJointsThatAreNotLogged:
+    def test_they_are_locked_with_a_note_that_stays(self, tmp_path: Path) -> None:
+        file, log = two_link_file(tmp_path, "grip"), two_link_log()
+        found = dy.identify(file, log)
+        assert found.warnings[0] == NotLogged(("grip",), (0.01,))
+        found.save(tmp_path / "result.json")
+        again = dy.load(tmp_path / "result.json")
+        assert again.model.names == found.model.names
+        assert again.predict(log).errors.relative_error < 2
+        assert "'grip' at 0.01" in str(dy.check(file, log).findings[0])
+        bound = dy.accuracy_bound(file, log, dy.Recipe(terms=None), sigma_q=1e-4, sigma_tau=0.02)
+        assert "'grip' at 0.01" in str(bound.identification.warnings[0])
+
+    def test_a_position_that_is_given_is_used_and_kept(self, tmp_path: Path) -> None:
+        file, log = two_link_file(tmp_path, "grip"), two_link_log()
+        found = dy.identify(file, log, lock={"grip": 0.03}, joints=["elbow", "shoulder"], terms=None)
+        assert not any(isinstance(note, NotLogged) for note in found.warnings)
+        found.save(tmp_path / "result.json")
+        (bodies,) = dy.load(tmp_path / "result.json").model.terms
+        assert (bodies.locked, bodies.joints_used) == ((("grip", 0.03),), ("elbow", "shoulder"))
+
+    @pytest.mark.parametrize(
+        ("robot", "options", "words"),
+        [
+            ("file", {"joints": ["grip", "elbow"]}, "monday: no joint 'grip'; .* or lock it"),
+            ("file", {"lock": {"gripp": 0.0}}, "did you mean 'grip'"),
+            ("model", {}, "monday: no joint 'grip'; .* or lock it"),
+            ("model", {"lock": {"grip": 0.0}}, "`read_robot`"),
+        ],
+    )
+    def test_others_are_named_with_the_remedy(self, tmp_path: Path, robot: str, options: dict, words: str) -> None:
+        file = two_link_file(tmp_path, "grip")
+        with pytest.raises(DynidentError, match=words):
+            dy.identify(file if robot == "file" else dy.read_robot(file), two_link_log(), **options)
+
+
+@pytest.mark.parametrize(
+    ("speed", "words"),
+    [
+        (1e9, "min_speed: is 1e\\+09 for 'shoulder', whose speed reaches"),
+        ({"elbow": 1e9}, "min_speed: is 1e\\+09 for 'elbow', whose speed reaches"),
+        (0.89998, "lower `min_speed` .*shoulder at 0.89998, which reaches 0.9"),
+    ],
+)
+def test_a_minimum_speed_that_leaves_too_little_is_named(tmp_path: Path, speed: float | dict, words: str) -> None:
+    robot = dy.read_robot(two_link_file(tmp_path), joints=["shoulder"]) if speed == 0.89998 else two_link_file(tmp_path)
+    log = two_link_log()
+    log = log.select(("shoulder",)).window(0.0, 5.0) if speed == 0.89998 else log
+    with pytest.raises(DynidentError, match=words):
+        dy.identify(robot, log, min_speed=speed, smoother=dy.Difference("central"), time_offset=0.0)

@@ -344,6 +344,8 @@ def _last_body_regressor(case: FitCase, last: Sequence[int]) -> Array:
 REVERSAL_SAMPLES = 1000  # of all motions, up to twice as many
 REVERSAL_TIME = 0.05  # s, from a reversal
 MIN_REVERSAL_SHARE = 0.4  # share of a joint's squared residual, as for effects that are warned of
+SMOOTH_WIDTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # of the rms speed: where friction may turn smoothly
+MAX_SMOOTH_REMAINDER = 0.5  # share of the squared residual that a smooth friction may leave to be taken for the cause
 MIN_REVERSAL_ERROR = 0.5  # %, of a joint's torque, as there
 # share of it that must be outside the fifth of the data with the most: more than a single event
 MIN_LASTING_SHARE = 0.2
@@ -376,13 +378,32 @@ def reversal_findings(
     ]
     if not motion_rows:
         return
-    fit = misfit(measured_case(model, thin_motions(motions, REVERSAL_SAMPLES), min_speed))
+    case = measured_case(model, thin_motions(motions, REVERSAL_SAMPLES), min_speed)
+    fit = misfit(case)
     near_reversals = np.concatenate([~steady_mask(motion, REVERSAL_TIME)[indices] for motion, indices in motion_rows])
     for j, joint in enumerate(model.joints):
         share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], fit.weight[:, j] > 0)
         excess_error = 100.0 * share**0.5 * float(fit.error[j])
         if share > MIN_REVERSAL_SHARE and excess_error > MIN_REVERSAL_ERROR:
-            yield Finding(LeftAtReversals(excess_error, share), joint.name)
+            width = _smooth_friction_width(case, fit, j)
+            severity = Severity.INFO if width else Severity.WARNING
+            yield Finding(LeftAtReversals(excess_error, share, width), joint.name, severity=severity)
+
+
+def _smooth_friction_width(case: FitCase, fit: Misfit, j: int) -> float:
+    """Return the width (rad/s or m/s) of the friction whose smooth sign explains a joint's residual, 0 where none does.
+
+    It turns with the velocity alone; backlash and elastic gears come after a reversal, and stay unexplained.
+    """
+    speed = max(float(np.sqrt(np.mean(case.dq[:, j] ** 2))), 1e-12)
+    # each width is fitted with all parameters of the model free, also the Coulomb friction with its jump
+    remaining = {}
+    for width in (share * speed for share in SMOOTH_WIDTHS):
+        column = _column_of_joint(case, j, np.tanh(case.dq[:, j] / width))
+        smooth_fit = misfit(replace(case, extra=(*case.extra, column)), fit.weight.max(axis=0))
+        remaining[width] = float(mean_square(smooth_fit)[j])
+    best = min(remaining, key=lambda width: remaining[width])
+    return best if remaining[best] < MAX_SMOOTH_REMAINDER * float(mean_square(fit)[j]) else 0.0
 
 
 def _share_near(squared: Array, near_reversals: NDArray[np.bool_], counted: NDArray[np.bool_]) -> float:

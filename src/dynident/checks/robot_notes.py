@@ -358,19 +358,26 @@ class LeftAtReversals(Note):
 
     ``left`` % of its torque are left within 50 ms of them, beyond what is left elsewhere. ``share`` is its share
     of the joint's squared residual as measured. Backlash and elastic gears do this, and friction that builds up
-    gradually, which the torque alone does not tell.
+    gradually, which the torque alone does not tell. ``width`` (rad/s or m/s) is that of a friction whose sign turns
+    smoothly and which explains it, 0 where none does.
     """
 
     topic = "unexplained"
     left: float
     share: float
+    width: float = 0.0
 
     def __str__(self) -> str:
+        cause = (
+            f"Friction that turns smoothly with the velocity explains it: set `coulomb_width` to about "
+            f"{short(self.width, 2)} rad/s (m/s), or leave the terms to the logs (`terms: auto`)."
+            if self.width
+            else "Has the gear backlash, or is the position that of a motor behind an elastic joint? Friction that "
+            "builds up gradually looks alike. `min_speed` leaves slow samples out."
+        )
         return (
             f"{percent(self.left, 2)} of its torque is left near its reversals (50 ms), beyond what is left "
-            f"elsewhere: {100 * self.share:.0f} % of the joint's squared residual. Has the gear backlash, or is the "
-            "position that of a motor behind an elastic joint? Friction that builds up gradually looks alike. "
-            "`min_speed` leaves slow samples out."
+            f"elsewhere: {100 * self.share:.0f} % of the joint's squared residual. {cause}"
         )
 
 

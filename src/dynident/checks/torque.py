@@ -155,7 +155,8 @@ class Agreement:
     """The measured torque of one joint compared with the nominal one; ``scale`` times the nominal torque fits best.
 
     ``scale`` and ``correlation`` (partial) are taken with friction, rotor inertia and offset projected out; both
-    are nan where the file has no inertias. ``rotor`` (kg m^2 or kg) and ``friction``, the share of the power
+    are nan where the file has no inertias; ``balanced`` is the correlation with a spring or counterbalance of this
+    joint projected out as well. ``rotor`` (kg m^2 or kg) and ``friction``, the share of the power
     dissipated by friction, are those of a fit of this joint alone. ``asked`` is the rms of the nominal over the
     measured torque.
     """
@@ -166,6 +167,7 @@ class Agreement:
     rotor: float
     friction: float
     asked: float = float("nan")
+    balanced: float = float("nan")
 
 
 def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
@@ -182,10 +184,11 @@ def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
         friction_power = coefficients[1] * np.mean(dq[:, j] ** 2) + coefficients[2] * np.mean(columns[:, 2] * dq[:, j])
         power = _rms_speed(dq, j) * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
         compared = _partial_regression(file_torque[:, j], tau[:, j], columns) if has_nominal else (np.nan,) * 3
+        balance = np.column_stack([columns, *gravity_columns, q[:, j]])
+        balanced = _partial_regression(file_torque[:, j], tau[:, j], balance)[1] if has_nominal else np.nan
         scale, correlation, ratio = map(float, compared)
-        agreements.append(
-            Agreement(joint.name, scale, correlation, float(coefficients[0]), float(friction_power / power), ratio)
-        )
+        rotor, friction = float(coefficients[0]), float(friction_power / power)
+        agreements.append(Agreement(joint.name, scale, correlation, rotor, friction, ratio, balanced))
     return tuple(agreements)
 
 
@@ -247,6 +250,9 @@ def agreement_findings(joint_agreement: Agreement, unit: str) -> Iterator[Findin
         and joint_agreement.rotor < 0
         and joint_agreement.friction < -MIN_DRIVING_SHARE
     )
+    # with a spring or counterbalance beside it the torque is that of the file
+    if joint_agreement.balanced > MIN_SIGN_CORRELATION and not joint_agreement.correlation > MAX_UNRELATED_CORRELATION:
+        return
     if joint_agreement.correlation < -MIN_SIGN_CORRELATION or is_driven:
         sign = file_notes.ReversedSign(None if is_driven else joint_agreement.correlation)
         yield Finding(sign, joint_agreement.joint)

@@ -131,7 +131,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs.
 
     Logs too long for the memory (Parquet) are fitted in pieces, by the workers; with --out an interrupted run goes on
-    where it stopped.
+    where it stopped. Of others, several smoothers are tried by the cluster, where one is named.
     """
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
@@ -156,7 +156,10 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
             if out:
                 names = ("result.json", "report.html", *export_files(project.model))
                 refuse_inputs(*(out / name for name in names))
-            with spread.executor("dynident.project.long_recordings") if project.long else nullcontext() as executor:
+            # a cluster is asked for by name, so it also tries the smoothers of logs that fit the memory
+            uses_cluster = spread.cluster is not None and len(project.recipe.smoothers) > 1
+            is_spread = project.long or uses_cluster
+            with spread.executor("dynident.project.long_recordings") if is_spread else nullcontext() as executor:
                 state_folder = folder.path if folder else None
                 identification = project.identify(executor=executor, limits=spread.limits, folder=state_folder)
             report_progress("writing and verifying the model")
@@ -175,6 +178,8 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
         screen.show(table)
     for note in (*identification_notes(identification), *map(Line, export_notes(model_exports))):
         say_line(screen, note)
+    if spread.cluster is not None and not is_spread:
+        screen.remark("Note: --cluster was not used: the logs fit the memory, and there is one smoother to try.")
     for step in steps:
         screen.remark(f"Next: {step}")
     screen.remark(f"Computed by {kernel()}.")

@@ -44,8 +44,8 @@ def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = (
 
     @cache
     def mesh(name: str) -> Mesh | None:
-        path = next((path for path in _candidates(name, robot, packages) if os.path.isfile(path)), None)
         try:
+            path = next((path for path in _candidates(name, robot, packages) if os.path.isfile(path)), None)
             if path is None:
                 raise InputError("there is no such file.")
             return read_mesh(path)
@@ -67,7 +67,7 @@ def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = (
 def result_geometry(identification: Identification) -> Geometry | None:
     """Return the shapes of an identified robot, with the meshes that are found from where its file was.
 
-    None where the model does not come from a robot file. A shape with a wrong size is not an error here: it is
+    None where the model does not come from a robot file. A shape that cannot be used is not an error here: it is
     listed as missing, and only the joints are used.
     """
     bodies, file = rigid_bodies(identification), identification.provenance.model
@@ -75,8 +75,13 @@ def result_geometry(identification: Identification) -> Geometry | None:
         return None
     try:
         return read_geometry(bodies, Path(file.path if file else bodies.source))
-    except ModelError as error:
-        return replace(rod_geometry(bodies), missing={bodies.source: str(error)})
+    except Exception as error:  # a picture may not cost the result, whatever a mesh holds
+        return rods_for(bodies, error)
+
+
+def rods_for(bodies: RigidBodies, error: Exception) -> Geometry:
+    """Return rods between the joints in place of shapes that cannot be drawn, and that they are missing."""
+    return replace(rod_geometry(bodies), missing={bodies.source: str(error) or type(error).__name__})
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -95,7 +100,11 @@ def read_mesh(path: Path) -> Mesh:
 
 def _candidates(name: str, robot: Path, packages: Sequence[Path]) -> Iterator[Path]:
     """Yield where a file may be that a robot file names."""
-    url, folder = urlparse(name), Path(os.path.abspath(robot)).parent
+    folder = Path(os.path.abspath(robot)).parent
+    try:
+        url = urlparse(name)
+    except ValueError as error:
+        raise InputError(f"{name!r} is no name of a file, and no URL.") from error
     if url.scheme in PACKAGE_SCHEMES:
         package, mesh_path = url.netloc, unquote(url.path).lstrip("/")
         # given packages, the environment, then around the file; a root contains the package or is it
@@ -163,6 +172,8 @@ def _corner_index(word: str, count: int, path: Path) -> int:
         number = int(word)
     except ValueError as error:
         raise InputError(f"{path}: {word!r} is no number of a corner.") from error
+    if not 0 < abs(number) <= count:
+        raise InputError(f"{path}: a triangle has a corner that the file does not have: {word}.")
     return number - 1 if number > 0 else count + number
 
 

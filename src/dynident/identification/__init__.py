@@ -21,7 +21,7 @@ from dynident.identification.cross_validation import (
     cross_validated_error,
     cut_excerpts,
 )
-from dynident.identification.dataset import NotFitted, NotJudged, SubstituteUsed, substitute_notes
+from dynident.identification.dataset import NotFitted, NotJudged, NotLogged, SubstituteUsed, substitute_notes
 from dynident.identification.identify import estimate_parameters, identify
 from dynident.identification.long import InPieces, PiecePlan, identify_from_pieces, plan_pieces
 from dynident.identification.pieces import DivisionSettings, LongRecording, PieceFactors, Span, Stretch
@@ -59,6 +59,7 @@ __all__ = [
     "Noise",
     "NotFitted",
     "NotJudged",
+    "NotLogged",
     "Origin",
     "PieceFactors",
     "PiecePlan",

@@ -299,7 +299,7 @@ def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model
 
     The note is on parameters that the recipe names, that might have been chosen, and were not.
     """
-    model = model.with_terms(*choice.terms)
+    model = replace(model.with_terms(*choice.terms), chooses_terms=False, proposed=())
     recipe_names = recipe.estimator.named
     absent_names = tuple(name for name in recipe_names if name not in model.names and name in _eligible_names(model))
     # with those that are misspelt, which the estimator refuses

@@ -5,12 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dynident.identification.outliers import mask_outliers
 from dynident.identification.recipe import Recipe, Rests, without_rests
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import SUBSTITUTE, Smoother, smooth_log
-from dynident.runtime import ConfigError, InputError, Note, Noun, Severity, Step, percent, report_progress
+from dynident.runtime import (
+    ConfigError,
+    InputError,
+    Note,
+    Noun,
+    Severity,
+    Step,
+    join_names,
+    percent,
+    report_progress,
+    short,
+)
 from dynident.validation import LogValidation
 
 Logs = Mapping[str, Mapping[str, Log]]
@@ -26,6 +39,20 @@ class NotFitted(Note):
 
     def __str__(self) -> str:
         return f"torques that are not fitted, only predicted and judged, by `unfitted`: {', '.join(self.joints)}"
+
+
+class NotLogged(Note):
+    """No log has these ``joints`` of the robot file: they are locked at ``positions``, in rad or m."""
+
+    joints: tuple[str, ...]
+    positions: tuple[float, ...]
+
+    def __str__(self) -> str:
+        places = (f"{name!r} at {short(value)}" for name, value in zip(self.joints, self.positions, strict=True))
+        return (
+            f"in none of the logs, so locked (rad, m): {join_names(places, 5)}; what they carry is part of the body "
+            "before them. Where they stand elsewhere, say so by `lock`"
+        )
 
 
 class NotJudged(Note):
@@ -165,6 +192,7 @@ class Dataset(Noun):
         if recipe.outliers == "mask":
             motions = mask_outliers(model, motions, self.trimmed, selection)
         motions["train"], rests = without_rests(model, motions["train"], self.recorded, recipe.rests, selection)
+        _check_speeds(recipe, selection.min_speed, tuple(motions["train"].values()))
         motions["train"] = {name: recipe.drop_unfitted(motion) for name, motion in motions["train"].items()}
         return RoleMotions(motions, rests)
 
@@ -172,6 +200,23 @@ class Dataset(Noun):
         """Return the logs of the training with the torques that are fitted."""
         pairs = zip(self.train_logs, motions.train, strict=True)
         return tuple(replace(log, tau=motion.tau) for log, motion in pairs)
+
+
+def _check_speeds(recipe: Recipe, speeds: tuple[float, ...] | None, motions: Sequence[Motion]) -> None:
+    """Raise ConfigError where ``min_speed`` leaves out every sample of a joint that it names, or of all joints."""
+    if speeds is None:
+        return
+    joints = motions[0].joints
+    fastest = [max(float(np.abs(motion.dq[motion.mask, j]).max(initial=0.0)) for motion in motions)
+               for j in range(len(joints))]  # fmt: skip
+    slow = [j for j, speed in enumerate(speeds) if speed > fastest[j] and joints[j] not in recipe.unfitted]
+    # a single number for all joints may leave out one that is held
+    if slow and (isinstance(recipe.min_speed, Mapping) or len(slow) + len(recipe.unfitted) >= len(joints)):
+        j = slow[0]
+        raise ConfigError(
+            f"min_speed: is {speeds[j]:g} for {joints[j]!r}, whose speed reaches {short(fastest[j])} (rad/s or m/s), "
+            "so that no sample of it is fitted; lower it, or name the joint by `unfitted`."
+        )
 
 
 def _logs_by_name(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:

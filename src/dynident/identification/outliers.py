@@ -12,7 +12,7 @@ from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.smoothers.smoother import MAX_SPIKE_SHARE, MAX_WRONG_TORQUE_SHARE, Suspects, select_rare, suspects
-from dynident.motion.splines import bridge_gaps, median_sigma
+from dynident.motion.splines import LONGEST_SPIKE, bridge_gaps, median_sigma
 from dynident.regression import BLOCK, EVERYTHING, Regression, Selection
 from dynident.runtime import Note, Noun, count, percent
 from dynident.validation import LogValidation, relative_error
@@ -22,6 +22,7 @@ Mask = NDArray[np.bool_]
 
 MAX_ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only finds outliers
 MIN_UNEXPLAINED_SHARE = 0.5  # share of a spike that the model must leave
+MAX_JUMP_RATIO = 1.5  # of the friction that a reversal turns, up to which a step at an end is one
 MIN_FROZEN_ERROR = 4.0  # usual residuals by which a frozen torque is wrong, rms over the stretch
 # factor by which the equations of a joint that turns freely may raise the residual of any other
 MAX_RESIDUAL_GROWTH = 1.02
@@ -260,6 +261,9 @@ def _confirm_suspects(motion: Motion, candidates: Suspects, torque: Array, typic
             wrong[0][:, j] = spike & (
                 np.abs(measured_spike - predicted_spike) > MIN_UNEXPLAINED_SHARE * np.abs(measured_spike)
             )
+            # At an end nothing is seen beyond: a step of friction by a reversal there is no spike.
+            jump = MAX_JUMP_RATIO * _friction_jump(motion, torque, j)
+            wrong[0][:, j] &= ~(_reversal_samples(motion, j) & (np.abs(measured_spike) <= jump))
         for start, stop in equal_runs(candidates.torque_frozen[:, j], motion.tau[:, j]):
             if np.sqrt(np.mean(residual[start:stop, j] ** 2)) > MIN_FROZEN_ERROR * typical_residual[j]:
                 wrong[1][start:stop, j] = True
@@ -272,6 +276,23 @@ def _confirm_suspects(motion: Motion, candidates: Suspects, torque: Array, typic
     is_off = np.sqrt(np.mean(residual**2, axis=0)) > MIN_FROZEN_ERROR * typical_residual
     dead = np.asarray(candidates.torque_dead & (is_off | untested))
     return TorqueOutliers(candidates.torques, wrong[0], wrong[1], wrong[2], dead, torque)
+
+
+def _reversal_samples(motion: Motion, j: int) -> Mask:
+    """Return the samples (N) at the ends of a motion of which the joint reverses, or comes to rest, close by."""
+    samples, near = np.zeros(len(motion), dtype=bool), 4 * LONGEST_SPIKE
+    for end in (slice(0, near), slice(-near, None)):
+        speed, acceleration = np.abs(motion.dq[end, j]).min(), np.abs(motion.ddq[:, j]).max()
+        # it stops or starts within a few spikes; the smoothed velocity is the least certain at an end
+        if speed <= acceleration * (motion.t[end][-1] - motion.t[end][0]):
+            samples[end] = True
+    return samples
+
+
+def _friction_jump(motion: Motion, torque: Array, j: int) -> float:
+    """Return the largest step of the model's torque (N, n) where the joint reverses; zero where it never does."""
+    turns = np.flatnonzero(np.diff(np.signbit(motion.dq[:, j])))
+    return float(np.abs(torque[turns + 1, j] - torque[turns, j]).max(initial=0.0))
 
 
 def equal_runs(mask: Mask, x: Array) -> list[tuple[int, int]]:

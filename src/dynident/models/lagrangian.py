@@ -17,7 +17,7 @@ from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.lumping import Lump, Monomial, compile_expressions, lump_parameters
 from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
-from dynident.models.term import Joint, Parameter, Partials, Term
+from dynident.models.term import Joint, Parameter, Partials, Term, check_joints
 from dynident.runtime import ModelError, join_names
 
 Array = NDArray[np.float64]
@@ -87,7 +87,8 @@ class Lagrangian(Term):
     names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("joints", "q", "dq", "unknowns"):
+        object.__setattr__(self, "joints", check_joints(self, self.joints))
+        for name in ("q", "dq", "unknowns"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "constants", dict(self.constants))
         _check_symbols(self)

@@ -39,6 +39,8 @@ class Model:
     In all methods q (rad or m), dq, ddq (per s and s^2) and tau (N m or N) are (N, n), and theta is (p) or, except in
     ``partials``, one row per sample (N, p); ``memory`` (N, m) is what terms such as ``Dahl`` remember, which motions of
     ``remembering`` hold. ``load`` are parameters of the bodies, whose torque is the load that such terms see.
+    ``chooses_terms`` says that the training logs are to choose further terms of each joint, for which classes in
+    ``proposed`` are tried as well.
     Raises ModelError where the terms differ in their joints or share a parameter name; the methods raise it where a
     shape does not fit, a memory is missing, or a term fails or returns a wrong shape or a number that is not finite.
 
@@ -52,6 +54,8 @@ class Model:
     terms: tuple[Term, ...]
     name: str = "model"
     load: tuple[float, ...] | None = None
+    chooses_terms: bool = False
+    proposed: tuple[type, ...] = ()
 
     def __post_init__(self) -> None:
         # a single term needs no tuple
@@ -66,7 +70,8 @@ class Model:
         joints = join_names((joint.name for joint in self.joints), 6)
         terms = join_names((f"{term_kind(term)} {len(term.parameters)}" for term in self.terms), 6)
         count = f"{len(self.joints)} joint{'s' * (len(self.joints) > 1)}"
-        return f"<Model {self.name!r}: {count} ({joints}), {len(self.names)} parameters ({terms})>"
+        further = "; further terms are to be chosen" if self.chooses_terms else ""
+        return f"<Model {self.name!r}: {count} ({joints}), {len(self.names)} parameters ({terms}){further}>"
 
     @property
     def joints(self) -> tuple[Joint, ...]:

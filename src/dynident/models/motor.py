@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.models.friction import AsymmetricViscous, Coulomb, JointTerm, Offset, PerJoint, Power, Stribeck, Viscous
-from dynident.models.term import Equation, Joint, Parameter, Partials, Term
+from dynident.models.term import Equation, Joint, Parameter, Partials, Term, check_joints
 from dynident.runtime import ModelError, choices
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class _MotorTerm(Term):
     def _set_coefficients(self) -> None:
         """Turn joints and coefficients into tuples; raise ModelError for wrong ones."""
         object.__setattr__(self, "coefficients", tuple((str(name), float(c)) for name, c in self._pairs))
-        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "joints", check_joints(self, self.joints))
         where, joint_names, coupled_names = f"Coupling {self.name!r}", [joint.name for joint in self.joints], set()
         for name, c in self._pairs:
             if name not in joint_names:

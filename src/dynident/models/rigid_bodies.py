@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
+from pathlib import PurePath
+from reprlib import repr as short_repr
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -152,6 +154,13 @@ class RigidBodies(Term):
     displacements: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.xml, str) or (
+            "<" not in self.xml and "\n" not in self.xml and PurePath(self.xml).suffix
+        ):
+            raise ModelError(
+                f"RigidBodies: xml is {short_repr(self.xml)}; it is the text of a robot file. From its path a model is "
+                f"made by `dynident.read_robot({str(self.xml)!r})`."
+            )
         pairs = self.locked.items() if isinstance(self.locked, Mapping) else self.locked
         object.__setattr__(self, "locked", tuple((str(name), float(value)) for name, value in pairs))
         object.__setattr__(self, "gravity", tuple(float(x) for x in self.gravity))

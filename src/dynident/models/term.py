@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from reprlib import repr as short_repr
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -71,6 +72,18 @@ class Joint:
     def effort(self) -> str:
         """Unit of the torque or force."""
         return "N m" if self.kind == "revolute" else "N"
+
+
+def check_joints(term: object, joints: object) -> tuple[Joint, ...]:
+    """Return the joints of a term, a single one as a tuple; ModelError for anything else, such as a name."""
+    sequence = (joints,) if isinstance(joints, Joint | str) or not isinstance(joints, Iterable) else tuple(joints)
+    for joint in sequence:
+        if not isinstance(joint, Joint):
+            raise ModelError(
+                f"{type(term).__name__}: joints has {short_repr(joint)}, a {type(joint).__name__}; give the joints "
+                "of a model, `model.joints`, or Joint(name, kind)."
+            )
+    return sequence
 
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

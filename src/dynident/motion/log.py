@@ -235,7 +235,10 @@ class Log(KeepsFacts):
         """Return the log with its joints in the given order, matched by name; InputError where one is missing."""
         missing = [name for name in joints if name not in self.joints]
         if missing:
-            raise InputError(f"{self.source}: no joint {missing[0]!r}; the log has {', '.join(self.joints)}.")
+            raise InputError(
+                f"{self.source}: no joint {missing[0]!r}; the log has {', '.join(self.joints)}. Give its position and "
+                "torque too, or lock it in the model."
+            )
         if joints == self.joints:
             return self
         order = [self.joints.index(name) for name in joints]

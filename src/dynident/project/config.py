@@ -82,7 +82,7 @@ def fingerprint(path: Path) -> str:
 def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     """Build the model of a robot file: rigid bodies, rotor inertias, friction, offsets, couplings as configured.
 
-    ``text`` stands for the content of the file where that is known; terms that are to be chosen are not in the model.
+    ``text`` stands for the content of the file where that is known; that terms are to be chosen is said by the model.
     Raises ModelError where the file cannot be read or used, or a joint is unknown.
     """
     if len(settings.file) != 1:
@@ -105,7 +105,7 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
                 name=name,
             )
         )
-    return Model(tuple(terms), name=path.stem)
+    return Model(tuple(terms), path.stem, chooses_terms=settings.chooses_terms, proposed=settings.proposed)
 
 
 def replace_auto_terms(spec: str | RobotSettings) -> str | RobotSettings:

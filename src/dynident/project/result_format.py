@@ -41,12 +41,13 @@ class ResultPart(BaseModel):
 
 
 class ModelPart(ResultPart):
-    """The model as it was used, which is built from ``provenance``: its name and joints, and the parameters of its
-    bodies by a first fit, where friction depends on their load."""
+    """The model as it was used, which is built from ``provenance``: its name and joints, the parameters of its bodies
+    by a first fit, where friction depends on their load, and the positions (rad, m) of joints that were locked."""
 
     name: str
     joints: tuple[Joint, ...]
     load: tuple[float, ...] | None = None
+    lock: Mapping[str, float] = {}
 
 
 class ParameterRow(ResultPart):

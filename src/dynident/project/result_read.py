@@ -16,6 +16,7 @@ from dynident.models import Model
 from dynident.project.config import has_changed, is_xacro, load_model, parse_config
 from dynident.project.parts import build
 from dynident.project.result_format import ResultFile, ResultTables, read_result
+from dynident.project.settings import robot_settings
 from dynident.runtime import ConfigError, InputError, ModelError
 from dynident.runtime.families import PartFamily
 
@@ -33,7 +34,7 @@ def identification_of(
     """
     tables = read_result(ResultTables, data, source)
     if model is None:
-        model = _load_model(tables.provenance, source, allow_code=allow_code)
+        model = _load_model(tables, source, allow_code=allow_code)
     code_folder, joints = _code_folder(tables.provenance, source) if allow_code else None, model.joints
 
     def build_part(family: PartFamily, settings: Any) -> Any:
@@ -66,7 +67,8 @@ def identification_of(
 def _model_as_used(model: Model, file: ResultFile) -> Model:
     """Return the model with the terms that were chosen, on its tilted base; its parameters are those of the file."""
     choice, tilt = file.calibration.terms, file.recipe.base_tilt
-    model = model if choice is None else model.with_terms(*choice.terms)
+    # nothing in a model as used is left to choose
+    model = replace(model.with_terms(*(() if choice is None else choice.terms)), chooses_terms=False, proposed=())
     model = tilt_base(model, *tilt) if isinstance(tilt, tuple) else model
     names = tuple(row.name for row in file.parameters)
     if names != model.names:
@@ -75,13 +77,13 @@ def _model_as_used(model: Model, file: ResultFile) -> Model:
     return model if file.model.load is None else replace(model, load=file.model.load)
 
 
-def _load_model(sources: Sources, source: str, *, allow_code: bool) -> Model:
+def _load_model(tables: ResultTables, source: str, *, allow_code: bool) -> Model:
     """Return the model of a configuration, or of a robot file alone, which must be as it was.
 
     Where a robot file is gone, its text in the result is used. Raises InputError where there is neither, ModelError
     where the model's file is gone or has changed.
     """
-    configuration, robot = sources.configuration, sources.model
+    configuration, robot = tables.provenance.configuration, tables.provenance.model
     is_gone = robot is not None and bool(robot.text) and not os.path.exists(robot.path)
     if robot is not None and not is_gone and has_changed(robot):
         raise ModelError(
@@ -95,7 +97,11 @@ def _load_model(sources: Sources, source: str, *, allow_code: bool) -> Model:
         config = parse_config(configuration.text, folder, f"{source}, its configuration", allow_code=allow_code)
         return load_model(config.model, folder, text, allow_code=allow_code)
     if robot is not None:
-        return load_model(robot.path, text=text, allow_code=allow_code)
+        # a call of Python names joints that are used or locked, which the file does not know
+        used = {"joints": tuple(joint.name for joint in tables.model.joints), "lock": tables.model.lock}
+        settings = robot_settings(robot.path)
+        spec = robot.path if settings is None else settings.model_copy(update=used)
+        return load_model(spec, text=text, allow_code=allow_code)
     raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
 
 

@@ -18,7 +18,7 @@ from dynident.files.opener import content, real_path, refuse_inputs, remember_in
 from dynident.files.results import as_path, write_json
 from dynident.files.yaml_text import is_deep
 from dynident.identification import Identification, Sources
-from dynident.models import Model
+from dynident.models import Model, RigidBodies
 from dynident.project.config import parse_config
 from dynident.project.logs import Reading, log_spec, read_logs
 from dynident.project.result_format import FORMAT, VERSION
@@ -55,11 +55,20 @@ def result_data(identification: Identification, report: Mapping[str, Any] | None
         "mass_matrix": identification.mass,
         "warnings": identification.notes,
         "findings": identification.findings,
-        "model": {"name": model.name, "joints": model.joints, "load": model.load},
+        "model": {"name": model.name, "joints": model.joints, "load": model.load, "lock": _locked_positions(model)},
         "provenance": identification.provenance,
     }
     plain: dict[str, Any] = _plain_values(data)
     return plain
+
+
+def _locked_positions(model: Model) -> dict[str, float]:
+    return {
+        name: float(value)
+        for term in model.terms
+        if isinstance(term, RigidBodies)
+        for name, value in dict(term.locked).items()
+    }
 
 
 def _parameter_rows(identification: Identification) -> Iterator[dict[str, Any]]:

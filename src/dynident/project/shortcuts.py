@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -13,8 +14,9 @@ from dynident import checks, identification
 from dynident.checks import CheckResult
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.files.xml_text import SUFFIXES
-from dynident.identification import AccuracyBound, Identification, Recipe, TorqueNoise, has_gravity
+from dynident.identification import AccuracyBound, Identification, NotLogged, Recipe, TorqueNoise, has_gravity
 from dynident.models import Joint, Model
+from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Smoother, Spline
 from dynident.project.config import load_model, load_robot
@@ -23,7 +25,7 @@ from dynident.project.logs import log_spec, read_logs
 from dynident.project.project import model_source, read_project, stamp
 from dynident.project.settings import Config, LogSpec, RobotSettings, robot_settings
 from dynident.regression import ParallelFilter
-from dynident.runtime import ConfigError, InputError, ModelError, choices
+from dynident.runtime import ConfigError, Finding, InputError, ModelError, Note, choices
 
 Robot = Model | str | Path
 Logs = Log | Mapping[str, Log] | Sequence[Log]
@@ -60,7 +62,8 @@ def default_recipe(model: Model) -> Recipe:
         PhysicallyConsistent() if any(parameter.body for parameter in model.parameters) else LeastSquares()
     )
     tilt: Literal["estimate"] | None = "estimate" if has_gravity(model) else None
-    return Recipe(smoother, estimator, time_offset="estimate", base_tilt=tilt)
+    recipe = Recipe(smoother, estimator, time_offset="estimate", base_tilt=tilt)
+    return _choosing_terms(recipe, model)
 
 
 def identify(
@@ -69,6 +72,8 @@ def identify(
     validation: Logs = (),
     recipe: Recipe | None = None,
     *,
+    joints: Sequence[str] | None = None,
+    lock: Mapping[str, float] | None = None,
     executor: Executor | None = None,
     **changes: Unpack[RecipeFields],
 ) -> Identification:
@@ -77,8 +82,9 @@ def identify(
     ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file, whose terms
     beside the bodies are chosen, ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for
     ``validation``, are one log, logs by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a
-    real robot; keywords replace its fields, such as ``estimator=LeastSquares()``. Smoothers are tried on the
-    ``executor``, by default in this process.
+    real robot; keywords replace its fields, such as ``estimator=LeastSquares()``. Of a robot file, ``joints`` and
+    ``lock`` are those of the configuration; joints that none of the logs has are locked, with a note. Smoothers are
+    tried on the ``executor``, by default in this process.
 
     Raises ConfigError for an unknown keyword or a recipe that does not fit, ModelError for the model, InputError for
     logs.
@@ -97,18 +103,19 @@ def identify(
       torque error, held out: tuesday 1.44 %
       J = 0.08256 +- 7.1e-5 kg m^2, h = 0.2501 +- 0.00023 kg m>
     """
-    model = _to_model(robot)
     field_names = [field.name for field in fields(Recipe)]
     for name in changes:
         if name not in field_names:
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, field_names)}")
-    full_recipe = replace(_recipe_for(recipe, model, robot), **changes)
     trained, held_out = _logs_by_name(logs, "logs"), _logs_by_name(validation, "validation")
+    model, notes = _to_model(robot, (*trained.values(), *held_out.values()), joints, lock)
+    full_recipe = replace(_recipe_for(recipe, model), **changes)
     path = None if isinstance(robot, Model) else Path(robot)
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
     result = identification.identify(model, trained, held_out, full_recipe, executor=executor)
     result = checks.with_findings(result, model, {"train": trained, "validation": held_out}, full_recipe)
-    return replace(result, provenance=replace(result.provenance, model=file, identified=stamp()))
+    provenance = replace(result.provenance, model=file, identified=stamp())
+    return replace(result, provenance=provenance, warnings=(*notes, *result.warnings))
 
 
 def check(robot: Robot, logs: Logs, validation: Logs = (), recipe: Recipe | None = None) -> CheckResult:
@@ -121,9 +128,10 @@ def check(robot: Robot, logs: Logs, validation: Logs = (), recipe: Recipe | None
     >>> dy.check("gallery:two_link_arm", still).has_errors
     True
     """
-    model = _to_model(robot)
     roles = {"train": _logs_by_name(logs, "logs"), "validation": _logs_by_name(validation, "validation")}
-    return checks.run_checks(model, roles, _recipe_for(recipe, model, robot))
+    model, notes = _to_model(robot, [log for named_logs in roles.values() for log in named_logs.values()])
+    findings = tuple(Finding(note, source=model.name) for note in notes)
+    return checks.run_checks(model, roles, _recipe_for(recipe, model), initial_findings=findings)
 
 
 def accuracy_bound(
@@ -148,25 +156,25 @@ def accuracy_bound(
     >>> bound
     <AccuracyBound of 2 base parameters from 973 samples; least known: h 0.047 %, J 0.046 %>
     """
-    model = _to_model(robot)
-    return identification.accuracy_bound(
-        model,
-        _logs_by_name(logs, "logs"),
-        _recipe_for(recipe, model, robot),
-        sigma_q=sigma_q,
-        sigma_tau=sigma_tau,
-        torque=torque,
+    named_logs = _logs_by_name(logs, "logs")
+    model, notes = _to_model(robot, tuple(named_logs.values()))
+    recipe = _recipe_for(recipe, model)
+    bound = identification.accuracy_bound(
+        model, named_logs, recipe, sigma_q=sigma_q, sigma_tau=sigma_tau, torque=torque
     )
+    warnings = (*notes, *bound.identification.warnings)
+    return replace(bound, identification=replace(bound.identification, warnings=warnings))
 
 
 def read_robot(
     path: str | Path,
     *,
     joints: Sequence[str] | None = None,
-    terms: Sequence[str | Mapping[str, Any]] = ("rotor", "viscous", "coulomb", "offset"),
+    terms: Literal["auto"] | Sequence[str | Mapping[str, Any]] = ("rotor", "viscous", "coulomb", "offset"),
     **settings: Any,
 ) -> Model:
-    """Build the model of a URDF or MJCF file: its rigid bodies, and for each joint the ``terms``.
+    """Build the model of a URDF or MJCF file: its rigid bodies, and for each joint the ``terms``, or those that the
+    logs choose where they are, or hold, "auto".
 
     ``joints`` chooses the moving joints and their order (None: all); ``settings`` are the others of the configuration's
     ``model``: lock, gravity, coulomb_width, couplings. Raises ConfigError for a setting that is wrong, ModelError where
@@ -249,27 +257,50 @@ def read_log(
     return reading.logs[0]
 
 
-def _to_model(robot: Any) -> Model:
-    if isinstance(robot, Model):
-        return robot
-    if not isinstance(robot, str | Path):
+def _to_model(
+    robot: Any, logs: Sequence[Log], joints: Sequence[str] | None = None, lock: Mapping[str, float] | None = None
+) -> tuple[Model, tuple[Note, ...]]:
+    """Return the model of a robot, and a note on joints of its file that are in none of the logs, which are locked."""
+    if not isinstance(robot, Model | str | Path):
         raise ModelError(f"robot: a {type(robot).__name__} is given; give a Model, or the path of a URDF or MJCF file.")
-    if Path(robot).suffix.lower() in (".yaml", ".yml"):
+    if not isinstance(robot, Model) and Path(robot).suffix.lower() in (".yaml", ".yml"):
         raise ModelError(f"robot: {str(robot)!r} is a configuration; run it with `dynident.run({str(robot)!r})`.")
-    return load_model(str(robot))
+    if isinstance(robot, Model) or robot_settings(str(robot)) is None:
+        if joints is not None or lock is not None:
+            raise ConfigError(
+                "joints, lock: are of a robot file; a model says them where it is made, as by `read_robot`."
+            )
+        return (robot if isinstance(robot, Model) else load_model(str(robot))), ()
+    settings = {"file": str(robot), "joints": joints, "lock": lock or {}}
+    model = load_model(read_settings(RobotSettings, settings, "identify", **HERE))
+    recorded = {name for log in logs for name in log.joints}
+    missing = [joint.name for joint in model.joints if joint.name not in recorded]
+    # joints that are asked for must be logged; where no joint at all is, the names are at fault
+    if joints is not None or not missing or len(missing) == len(model.joints):
+        return model, ()
+    positions = {name: _rest_position(model.limits[name]) for name in missing}
+    settings["lock"] = {**(lock or {}), **positions}
+    note = NotLogged(tuple(missing), tuple(positions.values()))
+    return load_model(read_settings(RobotSettings, settings, "identify", **HERE)), (note,)
 
 
-def _recipe_for(recipe: Recipe | None, model: Model, robot: Robot) -> Recipe:
-    """Return the recipe for a robot as it is given: a robot file names no terms."""
+def _rest_position(limits: RobotJointLimits) -> float:
+    """Return the position (rad, m) nearest to zero that a joint can have."""
+    low = -math.inf if limits.lower is None else limits.lower
+    return min(max(0.0, low), math.inf if limits.upper is None else limits.upper)
+
+
+def _recipe_for(recipe: Recipe | None, model: Model) -> Recipe:
+    """Return the recipe for a model, by which terms are chosen where the model asks for it."""
     if not isinstance(recipe, Recipe | None):
         raise ConfigError(f"recipe: a {type(recipe).__name__} is given; give a Recipe, or its fields as keywords.")
-    chosen_recipe = default_recipe(model) if recipe is None else recipe
-    # a robot file names no terms, so that the logs choose them
-    return (
-        chosen_recipe
-        if isinstance(robot, Model) or robot_settings(str(robot)) is None
-        else replace(chosen_recipe, terms="auto")
-    )
+    return default_recipe(model) if recipe is None else _choosing_terms(recipe, model)
+
+
+def _choosing_terms(recipe: Recipe, model: Model) -> Recipe:
+    if not model.chooses_terms:
+        return recipe
+    return replace(recipe, terms="auto", proposed=tuple(dict.fromkeys((*recipe.proposed, *model.proposed))))
 
 
 def _logs_by_name(logs: Any, argument: str) -> dict[str, Log]:

@@ -238,9 +238,21 @@ class Regression(Noun):
         if factors.total <= unknowns:
             raise InputError(
                 f"{', '.join(motion.source for motion in self.motions)}: {factors.samples} usable samples of "
-                f"{len(self.model.joints)} joints are too few for {unknowns} parameters; record longer."
+                f"{len(self.model.joints)} joints are too few for {unknowns} parameters; "
+                f"{self._remedy_of_few_samples()}."
             )
         return factors
+
+    def _remedy_of_few_samples(self) -> str:
+        """Return what to do where few samples are used: those slower than ``min_speed`` are left out by a setting."""
+        speeds = self.min_speed
+        if not speeds or not any(speeds):
+            return "record longer"
+        fastest = [max(float(np.abs(motion.dq[motion.mask, j]).max(initial=0.0)) for motion in self.motions)
+                   for j in range(len(speeds))]  # fmt: skip
+        pairs = zip(self.model.joints, speeds, fastest, strict=True)
+        names = [f"{joint.name} at {speed:g}, which reaches {reached:.2g}" for joint, speed, reached in pairs if speed]
+        return f"lower `min_speed` (rad/s, m/s: {', '.join(names[:5])}), or record faster motion"
 
     def _entry_block(self, motion: Motion, rows: slice, structure: Structure, theta: Array | None) -> EntryBlock:
         states = motion.states(rows)

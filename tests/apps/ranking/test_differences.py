@@ -17,6 +17,7 @@ from dynident.motion.log import Log
 from dynident.project.settings import RobotSettings, robot_settings
 from dynident.runtime import ConfigError, InputError
 from tests.apps.ranking.made import make_project
+from tests.robots import joint, link, urdf
 
 
 def test_blocks_are_of_equal_time_and_of_one_log_each() -> None:
@@ -159,6 +160,7 @@ def test_a_robot_file_has_bodies_friction_and_rotors(tmp_path: Path) -> None:
     model = dy.read_robot(ARM)
     known = {one.name: one.value for one in model.parameters if one.value is not None}
     assert {name: values[name] for name in known} == pytest.approx(known)
+    assert all(values[name] or name in known for name in values), "zeros are no truth of friction"
     with pytest.raises(ConfigError, match="is a robot file, and the model is none"):
         read_truth("true.urdf", tmp_path, "gallery:slider")
 
@@ -171,3 +173,18 @@ def test_what_is_no_list_of_values_is_refused(tmp_path: Path, text: str) -> None
     (tmp_path / "truth.json").write_text(json.dumps({"M": 5}))
     with pytest.raises((ConfigError, InputError)):
         read_truth("truth.json", tmp_path, "gallery:slider")
+
+
+def test_zeros_that_a_file_writes_are_no_truth_of_friction(tmp_path: Path) -> None:
+    parts = link("base"), link("upper", 2.0, (0.15, 0, 0.02)), link("fore", 1.0, (0, 0.0, 0.03))
+    joints = (
+        joint("shoulder", "revolute", "base", "upper", inside='<dynamics damping="0" friction="0.0"/>'),
+        joint("elbow", "revolute", "upper", "fore", inside='<dynamics damping="0.5" friction="0"/>'),
+    )
+    (tmp_path / "true.urdf").write_text(urdf(*parts, *joints))
+    spec = robot_settings("true.urdf", {"folder": tmp_path})
+    assert isinstance(spec, RobotSettings)
+    for terms in (("auto",), ("viscous", "coulomb", "rotor", "offset")):
+        values = read_truth("true.urdf", tmp_path, spec.model_copy(update={"terms": terms}))
+        assert {name: value for name, value in values.items() if "." not in name} == {"Fv_elbow": 0.5}
+        assert values["fore.mx"] == 0.0

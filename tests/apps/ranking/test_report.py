@@ -229,3 +229,17 @@ def test_a_page_without_chance_truth_or_estimates() -> None:
     none = ranking_page(replace(found, rows=found.rows[-1:]))
     assert "By joint" not in none
     assert "no estimate" in none
+
+
+def test_where_the_best_are_impossible_the_best_possible_one_is_named() -> None:
+    found = ranking()
+    impossible = [replace(row, eigenvalue=-1.0) for row in found.rows]
+    text = said(replace(found, rows=tuple(impossible)))
+    assert "physically impossible (an eigenvalue below zero), as are those of all others: take a consistent" in text
+    beside = replace(found.rows[3], eigenvalue=0.1)
+    with_one = replace(found, rows=(*impossible[:3], beside, *impossible[4:]))
+    text = said(with_one)
+    assert with_one.choice is not None
+    assert not with_one.choice.is_physical
+    name = f"{beside.combination.smoother} with {beside.combination.estimator}"
+    assert f"(an eigenvalue below zero): for simulation and control take {name} (" in text

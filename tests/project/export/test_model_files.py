@@ -26,6 +26,23 @@ class TestExportModel:
         (only,) = dy.export_model(found, tmp_path / "one", "yaml")
         assert yaml.safe_load(only.read_text())["parameters"][0]["name"] == "M"
 
+    @pytest.mark.parametrize("name", ["arm.yaml", "drag.PY", "deep/arm.yaml"])
+    def test_a_file_has_the_name_that_is_given(self, found: dy.Identification, tmp_path: Path, name: str) -> None:
+        assert dy.export_model(found, tmp_path / name) == (tmp_path / name,)
+        assert [file for file in tmp_path.rglob("*") if file.is_file()] == [tmp_path / name]
+
+    @pytest.mark.parametrize(("name", "kind"), [("arm.urdf", None), ("arm.yml", None), ("arm.yaml", "numpy")])
+    def test_an_ending_that_does_not_fit_is_refused(
+        self, found: dy.Identification, tmp_path: Path, name: str, kind: str | None
+    ) -> None:
+        with pytest.raises(ConfigError, match=rf"'{name}' is no file of .*: it ends in .*\.py"):
+            dy.export_model(found, tmp_path / name, kind)
+        assert not list(tmp_path.iterdir())
+
+    def test_a_folder_may_have_a_name_with_an_ending(self, found: dy.Identification, tmp_path: Path) -> None:
+        (tmp_path / "arm.urdf").mkdir()
+        assert len(dy.export_model(found, tmp_path / "arm.urdf")) == len(dy.export_model(found, tmp_path / "v1.2")) == 2
+
     def test_mistakes_are_named(self, found: dy.Identification, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="no format 'yml' of this model; did you mean 'yaml'"):
             dy.export_model(found, tmp_path, "yml")

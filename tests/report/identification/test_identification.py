@@ -12,7 +12,15 @@ from plotly.offline import get_plotlyjs
 from dynident.checks import log_notes
 from dynident.estimators import Consistency, DataRank, Provenance
 from dynident.estimators.notes import RankDeficient, WhiteningCostly
-from dynident.identification import Identifiability, SourceFile, Sources, StandardErrors
+from dynident.identification import (
+    BaseTilt,
+    Calibration,
+    Identifiability,
+    SourceFile,
+    Sources,
+    StandardErrors,
+    TimeOffset,
+)
 from dynident.models import INERTIAL, Parameter
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
@@ -313,3 +321,14 @@ def test_a_note_that_stands_against_a_use_is_said_once(monkeypatch, identificati
     identification.notes = (*identification.notes, note)
     said = [line.text for line in identification_notes(identification) if "whitened rows" in line.text]
     assert len(said) == 1
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_an_offset_and_a_tilt_that_were_found_are_printed(found):
+    offset = TimeOffset(-0.0199 if found else 0.0, 5.0, 2.0, 1e-4)
+    tilt = BaseTilt(0.0, np.deg2rad(4.9) if found else 0.0, (1e-3, 1e-3), 5.0, 2.0)
+    identification = identification_of()
+    identification.calibration = Calibration(time_offset=offset, base_tilt=tilt)
+    text = "\n".join(line.text for line in identification_notes(identification))
+    assert ("torques are stamped 20 +- 0.1 ms later than positions" in text) is found
+    assert ("Note: the base is tilted by" in text and "4.9" in text and "+-" in text) is found

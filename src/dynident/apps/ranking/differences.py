@@ -293,7 +293,8 @@ def read_truth(source: str | Path | Mapping[str, float], folder: Path, spec: str
     """Return true values by the names of parameters, from a mapping or a file in the ``folder``.
 
     The file is YAML of values by name, the ``parameters.yaml`` or ``result.json`` of an identification, or a
-    robot file with the true values, read with the settings of the model. Raises ConfigError and InputError for
+    robot file with the true values, read with the settings of the model, in which zeros are no truth of friction,
+    rotor inertia and offset. Raises ConfigError and InputError for
     any other.
     """
     if isinstance(source, Mapping):
@@ -325,7 +326,10 @@ def _values_of_robot(path: Path, spec: str | RobotSettings) -> dict[str, float]:
     if not isinstance(spec, RobotSettings):
         raise ConfigError(f"truth: {path} is a robot file, and the model is none; give values by name.")
     model = load_robot(spec.model_copy(update={"file": {str(path): path}}))
-    return dict(zip(model.names, nominal_values(model).tolist(), strict=True)) | _joint_term_values(model)
+    values = dict(zip(model.names, nominal_values(model).tolist(), strict=True)) | _joint_term_values(model)
+    # zeros of friction, rotors and offsets are what a file writes, or leaves out, where nobody knows them
+    bodies = {parameter.name for parameter in model.parameters if parameter.body}
+    return {name: value for name, value in values.items() if value or name in bodies}
 
 
 def _joint_term_values(model: Model) -> dict[str, float]:

@@ -110,10 +110,14 @@ def _chance_lines(ranking: Ranking) -> Iterator[str]:
     else:
         yield f"Take {with_words(choice.combination)} ({percent(choice.error)}): {_choice_reason(ranking)}."
     if not choice.is_physical:
-        yield (
-            "Its bodies are physically impossible (an eigenvalue below zero), as are those of all others as "
-            "good: take a consistent estimator for simulation and control."
+        possible = next((row for row in ranking.standings if row.eigenvalue is not None and row.is_physical), None)
+        remedy = (
+            ", as are those of all others: take a consistent estimator for simulation and control."
+            if possible is None
+            else f": for simulation and control take {with_words(possible.combination)} ({percent(possible.error)}), "
+            "the best whose bodies are possible."
         )
+        yield f"Its bodies are physically impossible (an eigenvalue below zero){remedy}"
 
 
 def _rival_lines(ranking: Ranking) -> Iterator[str]:

@@ -14,7 +14,7 @@ from annotated_types import Gt
 from numpy.typing import NDArray
 
 from dynident.models.friction.law import LAW_FUNCTIONS, differentiate_law, evaluate_law, functions_in, names_in, rename
-from dynident.models.term import FUNCTIONS, Equation, Joint, Parameter, Partials, Past, Term
+from dynident.models.term import FUNCTIONS, Equation, Joint, Parameter, Partials, Past, Term, check_joints
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError, choices
 
@@ -76,7 +76,8 @@ class JointTerm(Term):
     values: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("joints", "on", "names", "expressions", "values"):
+        object.__setattr__(self, "joints", check_joints(self, self.joints))
+        for name in ("on", "names", "expressions", "values"):
             setting = getattr(self, name)
             object.__setattr__(self, name, None if setting is None else tuple(setting))
         self._check_on()

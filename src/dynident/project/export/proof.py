@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynident.files.folder import result_folder
 from dynident.files.opener import real_path, refuse_inputs, watch_inputs
 from dynident.files.results import as_path
+from dynident.files.xml_text import SUFFIXES
 from dynident.identification import Identification, Sources
 from dynident.models import Model
 from dynident.motion.log import Motion, subsample
@@ -28,6 +29,7 @@ from dynident.validation import relative_error
 
 Array = NDArray[np.float64]
 MIN_TORQUE_SHARE = 1e-6  # a joint's torque counts as no smaller than this share of the largest joint's
+ENDINGS = (*SUFFIXES, ".yaml", ".yml", ".json", ".py")  # of a path that is a file, and no folder
 FOREIGN = {"Pinocchio": ("pinocchio", "pin"), "MuJoCo": ("mujoco", "mujoco")}  # their modules and packages
 ALWAYS: tuple[Exporter, ...] = (Yaml(), Numpy())
 ROBOT: Mapping[str, Exporter] = {exporter.format: exporter for exporter in (Urdf(), Mjcf())}
@@ -163,12 +165,13 @@ def export(identified: IdentifiedModel, exporter: Exporter, states: States) -> E
     return Export(exporter.format, file, written, proof, reason.strip())
 
 
-def export_model(identification: Identification, folder: str | Path, format: str | None = None) -> tuple[Path, ...]:  # noqa: A002
-    """Write the identified model for other programs to a folder, and return the files.
+def export_model(identification: Identification, path: str | Path, format: str | None = None) -> tuple[Path, ...]:  # noqa: A002
+    """Write the identified model for other programs to a folder, or to one file by its ending, and return the files.
 
     ``format`` is urdf, mjcf, yaml, numpy, or one that another package adds; None writes all that the model can be
-    written as. Each is loaded again and compared before it is written. Raises ConfigError for an unknown format or
-    where the robot's own file would be replaced, ModelError where the model cannot be written so.
+    written as, or what the ending says. Each is loaded again and compared before it is written. Raises ConfigError for
+    an unknown format or ending, or where the robot's own file would be replaced, ModelError where the model cannot be
+    written so.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -183,8 +186,10 @@ def export_model(identification: Identification, folder: str | Path, format: str
     """
     if not isinstance(identification, Identification):
         raise InputError(f"export_model: a {type(identification).__name__} is given; give the Identification.")
-    folder = as_path(folder)
-    selection = relocate_exports(folder, _select_exports(identification, format), identification.provenance)
+    folder, file = as_path(path), ""
+    if not folder.is_dir() and folder.suffix.lower() in ENDINGS:
+        folder, file = folder.parent, folder.name
+    selection = relocate_exports(folder, _select_exports(identification, format, file), identification.provenance)
     with watch_inputs(*source_files(identification.provenance)):
         refuse_inputs(*(folder / export.file for export in selection))
         with result_folder(folder) as target_folder:
@@ -215,13 +220,24 @@ def _relocate_export(export: Export, mesh_folder: str) -> Export:
     return replace(export, written=replace(export.written, text=relocate_files(export.written.text, mesh_folder)))
 
 
-def _select_exports(identification: Identification, name: str | None) -> list[Export]:
-    """Return the export of this format, or all where it is None; ModelError where none can be written."""
+def _select_exports(identification: Identification, name: str | None, file: str) -> list[Export]:
+    """Return the export of this format, or all where it is None; that of a ``file`` by its ending has its name.
+
+    Raises ModelError where none can be written.
+    """
     all_exports = exports(identification)
     formats = [export.format for export in all_exports]
     if name is not None and name not in formats:
         raise ConfigError(f"export_model: there is no format {name!r} of this model; {choices(name, formats)}")
     selection = [export for export in all_exports if name in (None, export.format)]
+    if file:
+        endings = {Path(export.file).suffix: replace(export, file=file) for export in selection}
+        if (ending := Path(file).suffix.lower()) not in endings:
+            raise ConfigError(
+                f"export_model: {file!r} is no file of {name or 'this model'}: it ends in {' or '.join(endings)}. Name "
+                "such a file, or a folder for all."
+            )
+        name, selection = endings[ending].format, [endings[ending]]
     refused = [export for export in selection if not export.ready]
     # where all formats are asked for, some may be refused; a format that is named may not
     if refused and (name is not None or len(refused) == len(selection)):

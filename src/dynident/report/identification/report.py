@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from dynident.files.meshes import result_geometry
+from dynident.files.meshes import result_geometry, rods_for
 from dynident.files.results import json_text
 from dynident.identification import Remedy, judge
+from dynident.identification.links import rigid_bodies
 from dynident.identification.verdict import NAMED_REASONS, ForbiddingFindings
 from dynident.identification.verdict_steps import CheckRipple, Cover, Sharpen, SlowReversals
 from dynident.project.saved import result_data
@@ -351,7 +352,13 @@ def identification_notes(identification: Identification) -> list[Line]:
     ]
     reason_lines = [Line(f"Warning: {reason}.", Severity.WARNING) for reason in reasons]
     other_lines = [*note_lines(identification.notes), *_check_lines(_other_findings(identification))]
+    offset, tilt = identification.calibration.time_offset, identification.calibration.base_tilt
+    corrections = [
+        *([offset] if offset is not None and offset.seconds else ()),
+        *([tilt] if tilt is not None and (tilt.x or tilt.y) else ()),
+    ]
     return [
+        *(Line(f"Note: {correction}.") for correction in corrections),
         *map(Line, (*notes, *unknown_noise(identification))),
         *(Line(shorten_warning(line.text), line.severity) for line in (*reason_lines, *other_lines)),
     ]
@@ -390,7 +397,12 @@ def result_words(identification: Identification, exports: Sequence[Export] = ())
 
 def run_files(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, str]:
     """Return the texts of result.json and report.html."""
-    return {
-        "result.json": json_text(result_data(identification, result_words(identification, exports))),
-        "report.html": identification_page(identification, exports, result_geometry(identification)),
-    }
+    bodies = rigid_bodies(identification)
+    try:
+        page = identification_page(identification, exports, result_geometry(identification))
+    except Exception as error:  # of a shape that can be read, and not be drawn
+        if bodies is None:
+            raise
+        page = identification_page(identification, exports, rods_for(bodies, error))
+    result = result_data(identification, result_words(identification, exports))
+    return {"result.json": json_text(result), "report.html": page}

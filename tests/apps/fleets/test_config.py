@@ -179,8 +179,8 @@ def test_a_wrong_table_is_refused(tmp_path: Path, table: str, words: str) -> Non
     [
         ("a.csv,,2026-11-22", "row 2 is left out: it has no robot"),
         (",,2026-11-22", "row 2 is left out: it has no log and no robot"),
-        ("a.csv,r,2026-11-23", "row 2 is left out: it lists the log 'a.csv' of robot 'r' again"),
-        ("./a.csv,r,2026-11-23", "row 2 is left out: it lists the log './a.csv' of robot 'r' again"),
+        ("a.csv,r,2026-11-23", "row 2 is left out: it lists 'a.csv' of robot 'r' again"),
+        ("./a.csv,r,2026-11-23", "row 2 is left out: it lists './a.csv' of robot 'r' again"),
         ("nosuch://b/a.csv,r,2026-11-23", "nosuch://b/a.csv: cannot be opened: .*nosuch"),
         ("memory://none/a.csv,r,2026-11-23", "memory://none/a.csv: there is no such file"),
         ("none.csv,r,2026-11-23", "none.csv: there is no such file"),

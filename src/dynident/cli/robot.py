@@ -116,7 +116,9 @@ def excite(
         label = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
         if label:
             print_path(screen, label, path)
-    screen.remark("Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml for ROS 2.")
+    screen.remark(
+        "Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml, which says how ROS 2 plays it."
+    )
     if any(path.name == DRAFT for path in written):
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", no_wrap=True)
 

@@ -284,7 +284,7 @@ class Feasibility:
     """Limits of a model with parameters ``theta`` (p): ``limits`` of its joints, and ``clearance`` (m) in
     ``space``.
 
-    Without ``space`` nothing is in the way.
+    Without ``space`` nothing is in the way. Pieces take whole multiples of ``step`` (s), 0 for any duration.
     """
 
     model: Model
@@ -292,6 +292,7 @@ class Feasibility:
     limits: MotionLimits
     space: Distances | None = None
     clearance: float = 0.0
+    step: float = 0.0
 
     __repr__ = brief
 

@@ -173,6 +173,7 @@ def read_excitation(
         motion_settings.period,
         motion_settings.harmonics,
         motion_settings.rate,
+        motion_settings.file_rate or motion_settings.rate,
         _start_pose(motion_settings, limits.joints),
         motion_settings.parameters,
         prior.information,

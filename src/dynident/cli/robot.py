@@ -64,6 +64,7 @@ _KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
     "--package", multiple=True, type=DIRECTORY,
     help="Folder of a package (package://) with the robot's meshes, or one around it; repeat it.",
 )  # fmt: skip
+@click.option("--grippers", is_flag=True, default=None, help="Exercise the joints of grippers like those of the arm.")
 @click.option("--noise", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
 @click.option("--starts", type=click.IntRange(1), help="How often the search begins anew.")
 @click.option("--seed", type=click.IntRange(0), help="Of what is drawn: another one gives another motion.")

@@ -119,8 +119,8 @@ def check_interpolant(samples: SampledTrajectory, limits: MotionLimits) -> None:
             row, d, joint = np.unravel_index(int(shares.argmax()), shares.shape)
             words = (
                 f"{QUANTITIES[d]} between the samples, as a controller plays them, deviates from "
-                f"{middles[d, joint]:.4g} by {shares[row, d, joint] * sizes[d, joint]:.6g}, beyond its limit {sizes[d, joint]:.6g}; "
-                "give a higher `file_rate`"
+                f"{middles[d, joint]:.4g} by {shares[row, d, joint] * sizes[d, joint]:.6g}, beyond its limit "
+                f"{sizes[d, joint]:.6g}; give a higher `file_rate`"
             )
             raise LimitError.at(samples.joints[joint], float(samples.t[k + row]), words)
 
@@ -216,10 +216,14 @@ def _config_data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:
     if project.config is not None:
         data = load_yaml(project.config.text, project.config.path)
         file = isinstance(data["model"], str) and robot_settings(data["model"]) is not None
-        return data | ({"model": {"file": data["model"]}} if file else {}), Path(project.config.path).parent
+        data |= {"model": {"file": data["model"]}} if file else {}
+        if project.gripper is not None:
+            data |= {"model": {**data["model"], "lock": dict(project.gripper.positions)}}
+        return data, Path(project.config.path).parent
     found = project.prior.identification
     source = SourceFile(str(project.path)) if found is None else found.provenance.model
-    return ({} if source is None else {"model": {"file": source.path}}), Path()
+    lock = {} if project.gripper is None else {"lock": dict(project.gripper.positions)}
+    return ({} if source is None else {"model": {"file": source.path, **lock}}), Path()
 
 
 def _default_channels(joints: tuple[Joint, ...]) -> dict[str, Any]:

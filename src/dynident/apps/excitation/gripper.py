@@ -37,7 +37,7 @@ def find_gripper(model: Model) -> GripperLeftOut | None:
         return None
     fingers = [place for palm in range(len(arm.bodies)) for place in _finger_bodies(arm, palm)]
     moves = arm.drive[sorted(set(fingers))].any(axis=0) & ~np.delete(arm.drive, fingers, axis=0).any(axis=0)
-    names = [joint.name for joint, is_finger in zip(model.joints, moves, strict=True) if is_finger]
+    names = [model.joints[k].name for k in np.flatnonzero(moves)]
     if not names or len(names) == len(model.joints):
         return None
     ends = {name: (model.limits[name].lower, model.limits[name].upper) for name in names}

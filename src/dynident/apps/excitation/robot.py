@@ -165,10 +165,10 @@ def read_excitation(
         folder = path.parent if config else Path()
         model = load_model(replace_auto_terms(robot), folder)
         # whoever chooses joints is asked nothing; else a gripper is held still
-        is_chosen = motion_settings.grippers or not isinstance(robot, RobotSettings) or robot.joints or robot.lock
-        if gripper := None if is_chosen else find_gripper(model):
-            robot = robot.model_copy(update={"lock": gripper.positions})
-            model = load_model(replace_auto_terms(robot), folder)
+        if isinstance(robot, RobotSettings) and not (motion_settings.grippers or robot.joints or robot.lock):
+            gripper = find_gripper(model)
+            held_robot = robot.model_copy(update={"lock": gripper.positions if gripper else {}})
+            model = load_model(replace_auto_terms(held_robot), folder) if gripper else model
         prior = nominal_knowledge(model)
     else:
         prior = _prior_from_logs(path, config_text(path), ready)

@@ -149,9 +149,10 @@ def test_the_application_answers_and_escapes(session: Session) -> None:
         answer = client.post("/secret/act", data=nonsense, content_type="application/json")
         assert answer.status_code in (400, 500)
         assert answer.get_data(as_text=True).endswith(".")
-    assert client.post("/secret/_dash-update-component", json={}).status_code == 500
+    assert client.post("/secret/_dash-update-component", json={}).status_code == 400
     assert client.get("/secret/_dash-component-suites/dash/../../etc/passwd").status_code != 200
-    assert "there is no control 'None'" in client.post("/secret/act", json=[]).get_json()["words"]
+    assert client.post("/secret/act", json=[]).status_code == 400
+    assert "there is no control 'None'" in client.post("/secret/act", json={}).get_json()["words"]
 
 
 ODD_VALUES = ([], {}, [1], [None, {}], {"a": 1}, 1, -1.5, True, "x", "\ud800", 10**400, [[], []], None)

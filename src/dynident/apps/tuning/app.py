@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, set_props
@@ -71,8 +72,9 @@ def _json_view(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> 
 
 def _refuse_malformed() -> Response | None:
     """Answer 400 to what the page does not send; the terminal hears nothing of it."""
-    if request.method != "POST" or is_well_formed(request.get_json()):
-        return None
+    with suppress(RecursionError):  # of JSON that is nested too deeply
+        if request.method != "POST" or is_well_formed(request.get_json()):
+            return None
     return Response("This is no request of the page.", 400, mimetype="text/plain")
 
 

@@ -162,8 +162,8 @@ class Session:
     def save(self, tuning: Tuning, tab: str = "") -> Path:
         """Write the configuration of a setting beside that of the session; return its path.
 
-        The file of a former save of the ``tab`` is replaced while it is as it was written, another file never. Raises the
-        errors of ``tuned_text`` and ``write_text``, and those of a setting that cannot be fitted.
+        The file of a former save of the ``tab`` is replaced while it is as it was written, another file never. Raises
+        the errors of ``tuned_text`` and ``write_text``, and those of a setting that cannot be fitted.
         """
         # fails before anything is written, where the setting cannot be fitted
         self.bench.fit(tuning)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TypeGuard
 
 TEXTS = ("search", "tab", "control", "now", "before")
 NUMBERS = ("degree", "at", "n_clicks", "n_intervals")
@@ -39,14 +39,14 @@ def _has_type(name: object, value: object, *, is_window: bool) -> bool:
         return _is_number(value)
     if name in STORES:
         return isinstance(value, Mapping) and is_well_formed({**value, "inputs": None, "state": None})
-    return name != "zoom" or (_is_pair(value) and all(map(_is_number, value)))
+    return name != "zoom" or (_is_pair(value) and all(_is_number(end) for end in value))
 
 
-def _is_pair(value: Any) -> bool:
+def _is_pair(value: object) -> TypeGuard[list[object]]:
     return isinstance(value, list) and len(value) == 2
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     try:
         return isinstance(value, int | float) and math.isfinite(value)
     except OverflowError:  # an integer that no float holds

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TypeGuard
 
 TEXTS = ("search", "tab", "control", "now", "before")
-NUMBERS = ("degree", "at", "n_clicks", "n_intervals")
+NUMBERS = ("at", "n_clicks", "n_intervals")
 STORES = ("last", "zoomed", "rested")  # mappings of such fields
 
 
@@ -37,6 +37,8 @@ def _has_type(name: object, value: object, *, is_window: bool) -> bool:
         return isinstance(value, str)
     if name in NUMBERS:
         return _is_number(value)
+    if name == "degree":  # that of a slider, of which a browser gives the text
+        return _is_number(value) or (isinstance(value, str) and _is_number_text(value))
     if name in STORES:
         return isinstance(value, Mapping) and is_well_formed({**value, "inputs": None, "state": None})
     return name != "zoom" or (_is_pair(value) and all(_is_number(end) for end in value))
@@ -50,4 +52,11 @@ def _is_number(value: object) -> bool:
     try:
         return isinstance(value, int | float) and math.isfinite(value)
     except OverflowError:  # an integer that no float holds
+        return False
+
+
+def _is_number_text(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
         return False

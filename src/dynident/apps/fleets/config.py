@@ -286,9 +286,7 @@ def _logs_by_table(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog
         # two names of one file are one log
         key = log.robot, os.path.realpath(folder / log.log) if log.stamp and not is_address(log.log) else log.log
         if logs.setdefault(key, log) is not log:
-            warnings.append(
-                f"{name}: row {row} is left out: it lists the log {log.log!r} of robot {log.robot!r} again."
-            )
+            warnings.append(f"{name}: row {row} is left out: it lists {log.log!r} of robot {log.robot!r} again.")
     return list(logs.values()), tuple(warnings)
 
 

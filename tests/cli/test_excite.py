@@ -47,7 +47,12 @@ def record(folder: Path) -> None:
 
 def test_everything_is_written(designed: Path) -> None:
     out, printed = designed / "out", (designed / "printed").read_text()
-    assert {one.name for one in out.iterdir()} == FILES | {"identify.yaml", "excite.json", "report.html"}
+    assert {one.name for one in out.iterdir()} == FILES | {
+        "play_trajectory.py",
+        "identify.yaml",
+        "excite.json",
+        "report.html",
+    }
     for words in ("An optimised motion", "will be known well", "by rule: 1 % of the torque limit", "identify.yaml"):
         assert words in printed
     assert "No floor is given" not in printed
@@ -111,9 +116,10 @@ def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced
 
 
 def test_a_configuration_changed_by_hand_is_not_replaced(designed: Path, tmp_path: Path) -> None:
-    (tmp_path / "identify.yaml").write_text("mine: 1\n")
-    refuse("excite", designed / "two.urdf", "-o", tmp_path, *QUICK, says="was written or changed by hand")
-    assert (tmp_path / "identify.yaml").read_text() == "mine: 1\n"
+    for name in ("play_trajectory.py", "identify.yaml"):
+        (tmp_path / name).write_text("mine: 1\n")
+        refuse("excite", designed / "two.urdf", "-o", tmp_path, *QUICK, says="was written or changed by hand")
+        assert (tmp_path / name).read_text() == "mine: 1\n"
     refuse(
         "excite",
         designed / "out" / "identify.yaml",

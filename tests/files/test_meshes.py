@@ -1,6 +1,8 @@
 """Meshes: where they are found, and how they are read."""
 
 import importlib.util
+import tracemalloc
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +13,7 @@ from dynident.files import meshes as module
 from dynident.files.meshes import read_geometry, read_mesh, result_geometry
 from dynident.files.opener import refuse_inputs, watch_inputs
 from dynident.identification import SourceFile
-from dynident.models import Mesh, ShapeSource
+from dynident.models import Mesh, RigidBodies, ShapeSource
 from dynident.models import lagrangian as gallery
 from dynident.models.geometry import build_geometry
 from dynident.report.identification.report import run_files
@@ -52,6 +54,53 @@ def test_a_mesh_is_read_in_each_format(name, make, tmp_path) -> None:
     assert found.triangles.shape == BENT.triangles.shape
     assert found.vertices[found.triangles] == pytest.approx(BENT.vertices[BENT.triangles], abs=1e-6)
     assert len(found.vertices) == len(np.unique(BENT.vertices, axis=0)) or name == "c.obj"
+
+
+# what takes most memory for its length
+DENSE = {
+    "binary.stl": b"\0" * 80 + (20_000).to_bytes(4, "little") + np.random.default_rng(0).bytes(20_000 * 50),
+    "text.stl": b"solid\n" + b"facet\nvertex 0 0 1\nvertex 1 0 0\nvertex 0 1 0\n" * 20_000,
+    "corners.obj": b"v 1 2 3\n" * 50_000 + b"f 1 2 3\n",
+    "faces.obj": b"v 0 0 1\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 50_000,
+    "fan.obj": b"v 0 0 1\nv 1 0 0\nv 0 1 0\nf " + b"1 2 " * 50_000,
+}
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("name", DENSE)
+def test_a_mesh_takes_no_more_memory_than_is_counted(name, tmp_path) -> None:
+    path = tmp_path / name
+    path.write_bytes(DENSE[name])
+    tracemalloc.start()
+    try:
+        with suppress(InputError):  # random bytes are no numbers everywhere
+            read_mesh(path)
+        assert tracemalloc.get_traced_memory()[1] <= module.MEMORY_PER_BYTE[path.suffix] * len(DENSE[name])
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.dae", "a.ply"])
+def test_a_mesh_beyond_the_memory_is_refused_with_the_fix(name, tmp_path, monkeypatch) -> None:
+    (tmp_path / name).write_bytes(b" " * 100_000)
+    monkeypatch.setenv("DYNIDENT_MEMORY", "0.001")
+    with pytest.raises(InputError, match=rf"{name}: as a mesh it would take .* raise this by --memory"):
+        read_mesh(tmp_path / name)
+
+
+def test_all_meshes_together_keep_to_the_memory(tmp_path, monkeypatch) -> None:
+    names = [f"m{k}.stl" for k in range(30)]
+    for name in names:
+        (tmp_path / name).write_bytes(stl(BENT))
+    shape = '<collision><geometry><mesh filename="{}"/></geometry></collision></link>'
+    links = [link(f"l{k}", 1.0).replace("</link>", shape.format(name)) for k, name in enumerate(names)]
+    joints = [joint(f"j{k}", "revolute", f"l{k - 1}" if k else "base", f"l{k}") for k in range(30)]
+    text = urdf(link("base"), *links, *joints)
+    kept = BENT.vertices.nbytes + BENT.triangles.nbytes
+    monkeypatch.setenv("DYNIDENT_MEMORY", str((10 * kept + 20 * len(stl(BENT))) / 1e9))
+    missing = read_geometry(RigidBodies(text), tmp_path / "arm.urdf").missing
+    assert 15 < len(missing) < 25
+    assert all("with the meshes before it would take" in reason for reason in missing.values())
 
 
 def test_a_polygon_is_a_fan_of_triangles(tmp_path) -> None:

@@ -15,8 +15,10 @@ from dynident.apps.excitation import (
     verify,
 )
 from dynident.apps.excitation.family import ClampedSpline, Fourier
+from dynident.apps.excitation.files import check_interpolant, sample_trajectory
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.programs import friction_program, gravity_program
+from dynident.apps.excitation.trajectory import slow_down
 from dynident.apps.excitation.way import from_rest
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, Viscous
@@ -38,11 +40,14 @@ def random_arm(rng):
     return Feasibility(model, theta, replace(limits, torque=torque))
 
 
+STEP = 0.0125  # s between the points that are written
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", ["series", "spline", "friction", "gravity"])
 def test_what_is_made_passes_the_last_check(kind, seed):
     rng = np.random.default_rng(seed)
-    feasible = random_arm(rng)
+    feasible = replace(random_arm(rng), step=STEP)
     limits, n = feasible.limits, len(feasible.limits.joints)
     match kind:
         case "series":
@@ -58,6 +63,9 @@ def test_what_is_made_passes_the_last_check(kind, seed):
     trajectory = Trajectory(limits.joints, pieces)
     smooth_and_at_rest(trajectory, limits)
     assert verify(trajectory, feasible).reached.max() <= 1 + 1e-6
+    # also as a controller plays it from its points, and once more slowly
+    for times, rate in ((1.0, 1 / STEP), (1.0, 3 / STEP), (4.0, 0.25 / STEP)):
+        check_interpolant(sample_trajectory(slow_down(trajectory, times), rate), limits)
     slow = min_fit_speeds(feasible.model, limits)
     for one in pieces:
         if one.purpose in (Purpose.FRICTION, Purpose.POSE):

@@ -64,6 +64,7 @@ _KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
     "--package", multiple=True, type=DIRECTORY,
     help="Folder of a package (package://) with the robot's meshes, or one around it; repeat it.",
 )  # fmt: skip
+@click.option("--grippers", is_flag=True, default=None, help="Exercise the joints of grippers like those of the arm.")
 @click.option("--noise", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
 @click.option("--starts", type=click.IntRange(1), help="How often the search begins anew.")
 @click.option("--seed", type=click.IntRange(0), help="Of what is drawn: another one gives another motion.")
@@ -116,7 +117,9 @@ def excite(
         label = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
         if label:
             print_path(screen, label, path)
-    screen.remark("Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml for ROS 2.")
+    screen.remark(
+        "Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml, which says how ROS 2 plays it."
+    )
     if any(path.name == DRAFT for path in written):
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", no_wrap=True)
 

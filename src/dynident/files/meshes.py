@@ -29,7 +29,8 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 STL_HEADER_SIZE = 84  # bytes before the facets of a binary STL
 MAX_MESH_SIZE = 50.0  # m
 PACKAGE_SCHEMES = ("package", "model")
-MEMORY_PER_BYTE = 12  # memory of a mesh, per byte of its file
+# the most memory that reading a mesh takes, per byte of its file; of other suffixes that of Assimp
+MEMORY_PER_BYTE, ASSIMP_MEMORY_PER_BYTE = {".stl": 20, ".obj": 100}, 100
 
 
 def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = ()) -> Geometry:
@@ -41,6 +42,7 @@ def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = (
     size of a shape, or a mesh above 50 m.
     """
     missing: dict[str, str] = {}
+    meshes: list[Mesh] = []
 
     @cache
     def mesh(name: str) -> Mesh | None:
@@ -48,7 +50,11 @@ def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = (
             path = next((path for path in _candidates(name, robot, packages) if os.path.isfile(path)), None)
             if path is None:
                 raise InputError("there is no such file.")
-            return read_mesh(path)
+            # those that are read already stay in memory while this one is read
+            held = sum(mesh.vertices.nbytes + mesh.triangles.nbytes for mesh in meshes)
+            afford(held + _reading_memory(path), f"{path}: with the meshes before it would take")
+            meshes.append(read_mesh(path))
+            return meshes[-1]
         except InputError as error:
             missing[name] = str(error)
             return None
@@ -89,13 +95,18 @@ def read_mesh(path: Path) -> Mesh:
 
     Raises InputError where it cannot be read, or has no triangles.
     """
-    reader = READERS.get(path.suffix.lower(), _read_with_coal)
-    mesh = reader(path)
+    afford(_reading_memory(path), f"{path}: as a mesh it would take")
+    mesh = READERS.get(path.suffix.lower(), _read_with_coal)(path)
     if not len(mesh.triangles) or not np.isfinite(mesh.vertices).all():
         raise InputError(f"{path}: has no triangles with finite corners.")
     if mesh.triangles.min() < 0 or mesh.triangles.max() >= len(mesh.vertices):
         raise InputError(f"{path}: a triangle has a corner that the file does not have.")
     return mesh
+
+
+def _reading_memory(path: Path) -> int:
+    """Return the memory (bytes) that reading a mesh may take."""
+    return MEMORY_PER_BYTE.get(path.suffix.lower(), ASSIMP_MEMORY_PER_BYTE) * file_status(path).st_size
 
 
 def _candidates(name: str, robot: Path, packages: Sequence[Path]) -> Iterator[Path]:
@@ -129,7 +140,7 @@ def _environment_folders() -> Iterator[Path]:
 
 
 def _read_stl(path: Path) -> Mesh:
-    data = content(path, weight=MEMORY_PER_BYTE)
+    data = content(path)
     count = int.from_bytes(data[STL_HEADER_SIZE - 4 : STL_HEADER_SIZE], "little")
     # binary if the file is as long as its count of facets says, and it is no text
     if len(data) >= STL_HEADER_SIZE and len(data) >= STL_HEADER_SIZE + count * FACET.itemsize and not _is_text(data):
@@ -152,7 +163,7 @@ def _is_text(data: bytes) -> bool:
 
 def _read_obj(path: Path) -> Mesh:
     vertices, faces = [], []
-    for line in content(path, weight=MEMORY_PER_BYTE).decode("utf-8", "replace").splitlines():
+    for line in content(path).decode("utf-8", "replace").splitlines():
         words = line.split()
         if words[:1] == ["v"]:
             vertices.append(words[1:4])
@@ -189,7 +200,7 @@ def _read_with_coal(path: Path) -> Mesh:
     if importlib.util.find_spec("coal") is None:
         raise InputError(f"{path.suffix or path.name} needs Coal; {install_command('pin')}, or save it as STL.")
     with open_input(path):  # a regular file, which is remembered; Assimp opens it itself
-        file_status(path)
+        pass
     coal = importlib.import_module("coal")
     try:
         surface = coal.MeshLoader().load(str(path), np.ones(3))

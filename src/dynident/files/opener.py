@@ -9,8 +9,9 @@ import glob
 import os
 import re
 import stat
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime
@@ -264,18 +265,65 @@ def strip_scheme(pattern: str) -> str:
     return _open_store(pattern)[1] if is_address(pattern) else pattern
 
 
-def matching_files(pattern: str, folder: Path) -> list[RecordingFile]:
+def matching_files(pattern: str, folder: Path) -> tuple[list[RecordingFile], tuple[str, ...]]:
     """Return the files that match a pattern of ``glob``, sorted by name; local ones relative to ``folder``.
 
-    Raises InputError where a store does not answer.
+    A local folder counts once, by a name without links if there is one. With the files come the links that lead to a
+    folder once more. Raises InputError where a store does not answer.
     """
     if is_address(pattern):
         store, path = _open_store(pattern)
         details = _ask_store(pattern, lambda: store.glob(path, detail=True))
         files = sorted((name, detail) for name, detail in details.items() if detail.get("type") != "directory")
-        return [RecordingFile(store.unstrip_protocol(name), name, _store_stamp(detail)) for name, detail in files]
-    names = sorted(Path(name).as_posix() for name in glob.glob(pattern, root_dir=folder, recursive=True))
-    return [RecordingFile(name, name, stamp) for name in names if (stamp := file_stamp(name, folder))]
+        return [RecordingFile(store.unstrip_protocol(name), name, _store_stamp(detail)) for name, detail in files], ()
+    folder = Path(os.path.realpath(folder))
+    matches, links = _local_matches(re.sub(r"(^|/)\*\*$", r"\1**/*", pattern), folder)
+    names: dict[tuple[str, str], str] = {}
+    # told by folder and name there: a link to a file is a recording of its own
+    for name in sorted(matches, key=lambda name: (_is_behind_link(folder / name), name)):
+        parent, file_name = os.path.split(name)
+        if names.setdefault((os.path.realpath(folder / parent), file_name), name) != name:
+            links.append(parent)
+    stamps = {name: file_stamp(name, folder) for name in sorted(names.values())}
+    return [RecordingFile(name, name, stamp) for name, stamp in stamps.items() if stamp], tuple(dict.fromkeys(links))
+
+
+def _local_matches(pattern: str, folder: Path) -> tuple[list[str], list[str]]:
+    """Return the names that match a pattern, and the links that are not followed, as ``glob`` would without end."""
+    before, stars, after = f"/{pattern}".partition("/**/")
+    if not stars:
+        return [Path(name).as_posix() for name in glob.glob(pattern, root_dir=folder)], []
+    top = before[1:] or pattern[: pattern.startswith("/")]
+    folders, links = _folders_below(glob.glob(top, root_dir=folder) if top else [""], folder)
+    matches: dict[str, None] = {}
+    for name in folders:
+        names, more_links = _local_matches(after, folder / name)
+        matches |= dict.fromkeys(Path(name, match).as_posix() for match in names)
+        links += [Path(name, link).as_posix() for link in more_links]
+    return list(matches), links
+
+
+def _folders_below(tops: Collection[str], folder: Path) -> tuple[list[str], list[str]]:
+    """Return the names of the folders in and below ``tops``, each real one once, and the links that lead to them."""
+    links = deque(sorted(name for name in tops if _is_behind_link(folder / name)))
+    queue = deque(sorted({*tops} - {*links}))
+    names, repeated_links = dict[str, str](), []
+    while queue or links:
+        # links come last: what leads to a folder besides does not change its name
+        name = queue.popleft() if queue else links.popleft()
+        if names.setdefault(os.path.realpath(folder / name), name) != name:
+            repeated_links.append(name)
+            continue
+        with suppress(OSError), os.scandir(folder / name) as entries:
+            for entry in sorted(entries, key=lambda entry: entry.name):
+                if entry.is_dir() and not entry.name.startswith("."):
+                    (links if entry.is_symlink() else queue).append(Path(name, entry.name).as_posix())
+    return list(names.values()), repeated_links
+
+
+def _is_behind_link(path: Path) -> bool:
+    """Return whether a path has another name without links."""
+    return os.path.realpath(path) != os.path.abspath(path)
 
 
 def file_stamp(name: str, folder: Path) -> str:

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Timer
@@ -22,13 +23,14 @@ from xml.sax.saxutils import quoteattr
 
 from dynident.files.opener import XML_WEIGHT, afford, file_status, read_text, real_path, remember_inputs
 from dynident.models.robot_files import exact_angle, parse
-from dynident.runtime import ModelError, install_command, memory_budget
+from dynident.runtime import MEMORY_VARIABLE, ModelError, format_bytes, install_command, memory_budget
 
 _START_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=/>]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*/?>""")
 _ATTRIBUTE = re.compile(rb"""\s+([^\s=/>]+)\s*=\s*("[^"]*"|'[^']*')""")
 XACRO = ".xacro"
 SUFFIXES = (".urdf", ".xml", ".mjcf", XACRO)
 MAX_DURATION = 60.0  # s
+PROGRAM_MEMORY = 150_000_000  # bytes that xacro itself takes, and Python below it
 ADVICE = (
     "expand the file where ROS is installed, with `xacro robot.urdf.xacro > robot.urdf`, and name robot.urdf; or "
     "install xacro by: "
@@ -227,8 +229,11 @@ def expand(path: Path) -> str:
     file_status(path, ModelError, (XACRO, ".urdf"))
     remember_inputs(path)
     out, errors, code = _run_program([*_program(path), str(real_path(path, ModelError))])
-    if len(out) * XML_WEIGHT > memory_budget():
-        raise ModelError(f"{path}: xacro makes more of it than the memory that a file may take.")
+    if len(out) * XML_WEIGHT > memory_budget() or b"MemoryError" in errors:
+        raise ModelError(
+            f"{path}: xacro makes more of it than the {format_bytes(memory_budget())} of memory that a file may take; "
+            f"mend a macro that repeats without end, or raise this by --memory or {MEMORY_VARIABLE} (in GB)."
+        )
     if code < 0:
         raise ModelError(
             f"{path}: xacro was stopped after {MAX_DURATION:g} s; expand the file by hand, and name the result."
@@ -252,6 +257,16 @@ def _program(path: Path) -> list[str]:
     return [sys.executable, "-P", "-c", "from xacro import main; main()"]
 
 
+def _limit_memory(process: int, size: int) -> None:
+    """Limit the memory (bytes) of a process that has just begun, where the system can."""
+    if sys.platform == "linux":
+        import resource
+
+        # it may have ended already
+        with suppress(ProcessLookupError):
+            resource.prlimit(process, resource.RLIMIT_DATA, (size, size))
+
+
 def _run_program(command: list[str]) -> tuple[bytes, bytes, int]:
     """Return output, errors and exit code of a program; the code is negative where it was stopped."""
     with (
@@ -260,6 +275,7 @@ def _run_program(command: list[str]) -> tuple[bytes, bytes, int]:
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors
         ) as process,
     ):
+        _limit_memory(process.pid, PROGRAM_MEMORY + memory_budget())
         alarm = Timer(MAX_DURATION, process.kill)
         alarm.start()
         try:

@@ -19,7 +19,7 @@ LINKS = (
 SPACE = build_capsule_space(MODEL.terms[0], LINKS, (Cylinder("post", (0.62, 0.0), 0.08, -0.5, 0.5),))
 OPEN = build_capsule_space(MODEL.terms[0], LINKS)
 REQUEST = MotionRequest(
-    0.01 * LIMITS.torque, duration=9.0, period=4.0, harmonics=3, rate=100.0, starts=2, clearance=0.01
+    0.01 * LIMITS.torque, duration=9.0, period=4.0, harmonics=3, rate=100.0, file_rate=100.0, starts=2, clearance=0.01
 )
 BASIS = structural_base_parameters(MODEL)
 

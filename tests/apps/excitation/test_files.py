@@ -15,10 +15,11 @@ from dynident.apps.excitation import Piece, Purpose, Trajectory
 from dynident.apps.excitation.family import Fourier
 from dynident.apps.excitation.files import recording_config, sample_trajectory, trajectory_files
 from dynident.apps.excitation.robot import read_excitation
+from dynident.apps.excitation.verify import LimitError
 from dynident.identification import Sources
 from dynident.project.project import parse_project
 from dynident.runtime import InputError
-from tests.apps.excitation.arms import MODEL, THETA, TWO
+from tests.apps.excitation.arms import LIMITS, MODEL, THETA, TWO
 from tests.apps.excitation.test_excitation import CHANNELS, written
 
 
@@ -26,6 +27,10 @@ def motion(joints: tuple[str, ...] = ("lift", "bend"), period: float = 2.0) -> T
     series = Fourier(period, 3)
     x = np.random.default_rng(0).standard_normal((len(joints), series.size))
     return Trajectory(joints, (Piece(series.course(x), Purpose.MOTION),))
+
+
+WIDE = replace(LIMITS, **{name: np.full(2, size) for name, size in
+               (("lower", -1e3), ("upper", 1e3), ("velocity", 1e3), ("acceleration", 1e4), ("jerk", 1e6))})  # fmt: skip
 
 
 def test_samples_end_where_the_motion_does_or_after() -> None:
@@ -45,7 +50,7 @@ def test_a_rate_that_no_file_can_have(rate: float) -> None:
 
 def test_the_table_has_named_columns_in_si_units() -> None:
     one = motion()
-    text = trajectory_files(one, "motion", 250.0)["motion.csv"]
+    text = trajectory_files(one, "motion", 250.0, WIDE)["motion.csv"]
     rows = np.loadtxt(StringIO(text), delimiter=",", skiprows=1)
     assert text.splitlines()[0] == "t,q_lift,q_bend,dq_lift,dq_bend,ddq_lift,ddq_bend"
     np.testing.assert_allclose(rows[:, 0], np.arange(501) / 250, atol=1e-12)
@@ -54,13 +59,13 @@ def test_the_table_has_named_columns_in_si_units() -> None:
 
 
 def test_the_archive_needs_no_pickle() -> None:
-    found = np.load(BytesIO(trajectory_files(motion(), "motion", 100.0)["motion.npz"]), allow_pickle=False)
+    found = np.load(BytesIO(trajectory_files(motion(), "motion", 100.0, WIDE)["motion.npz"]), allow_pickle=False)
     assert found["joints"].tolist() == ["lift", "bend"]
     np.testing.assert_array_equal(found["ddq"], motion().states(found["t"])[2])
 
 
 def test_ros_gets_at_most_100_points_a_second_with_times_as_it_counts_them() -> None:
-    message = yaml.safe_load(trajectory_files(motion(), "motion", 1000.0)["motion.trajectory.yaml"])
+    message = yaml.safe_load(trajectory_files(motion(), "motion", 1000.0, WIDE)["motion.trajectory.yaml"])
     assert message.keys() == {"header", "joint_names", "points"}
     assert len(message["points"]) == 201
     point = message["points"][137]
@@ -72,9 +77,17 @@ def test_ros_gets_at_most_100_points_a_second_with_times_as_it_counts_them() -> 
     assert all(isinstance(value, float) for value in point["positions"])
 
 
+def test_points_are_denser_where_the_motion_needs_it_and_a_motion_that_no_rate_plays_is_refused() -> None:
+    tight = replace(WIDE, jerk=1.0001 * np.abs(motion(period=0.2).states(np.linspace(0, 0.2, 9999))[3]).max(axis=0))
+    points = yaml.safe_load(trajectory_files(motion(period=0.2), "motion", 1000.0, tight)["motion.trajectory.yaml"])
+    assert len(points["points"]) == 201
+    with pytest.raises(LimitError, match=r"jerk between the samples, as a controller plays them.*higher `file_rate`"):
+        trajectory_files(motion(period=0.2), "motion", 100.0, tight)
+
+
 @pytest.mark.parametrize("name", ["a,b", 'a "b"', "a: b", "ü", "q_a", "- a", "a\nb", "a b #c", "<b>", "1", "\u2028😀"])
 def test_odd_names_of_joints_come_back(name: str) -> None:
-    found = trajectory_files(motion((name, "bend")), "motion", 50.0)
+    found = trajectory_files(motion((name, "bend")), "motion", 50.0, WIDE)
     header = next(csv.reader(StringIO(found["motion.csv"], newline="")))
     assert header[1:3] == [f"q_{name}", "q_bend"]
     assert np.load(BytesIO(found["motion.npz"]))["joints"].tolist() == [name, "bend"]

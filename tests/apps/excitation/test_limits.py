@@ -161,9 +161,17 @@ def test_poses_stand_within_all_limits_and_are_drawn_from_the_generator():
 def test_where_the_arm_can_stand_nowhere_the_reason_is_said():
     weak = replace(FREE, limits=replace(LIMITS, torque=np.array([0.2, 15.0])))
     shadow = replace(AROUND, space=Post(radius=2.0))
-    with pytest.raises(
-        ConfigError, match=r"gravity needs more torque than is allowed, mostly of joint 'lift' \(0\.2\)"
+    # added to an offset of the torque, which acts as gravity does; to dry friction; and a part to both
+    for added, cause in (
+        ({22: -0.8, 24: 50.0}, "gravity"),
+        ({22: 9.0}, r"dry friction alone \(9\.[0-9]*\)"),
+        ({22: -0.65, 24: 0.05}, "gravity with friction"),
     ):
-        replace(weak, theta=THETA + np.array([0.0] * 24 + [50.0, 0.0])).random_poses(3, np.random.default_rng(0))
+        theta = THETA + np.array([added.get(k, 0.0) for k in range(len(THETA))])
+        if cause.endswith("friction"):
+            theta[:20] = 0.0
+        words = rf"In \d+ {cause} needs more torque than is allowed, mostly of joint 'lift' \(0\.2\)"
+        with pytest.raises(ConfigError, match=words):
+            replace(weak, theta=theta).random_poses(3, np.random.default_rng(0))
     with pytest.raises(ConfigError, match="nearer than 20 mm, mostly 'upper' and 'post'"):
         shadow.random_poses(3, np.random.default_rng(0))

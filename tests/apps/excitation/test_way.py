@@ -92,14 +92,14 @@ def test_a_way_to_where_one_is_takes_the_shortest_duration():
     assert next(feasible_durations(BOX, pose, pose)) == pytest.approx(0.05)
 
 
-rooms, sizes = st.floats(0.0, 5.0), st.floats(0.5, 50.0)
+rooms, sizes, steps = st.floats(0.0, 5.0), st.floats(0.5, 50.0), st.sampled_from([0.0, 0.004, 0.012])
 
 
-@given(st.floats(0.01, 5.0), sizes, st.floats(1.0, 5000.0), rooms, st.sampled_from([-1.0, 1.0]))
-def test_a_sweep_keeps_its_limits_and_ends_at_rest_where_it_should(speed, acceleration, jerk, extra, sign):
-    ramp, full = ramp_times(speed, acceleration, jerk)
+@given(st.floats(0.01, 5.0), sizes, st.floats(1.0, 5000.0), rooms, st.sampled_from([-1.0, 1.0]), steps)
+def test_a_sweep_keeps_its_limits_and_ends_at_rest_where_it_should(speed, acceleration, jerk, extra, sign, step):
+    ramp, full = ramp_times(speed, acceleration, jerk, step)
     distance = sign * (speed * (2 * ramp + full) + extra)
-    sweep = Sweep(np.array([0.5, -1.0]), np.array([0.0, 1.0]), distance, speed, acceleration, jerk)
+    sweep = Sweep(np.array([0.5, -1.0]), np.array([0.0, 1.0]), distance, speed, acceleration, jerk, step)
     t = np.linspace(0, sweep.duration, 999)
     q, dq, ddq, jerks = sweep.states(t)
     assert (q[:, 0] == 0.5).all()
@@ -107,10 +107,17 @@ def test_a_sweep_keeps_its_limits_and_ends_at_rest_where_it_should(speed, accele
     assert np.abs(dq).max() == pytest.approx(speed)
     assert np.abs(ddq).max() <= acceleration * (1 + 1e-9)
     assert np.abs(jerks).max() <= jerk
-    np.testing.assert_allclose([q[0, 1], q[-1, 1], dq[-1, 1]], [-1.0, -1.0 + distance, 0.0], atol=1e-8)
+    # in whole steps it is shorter by less than one of them at its speed
+    reached, slack = sign * (q[-1, 1] + 1.0), 1e-6 * step * speed + 1e-8
+    assert abs(distance) - speed * step - slack <= reached <= abs(distance) + slack
+    np.testing.assert_allclose([q[0, 1], dq[-1, 1]], [-1.0, 0.0], atol=1e-8)
     assert np.abs(ddq[-1]).max() <= 1e-9 * jerk * sweep.duration + 1e-9
     np.testing.assert_allclose(sweep.end, q[-1], atol=1e-9)
-    assert sweep.cruise == pytest.approx(extra / speed, abs=1e-9 * sweep.duration + 1e-12)
+    if not step:
+        assert sweep.cruise == pytest.approx(extra / speed, abs=1e-9 * sweep.duration + 1e-12)
+    else:
+        parts = sweep._edges / step
+        np.testing.assert_allclose(parts, np.round(parts), atol=1e-6)
 
 
 def test_each_is_the_derivative_of_the_one_before():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import string
 from datetime import date, datetime
 from pathlib import Path
@@ -163,8 +164,6 @@ def test_a_table_may_be_parquet_with_dates_and_a_held_out_log(tmp_path: Path) ->
     [
         ("file,robot,date\n", "no column 'log'"),
         ("log,robt,date\n", "no column 'robot'; did you mean 'robt'"),
-        ("log,robot,date\na.csv,,2026-11-22\n", "row 1 has no robot"),
-        ("log,robot,date\na.csv,r,2026-11-22\na.csv,r,2026-11-23\n", "lists the log 'a.csv' of robot 'r' twice"),
         ("log,robot,date\na.csv,r,today\n", "no date of 1 logs can be read.*'today'.*date_format"),
     ],
 )
@@ -173,6 +172,52 @@ def test_a_wrong_table_is_refused(tmp_path: Path, table: str, words: str) -> Non
     (tmp_path / "runs.csv").write_text(table)
     with pytest.raises(ConfigError, match=words):
         listed(tmp_path, table="runs.csv")
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("a.csv,,2026-11-22", "row 2 is left out: it has no robot"),
+        (",,2026-11-22", "row 2 is left out: it has no log and no robot"),
+        ("a.csv,r,2026-11-23", "row 2 is left out: it lists 'a.csv' of robot 'r' again"),
+        ("./a.csv,r,2026-11-23", "row 2 is left out: it lists './a.csv' of robot 'r' again"),
+        ("nosuch://b/a.csv,r,2026-11-23", "nosuch://b/a.csv: cannot be opened: .*nosuch"),
+        ("memory://none/a.csv,r,2026-11-23", "memory://none/a.csv: there is no such file"),
+        ("none.csv,r,2026-11-23", "none.csv: there is no such file"),
+        ("a\0.csv,r,2026-11-23", "there is no such file"),
+        ("b.csv,r,today", "'today' of b.csv cannot be read"),
+    ],
+)
+def test_a_wrong_row_of_a_table_fails_alone(tmp_path: Path, row: str, words: str) -> None:
+    touched(tmp_path, "a.csv", "b.csv")
+    (tmp_path / "runs.csv").write_text(f"log,robot,date\na.csv,r,2026-11-22\n{row}\nb.csv,s,2026-11-22\n")
+    logs, warnings = fleet_logs(settings(table="runs.csv"), tmp_path)
+    assert [log.log for log in logs if not log.fault] == ["a.csv", "b.csv"]
+    assert re.search(words, "\n".join([*warnings, *(log.fault for log in logs)]))
+
+
+@pytest.mark.parametrize("pattern", ["**/{robot}/{date}.csv", "**/{robot}/**/{date}.csv", "logs/{robot}/{date}.csv"])
+@pytest.mark.parametrize(
+    ("link", "target"),
+    [("loop", "."), ("arm-0/up", ".."), ("again", "arm-1"), ("arm-0/peer", "../arm-1"), ("out", "../.."), ("a", "a")],
+)
+def test_each_real_folder_is_entered_once_and_by_its_own_name(
+    tmp_path: Path, pattern: str, link: str, target: str
+) -> None:
+    names, folder = [f"logs/arm-{k}/2026-11-22.csv" for k in range(3)], tmp_path / "fleet"
+    touched(folder, *names)
+    (folder / "logs" / link).symlink_to(target, target_is_directory=True)
+    (folder / "logs" / "twin").symlink_to(".", target_is_directory=True)  # two links to one folder: 2^40 names
+    logs, warnings = fleet_logs(settings(logs=pattern), folder)
+    assert [log.log for log in logs] == names
+    assert all("links to folders that are listed already" in warning for warning in warnings)
+
+
+def test_a_folder_behind_a_link_alone_is_entered(tmp_path: Path) -> None:
+    touched(tmp_path, "store/7/2026-11-22.csv")
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "arm").symlink_to("../store/7", target_is_directory=True)
+    assert [log.robot for log in listed(tmp_path, logs="logs/**/{robot}/{date}.csv")] == ["arm"]
 
 
 def test_of_the_folder_of_results_only_the_results_are_no_logs(tmp_path: Path) -> None:

@@ -149,6 +149,39 @@ def test_the_application_answers_and_escapes(session: Session) -> None:
         answer = client.post("/secret/act", data=nonsense, content_type="application/json")
         assert answer.status_code in (400, 500)
         assert answer.get_data(as_text=True).endswith(".")
-    assert client.post("/secret/_dash-update-component", json={}).status_code == 500
+    assert client.post("/secret/_dash-update-component", json={}).status_code == 400
     assert client.get("/secret/_dash-component-suites/dash/../../etc/passwd").status_code != 200
-    assert "there is no control 'None'" in client.post("/secret/act", json=[]).get_json()["words"]
+    assert client.post("/secret/act", json=[]).status_code == 400
+    assert "there is no control 'None'" in client.post("/secret/act", json={}).get_json()["words"]
+
+
+ODD_VALUES = ([], {}, [1], [None, {}], {"a": 1}, 1, -1.5, True, "x", "\ud800", 10**400, [[], []], None)
+SENT = {
+    "curves": ("search", "degree", "zoom", "fine", "tab", "at"),
+    "act": ("search", "control", "value"),
+}
+CONTROLS = ("degree", "mark", "min_speed", "term", "fitted", "filter", "decimate", "cutoff", "estimator", "offset",
+            "exclude", "include", "reset", "joint", "log", "reach")  # fmt: skip
+
+
+def test_whatever_is_posted_no_traceback_is_printed(validated_arm: Bench) -> None:
+    faults: list[str] = []
+    session = Session(SimpleNamespace(path=Path("arm.yaml")), validated_arm, faults.append)  # type: ignore[arg-type]
+    client = make_app(session, "token").server.test_client()
+    bodies = [(name, {field: value}) for name, fields in SENT.items() for field in fields for value in ODD_VALUES]
+    bodies += [
+        ("act", {"search": "", "control": control, "value": value}) for control in CONTROLS for value in ODD_VALUES
+    ]
+    bodies += [(name, value) for name in (*SENT, "_dash-update-component") for value in ODD_VALUES]
+    # what a callback of Dash gets, of another type
+    places = (("address", "search"), ("last", "data"), ("tab", "data"), ("zoomed", "data"))
+    for component, property_ in places:
+        for value in ODD_VALUES:
+            inputs = [{"id": component, "property": property_, "value": value}]
+            bodies.append(("_dash-update-component", {"output": "x.y", "inputs": inputs, "changedPropIds": []}))
+    for name, body in bodies:
+        answer = client.post(f"/token/{name}", data=json.dumps(body), content_type="application/json")
+        assert answer.status_code in (200, 204, 400), (name, body)
+    assert faults == []
+    assert client.post("/token/act", data="{", content_type="application/json").status_code == 400
+    assert client.post("/token/act", data=b"x", content_type="text/plain").status_code in (400, 415)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import http.client
+import socket
 import threading
+import time
+from contextlib import suppress
 from typing import Any
 
 import flask
 import pytest
 
+from dynident.apps.tuning import server as server_module
 from dynident.apps.tuning.server import (
+    MAX_CONNECTIONS,
     Address,
     answer,
     bind_socket,
@@ -152,3 +157,34 @@ def test_files_that_never_change_may_be_kept() -> None:
 def test_only_scripts_that_are_known_run() -> None:
     assert "script-src 'self' 'sha256-abc'" in make_content_policy(["'sha256-abc'"])
     assert "unsafe-eval" not in make_content_policy()
+
+
+def test_connections_that_send_nothing_or_drip_are_closed_soon_and_are_not_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(server_module, "HEADER_TIME", 0.5)
+    listener = bind_socket(0)
+    port = listener.getsockname()[1]
+    server = build_server(flask.Flask("served"), listener)
+    listener.close()
+    thread = threading.Thread(target=answer, args=(server,), daemon=True)
+    thread.start()
+    before = threading.active_count()
+    connections = [socket.create_connection(("127.0.0.1", port), timeout=5) for _ in range(3 * MAX_CONNECTIONS)]
+    for connection in connections[::2]:
+        with suppress(OSError):
+            connection.sendall(b"GET / HT")
+    assert threading.active_count() - before <= 2 * MAX_CONNECTIONS + 1  # each with its alarm
+    start = time.monotonic()
+    for connection in connections:
+        with suppress(ConnectionError):
+            while connection.recv(4096):
+                pass
+        connection.close()
+    assert time.monotonic() - start < 4
+    asked = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    asked.request("GET", "/")
+    assert asked.getresponse().status == 404  # it answers again
+    server.shutdown()
+    thread.join()
+    server.server_close()

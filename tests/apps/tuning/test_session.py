@@ -59,6 +59,14 @@ def test_a_file_that_the_session_did_not_write_stays(session: Session, validated
     assert texts == [f"arm-tuned-{k}.yaml {start}" for k in (2, 3)] + ["edited by hand", "mine"]
 
 
+def test_two_tabs_do_not_replace_what_the_other_saved(session: Session, validated_arm: Bench) -> None:
+    path, start, tuned = session.project.path, validated_arm.start, validated_arm.start.with_degree(1.0)
+    for _ in range(2):
+        assert session.save(start, "a") == path.with_name("arm-tuned.yaml")
+        assert session.save(tuned, "b") == path.with_name("arm-tuned-2.yaml")
+    assert path.with_name("arm-tuned.yaml").read_text() == f"arm-tuned.yaml {start}"
+
+
 def test_what_cannot_be_fitted_is_not_saved(session: Session, validated_arm: Bench) -> None:
     with pytest.raises(DynidentError, match="0 usable samples"):
         session.save(validated_arm.start.exclude(validated_arm.log_names[0], -1.0, 100.0))

@@ -11,7 +11,13 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    StrictBool,
+    ValidationInfo,
+    model_validator,
+)
 
 from dynident.apps.excitation.limits import MotionLimits
 from dynident.apps.excitation.motion import MotionRequest
@@ -111,6 +117,7 @@ class ExcitationSettings(Section):
     is the share of each limit that is kept free. ``noise`` (N m, N) is that of the torques, one number or by joint;
     null: as the logs or the result show it, else by rule. ``start`` is the pose at rest where the motion begins and
     ends, by joint (rad, m); joints left out are at zero. ``floor`` (m) is a height along z of the root link.
+    ``grippers`` are exercised like the arm, else held still where the robot file alone says what moves.
     ``packages`` are the folders of the packages (``package://``) that hold the robot's meshes, or those around them.
     """
 
@@ -134,6 +141,7 @@ class ExcitationSettings(Section):
     boxes: Annotated[tuple[BoxSettings, ...], Field(max_length=100)] = ()
     cylinders: Annotated[tuple[CylinderSettings, ...], Field(max_length=100)] = ()
     packages: Annotated[tuple[Folder, ...], Field(max_length=100)] = ()
+    grippers: StrictBool = False
 
     @model_validator(mode="after")
     def _check_criterion(self) -> Self:

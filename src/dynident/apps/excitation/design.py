@@ -224,7 +224,7 @@ def design(
     check_request(limits, space, request)
     report_progress("finding base parameters")
     basis = structural_base_parameters(model)
-    feasible = Feasibility(model, theta, limits, space, request.clearance)
+    feasible = Feasibility(model, theta, limits, space, request.clearance, request.step)
     # fails early, with the reason, where the arm can stand in no pose
     feasible.random_poses(1, np.random.default_rng(0))  # says what is in the way where the arm can stand nowhere
     first_pieces = slow_pieces(feasible, request, rng)

@@ -14,9 +14,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from dynident.apps.excitation.limits import min_fit_speeds
+from dynident.apps.excitation.limits import MotionLimits, min_fit_speeds
+from dynident.apps.excitation.motion import point_spacing
 from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
+from dynident.apps.excitation.verify import QUANTITIES, LimitError
+from dynident.apps.excitation.way import quintic_bounds
 from dynident.files.opener import real_path, relative
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import SourceFile
@@ -27,7 +30,9 @@ from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
-ROS_RATE = 100.0  # Hz
+PLAYER = "play_trajectory.py"
+INTERPOLATION_TOLERANCE = 1e-3  # of a limit, for smooth motion between samples; jumps of the jerk take 1e-1 and more
+BLOCK_SAMPLES = 500
 NANO = 1_000_000_000
 MAX_SAMPLES = 2_000_000  # samples of a file
 RECORDED = {"train": "motion_recorded", "validation": "validation_recorded"}  # names of the recordings by role
@@ -71,21 +76,49 @@ def sample_trajectory(trajectory: Trajectory, rate: float) -> SampledTrajectory:
 
 
 def trajectory_files(
-    trajectory: Trajectory, stem: str, rate: float, ros_rate: float = ROS_RATE
+    trajectory: Trajectory, stem: str, rate: float, limits: MotionLimits, thinning: int = 1
 ) -> dict[str, str | bytes]:
     """Return the files of a trajectory by name, all at ``rate`` (Hz) except that for ROS 2.
 
-    The latter has at most ``ros_rate``, as its controllers interpolate between the points. ``STEM.csv`` has
-    columns t (s) and by joint q, dq, ddq; ``STEM.npz`` these arrays and the names of the joints;
-    ``STEM.trajectory.yaml`` is a ``trajectory_msgs/JointTrajectory``.
+    ``STEM.csv`` has columns t (s) and by joint q, dq, ddq; ``STEM.npz`` these arrays and the names of the joints;
+    ``STEM.trajectory.yaml`` is a ``trajectory_msgs/JointTrajectory``. As its controllers interpolate between the
+    points, it has every sample of ``thinning`` times as many as make at most 100 per s, or all samples where that is
+    too coarse. Raises LimitError where what is played between the samples leaves the ``limits``.
     """
     samples = sample_trajectory(trajectory, rate)
-    ros_samples = sample_trajectory(trajectory, min(rate, ros_rate))
+    points = sample_trajectory(trajectory, rate / (thinning * point_spacing(rate)))
+    try:
+        check_interpolant(points, limits)
+    except LimitError:
+        points = samples
+        check_interpolant(points, limits)
     return {
         f"{stem}.csv": _to_csv(samples),
         f"{stem}.npz": _to_npz(samples),
-        f"{stem}.trajectory.yaml": _to_ros(ros_samples),
+        f"{stem}.trajectory.yaml": _to_ros(points, stem),
     }
+
+
+def check_interpolant(samples: SampledTrajectory, limits: MotionLimits) -> None:
+    """Raise LimitError where quintics between samples of q, dq and ddq leave the limits of a motion.
+
+    It is these that a controller plays. They are the motion itself where no piece begins between two samples.
+    """
+    states = np.stack([samples.q, samples.dq, samples.ddq], axis=1)
+    middles, sizes = np.stack([limits.middle, *np.zeros((3, len(limits.joints)))]), limits.sizes
+    for k in range(0, len(states) - 1, BLOCK_SAMPLES):
+        block, steps = states[k : k + BLOCK_SAMPLES + 1], np.diff(samples.t[k : k + BLOCK_SAMPLES + 1])
+        low, high, derivatives = quintic_bounds(block[:-1], block[1:], steps)
+        reached = np.maximum(high - limits.middle, limits.middle - low)[:, None]
+        shares = np.concatenate([reached, derivatives], axis=1) / sizes
+        if not shares.max(initial=0.0) <= 1 + INTERPOLATION_TOLERANCE:
+            row, d, joint = np.unravel_index(int(shares.argmax()), shares.shape)
+            words = (
+                f"{QUANTITIES[d]} between the samples, as a controller plays them, deviates from "
+                f"{middles[d, joint]:.4g} by {shares[row, d, joint] * sizes[d, joint]:.6g}, beyond its limit "
+                f"{sizes[d, joint]:.6g}; give a higher `file_rate`"
+            )
+            raise LimitError.at(samples.joints[joint], float(samples.t[k + row]), words)
 
 
 def _to_csv(samples: SampledTrajectory) -> str:
@@ -105,15 +138,20 @@ def _to_npz(samples: SampledTrajectory) -> bytes:
     return file.getvalue()
 
 
-def _to_ros(samples: SampledTrajectory) -> str:
+def player() -> str:
+    """Return the program that sends such a file to a controller: ``player.py`` beside this file."""
+    return Path(__file__).with_name("player.py").read_text(encoding="utf-8")
+
+
+def _to_ros(samples: SampledTrajectory, stem: str) -> str:
     """Return the message with one point per line."""
     # in quotes and escaped, as any name may stand in a robot file
     names = yaml.safe_dump(list(samples.joints), default_style='"', default_flow_style=True, width=math.inf).strip()
     lines = [
         "# A trajectory_msgs/msg/JointTrajectory, in rad or m and s. The controller interpolates between the points,",
-        "# at best by quintic splines. To send it (the name of the controller is yours):",
-        "#   ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\",
-        '#     trajectory_msgs/msg/JointTrajectory "$(cat THIS_FILE)"',
+        "# at best by quintic splines. To send it as one goal, from the place where the motion starts (the name of the",
+        "# controller is yours):",
+        f"#   python3 {PLAYER} {stem}.trajectory.yaml --controller joint_trajectory_controller",
         'header: { stamp: { sec: 0, nanosec: 0 }, frame_id: "" }',
         f"joint_names: {names}",
         "points:",
@@ -174,10 +212,14 @@ def _config_data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:
     if project.config is not None:
         data = load_yaml(project.config.text, project.config.path)
         file = isinstance(data["model"], str) and robot_settings(data["model"]) is not None
-        return data | ({"model": {"file": data["model"]}} if file else {}), Path(project.config.path).parent
+        data |= {"model": {"file": data["model"]}} if file else {}
+        if project.gripper is not None:
+            data |= {"model": {**data["model"], "lock": dict(project.gripper.positions)}}
+        return data, Path(project.config.path).parent
     found = project.prior.identification
     source = SourceFile(str(project.path)) if found is None else found.provenance.model
-    return ({} if source is None else {"model": {"file": source.path}}), Path()
+    lock = {} if project.gripper is None else {"lock": dict(project.gripper.positions)}
+    return ({} if source is None else {"model": {"file": source.path, **lock}}), Path()
 
 
 def _default_channels(joints: tuple[Joint, ...]) -> dict[str, Any]:

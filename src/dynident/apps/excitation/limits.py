@@ -280,7 +280,7 @@ class Feasibility(Noun):
     """Limits of a model with parameters ``theta`` (p): ``limits`` of its joints, and ``clearance`` (m) in
     ``space``.
 
-    Without ``space`` nothing is in the way.
+    Without ``space`` nothing is in the way. Pieces take whole multiples of ``step`` (s), 0 for any duration.
     """
 
     model: Model
@@ -288,6 +288,7 @@ class Feasibility(Noun):
     limits: MotionLimits
     space: Distances | None = None
     clearance: float = 0.0
+    step: float = 0.0
 
     def max_torque_share(self, course: Course) -> float:
         """Return the largest torque of a course as a share of its limit."""
@@ -361,8 +362,14 @@ class Feasibility(Noun):
         sentences = [f"of {len(q)} random poses the arm can stand in none."]
         if heavy_count:
             name, limit = self.limits.joints[joint], self.limits.torque[joint]
+            # what the joint takes without friction tells which of both is the cause
+            at_rest, zeros = np.abs(self.model.torque(q, 0 * q, 0 * q, self.theta))[:, joint], np.zeros(len(q))
+            friction = float(np.median(np.maximum(zeros, shares[:, joint] * limit - at_rest)))
+            cause = "gravity" if (at_rest > (1 - TORQUE_RESERVE) * limit).mean() > 0.5 else "gravity with friction"
+            if friction > (1 - TORQUE_RESERVE) * limit:
+                cause = f"dry friction alone ({friction:.4g})"
             sentences.append(
-                f"In {heavy_count} gravity needs more torque than is allowed, mostly of joint {name!r} ({limit:.4g})."
+                f"In {heavy_count} {cause} needs more torque than is allowed, mostly of joint {name!r} ({limit:.4g})."
             )
         if self.space is not None and too_near.any():
             pairs = self.space.pairs

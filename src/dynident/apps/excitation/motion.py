@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
@@ -16,7 +17,7 @@ from dynident.apps.excitation.family import ClampedSpline, Family, Fourier
 from dynident.apps.excitation.interior import GridReserve, Interior
 from dynident.apps.excitation.limits import Feasibility, MotionLimits
 from dynident.apps.excitation.search import Plan, SearchResult, search
-from dynident.apps.excitation.trajectory import Piece, Purpose
+from dynident.apps.excitation.trajectory import STEP_TOLERANCE, Piece, Purpose
 from dynident.apps.excitation.way import from_rest
 from dynident.estimators.maximum_likelihood import with_smooth_signs
 from dynident.models import Model, Space
@@ -30,6 +31,7 @@ MIN_GRID_POINTS = 100  # points of the grid
 SPANS_PER_HARMONIC = 2.0  # of a B-spline, by harmonic and period: as free as the series
 TYPICAL_PATH_TIME = 4.0  # s that ways and ramps take, about
 LARGE_TORQUE_RESERVE = 0.2  # of a torque limit, kept free: a lot
+ROS_RATE = 100.0  # Hz: more points than its controllers need make large messages
 MAX_RESTARTS = 2  # searches with more to spare, where the limits do not hold between the grid's points
 MOTION_SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which are tried
 
@@ -53,7 +55,7 @@ class MotionRequest(Noun):
     (n) is the pose at rest where the motion begins and ends (None: chosen). ``named`` are the parameters of
     the A-optimal criterion (none: all base parameters), ``prior`` (p, p) is prior information on the
     parameters, ``starts`` is the number of starts of the search, ``clearance`` (m) is kept from everything,
-    and a series is repeated at most ``max_periods`` times.
+    and a series is repeated at most ``max_periods`` times. The files of the motion have ``file_rate`` (Hz).
     """
 
     sigma: Array
@@ -64,12 +66,23 @@ class MotionRequest(Noun):
     period: float = 5.0
     harmonics: int = 5
     rate: float = 250.0
+    file_rate: float = 250.0
     start: Array | None = None
     named: tuple[str, ...] = ()
     prior: Array | None = None
     starts: int = 8
     clearance: float = 0.01
     max_periods: int | None = None
+
+    @property
+    def step(self) -> float:
+        """Time (s) between the points for ROS 2, of which pieces take whole multiples."""
+        return point_spacing(self.file_rate) / self.file_rate
+
+
+def point_spacing(rate: float) -> int:
+    """Return how many samples at a ``rate`` (Hz) lie between points for ROS 2, so that these are at most 100 per s."""
+    return max(1, math.ceil(rate / ROS_RATE - STEP_TOLERANCE))
 
 
 class LeftOut(Note):
@@ -288,10 +301,15 @@ def _no_path_message(request: MotionRequest) -> str:
 
 
 def _make_family(request: MotionRequest) -> Family:
+    # in whole steps, so that a motion ends at a point
     if request.family == "fourier":
-        return Fourier(request.period, request.harmonics)
-    length = request.duration - (0.0 if request.start is None else TYPICAL_PATH_TIME)
+        return Fourier(_whole_steps(request.period, request.step), request.harmonics)
+    length = _whole_steps(request.duration - (0.0 if request.start is None else TYPICAL_PATH_TIME), request.step)
     return ClampedSpline(length, max(6, round(SPANS_PER_HARMONIC * request.harmonics * length / request.period)))
+
+
+def _whole_steps(duration: float, step: float) -> float:
+    return step * max(1, math.floor(duration / step + STEP_TOLERANCE))
 
 
 def _period_count(request: MotionRequest, family: Family, path_time: float) -> int:

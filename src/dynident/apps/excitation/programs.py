@@ -9,7 +9,7 @@ signs and cancels.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.excitation.limits import Feasibility, min_fit_speeds
 from dynident.apps.excitation.motion import MotionRequest
-from dynident.apps.excitation.trajectory import Course, Hold, Piece, Purpose, Sweep, ramp_times
+from dynident.apps.excitation.trajectory import Course, Hold, Piece, Purpose, Sweep, ramp_times, round_up
 from dynident.apps.excitation.way import Quintic, find_path
 from dynident.runtime import ConfigError, join_names
 
@@ -51,6 +51,7 @@ class _JointSweeps:
     speeds: Array
     acceleration: float
     jerk: float
+    step: float
 
     def sweeps(self, steady_time: float) -> Iterator[Sweep]:
         """Yield a sweep there and one back for each speed, which is kept for ``steady_time`` (s) where there is
@@ -58,12 +59,12 @@ class _JointSweeps:
         """
         direction = np.eye(len(self.pose))[self.joint]
         for speed in self.speeds.tolist():
-            ramp, full = ramp_times(speed, self.acceleration, self.jerk)
+            ramp, full = ramp_times(speed, self.acceleration, self.jerk, self.step)
             # with little room the sweep is as long as it fits, else as long as its constant speed lasts
             distance = min(self.room, speed * (steady_time + 2 * ramp + full))
-            forward_sweep = Sweep(self.pose, direction, distance, speed, self.acceleration, self.jerk)
+            forward_sweep = Sweep(self.pose, direction, distance, speed, self.acceleration, self.jerk, self.step)
             yield forward_sweep
-            yield Sweep(forward_sweep.end, direction, -distance, speed, self.acceleration, self.jerk)
+            yield replace(forward_sweep, pose=forward_sweep.end, distance=-distance)
 
     def total_time(self, steady_time: float) -> float:
         """Return the time (s) that all sweeps take."""
@@ -144,9 +145,10 @@ def _plan_sweeps(
     speed_limit, acceleration, jerk = (float(size[joint]) for size in limits.sizes[1:])
     min_speed = MIN_SPEED_FACTOR * float(min_fit_speeds(feasible.model, limits)[joint])
     for _ in range(MAX_TRIES):
-        fastest = _fastest_speed(room, speed_limit, acceleration, jerk)
+        fastest = _fastest_speed(room, speed_limit, acceleration, jerk, feasible.step)
         slowest_speed = min(max(MIN_SPEED_RATIO * fastest, min_speed), fastest)
-        run = _JointSweeps(start_pose, joint, room, np.geomspace(slowest_speed, fastest, speeds), acceleration, jerk)
+        rates = np.geomspace(slowest_speed, fastest, speeds)
+        run = _JointSweeps(start_pose, joint, room, rates, acceleration, jerk, feasible.step)
         # the last two sweeps are the fastest, there and back: slower ones need less torque
         if room > 0 and all(map(feasible.allows, list(run.sweeps(np.inf))[-2:])):
             return run
@@ -161,11 +163,11 @@ def _plan_sweeps(
     )
 
 
-def _fastest_speed(room: float, limit: float, acceleration: float, jerk: float) -> float:
+def _fastest_speed(room: float, limit: float, acceleration: float, jerk: float, step: float) -> float:
     """Return the greatest speed up to a limit that is constant for ``MIN_STEADY_SHARE`` of the range ``room``."""
     speed = limit
     for _ in range(SEARCH_STEPS):
-        ramp, full = ramp_times(speed, acceleration, jerk)
+        ramp, full = ramp_times(speed, acceleration, jerk, step)
         if speed * (2 * ramp + full) <= (1 - MIN_STEADY_SHARE) * room:
             break
         speed *= 0.9
@@ -267,7 +269,8 @@ def _plan_visits(
         PASS_SPEED_FACTOR * min_fit_speeds(feasible.model, feasible.limits) * rng.choice((-1.0, 1.0), poses.shape)
     )
     if not velocity.any():
-        return tuple((Hold(hold, poses[k]),) for k in select_informative_poses(feasible, poses, weights, count))
+        rest = float(round_up(np.array(hold), feasible.step))
+        return tuple((Hold(rest, poses[k]),) for k in select_informative_poses(feasible, poses, weights, count))
     sweeps = [
         _sweep_to_and_fro(feasible, *pose_and_velocity, hold) for pose_and_velocity in zip(poses, velocity, strict=True)
     ]
@@ -289,11 +292,11 @@ def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array, hold:
         bounds = (feasible.limits.sizes[2:] / speeds).min(axis=1)
     # in units of the way: the joint with the tightest limit decides
     acceleration, jerk = min(1 / JERK_DURATION, float(bounds[0])), min(1 / JERK_DURATION**2, float(bounds[1]))
-    ramp, full = ramp_times(1.0, acceleration, jerk)
+    ramp, full = ramp_times(1.0, acceleration, jerk, feasible.step)
     ramp_time = 2 * ramp + full
     distance = max(hold / 2 - ramp_time, 2 * ramp_time)
-    forward = Sweep(pose - distance / 2 * velocity, velocity, distance, 1.0, acceleration, jerk)
-    return forward, Sweep(forward.end, velocity, -distance, 1.0, acceleration, jerk)
+    forward = Sweep(pose - distance / 2 * velocity, velocity, distance, 1.0, acceleration, jerk, feasible.step)
+    return forward, replace(forward, pose=forward.end, distance=-distance)
 
 
 @dataclass(frozen=True, eq=False)

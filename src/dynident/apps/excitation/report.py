@@ -209,7 +209,12 @@ def _shape_sentences(geometry: Geometry) -> Iterator[str]:
 def excitation_findings(project: ExcitationProject, design: Design) -> list[str]:
     """Return plain sentences: what the motion will tell, what stays open, what was assumed, and the notes."""
     notes = (str(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
-    around = (*body_words(project), *shape_words(project), *floor_words(project, design))
+    around = (
+        *((str(project.gripper),) if project.gripper else ()),
+        *body_words(project),
+        *shape_words(project),
+        *floor_words(project, design),
+    )
     return [*expected_findings(design), *around, *noise_words(project), *limit_words(design), *notes]
 
 

@@ -26,6 +26,7 @@ from dynident.apps.excitation.config import (
 from dynident.apps.excitation.criterion import Criterion
 from dynident.apps.excitation.design import Design, design
 from dynident.apps.excitation.exact_space import build_space, exact_space
+from dynident.apps.excitation.gripper import GripperLeftOut, find_gripper
 from dynident.apps.excitation.limits import JointLimits, MotionLimits, motion_limits
 from dynident.apps.excitation.motion import MotionRequest, Program
 from dynident.files.meshes import read_geometry
@@ -53,6 +54,7 @@ class ExcitationProject(Noun):
 
     ``path`` is the robot file, configuration or result; ``config`` its configuration, which may hold a model alone;
     ``file`` that of the model, beside which its meshes are. ``origin`` says where the noise of the request is from.
+    ``gripper`` is what is left out.
     """
 
     path: Path
@@ -63,6 +65,7 @@ class ExcitationProject(Noun):
     request: MotionRequest
     config: SourceFile | None = None
     file: Path | None = None
+    gripper: GripperLeftOut | None = None
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
@@ -147,12 +150,20 @@ def read_excitation(
     # let the caller refuse its targets before the slow work, now that the inputs are known
     if identification is not None or robot is not None:
         ready()
+    gripper = None
     # the best source at hand: a result, else the robot file alone, else the logs of a configuration
     if identification is not None:
         prior = knowledge_of_result(identification)
     elif robot is not None:
         report_progress("building the model")
-        prior = nominal_knowledge(load_model(replace_auto_terms(robot), path.parent if config else "."))
+        folder = path.parent if config else Path()
+        model = load_model(replace_auto_terms(robot), folder)
+        # whoever chooses joints is asked nothing; else a gripper is held still
+        if isinstance(robot, RobotSettings) and not (motion_settings.grippers or robot.joints or robot.lock):
+            gripper = find_gripper(model)
+            held_robot = robot.model_copy(update={"lock": gripper.positions if gripper else {}})
+            model = load_model(replace_auto_terms(held_robot), folder) if gripper else model
+        prior = nominal_knowledge(model)
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
     user_limits = {name: JointLimits(**limit.model_dump()) for name, limit in motion_settings.limits.items()}
@@ -167,15 +178,15 @@ def read_excitation(
         motion_settings.period,
         motion_settings.harmonics,
         motion_settings.rate,
+        motion_settings.file_rate or motion_settings.rate,
         _start_pose(motion_settings, limits.joints),
         motion_settings.parameters,
         prior.information,
         motion_settings.starts,
         motion_settings.clearance,
     )
-    return ExcitationProject(
-        path, prior, motion_settings, limits, origin, request, config, _model_file(path, kind, identification, config)
-    )
+    file = _model_file(path, kind, identification, config)
+    return ExcitationProject(path, prior, motion_settings, limits, origin, request, config, file, gripper)
 
 
 def _model_file(path: Path, kind: str, identification: Identification | None, config: SourceFile | None) -> Path | None:

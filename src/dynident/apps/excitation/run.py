@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.apps.excitation.files import ROS_RATE, recording_config, trajectory_files
+from dynident.apps.excitation.files import PLAYER, player, recording_config, trajectory_files
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
@@ -99,15 +99,16 @@ def excite(
 
 def refuse_targets(folder: Path) -> None:
     """Raise ConfigError, before long work, where a file that a design writes is one that was read, the report
-    there is that of another command, or the configuration was written or changed by hand."""
-    refuse_inputs(*(folder / name for name in (*_MOTIONS, CONFIG, NUMBERS, REPORT)))
+    there is that of another command, or configuration or player were written or changed by hand."""
+    refuse_inputs(*(folder / name for name in (*_MOTIONS, PLAYER, CONFIG, NUMBERS, REPORT)))
     refuse_other_report(folder, NUMBERS)
-    path = folder / CONFIG
-    # A configuration with the digest of an earlier run is unchanged and may be replaced
-    if path.exists() and sha256(content(path, remember=False)).hexdigest() != _earlier_digests(folder).get(CONFIG):
-        raise ConfigError(
-            f"{path}: was written or changed by hand, and would be replaced; move it, or choose another folder."
-        )
+    digests = _earlier_digests(folder)
+    for path in (folder / CONFIG, folder / PLAYER):
+        # what has the digest of an earlier run is unchanged and may be replaced
+        if path.exists() and sha256(content(path, remember=False)).hexdigest() != digests.get(path.name):
+            raise ConfigError(
+                f"{path}: was written or changed by hand, and would be replaced; move it, or choose another folder."
+            )
 
 
 def _earlier_digests(folder: Path) -> Mapping[str, Any]:
@@ -124,13 +125,15 @@ def write_design(folder: ResultFolder, project: ExcitationProject, design: Desig
 
     Raises InputError where one cannot be written, ConfigError where one was read.
     """
-    rate = project.settings.file_rate or design.request.rate
+    rate = design.request.file_rate
     files: dict[str, str | bytes] = {}
     for stem, trajectory in motions_of(design).items():
-        files |= trajectory_files(trajectory, stem, rate)
+        files |= trajectory_files(trajectory, stem, rate, design.limits)
     if trial := _trial_motion(design):
-        files |= trajectory_files(trial, TRIAL, rate, ROS_RATE / SLOWER)
+        files |= trajectory_files(trial, TRIAL, rate, design.limits, round(SLOWER))
     uses = [(name, f"{_STEMS[stem]}: {_USES[ending]}") for name in files for stem, _, ending in [name.partition(".")]]
+    files[PLAYER] = player()
+    uses.append((PLAYER, "the program that sends a trajectory.yaml to a controller of ROS 2"))
     if text := recording_config(project, folder.path):
         parse_project(text, folder.path / CONFIG)  # what is written can be read
         files[CONFIG] = text

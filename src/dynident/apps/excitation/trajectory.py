@@ -16,6 +16,7 @@ from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 TIME_TOLERANCE = 1e-9  # of a time: as good as equal
+STEP_TOLERANCE = 1e-6  # of a step, likewise
 COARSE_RATE = 50.0  # Hz
 SUBDIVISIONS, FINE_LEVELS = 5, 2  # in which an interval is divided, twice: 1250 Hz
 MAX_LEVELS = 4  # times it is divided where the clearance is not proven: 31 kHz
@@ -235,22 +236,32 @@ class Hold(Noun):
         return out
 
 
-def ramp_times(speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
+def round_up(durations: Array, step: float) -> Array:
+    """Return durations (s) as whole multiples of a ``step`` (s), longer rather than shorter; as they are where it is 0.
+
+    Where pieces begin and end at written points, what is played between the points is the motion itself.
+    """
+    return np.asarray(step * np.ceil(durations / step - STEP_TOLERANCE) if step else durations)
+
+
+def ramp_times(speed: float, acceleration: float, jerk: float, step: float = 0.0) -> tuple[float, float]:
     """Return the time (s) for which the jerk acts, and then that of full acceleration, from rest to a speed.
 
-    Afterwards the jerk acts again, for as long as before.
+    Afterwards the jerk acts again, for as long as before. Both are whole multiples of ``step`` (s).
     """
     # at low speeds the acceleration does not reach its limit
-    if speed * jerk < acceleration**2:
-        return float(np.sqrt(speed / jerk)), 0.0
-    return acceleration / jerk, speed / acceleration - acceleration / jerk
+    reaches_limit = speed * jerk >= acceleration**2
+    ramp = acceleration / jerk if reaches_limit else float(np.sqrt(speed / jerk))
+    steady = speed / acceleration - ramp if reaches_limit else 0.0
+    return float(round_up(np.array(ramp), step)), float(round_up(np.array(steady), step))
 
 
 class Sweep(Noun):
     """An arm that moves from rest in a ``pose`` (n) to rest, by ``distance`` times ``direction`` (n).
 
-    In between it has a constant ``speed``; ``acceleration`` and ``jerk`` are the largest on the way to that
-    speed and back, all along the direction. The distance is at least that of speeding up and slowing down.
+    In between it has a constant ``speed``; ``acceleration`` and ``jerk`` are not exceeded on the way to that
+    speed and back, all along the direction. The distance is at least that of speeding up and slowing down, and is
+    made less, so that all parts take whole multiples of ``step`` (s).
     """
 
     pose: Array
@@ -259,6 +270,7 @@ class Sweep(Noun):
     speed: float
     acceleration: float
     jerk: float
+    step: float = 0.0
 
     @property
     def duration(self) -> float:
@@ -268,13 +280,16 @@ class Sweep(Noun):
     @property
     def cruise(self) -> float:
         """How long (s) the speed is constant."""
-        ramp, steady = ramp_times(self.speed, self.acceleration, self.jerk)
-        return max(0.0, abs(self.distance) / self.speed - 2 * ramp - steady)
+        ramp, steady = self._ramps
+        longest = max(0.0, abs(self.distance) / self.speed - 2 * ramp - steady)
+        return self.step * np.floor(longest / self.step + STEP_TOLERANCE) if self.step else longest
 
     @property
     def end(self) -> Array:
         """The pose (n) in which it ends."""
-        return np.asarray(self.pose + self.distance * self.direction)
+        ramp, steady = self._ramps
+        length = self.speed * (2 * ramp + steady + self.cruise)
+        return np.asarray(self.pose + np.copysign(length, self.distance) * self.direction)
 
     def states(self, t: Array) -> Array:
         """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
@@ -285,18 +300,23 @@ class Sweep(Noun):
         out += _advance(self._start_states[:, k], t - self._edges[k])[:, :, None] * self.direction
         return out
 
+    @property
+    def _ramps(self) -> tuple[float, float]:
+        return ramp_times(self.speed, self.acceleration, self.jerk, self.step)
+
     @cached_property
     def _edges(self) -> Array:
-        ramp, steady = ramp_times(self.speed, self.acceleration, self.jerk)
+        ramp, steady = self._ramps
         return np.cumsum([0.0, ramp, steady, ramp, self.cruise, ramp, steady, ramp])
 
     @cached_property
     def _start_states(self) -> Array:
         """States (4, 7) along the direction, at the beginning of each part of constant jerk."""
-        states = [np.zeros(4)]
+        states, (ramp, steady) = [np.zeros(4)], self._ramps
+        jerk = min(self.jerk, self.speed / (ramp * (ramp + steady)))  # less where the ramps are in whole steps
         # seven parts of constant jerk: ramp up, cruise and ramp down
         for sign, length in zip((1, 0, -1, 0, -1, 0, 1), np.diff(self._edges), strict=True):
-            states[-1][3] = sign * np.copysign(self.jerk, self.distance)
+            states[-1][3] = sign * np.copysign(jerk, self.distance)
             states.append(_advance(states[-1][:, None], np.array([length]))[:, 0])
         return np.stack(states[:-1], axis=1)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.limits import TORQUE_RESERVE, Feasibility, MotionLimits
-from dynident.apps.excitation.trajectory import Course, Piece, Purpose
+from dynident.apps.excitation.trajectory import Course, Piece, Purpose, round_up
 from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
@@ -80,16 +80,15 @@ def quintic_bounds(start: Array, end: Array, duration: Array) -> tuple[Array, Ar
     return hulls[0].min(axis=1), hulls[0].max(axis=1), np.stack(sizes, axis=1)
 
 
-def feasible_durations(limits: MotionLimits, start: Array, end: Array) -> Iterator[float]:
+def feasible_durations(limits: MotionLimits, start: Array, end: Array, step: float = 0.0) -> Iterator[float]:
     """Yield the durations (s) with which a quintic from a state to another (3, n) keeps the limits, shortest
     first.
 
     These are the limits of position, velocity, acceleration and jerk. Durations from ``MIN_DURATION`` to
-    ``MAX_DURATION`` are tried in steps of a twentieth.
+    ``MAX_DURATION`` are tried in steps of a twentieth, in whole multiples of ``step`` (s).
     """
-    candidates = np.geomspace(
-        MIN_DURATION, MAX_DURATION, round(np.log(MAX_DURATION / MIN_DURATION) / np.log(DURATION_RATIO)) + 1
-    )
+    count = round(np.log(MAX_DURATION / MIN_DURATION) / np.log(DURATION_RATIO)) + 1
+    candidates = np.unique(round_up(np.geomspace(MIN_DURATION, MAX_DURATION, count), step))
     low, high, sizes = quintic_bounds(start, end, candidates)
     tolerance = LIMIT_ROUNDING * (1 + limits.half)
     is_feasible = ((low >= limits.lower - tolerance) & (high <= limits.upper + tolerance)).all(axis=1)
@@ -131,7 +130,7 @@ def direct_path(feasible: Feasibility, start: Array, end: Array) -> Quintic | No
     if is_straight and not _path_is_free(feasible, start[0], end[0]):
         return None
     last_duration, count = 0.0, 0
-    for duration in feasible_durations(feasible.limits, start, end):
+    for duration in feasible_durations(feasible.limits, start, end, feasible.step):
         # a slightly longer duration hardly lowers the torque: skip to one that does
         if duration < MIN_RETRY_RATIO * last_duration:
             continue
@@ -296,8 +295,9 @@ def _shortest_ramps(feasible: Feasibility, states: Array, *, backward: bool) -> 
     """
     limits = feasible.limits
     sign = 1.0 if backward else -1.0
-    ramps = np.tile(RAMP_DURATIONS, len(states))
-    motion_states = np.repeat(states, len(RAMP_DURATIONS), axis=0)  # (P R, 3, n)
+    durations = np.unique(round_up(RAMP_DURATIONS, feasible.step))
+    ramps = np.tile(durations, len(states))
+    motion_states = np.repeat(states, len(durations), axis=0)  # (P R, 3, n)
     T = ramps[:, None]
     rest_states = np.zeros_like(motion_states)
     # integral of the cubic velocity that fits velocity and acceleration at one end, and rest at the other
@@ -309,5 +309,5 @@ def _shortest_ramps(feasible: Feasibility, states: Array, *, backward: bool) -> 
     shortest: dict[int, tuple[float, Quintic]] = {}
     for row in np.flatnonzero(is_within)[::-1]:  # the shortest last
         duration = float(ramps[row])
-        shortest[int(row) // len(RAMP_DURATIONS)] = duration, Quintic(duration, start[row], end[row])
+        shortest[int(row) // len(durations)] = duration, Quintic(duration, start[row], end[row])
     return shortest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -225,7 +226,8 @@ def _logs_by_pattern(settings: FleetSettings, folder: Path, out: Path | None) ->
     name_pattern = re.compile(_field_expression(inside))
     logs, results = [], 0
     glob = FIELD.sub("*", pattern.replace("[", "[[]"))  # a field is anything within one folder
-    for file in matching_files(glob, folder):
+    files, links = matching_files(glob, folder)
+    for file in files:
         if not (fields := name_pattern.fullmatch(file.match_name)):
             continue
         # a wide pattern also matches the results of earlier runs
@@ -237,7 +239,8 @@ def _logs_by_pattern(settings: FleetSettings, folder: Path, out: Path | None) ->
         raise InputError(
             f"{pattern}: there is no log but those where results are written; choose a folder beside {out}."
         )
-    return logs, ()
+    repeats = f"logs: {join_names(links, 3)}: links to folders that are listed already, whose logs count once."
+    return logs, (repeats,) if links else ()
 
 
 def _check_fields(pattern: str) -> None:
@@ -278,16 +281,26 @@ def _logs_by_table(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog
     warnings = [f"{name}: the column {entry!r} is not used; {choices(entry, COLUMNS)}" for entry in unknown[:3]]
     if unknown[3:]:
         warnings.append(f"{name}: nor are {join_names(unknown[3:])}.")
-    logs = []
+    logs: dict[tuple[str, str], FleetLog] = {}
     for row, cells in enumerate(table.select([entry for entry in COLUMNS if entry in table.columns]).to_dicts(), 1):
-        for column in ("log", "robot"):
-            if cells[column] is None or not str(cells[column]).strip():
-                raise ConfigError(f"{name}: row {row} has no {column}.")
-        logs.append(_fleet_log(cells, settings, file_stamp(str(cells["log"]), folder)))
-    count = Counter((entry.robot, entry.log) for entry in logs)
-    if twice := [key for key, times in count.items() if times > 1]:
-        raise ConfigError(f"{name}: lists the log {twice[0][1]!r} of robot {twice[0][0]!r} twice.")
-    return logs, tuple(warnings)
+        absent = [column for column in ("log", "robot") if cells[column] is None or not str(cells[column]).strip()]
+        if absent:
+            warnings.append(f"{name}: row {row} is left out: it has no {' and no '.join(absent)}.")
+            continue
+        log = _fleet_log(cells, settings, *_table_stamp(str(cells["log"]).strip(), folder))
+        # two names of one file are one log
+        key = log.robot, os.path.realpath(folder / log.log) if log.stamp and not is_address(log.log) else log.log
+        if logs.setdefault(key, log) is not log:
+            warnings.append(f"{name}: row {row} is left out: it lists {log.log!r} of robot {log.robot!r} again.")
+    return list(logs.values()), tuple(warnings)
+
+
+def _table_stamp(name: str, folder: Path) -> tuple[str, str]:
+    """Return the stamp of a log, and why it cannot be had where a store does not answer: that row alone fails."""
+    try:
+        return file_stamp(name, folder), ""
+    except InputError as error:
+        return "", str(error).rstrip(".")
 
 
 def _read_fleet_table(path: Path, name: str) -> pl.DataFrame:
@@ -303,12 +316,12 @@ def _read_fleet_table(path: Path, name: str) -> pl.DataFrame:
         raise ConfigError(f"{name}: is no table of texts between commas ({error}).") from error
 
 
-def _fleet_log(cells: Mapping[str, Any], settings: FleetSettings, stamp: str) -> FleetLog:
+def _fleet_log(cells: Mapping[str, Any], settings: FleetSettings, stamp: str, fault: str = "") -> FleetLog:
     robot, log = str(cells["robot"]).strip(), str(cells["log"]).strip()
     robot_changes = settings.robots.get(robot)
     kind = str(cells.get("type") or (robot_changes.type if robot_changes else None) or settings.type)
     day = parse_date(cells["date"], settings.date_format)
-    faults = list(_log_faults(cells, day, stamp, settings.date_format))
+    faults = [fault] if fault else list(_log_faults(cells, day, stamp, settings.date_format))
     return FleetLog(robot, log, day, kind, stamp, str(cells.get("hold_out") or ""), "; ".join(faults))
 
 

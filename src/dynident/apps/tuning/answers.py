@@ -67,10 +67,10 @@ class Page:
             "",
         )
 
-    def save(self, save: int | None, search: str) -> tuple[str, str]:  # noqa: ARG002
+    def save(self, save: int | None, search: str, tab: str) -> tuple[str, str]:  # noqa: ARG002
         """Write the setting into a new file, and return its name, or what is wrong."""
         try:
-            path = self.session.save(View.of_query(search or "", self.bench).tuning)
+            path = self.session.save(View.of_query(search or "", self.bench).tuning, str(tab))
         except DynidentError as error:
             return "", str(error)
         usual_name = next(tuned_paths(path)).name

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, set_props
@@ -15,6 +16,7 @@ from werkzeug.exceptions import HTTPException
 
 from dynident.apps.tuning.answers import Page
 from dynident.apps.tuning.layout import tuning_page
+from dynident.apps.tuning.request_fields import is_well_formed
 from dynident.report.page import stylesheet
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ def make_app(session: Session, token: str) -> Dash:
     # these two answer past Dash: slider positions come fast, and their order matters
     for name, answer in (("curves", page.curves), ("act", page.act)):
         app.server.add_url_rule(f"/{token}/{name}", name, _json_view(session, answer), methods=["POST"])
+    app.server.before_request(_refuse_malformed)
     app.server.register_error_handler(Exception, lambda error: _handle_error(session, error))
     _register_server_callbacks(app, page)
     _register_page_callbacks(app)
@@ -67,10 +70,21 @@ def _json_view(session: Session, answer: Callable[[Mapping[str, Any]], Any]) -> 
     return view
 
 
+def _refuse_malformed() -> Response | None:
+    """Answer 400 to what the page does not send; the terminal hears nothing of it."""
+    with suppress(RecursionError):  # of JSON that is nested too deeply
+        if request.method != "POST" or is_well_formed(request.get_json()):
+            return None
+    return Response("This is no request of the page.", 400, mimetype="text/plain")
+
+
 def _handle_error(session: Session, error: Exception) -> Any:
     """Answer a request that is not one of the page; the terminal gets a line for errors that are not HTTP's own."""
     if isinstance(error, HTTPException) and error.code is not None:
         return error if error.code < 400 else Response(error.description, error.code, mimetype="text/plain")
+    # what a callback raises is reported by Dash; what Dash itself does not understand is not of the page
+    if request.path.endswith("/_dash-update-component"):
+        return Response("This is no request of the page.", 400, mimetype="text/plain")
     session.fault(f"A request could not be answered: {type(error).__name__}: {error}")
     return Response("The request could not be answered.", 500, mimetype="text/plain")
 
@@ -93,7 +107,7 @@ def _register_server_callbacks(app: Dash, page: Page) -> None:
         address,
         prevent_initial_call="initial_duplicate",
     )(page.sync)
-    app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"))(page.save)
+    app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"), tab)(page.save)
     shown = [Output(name, "children") for name in ("numbers", "errors", "parameters", "fit-complaint")]
     app.callback([Output("last", "data"), *shown], address, State("last", "data"), tab, **initial_call)(page.fit)
     app.callback(

@@ -10,7 +10,7 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from http.server import ThreadingHTTPServer
 from pathlib import Path
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from werkzeug.serving import BaseWSGIServer
 
 HTTP_PORT = 80  # the port that browsers leave out
+HEADER_TIME, MAX_CONNECTIONS = 5, 32  # s for the head of a request; at once: a page takes about ten
 MAX_REQUEST_BYTES = 1_000_000  # bytes of a request; a setting takes some hundred
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -130,19 +131,57 @@ def bind_socket(port: int) -> socket.socket:
 
 def build_server(app: Flask, listener: socket.socket) -> BaseWSGIServer:
     """Return the server of an application on a socket that listens; ``serve_forever`` runs it."""
-    from werkzeug.serving import WSGIRequestHandler, make_server
+    from werkzeug.serving import ThreadedWSGIServer, WSGIRequestHandler
+
+    free_threads = threading.BoundedSemaphore(MAX_CONNECTIONS)
+
+    class Capped(ThreadedWSGIServer):
+        """Connections beyond ``MAX_CONNECTIONS`` are closed at once, so that none can take all threads."""
+
+        def process_request(self, request: Any, client_address: Any) -> None:
+            if not free_threads.acquire(blocking=False):
+                self.shutdown_request(request)
+                return
+            super().process_request(request, client_address)
+
+        def process_request_thread(self, request: Any, client_address: Any) -> None:
+            try:
+                super().process_request_thread(request, client_address)
+            finally:
+                free_threads.release()
 
     class Quiet(WSGIRequestHandler):
         """Requests are not logged: they are of no interest in a terminal."""
 
-        server_version, sys_version, timeout = "dynident", "", 60
+        server_version, sys_version, timeout = "dynident", "", HEADER_TIME
+
+        def setup(self) -> None:
+            super().setup()
+            # the socket's own timeout begins anew with each byte; this one ends what only drips
+            self._alarm = threading.Timer(HEADER_TIME, _shut_down, [self.connection])
+            self._alarm.daemon = True
+            self._alarm.start()
+
+        def parse_request(self) -> bool:
+            is_parsed = super().parse_request()
+            self._alarm.cancel()
+            return is_parsed
+
+        def finish(self) -> None:
+            self._alarm.cancel()
+            super().finish()
 
         def log(self, type: str, message: str, *args: object) -> None:  # noqa: A002, ARG002 -- so it is called
             return
 
     port = listener.getsockname()[1]
     # the server has its own copy of the socket
-    return make_server(LOOPBACK, port, app, threaded=True, request_handler=Quiet, fd=listener.fileno())
+    return Capped(LOOPBACK, port, app, handler=Quiet, fd=listener.fileno())
+
+
+def _shut_down(connection: socket.socket) -> None:
+    with suppress(OSError):
+        connection.shutdown(socket.SHUT_RDWR)
 
 
 def answer(server: BaseWSGIServer) -> None:

@@ -7,7 +7,7 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
 from threading import Lock
@@ -143,40 +143,39 @@ class WholeRuns:
 class Session:
     """A ``bench`` of a ``project`` that pages tune. ``fault`` is called with unexpected errors.
 
-    ``saved`` is the file that tuned settings were saved to, with its text.
+    ``saved`` are the files that tuned settings were saved to, by tab, each with its text.
     """
 
     project: Project
     bench: Bench
     fault: Callable[[str], None]
-    saved: tuple[Path, str] | None = None
+    saved: dict[str, tuple[Path, str]] = field(default_factory=dict)
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         self.latest, self.runs, self._saving = Latest(), WholeRuns(self.bench.identify), threading.Lock()
 
-    def save(self, tuning: Tuning) -> Path:
+    def save(self, tuning: Tuning, tab: str = "") -> Path:
         """Write the configuration of a setting beside that of the session; return its path.
 
-        The file of a former save is replaced while it is as this session wrote it, another file never. Raises the
-        errors of ``tuned_text`` and ``write_text``, and those of a setting that cannot be fitted.
+        The file of a former save of the ``tab`` is replaced while it is as it was written, another file never. Raises
+        the errors of ``tuned_text`` and ``write_text``, and those of a setting that cannot be fitted.
         """
         # fails before anything is written, where the setting cannot be fitted
         self.bench.fit(tuning)
         with self._saving:
-            path = next(filter(self._is_free, tuned_paths(self.project.path)))
+            path = next(path for path in tuned_paths(self.project.path) if self._is_free(path, tab))
             text = tuned_text(self.project, self.bench, tuning, path)
-            self.saved = write_text(path, text), text
+            self.saved[tab] = write_text(path, text), text
         return path
 
-    def _is_free(self, path: Path) -> bool:
-        """Return whether a file may be written: there is none, or that of the former save."""
+    def _is_free(self, path: Path, tab: str) -> bool:
+        """Return whether a file may be written: there is none, or that of the former save of a tab."""
         if not os.path.lexists(path):
             return True
-        if self.saved is None or self.saved[0] != path:
-            return False
-        return content(path, remember=False) == self.saved[1].encode()
+        saved_path, text = self.saved.get(tab, (None, ""))
+        return saved_path == path and content(path, remember=False) == text.encode()
 
 
 def tuned_paths(path: Path) -> Iterator[Path]:

@@ -38,8 +38,10 @@ MARK_SIZE = 256  # bytes before a position that say whether it is the same file
 StreamRead = tuple[bytes, bool, bool]
 Array = NDArray[np.float64]
 COMMENT_MARKS = ("#", "%")
-MAX_LINE_BYTES = 1 << 20  # bytes of a line: more is none
+MAX_LINE_LENGTH = 1 << 18  # characters of a line: with more it is no sample
+MAX_LINE_BYTES = 4 * MAX_LINE_LENGTH  # bytes that surely are more characters
 MAX_SHOWN_CHARACTERS = 80  # characters of a bad line that are shown
+MAX_NAME_LENGTH = 256  # characters of the name of a nested value: what is deeper is not read
 DAY = 86_400.0
 
 
@@ -168,17 +170,24 @@ class StreamSamples:
 
 @dataclass
 class LineReader:
-    """Lines from bytes as they arrive; ``tail`` is the beginning of a line whose end is missing."""
+    """Lines from bytes as they arrive; ``tail`` is the beginning of a line whose end is missing.
+
+    ``skipping`` says that the rest of a line is left out, up to its end.
+    """
 
     tail: bytes = b""
+    skipping: bool = False
 
     def push(self, data: bytes) -> list[str]:
-        """Return the lines that end in the data."""
+        """Return the lines that end in the data, and the beginning of one that is too long."""
+        if self.skipping:
+            _, end, data = data.partition(b"\n")
+            self.skipping = not end
         # the last piece has no end yet, and waits for more bytes
         *lines, self.tail = (self.tail + data).split(b"\n")
-        # a line this long is no sample: its beginning is reported as a bad line
+        # a line this long is no sample, and must not fill the memory: its rest is not kept
         if len(self.tail) > MAX_LINE_BYTES:
-            lines, self.tail = [*lines, self.tail[:MAX_SHOWN_CHARACTERS]], b""
+            lines, self.tail, self.skipping = [*lines, self.tail], b"", True
         return [line.rstrip(b"\r").decode("utf-8", "replace").lstrip("\ufeff") for line in lines]
 
 
@@ -252,6 +261,8 @@ class SampleReader:
 
     def _parse_line(self, text: str) -> list[float] | None:
         """Return time and needed columns of a line, None where it holds none; ValueError where it cannot be read."""
+        if len(text) > MAX_LINE_LENGTH:
+            raise ValueError("too long")
         if text.lstrip().startswith("{"):
             return self._row_values(self._parse_object(text))
         # only the last comment is kept: it may hold the column names
@@ -259,8 +270,9 @@ class SampleReader:
             self.comments = [text]
             return None
         if self.fresh:
+            is_header = self._take_header(text)
             self.fresh = False
-            if self._take_header(text):
+            if is_header:
                 return None
         cells = row_cells(text, self.separator)
         # some recorders end each line with a separator
@@ -290,16 +302,14 @@ class SampleReader:
 
     def _parse_object(self, text: str) -> dict[str, Any]:
         try:
-            content = json.loads(text)
+            values = dict(_flatten(json.loads(text)))
         except RecursionError as error:
             raise ValueError("too deep") from error
-        if not isinstance(content, dict):
-            raise ValueError("no object")
-        flat = dict(_flatten(content))
-        if self.fresh:
-            self._require_columns(flat)
-            self.fresh = False
-        return flat
+        # other programs may add objects of their own: only the very first sample must have all columns
+        if self.fresh and not self.row:
+            self._require_columns(values)
+        self.fresh = False
+        return values
 
     def _row_values(self, cells: Mapping[str, Any]) -> list[float]:
         column = self.config.time.column
@@ -349,7 +359,7 @@ def _parse_number(cell: Any) -> float:
             cell = cell.replace(",", ".")
     try:
         value = float(cell)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return math.nan
     return value if abs(value) < 1e100 else math.nan
 
@@ -360,5 +370,7 @@ def _flatten(value: Any, name: str = "") -> Iterable[tuple[str, Any]]:
     if children is None:
         yield name, value
         return
-    for key, child in children:
-        yield from _flatten(child, f"{name}.{key}" if name else str(key))
+    # names grow with each level: long ones, of many values, would fill the memory
+    if len(name) <= MAX_NAME_LENGTH:
+        for key, child in children:
+            yield from _flatten(child, f"{name}.{key}" if name else str(key))

@@ -151,7 +151,7 @@ class Watch:
             while True:
                 data, fresh, ended = stream.read()
                 if fresh:  # an unfinished line of the last file is lost
-                    self.lines.tail = b""
+                    self.lines = LineReader()
                     self.reader.new_file()
                 # between push and save, watcher and stream position disagree: a state saved here would lose samples
                 is_consistent = False
@@ -191,6 +191,8 @@ class Watch:
         # the samples may come again: the watcher then skips those that it knows
         if not isinstance(stream, FollowedFile) or not stream.found:
             self.watcher.resume_by_replay()
+        else:
+            self.lines.skipping = state["skipping"]
         return stream, [Resumed(self.watcher.latest, self.watcher.latest)]
 
     def _open_stream(self, position: Mapping[str, Any] | None) -> Stream:
@@ -211,6 +213,7 @@ class Watch:
             return
         state = {
             "key": self.key, "watcher": self.watcher.state, "reader": self.reader.state, "events": self.events,
+            "skipping": self.lines.skipping,
             "position": stream.position(len(self.lines.tail)),
         }  # fmt: skip
         event_lines = "".join(

@@ -267,7 +267,9 @@ ANY_LINE = st.one_of(
     st.binary(max_size=60),
     st.lists(CELLS, min_size=1, max_size=8).map(lambda cells: ",".join(cells).encode("utf-8", "replace")),
     st.dictionaries(KEYS, VALUES, max_size=6).map(
-        lambda values: f"{{{','.join(f'{json.dumps(key)}:{value}' for key, value in values.items())}}}".encode("utf-8", "replace")
+        lambda values: (
+            f"{{{','.join(f'{json.dumps(key)}:{value}' for key, value in values.items())}}}".encode("utf-8", "replace")
+        )
     ),
     st.integers(0, 2000).map(lambda depth: b'{"":' * depth + b"1" + b"}" * depth),
     st.integers(0, MAX_LINE_BYTES + 9).map(lambda length: b'"' * length),

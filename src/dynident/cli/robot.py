@@ -301,15 +301,15 @@ def watch(
     if not as_json:
         console().remark(end_words(robot_watch.watcher, robot_watch.events, robot_watch.reader.zero))
     if out and not as_json:
-        from dynident.apps.online.watch import EVENTS
+        from dynident.apps.online.event_log import EVENTS
 
         print_path(console(), "Changes", out / EVENTS)
 
 
 def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
     """Print events as they come."""
+    from dynident.apps.online.event_log import event_data
     from dynident.apps.online.report import event_line
-    from dynident.apps.online.watch import event_data
     from dynident.runtime import Severity
 
     screen = console()

@@ -26,6 +26,7 @@ from dynident.apps.online.detector import (
     Unreadable,
     Unsteady,
 )
+from dynident.apps.online.event_log import EventLog
 from dynident.apps.online.watcher import Watcher, WatchSettings
 from dynident.regression import GroupKind
 from dynident.report.words import Line, kind_words, signed_text
@@ -85,7 +86,7 @@ def watch_words(settings: WatchSettings) -> str:
     )
 
 
-def end_words(watcher: Watcher, events: Sequence[Event], zero: float = float("nan")) -> str:
+def end_words(watcher: Watcher, events: EventLog, zero: float = float("nan")) -> str:
     """Return how far the watch has come at the end of a stream, as a sentence."""
     if np.isnan(watcher.latest):
         return "The stream has ended without a sample."
@@ -95,11 +96,10 @@ def end_words(watcher: Watcher, events: Sequence[Event], zero: float = float("na
             f"{end}, within the baseline: it has {block_count} of {needed} blocks of motion, and no change was sought. "
             "With --baseline S it is shorter."
         )
-    since = max((event.time for event in events if isinstance(event, BaselineKnown)), default=watcher.latest)
-    change_count = sum(isinstance(event, Changed) for event in events)
     changes = {0: "no change was found", 1: "1 change was found"}.get(
-        change_count, f"{change_count} changes were found"
+        events.changes, f"{events.changes} changes were found"
     )
+    since = watcher.latest if np.isnan(events.baseline) else events.baseline
     return f"{end}: {changes} since {stamp_text(since, zero)}, when the baseline was complete."
 
 
@@ -111,7 +111,10 @@ def _event_text(event: Event, joints: Sequence[str], zero: float) -> str:
     if isinstance(event, BadLines):
         if event.count == 1:
             return f"line {event.line} could not be read and is left out: {event.text!r}"
-        return f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}"
+        return (
+            f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}, "
+            f"the last line {event.last}"
+        )
     if isinstance(event, BaselineKnown):
         return _baseline_text(event, joints, zero)
     if isinstance(event, Changed):

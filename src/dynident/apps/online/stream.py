@@ -256,7 +256,7 @@ class SampleReader:
                 continue
             if values is not None:
                 rows.append(values)
-        bad_lines = BadLines(math.nan, len(bad), *bad[0]) if bad else None
+        bad_lines = BadLines(math.nan, len(bad), *bad[0], bad[-1][0]) if bad else None
         return self._make_samples(np.array(rows).reshape(len(rows), 1 + len(self._needed)), bad_lines)
 
     def _parse_line(self, text: str) -> list[float] | None:

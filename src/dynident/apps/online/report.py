@@ -29,6 +29,7 @@ from dynident.apps.online.detector import (
 from dynident.apps.online.event_log import EventLog
 from dynident.apps.online.watcher import Watcher, WatchSettings
 from dynident.regression import GroupKind
+from dynident.report.figures import CLOCK_RANGE
 from dynident.report.words import Line, kind_words, signed_text
 from dynident.runtime import Severity, join_names, number
 
@@ -41,8 +42,6 @@ FAULTS = {
 MIN_SURE_RATIO, MAX_LISTED = 2.0, 4  # standard errors from which on a part of a change is named, and how many are
 # times the residual of the fit that are pointed out, and that ask for a reason
 MIN_NOTABLE_RATIO, MIN_SUSPICIOUS_RATIO = 2.0, 10.0
-DAY = 86_400.0
-
 
 # sentences of events by their fields, with stamps and groups in words; the others have functions below
 TEXTS: Mapping[type[Event], str] = {
@@ -61,18 +60,23 @@ TEXTS: Mapping[type[Event], str] = {
 
 
 def stamp_text(t: float, zero: float = float("nan")) -> str:
-    """Return a stamp (s) in seconds, or as a date from the midnight ``zero`` (s) where the stream has dates."""
+    """Return a stamp (s) in seconds, or as a date (UTC) where the stream has dates.
+
+    Dates count from the midnight ``zero`` (s), or from 1970.
+    """
     if np.isnan(t):
-        return "at the start"
-    if np.isnan(zero):
+        return "the start"
+    since_1970 = t if np.isnan(zero) else zero + t
+    if not CLOCK_RANGE[0] < since_1970 < CLOCK_RANGE[1]:
         return f"{t:.1f} s"
-    return datetime.fromtimestamp(zero + t, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    return datetime.fromtimestamp(since_1970, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def event_line(event: Event, joints: Sequence[str], zero: float = float("nan")) -> Line:
     """Return an event as a line, a warning where something changed or fails; ``zero`` as in ``stamp_text``."""
     serious = isinstance(event, Alarm | Changed | Fault | Unsteady | Unreadable)
-    text = f"{stamp_text(event.time, zero)}: {_event_text(event, joints, zero)}."
+    when = "at the start" if np.isnan(event.time) else stamp_text(event.time, zero)
+    text = f"{when}: {_event_text(event, joints, zero)}."
     return Line(text, Severity.WARNING if serious else Severity.INFO)
 
 

@@ -51,6 +51,8 @@ class StandardInput:
     Raises InputError where there is none.
     """
 
+    found = False
+
     def __init__(self) -> None:
         if sys.stdin is None:  # closed by who started this
             raise InputError("standard input is closed; give the path of a file, or write to it: ... | dynident watch")
@@ -80,7 +82,7 @@ class FollowedFile:
         self.path, self.offset, self._fresh = path, 0, True
         self.found = not position  # whether it goes on where it was
         self._stack = ExitStack()
-        self._file = self._begin(position or {})
+        self._file = self._begin(position if position and "offset" in position else {})
 
     def read(self) -> StreamRead:
         """Return new bytes, at most a megabyte, whether a new file begins with them, and False: there is no end."""
@@ -155,9 +157,6 @@ class FollowedFile:
         ) or open_status.st_size < self.offset
 
 
-Stream = StandardInput | FollowedFile
-
-
 @dataclass(frozen=True, eq=False)
 class StreamSamples:
     """Samples t (N) s, q and tau (N, n) in SI, nan for missing numbers; ``bad`` describes the lines left out."""
@@ -195,10 +194,10 @@ class LineReader:
 class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
-    ``names`` and ``separator`` are those of a table, known after its first line; ``line`` and ``row`` count what
-    was read; ``zero`` (s) is the midnight (UTC) from which dates count; ``fresh`` says that a file begins;
-    ``turned`` are the last values of columns that wrap. Raises ConfigError where the configuration does not fit
-    the joints, or a column is missing.
+    ``needed`` are the columns that it takes; ``names`` and ``separator`` are those of a table, known after its first
+    line; ``line`` and ``row`` count what was read; ``zero`` (s) is the midnight (UTC) from which dates count; ``fresh``
+    says that a file begins; ``turned`` are the last values of columns that wrap. Raises ConfigError where the
+    configuration does not fit the joints, or a column is missing.
     """
 
     config: Config
@@ -221,10 +220,10 @@ class SampleReader:
                 "the configuration of the result has several files for a recording; a robot is watched by one stream: "
                 "write all columns to one file."
             )
-        self._needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
+        self.needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
         channels = (self.config.position[joint.name] for joint in self.joints)
         self._wraps = {name: channel.wraps for channel in channels if channel.wraps for name in channel.terms}
-        self._labelled = {name.rpartition(" [")[0]: name for name in self._needed if name.endswith("]")}  # unit below
+        self._labelled = {name.rpartition(" [")[0]: name for name in self.needed if name.endswith("]")}  # unit below
         time = self.config.time
         self._factor = unit_factor(time.unit, "time", "time.unit") if time.column else 1.0
 
@@ -257,7 +256,7 @@ class SampleReader:
             if values is not None:
                 rows.append(values)
         bad_lines = BadLines(math.nan, len(bad), *bad[0], bad[-1][0]) if bad else None
-        return self._make_samples(np.array(rows).reshape(len(rows), 1 + len(self._needed)), bad_lines)
+        return self._make_samples(np.array(rows).reshape(len(rows), 1 + len(self.needed)), bad_lines)
 
     def _parse_line(self, text: str) -> list[float] | None:
         """Return time and needed columns of a line, None where it holds none; ValueError where it cannot be read."""
@@ -288,7 +287,7 @@ class SampleReader:
         """Take the column names from the first line; return whether the line holds nothing else."""
         names, is_header, separator = first_row(text, self.comments)
         names = [self._labelled.get(name, name) for name in names] if is_header else names
-        if self.names and not (is_header and set(self._needed) <= set(names)):
+        if self.names and not (is_header and set(self.needed) <= set(names)):
             return False  # the next file goes on without them
         self._require_columns(names)
         self.names, self.separator = names, separator
@@ -296,7 +295,7 @@ class SampleReader:
 
     def _require_columns(self, names: Iterable[str]) -> None:
         available = list(names)
-        for name in self._needed:
+        for name in self.needed:
             if name not in available:
                 raise ConfigError(f"{self.source}: no column {name!r}; {choices(name, available)}")
 
@@ -316,7 +315,7 @@ class SampleReader:
         # without a column of stamps, the rows count the time
         t = self.row / (self.config.time.rate or 1.0) if column is None else self._parse_time(cells.get(column))
         self.row += 1
-        return [t, *(_parse_number(cells.get(name)) for name in self._needed)]
+        return [t, *(_parse_number(cells.get(name)) for name in self.needed)]
 
     def _parse_time(self, cell: Any) -> float:
         t = self._factor * _parse_number(cell)
@@ -335,7 +334,7 @@ class SampleReader:
         n = len(self.joints)
         if not len(values):
             return StreamSamples(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)), bad)
-        columns = {name: self._unwrap(name, values[:, k + 1].copy()) for k, name in enumerate(self._needed)}
+        columns = {name: self._unwrap(name, values[:, k + 1].copy()) for k, name in enumerate(self.needed)}
         q, tau = joint_values(DataTable(columns, {}, self.source), self.config, self.joints)
         return StreamSamples(values[:, 0].copy(), q, tau, bad)
 

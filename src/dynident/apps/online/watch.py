@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from dynident.apps.online import candidates, detector, fixed_lag, scores
 from dynident.apps.online.detector import Event, Resumed
 from dynident.apps.online.event_log import EventLog
-from dynident.apps.online.stream import FollowedFile, LineReader, SampleReader, StandardInput, Stream
+from dynident.apps.online.recorded import RecordedFile, is_recorded
+from dynident.apps.online.stream import FollowedFile, LineReader, SampleReader, StandardInput
 from dynident.apps.online.watcher import Watcher, WatchSettings
 from dynident.files.arrays import open_npz
 from dynident.files.folder import ResultFolder
@@ -46,6 +47,7 @@ STATE_TYPES = [
 DATACLASSES: Mapping[str, type] = {member.__name__: member for member in STATE_TYPES if is_dataclass(member)}
 ENUMS: Mapping[str, type[StrEnum]] = {member.__name__: member for member in STATE_TYPES if issubclass(member, StrEnum)}
 
+Stream = StandardInput | FollowedFile | RecordedFile
 STATE = "watch.npz"
 SAVE_INTERVAL = 10.0  # s between two states at most, where nothing is said
 SEED = 0  # of the threshold
@@ -191,14 +193,19 @@ class Watch:
         self.events.restore(state["events"])
         stream = self._open_stream(state["position"])
         # the samples may come again: the watcher then skips those that it knows
-        if not isinstance(stream, FollowedFile) or not stream.found:
+        if not stream.found:
             self.watcher.resume_by_replay()
         else:
             self.lines.skipping = state["skipping"]
         return stream, self._note([Resumed(self.watcher.latest, self.watcher.latest)])
 
     def _open_stream(self, position: Mapping[str, Any] | None) -> Stream:
-        return StandardInput() if self.source == "-" else FollowedFile(Path(self.source), position)
+        if self.source == "-":
+            return StandardInput()
+        path = Path(self.source)
+        if is_recorded(self.source):
+            return RecordedFile(path, self.reader.needed, self.reader.config.time.column, position)
+        return FollowedFile(path, position)
 
     def _process_lines(self, lines: list[str]) -> list[Event]:
         if not lines:

@@ -69,7 +69,8 @@ class WatchSettings:
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if not low <= value <= high:
-                raise ConfigError(f"watch: {name} is {value:g}; give a number from {low:g} to {high:g}.")
+                shorter = f", or a shorter block than {self.block:g} s" if name in ("baseline", "settle") else ""
+                raise ConfigError(f"watch: {name} is {value:g}; give a number from {low:g} to {high:g}{shorter}.")
 
 
 class Watcher:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.online.detector import BadLines
+from dynident.apps.online.watcher import MAX_TIME
 from dynident.files.opener import file_status, open_input
 from dynident.files.tables import DataTable
 from dynident.files.text import first_row, row_cells, unit_row
@@ -326,7 +327,7 @@ class SampleReader:
             if math.isnan(self.zero):
                 self.zero = DAY * math.floor(stamp / DAY)
             t = stamp - self.zero
-        if not math.isfinite(t):
+        if not abs(t) <= MAX_TIME:
             raise ValueError("no time")
         return t
 

@@ -96,7 +96,7 @@ def test_what_cannot_be_watched_is_said(slider: Path, tmp_path: Path) -> None:
         ((tmp_path / "none.csv",), "there is no such file"),
         (
             (other, "--baseline", 10),
-            "watch: baseline is 10; give a number from 100 to 1e+06, or a shorter block than 5 s",
+            "watch: baseline is 10; give a number from 100 to 1e+06, or a shorter block",
         ),
         ((other, "--false-alarms", 0), "watch: false_alarms is 0"),
         ((other, "--tolerance", -1), "watch: tolerance is -1"),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
 from click.testing import CliRunner
 
@@ -34,6 +36,30 @@ def test_a_file_is_watched_to_its_end(slider: Path, tmp_path: Path) -> None:
     assert said[-1] == f"Changes: {tmp_path / 'out' / 'changes.jsonl'}"
     again = succeed("watch", slider, stream, "--once", "--out", tmp_path / "out", "--quiet", *SETTINGS)
     assert again.stdout.splitlines() == [said[-1]]
+
+
+def test_a_recording_is_watched_as_the_text_of_its_rows(slider: Path, tmp_path: Path) -> None:
+    names, *lines = rows()
+    values = np.array([[float(cell) for cell in line.split(",")] for line in lines])
+    values[:, 0] += 1_790_000_000.0  # since 1970
+    columns = dict(zip(names.split(","), values.T, strict=True))
+    frame = pl.DataFrame(columns)
+    frame.write_csv(tmp_path / "log.csv")
+    frame.write_parquet(tmp_path / "log.parquet")
+    np.savez(tmp_path / "log.npz", **columns)  # type: ignore[arg-type]
+    said = {
+        kind: succeed("watch", slider, tmp_path / f"log.{kind}", "--once", "--out", tmp_path / kind, *SETTINGS).stdout
+        for kind in ("csv", "parquet", "npz")
+    }
+    texts = [said[kind].replace(f"/{kind}/", "/") for kind in said]
+    assert texts[0] == texts[1] == texts[2]
+    assert "2026-09-21 " in texts[0].splitlines()[1]
+    assert "1 change was found" in texts[0]
+    again = succeed("watch", slider, tmp_path / "log.parquet", "--out", tmp_path / "parquet", *SETTINGS)
+    assert "is watched to its end" in again.stdout
+    assert "goes on from its saved state" in again.stdout
+    names_of = [json.loads(line)["event"] for line in (tmp_path / "parquet" / "changes.jsonl").read_text().splitlines()]
+    assert names_of == ["BaselineKnown", "Alarm", "Changed", "Resumed"]
 
 
 def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:
@@ -68,7 +94,10 @@ def test_what_cannot_be_watched_is_said(slider: Path, tmp_path: Path) -> None:
     for words, said in (
         ((other,), "other.csv: no column 'force'"),
         ((tmp_path / "none.csv",), "there is no such file"),
-        ((other, "--baseline", 10), "watch: baseline is 10; give a number from 100"),
+        (
+            (other, "--baseline", 10),
+            "watch: baseline is 10; give a number from 100 to 1e+06, or a shorter block",
+        ),
         ((other, "--false-alarms", 0), "watch: false_alarms is 0"),
         ((other, "--tolerance", -1), "watch: tolerance is -1"),
     ):

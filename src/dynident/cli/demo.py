@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
 
 LOGS = ("monday.parquet", "tuesday.parquet")
+SHORT_WATCH = ("--once", "--block", 0.5, "--baseline", 10)  # of a recording of 15 s
 PRELOADED_MODULES = ("dynident.apps.article.article",)  # by all workers at once
 
 
@@ -61,6 +62,7 @@ def _next_steps(out: Path) -> tuple[tuple[str, str], ...]:
     return (
         ("Look at the report, in a browser", str((result / "report.html").resolve())),
         ("The torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
+        ("Watch that recording for changes", command("watch", result / "result.json", out / LOGS[1], *SHORT_WATCH)),
         ("How accurate any method could be", command("bound", config)),
         (loop_hint, command("identify", config, "--out", free)),
         ("Your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),

@@ -282,10 +282,12 @@ def watch(
     leaves, and sensors that fail.
 
     FILE is a text file that another program adds lines to, with the columns of the configuration that was identified;
-    "-" is standard input, with such lines or JSON objects by column. A file may be rotated. With --out the same command
+    "-" is standard input, with such lines or JSON objects by column. A file may be rotated. A recording of another type
+    (Parquet, a bag, ...) is watched to its end. With --out the same command
     goes on where it stopped, however it was stopped.
     """
     from dynident.apps.online import WatchSettings
+    from dynident.apps.online.recorded import is_recorded
     from dynident.apps.online.report import end_words, watch_words
     from dynident.apps.online.watch import make_watch
     from dynident.files.folder import result_folder
@@ -300,19 +302,21 @@ def watch(
             robot_watch = make_watch(result, stream, settings, folder, allow_code=allow_code)
         if not as_json:
             console().remark(watch_words(settings))
+            if is_recorded(stream) and not once:
+                console().remark(f"{stream} is no text that can be followed while it grows: it is watched to its end.")
         _print_events(robot_watch, as_json, follow=not once)
     if not as_json:
         console().remark(end_words(robot_watch.watcher, robot_watch.events, robot_watch.reader.zero))
     if out and not as_json:
-        from dynident.apps.online.watch import EVENTS
+        from dynident.apps.online.event_log import EVENTS
 
         print_path(console(), "Changes", out / EVENTS)
 
 
 def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
     """Print events as they come."""
+    from dynident.apps.online.event_log import event_data
     from dynident.apps.online.report import event_line
-    from dynident.apps.online.watch import event_data
     from dynident.runtime import Severity
 
     screen = console()

@@ -70,6 +70,24 @@ class ResultFolder:
         _finish(self.path)
         return tuple(self.path / name for name in files)
 
+    def write_from(self, name: str, position: int, text: str) -> None:
+        """Write text to a file in place of what follows a ``position`` (bytes), for logs that grow.
+
+        Raises InputError where it cannot be written, ConfigError where it was read.
+        """
+        path = self.path / name
+        refuse_inputs(path)
+        try:
+            with _open_file(path, os.O_CREAT) as file:
+                # a file that somebody made shorter goes on at its end
+                file.truncate(min(position, os.fstat(file.fileno()).st_size))
+                file.seek(0, os.SEEK_END)
+                file.write(text.encode("utf-8", "backslashreplace"))
+                _sync_file(file)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be written: {cause(error)}. Make room, or allow writing.") from error
+        self.written = True
+
     def _stage(self, files: Mapping[str, str | bytes], removed: Iterable[str]) -> None:
         staging = self.path / STAGING_NAME
         for kind in (NEW_FILES, REMOVED_FILES):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 from collections.abc import Callable, Collection, Iterator
@@ -203,10 +202,29 @@ def row_cells(line: str, separator: str | None) -> list[str]:
     """Return the cells of a line."""
     if separator is None:
         return line.replace('"', "").split()
-    cells = (
-        next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if '"' in line else line.split(separator)
-    )
+    pieces = line.split(separator)
+    cells = _join_quoted(pieces, separator) if '"' in line else pieces
     return [cell.strip() for cell in cells]
+
+
+def _join_quoted(pieces: list[str], separator: str) -> Iterator[str]:
+    """Yield the cells of a line that was split within quotes, too, without the quotes around them."""
+    cell, quotes = list[str](), 0
+    for piece in pieces:
+        cell.append(piece)
+        quotes += piece.count('"')
+        # an odd number of quotes: the separator was within them
+        if quotes % 2 and cell[0].lstrip().startswith('"'):
+            continue
+        yield _unquote(separator.join(cell))
+        cell, quotes = [], 0
+    if cell:  # a quote without an end
+        yield _unquote(separator.join(cell))
+
+
+def _unquote(cell: str) -> str:
+    cell = cell.strip()
+    return cell.removeprefix('"').removesuffix('"').replace('""', '"') if cell.startswith('"') else cell
 
 
 def _is_number(cell: str) -> bool:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from dynident.apps.online.stream import FollowedFile, LineReader, SampleReader, StandardInput
+from dynident.apps.online.stream import MAX_LINE_BYTES, FollowedFile, LineReader, SampleReader, StandardInput
+from dynident.files.text import unit_row
 from dynident.models import Joint
 from dynident.project.config import parse_config
 from dynident.runtime import ConfigError, InputError
@@ -246,3 +251,83 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match="a named pipe"):
         FollowedFile(tmp_path / "pipe")
+
+
+NUMBER_TEXTS = st.one_of(
+    st.floats().map(repr),
+    st.integers(300, 5000).map(lambda digits: "9" * digits),
+    st.sampled_from(
+        ["1e999", "1_0", "1,5", "true", "null", "2026-11-22T23:59:59Z", "0001-01-01T00:00:00+23:59", "x" * 140_000]
+    ),
+)
+CELLS = st.one_of(NUMBER_TEXTS, st.text(max_size=8), st.text('"\r\0,;\t {[', max_size=6))
+KEYS = st.one_of(st.sampled_from(["t", "a", "b", "m", "m.0", "m.1", ""]), st.text(max_size=3))
+VALUES = st.recursive(CELLS | NUMBER_TEXTS.map(json.dumps), lambda inner: st.lists(inner, max_size=3).map(str))
+ANY_LINE = st.one_of(
+    st.binary(max_size=60),
+    st.lists(CELLS, min_size=1, max_size=8).map(lambda cells: ",".join(cells).encode("utf-8", "replace")),
+    st.dictionaries(KEYS, VALUES, max_size=6).map(
+        lambda values: (
+            f"{{{','.join(f'{json.dumps(key)}:{value}' for key, value in values.items())}}}".encode("utf-8", "replace")
+        )
+    ),
+    st.integers(0, 2000).map(lambda depth: b'{"":' * depth + b"1" + b"}" * depth),
+    st.integers(0, MAX_LINE_BYTES + 9).map(lambda length: b'"' * length),
+)  # fmt: skip
+
+
+@settings(max_examples=300, deadline=None)
+@given(lines=st.lists(ANY_LINE, max_size=4), cuts=st.lists(st.integers(0, 10_000), max_size=3))
+def test_any_bytes_between_two_rows_are_samples_or_counted(lines: list[bytes], cuts: list[int]) -> None:
+    lines = [line.replace(b"\n", b"") for line in lines]
+    for wraps in ("", "wraps: 360, "):
+        samples = reader(Path(), **{"column: a, unit": f"column: a, {wraps}unit:"})
+        stream = LineReader()
+        data = b"".join(line + b"\n" for line in (HEAD.encode(), ROWS[0].encode(), *lines, ROWS[1].encode()))
+        parts = [samples.push(stream.push(data[a:b])) for a, b in itertools.pairwise([0, *sorted(cuts), len(data)])]
+        said = sum(len(part.t) + (part.bad.count if part.bad else 0) for part in parts)
+        texts = [line.decode("utf-8", "replace").lstrip("\ufeff").strip() for line in lines]
+        silent = sum(not text or text[0] in "#%" or is_repetition(text) for text in texts)
+        assert said == 2 + len(lines) - silent
+        t = np.concatenate([part.t for part in parts])
+        assert np.isfinite(t).all()
+        assert (t[0], t[-1]) == (0.0, 0.01)  # a line ends where it ends: the row after it is read
+
+
+def is_repetition(text: str) -> bool:
+    """Return whether a line is one of names, or of units."""
+    return text == HEAD or unit_row(text, HEAD.split(","), ",") is not None
+
+
+def test_a_header_that_cannot_be_read_is_no_header(tmp_path: Path) -> None:
+    for head in ('# "a\rb', '\x01"\rzz' * 60_000):
+        lines = [head, HEAD, *ROWS] if head.startswith("#") else [HEAD, head, *ROWS]
+        samples = reader(tmp_path).push(lines)
+        assert samples.t.tolist() == [0.0, 0.01]
+
+
+def test_a_line_of_megabytes_is_counted_once() -> None:
+    stream = LineReader()
+    lines = [line for _ in range(40) for line in stream.push(b"0,1,1,1,1,x" * 10_000)] + stream.push(b"\nlast\n")
+    assert len(lines) == 2
+    assert lines[1] == "last"
+
+
+def test_objects_of_another_program_in_the_next_file_are_counted(tmp_path: Path) -> None:
+    samples = reader(tmp_path)
+    samples.push([json.dumps({"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]})])
+    samples.new_file()
+    part = samples.push(['{"rotated": true}', json.dumps({"t": 10, "a": 90, "b": 1.5, "m": [1.0, 2.5]})])
+    assert part.t.tolist() == [0.01]
+    assert part.bad is not None
+    assert part.bad.count == 1
+
+
+def test_names_of_nested_values_do_not_fill_the_memory(tmp_path: Path) -> None:
+    line = json.dumps({"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0], "x" * 100_000: [0] * 50_000})
+    tracemalloc.start()
+    try:
+        assert len(reader(tmp_path).push([line]).t) == 1
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()

@@ -38,10 +38,11 @@ from dynident.apps.online import (
     WatchSettings,
 )
 from dynident.apps.online.detector import Knowledge, Phase
+from dynident.apps.online.event_log import EVENTS, EventLog, event_data
 from dynident.apps.online.report import event_line, watch_words
 from dynident.apps.online.scores import Gram
-from dynident.apps.online.watch import EVENTS, Watch, event_data, make_watch, read_state, state_bytes
-from dynident.files.folder import result_folder
+from dynident.apps.online.watch import Watch, make_watch, read_state, state_bytes
+from dynident.files.folder import ResultFolder, result_folder
 from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, Severity
 from tests.project.watched import CHANGE, SETTINGS, result, rows
@@ -73,8 +74,8 @@ SAID: list[tuple[Event, str]] = [
     (Resting(310.0, 10.0), "the robot has hardly moved since 10.0 s"),
     (Gap(20.0, 4.0), "no sample came for 4.00 s"),
     (ClockReset(0.0, 20.0), "the time was set back, from 20.0 s"),
-    (BadLines(20.0, 2, 17, "x\x1b[31m"),
-     "2 lines could not be read and are left out, the first is line 17: 'x\\x1b[31m'"),
+    (BadLines(20.0, 2, 17, "x\x1b[31m", 19),
+     "2 lines could not be read and are left out, the first is line 17: 'x\\x1b[31m', the last line 19"),
     (Unreadable(20.0, 100, "no joint moves."), "100 samples cannot be used: no joint moves."),
     (Resumed(20.0, 20.0), "goes on from its saved state, after the sample at 20.0 s"),
 ]  # fmt: skip
@@ -99,7 +100,7 @@ def test_dates_are_shown_where_the_stream_has_them() -> None:
 
 
 def test_lines_before_the_first_sample_have_no_time() -> None:
-    line = event_line(BadLines(float("nan"), 1, 2, "x"), ())
+    line = event_line(BadLines(float("nan"), 1, 2, "x", 2), ())
     assert line.text == "at the start: line 2 could not be read and is left out: 'x'."
 
 
@@ -175,6 +176,13 @@ def watched(slider: Path, stream: Path, out: Path, how: WatchSettings = HOW) -> 
         return list(one.run(follow=False)), one
 
 
+def written_events(out: Path) -> list[str]:
+    """Return the names of the events in a folder, which are numbered one after the other."""
+    rows = [json.loads(line) for line in (out / EVENTS).read_text().splitlines()]
+    assert [row["id"] for row in rows] == list(range(1, len(rows) + 1))
+    return [row["event"] for row in rows]
+
+
 def same(one: Knowledge, other: Knowledge) -> None:
     assert (one.phase, len(one.windows), len(one.blocks)) == (other.phase, len(other.windows), len(other.blocks))
     assert one.reference is not None
@@ -235,8 +243,7 @@ def test_a_killed_watch_goes_on(
     stream.write_text(text)
     events, other = watched(slider, stream, out)
     assert isinstance(events[0], Resumed)
-    said = [one["event"] for one in map(json.loads, (out / EVENTS).read_text().splitlines())]
-    assert [name for name in said if name != "Resumed"] == [type(event).__name__ for event in expected]
+    assert [name for name in written_events(out) if name != "Resumed"] == [type(event).__name__ for event in expected]
     same(one.watcher.knowledge, other.watcher.knowledge)
 
 
@@ -262,8 +269,8 @@ def test_a_signal_in_the_midst_of_samples_loses_none(
         with pytest.raises(KeyboardInterrupt):
             watched(slider, stream, tmp_path / "out")
     _, other = watched(slider, stream, tmp_path / "out")
-    assert [type(event) for event in other.events if not isinstance(event, Resumed)] == [
-        type(event) for event in expected
+    assert [name for name in written_events(tmp_path / "out") if name != "Resumed"] == [
+        type(event).__name__ for event in expected
     ]
     same(one.watcher.knowledge, other.watcher.knowledge)
 
@@ -274,3 +281,59 @@ def test_another_result_or_setting_is_refused(slider: Path, tmp_path: Path) -> N
     watched(slider, stream, tmp_path / "out")
     with pytest.raises(ConfigError, match="another result or other settings"):
         watched(slider, stream, tmp_path / "out", WatchSettings(block=1.0, baseline=26.0))
+
+
+def test_bad_lines_that_follow_each_other_are_one_event(tmp_path: Path) -> None:
+    log, said = EventLog(), list[Event | None]()
+    with result_folder(tmp_path / "out") as folder:
+        for k in range(1, 251):
+            said.append(log.add(BadLines(float(k), 1, 2 * k, "x", 2 * k)))
+            log.write(folder)
+        log.add(Gap(300.0, 4.0))
+        log.add(BadLines(301.0, 1, 3, "of the next file", 3))
+        log.write(folder)
+    assert [event.count for event in said if isinstance(event, BadLines)] == [1, 10, 100]
+    rows = [json.loads(line) for line in (tmp_path / "out" / EVENTS).read_text().splitlines()]
+    assert rows[0] == {"id": 1, "event": "BadLines", "time": 250.0, "count": 250, "line": 2, "text": "x", "last": 500}
+    assert [row["event"] for row in rows] == ["BadLines", "Gap", "BadLines"]
+
+
+def test_a_save_costs_the_same_after_many_events(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, sizes = EventLog(), list[int]()
+    write_from = ResultFolder.write_from
+
+    def measured(folder: ResultFolder, name: str, position: int, text: str) -> None:
+        sizes.append(len(text))
+        write_from(folder, name, position, text)
+
+    monkeypatch.setattr(ResultFolder, "write_from", measured)
+    with result_folder(tmp_path / "out") as folder:
+        for k in range(200):
+            log.add(Gap(float(k), 4.0))
+            log.write(folder)
+    assert max(sizes) < 3 * sizes[0]
+    assert len(str(log.state)) < 200
+    assert written_events(tmp_path / "out") == ["Gap"] * 200
+
+
+@pytest.mark.parametrize("harm", ["lines of a killed watch", "shortened", "deleted"])
+def test_a_log_goes_on_where_its_state_ends(tmp_path: Path, harm: str) -> None:
+    log, resumed = EventLog(), EventLog()
+    path = tmp_path / "out" / EVENTS
+    with result_folder(tmp_path / "out") as folder:
+        for k in range(5):
+            log.add(Gap(float(k), 4.0))
+        log.write(folder)
+        resumed.restore(json.loads(json.dumps(log.state, default=vars)) | {"events": [Gap(4.0, 4.0)]})
+        if harm == "deleted":
+            path.unlink()
+        elif harm == "shortened":
+            os.truncate(path, 0)
+        else:
+            log.add(Gap(9.0, 4.0))
+            log.write(folder)
+        resumed.add(Resumed(4.0, 4.0))
+        resumed.write(folder)
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [row["id"] for row in rows][-2:] == [5, 6]
+    assert [row["event"] for row in rows] == ["Gap"] * (len(rows) - 1) + ["Resumed"]

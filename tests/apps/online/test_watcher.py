@@ -218,3 +218,20 @@ def test_of_a_robot_that_does_not_move_this_is_said_once() -> None:
     q = np.zeros((len(t), 2))
     events = [one for one in arm_said(t, q, q) if isinstance(one, Resting)]
     assert events == [Resting(300.0, 0.0)]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_numbers_that_no_sensor_gives_do_no_harm(seed: int) -> None:
+    rng, robot_watcher = np.random.default_rng(seed), watcher()
+    t, q, tau = samples(0, 40)
+    wild = [1e99, -1e99, 1e50, -1e12, 5e-324, np.nan, np.inf]
+    for _ in range(12):
+        signal, k = (t, q, tau)[rng.integers(3)], int(rng.integers(len(t)) if rng.random() < 0.7 else rng.integers(30))
+        signal[k : k + rng.integers(1, 4)] = rng.choice(wild)
+    assert BaselineKnown in types(robot_watcher.push(t, q, tau))
+
+
+def test_a_first_step_that_is_none_hides_no_motion() -> None:
+    t, q, tau = samples(0, 40)
+    t[1] = t[0] + 1e-5
+    assert BaselineKnown in types(watcher().push(t, q, tau))

@@ -168,11 +168,12 @@ class ClockReset(Event):
 
 @dataclass(frozen=True)
 class BadLines(Event):
-    """``count`` lines could not be read, the first of them number ``line``, with the ``text``."""
+    """``count`` lines could not be read, from number ``line``, with the ``text``, to number ``last``."""
 
     count: int
     line: int
     text: str
+    last: int
 
 
 @dataclass(frozen=True)

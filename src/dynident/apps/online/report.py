@@ -26,8 +26,10 @@ from dynident.apps.online.detector import (
     Unreadable,
     Unsteady,
 )
+from dynident.apps.online.event_log import EventLog
 from dynident.apps.online.watcher import Watcher, WatchSettings
 from dynident.regression import GroupKind
+from dynident.report.figures import CLOCK_RANGE
 from dynident.report.words import Line, kind_words, signed_text
 from dynident.runtime import Severity, join_names, number
 
@@ -40,8 +42,6 @@ FAULTS = {
 MIN_SURE_RATIO, MAX_LISTED = 2.0, 4  # standard errors from which on a part of a change is named, and how many are
 # times the residual of the fit that are pointed out, and that ask for a reason
 MIN_NOTABLE_RATIO, MIN_SUSPICIOUS_RATIO = 2.0, 10.0
-DAY = 86_400.0
-
 
 # sentences of events by their fields, with stamps and groups in words; the others have functions below
 TEXTS: Mapping[type[Event], str] = {
@@ -60,18 +60,23 @@ TEXTS: Mapping[type[Event], str] = {
 
 
 def stamp_text(t: float, zero: float = float("nan")) -> str:
-    """Return a stamp (s) in seconds, or as a date from the midnight ``zero`` (s) where the stream has dates."""
+    """Return a stamp (s) in seconds, or as a date (UTC) where the stream has dates.
+
+    Dates count from the midnight ``zero`` (s), or from 1970.
+    """
     if np.isnan(t):
-        return "at the start"
-    if np.isnan(zero):
+        return "the start"
+    since_1970 = t if np.isnan(zero) else zero + t
+    if not CLOCK_RANGE[0] < since_1970 < CLOCK_RANGE[1]:
         return f"{t:.1f} s"
-    return datetime.fromtimestamp(zero + t, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    return datetime.fromtimestamp(since_1970, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def event_line(event: Event, joints: Sequence[str], zero: float = float("nan")) -> Line:
     """Return an event as a line, a warning where something changed or fails; ``zero`` as in ``stamp_text``."""
     serious = isinstance(event, Alarm | Changed | Fault | Unsteady | Unreadable)
-    text = f"{stamp_text(event.time, zero)}: {_event_text(event, joints, zero)}."
+    when = "at the start" if np.isnan(event.time) else stamp_text(event.time, zero)
+    text = f"{when}: {_event_text(event, joints, zero)}."
     return Line(text, Severity.WARNING if serious else Severity.INFO)
 
 
@@ -85,7 +90,7 @@ def watch_words(settings: WatchSettings) -> str:
     )
 
 
-def end_words(watcher: Watcher, events: Sequence[Event], zero: float = float("nan")) -> str:
+def end_words(watcher: Watcher, events: EventLog, zero: float = float("nan")) -> str:
     """Return how far the watch has come at the end of a stream, as a sentence."""
     if np.isnan(watcher.latest):
         return "The stream has ended without a sample."
@@ -95,11 +100,10 @@ def end_words(watcher: Watcher, events: Sequence[Event], zero: float = float("na
             f"{end}, within the baseline: it has {block_count} of {needed} blocks of motion, and no change was sought. "
             "With --baseline S it is shorter."
         )
-    since = max((event.time for event in events if isinstance(event, BaselineKnown)), default=watcher.latest)
-    change_count = sum(isinstance(event, Changed) for event in events)
     changes = {0: "no change was found", 1: "1 change was found"}.get(
-        change_count, f"{change_count} changes were found"
+        events.changes, f"{events.changes} changes were found"
     )
+    since = watcher.latest if np.isnan(events.baseline) else events.baseline
     return f"{end}: {changes} since {stamp_text(since, zero)}, when the baseline was complete."
 
 
@@ -111,7 +115,10 @@ def _event_text(event: Event, joints: Sequence[str], zero: float) -> str:
     if isinstance(event, BadLines):
         if event.count == 1:
             return f"line {event.line} could not be read and is left out: {event.text!r}"
-        return f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}"
+        return (
+            f"{event.count} lines could not be read and are left out, the first is line {event.line}: {event.text!r}, "
+            f"the last line {event.last}"
+        )
     if isinstance(event, BaselineKnown):
         return _baseline_text(event, joints, zero)
     if isinstance(event, Changed):

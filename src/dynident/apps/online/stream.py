@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.online.detector import BadLines
+from dynident.apps.online.watcher import MAX_TIME
 from dynident.files.opener import file_status, open_input
 from dynident.files.tables import DataTable
 from dynident.files.text import first_row, row_cells, unit_row
@@ -38,8 +39,10 @@ MARK_SIZE = 256  # bytes before a position that say whether it is the same file
 StreamRead = tuple[bytes, bool, bool]
 Array = NDArray[np.float64]
 COMMENT_MARKS = ("#", "%")
-MAX_LINE_BYTES = 1 << 20  # bytes of a line: more is none
+MAX_LINE_LENGTH = 1 << 18  # characters of a line: with more it is no sample
+MAX_LINE_BYTES = 4 * MAX_LINE_LENGTH  # bytes that surely are more characters
 MAX_SHOWN_CHARACTERS = 80  # characters of a bad line that are shown
+MAX_NAME_LENGTH = 256  # characters of the name of a nested value: what is deeper is not read
 DAY = 86_400.0
 
 
@@ -48,6 +51,8 @@ class StandardInput:
 
     Raises InputError where there is none.
     """
+
+    found = False
 
     def __init__(self) -> None:
         if sys.stdin is None:  # closed by who started this
@@ -78,7 +83,7 @@ class FollowedFile:
         self.path, self.offset, self._fresh = path, 0, True
         self.found = not position  # whether it goes on where it was
         self._stack = ExitStack()
-        self._file = self._begin(position or {})
+        self._file = self._begin(position if position and "offset" in position else {})
 
     def read(self) -> StreamRead:
         """Return new bytes, at most a megabyte, whether a new file begins with them, and False: there is no end."""
@@ -153,9 +158,6 @@ class FollowedFile:
         ) or open_status.st_size < self.offset
 
 
-Stream = StandardInput | FollowedFile
-
-
 @dataclass(frozen=True, eq=False)
 class StreamSamples:
     """Samples t (N) s, q and tau (N, n) in SI, nan for missing numbers; ``bad`` describes the lines left out."""
@@ -168,17 +170,24 @@ class StreamSamples:
 
 @dataclass
 class LineReader:
-    """Lines from bytes as they arrive; ``tail`` is the beginning of a line whose end is missing."""
+    """Lines from bytes as they arrive; ``tail`` is the beginning of a line whose end is missing.
+
+    ``skipping`` says that the rest of a line is left out, up to its end.
+    """
 
     tail: bytes = b""
+    skipping: bool = False
 
     def push(self, data: bytes) -> list[str]:
-        """Return the lines that end in the data."""
+        """Return the lines that end in the data, and the beginning of one that is too long."""
+        if self.skipping:
+            _, end, data = data.partition(b"\n")
+            self.skipping = not end
         # the last piece has no end yet, and waits for more bytes
         *lines, self.tail = (self.tail + data).split(b"\n")
-        # a line this long is no sample: its beginning is reported as a bad line
+        # a line this long is no sample, and must not fill the memory: its rest is not kept
         if len(self.tail) > MAX_LINE_BYTES:
-            lines, self.tail = [*lines, self.tail[:MAX_SHOWN_CHARACTERS]], b""
+            lines, self.tail, self.skipping = [*lines, self.tail], b"", True
         return [line.rstrip(b"\r").decode("utf-8", "replace").lstrip("\ufeff") for line in lines]
 
 
@@ -186,10 +195,10 @@ class LineReader:
 class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
-    ``names`` and ``separator`` are those of a table, known after its first line; ``line`` and ``row`` count what
-    was read; ``zero`` (s) is the midnight (UTC) from which dates count; ``fresh`` says that a file begins;
-    ``turned`` are the last values of columns that wrap. Raises ConfigError where the configuration does not fit
-    the joints, or a column is missing.
+    ``needed`` are the columns that it takes; ``names`` and ``separator`` are those of a table, known after its first
+    line; ``line`` and ``row`` count what was read; ``zero`` (s) is the midnight (UTC) from which dates count; ``fresh``
+    says that a file begins; ``turned`` are the last values of columns that wrap. Raises ConfigError where the
+    configuration does not fit the joints, or a column is missing.
     """
 
     config: Config
@@ -212,10 +221,10 @@ class SampleReader:
                 "the configuration of the result has several files for a recording; a robot is watched by one stream: "
                 "write all columns to one file."
             )
-        self._needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
+        self.needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
         channels = (self.config.position[joint.name] for joint in self.joints)
         self._wraps = {name: channel.wraps for channel in channels if channel.wraps for name in channel.terms}
-        self._labelled = {name.rpartition(" [")[0]: name for name in self._needed if name.endswith("]")}  # unit below
+        self._labelled = {name.rpartition(" [")[0]: name for name in self.needed if name.endswith("]")}  # unit below
         time = self.config.time
         self._factor = unit_factor(time.unit, "time", "time.unit") if time.column else 1.0
 
@@ -247,11 +256,13 @@ class SampleReader:
                 continue
             if values is not None:
                 rows.append(values)
-        bad_lines = BadLines(math.nan, len(bad), *bad[0]) if bad else None
-        return self._make_samples(np.array(rows).reshape(len(rows), 1 + len(self._needed)), bad_lines)
+        bad_lines = BadLines(math.nan, len(bad), *bad[0], bad[-1][0]) if bad else None
+        return self._make_samples(np.array(rows).reshape(len(rows), 1 + len(self.needed)), bad_lines)
 
     def _parse_line(self, text: str) -> list[float] | None:
         """Return time and needed columns of a line, None where it holds none; ValueError where it cannot be read."""
+        if len(text) > MAX_LINE_LENGTH:
+            raise ValueError("too long")
         if text.lstrip().startswith("{"):
             return self._row_values(self._parse_object(text))
         # only the last comment is kept: it may hold the column names
@@ -259,8 +270,9 @@ class SampleReader:
             self.comments = [text]
             return None
         if self.fresh:
+            is_header = self._take_header(text)
             self.fresh = False
-            if self._take_header(text):
+            if is_header:
                 return None
         cells = row_cells(text, self.separator)
         # some recorders end each line with a separator
@@ -276,7 +288,7 @@ class SampleReader:
         """Take the column names from the first line; return whether the line holds nothing else."""
         names, is_header, separator = first_row(text, self.comments)
         names = [self._labelled.get(name, name) for name in names] if is_header else names
-        if self.names and not (is_header and set(self._needed) <= set(names)):
+        if self.names and not (is_header and set(self.needed) <= set(names)):
             return False  # the next file goes on without them
         self._require_columns(names)
         self.names, self.separator = names, separator
@@ -284,29 +296,27 @@ class SampleReader:
 
     def _require_columns(self, names: Iterable[str]) -> None:
         available = list(names)
-        for name in self._needed:
+        for name in self.needed:
             if name not in available:
                 raise ConfigError(f"{self.source}: no column {name!r}; {choices(name, available)}")
 
     def _parse_object(self, text: str) -> dict[str, Any]:
         try:
-            content = json.loads(text)
+            values = dict(_flatten(json.loads(text)))
         except RecursionError as error:
             raise ValueError("too deep") from error
-        if not isinstance(content, dict):
-            raise ValueError("no object")
-        flat = dict(_flatten(content))
-        if self.fresh:
-            self._require_columns(flat)
-            self.fresh = False
-        return flat
+        # other programs may add objects of their own: only the very first sample must have all columns
+        if self.fresh and not self.row:
+            self._require_columns(values)
+        self.fresh = False
+        return values
 
     def _row_values(self, cells: Mapping[str, Any]) -> list[float]:
         column = self.config.time.column
         # without a column of stamps, the rows count the time
         t = self.row / (self.config.time.rate or 1.0) if column is None else self._parse_time(cells.get(column))
         self.row += 1
-        return [t, *(_parse_number(cells.get(name)) for name in self._needed)]
+        return [t, *(_parse_number(cells.get(name)) for name in self.needed)]
 
     def _parse_time(self, cell: Any) -> float:
         t = self._factor * _parse_number(cell)
@@ -317,7 +327,7 @@ class SampleReader:
             if math.isnan(self.zero):
                 self.zero = DAY * math.floor(stamp / DAY)
             t = stamp - self.zero
-        if not math.isfinite(t):
+        if not abs(t) <= MAX_TIME:
             raise ValueError("no time")
         return t
 
@@ -325,7 +335,7 @@ class SampleReader:
         n = len(self.joints)
         if not len(values):
             return StreamSamples(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)), bad)
-        columns = {name: self._unwrap(name, values[:, k + 1].copy()) for k, name in enumerate(self._needed)}
+        columns = {name: self._unwrap(name, values[:, k + 1].copy()) for k, name in enumerate(self.needed)}
         q, tau = joint_values(DataTable(columns, {}, self.source), self.config, self.joints)
         return StreamSamples(values[:, 0].copy(), q, tau, bad)
 
@@ -349,7 +359,7 @@ def _parse_number(cell: Any) -> float:
             cell = cell.replace(",", ".")
     try:
         value = float(cell)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return math.nan
     return value if abs(value) < 1e100 else math.nan
 
@@ -360,5 +370,7 @@ def _flatten(value: Any, name: str = "") -> Iterable[tuple[str, Any]]:
     if children is None:
         yield name, value
         return
-    for key, child in children:
-        yield from _flatten(child, f"{name}.{key}" if name else str(key))
+    # names grow with each level: long ones, of many values, would fill the memory
+    if len(name) <= MAX_NAME_LENGTH:
+        for key, child in children:
+            yield from _flatten(child, f"{name}.{key}" if name else str(key))

@@ -1,9 +1,9 @@
 """A watch of a robot: from the bytes of a stream to events, with a saved state to continue from.
 
-State and events lie in one folder and are replaced together: reported events and read samples agree, whatever
-stops the watch. A file is then read on from where its state ends, so that no sample is lost or counted twice.
-Standard input cannot be read again: samples between the last save and the end are missing, which the watch
-reports as a gap, and repeated samples are left out.
+State and events lie in one folder. Events are written first, and after a stop what follows those that the state
+counts is written anew: reported events and read samples agree, whatever stops the watch. A file is then read on from
+where its state ends, so that no sample is lost or counted twice. Standard input cannot be read again: samples between
+the last save and the end are missing, which the watch reports as a gap, and repeated samples are left out.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 
 from dynident.apps.online import candidates, detector, fixed_lag, scores
 from dynident.apps.online.detector import Event, Resumed
-from dynident.apps.online.stream import FollowedFile, LineReader, SampleReader, StandardInput, Stream
+from dynident.apps.online.event_log import EventLog
+from dynident.apps.online.recorded import RecordedFile, is_recorded
+from dynident.apps.online.stream import FollowedFile, LineReader, SampleReader, StandardInput
 from dynident.apps.online.watcher import Watcher, WatchSettings
 from dynident.files.arrays import open_npz
 from dynident.files.folder import ResultFolder
@@ -34,7 +36,7 @@ from dynident.project.saved import load
 from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, report_progress
 
-FORMAT, VERSION = "dynident watch", 1
+FORMAT, VERSION = "dynident watch", 2
 # what a state may hold: the dataclasses and kinds of these files
 STATE_TYPES = [
     member
@@ -45,7 +47,8 @@ STATE_TYPES = [
 DATACLASSES: Mapping[str, type] = {member.__name__: member for member in STATE_TYPES if is_dataclass(member)}
 ENUMS: Mapping[str, type[StrEnum]] = {member.__name__: member for member in STATE_TYPES if issubclass(member, StrEnum)}
 
-STATE, EVENTS = "watch.npz", "changes.jsonl"
+Stream = StandardInput | FollowedFile | RecordedFile
+STATE = "watch.npz"
 SAVE_INTERVAL = 10.0  # s between two states at most, where nothing is said
 SEED = 0  # of the threshold
 
@@ -126,7 +129,7 @@ def _decode(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
 class Watch:
     """A watcher with its stream, and the ``folder`` that keeps its state, if any.
 
-    ``key`` is what state and watch must have in common: the result and the settings. ``events`` are all so far.
+    ``key`` is what state and watch must have in common: the result and the settings.
     """
 
     watcher: Watcher
@@ -134,7 +137,7 @@ class Watch:
     source: str
     key: Mapping[str, Any]
     folder: ResultFolder | None = None
-    events: list[Event] = field(default_factory=list)
+    events: EventLog = field(default_factory=EventLog)
     lines: LineReader = field(default_factory=LineReader)
 
     def run(self, *, follow: bool, pause: float = 0.5, wait: Callable[[float], None] = time.sleep) -> Iterator[Event]:
@@ -145,23 +148,24 @@ class Watch:
         stream, first_events = self._open_and_restore()
         is_consistent = True  # else a signal came in the midst of samples, which are read again
         try:
-            self._save(stream, first_events)
+            self._save(stream)
             saved = time.monotonic()
             yield from first_events
             while True:
                 data, fresh, ended = stream.read()
                 if fresh:  # an unfinished line of the last file is lost
-                    self.lines.tail = b""
+                    self.lines = LineReader()
                     self.reader.new_file()
                 # between push and save, watcher and stream position disagree: a state saved here would lose samples
                 is_consistent = False
                 events = self._process_lines(self.lines.push(data))
                 if ended and self.lines.tail:  # the last line has no end
                     events += self._process_lines(self.lines.push(b"\n"))
+                events = self._note(events)
                 is_consistent = True
                 # saved before the events are yielded, lest they be reported twice after a kill
                 if events or time.monotonic() - saved > SAVE_INTERVAL:
-                    self._save(stream, events)
+                    self._save(stream)
                     saved = time.monotonic()
                 yield from events
                 if ended or (not data and not follow):
@@ -170,7 +174,7 @@ class Watch:
                     wait(pause)
         finally:
             if is_consistent:
-                self._save(stream, [])
+                self._save(stream)
             stream.close()
 
     def _open_and_restore(self) -> tuple[Stream, list[Event]]:
@@ -186,15 +190,22 @@ class Watch:
             )
         self.watcher.restore(state["watcher"])
         self.reader.restore(state["reader"])
-        self.events = list(state["events"])
+        self.events.restore(state["events"])
         stream = self._open_stream(state["position"])
         # the samples may come again: the watcher then skips those that it knows
-        if not isinstance(stream, FollowedFile) or not stream.found:
+        if not stream.found:
             self.watcher.resume_by_replay()
-        return stream, [Resumed(self.watcher.latest, self.watcher.latest)]
+        else:
+            self.lines.skipping = state["skipping"]
+        return stream, self._note([Resumed(self.watcher.latest, self.watcher.latest)])
 
     def _open_stream(self, position: Mapping[str, Any] | None) -> Stream:
-        return StandardInput() if self.source == "-" else FollowedFile(Path(self.source), position)
+        if self.source == "-":
+            return StandardInput()
+        path = Path(self.source)
+        if is_recorded(self.source):
+            return RecordedFile(path, self.reader.needed, self.reader.config.time.column, position)
+        return FollowedFile(path, position)
 
     def _process_lines(self, lines: list[str]) -> list[Event]:
         if not lines:
@@ -205,18 +216,19 @@ class Watch:
             events.append(replace(samples.bad, time=self.watcher.latest))
         return events
 
-    def _save(self, stream: Stream, events: list[Event]) -> None:
-        self.events += events
+    def _note(self, events: list[Event]) -> list[Event]:
+        """Add events to the log; return those to be said."""
+        return [said for event in events if (said := self.events.add(event)) is not None]
+
+    def _save(self, stream: Stream) -> None:
+        self.events.write(self.folder)
         if self.folder is None:
             return
         state = {
-            "key": self.key, "watcher": self.watcher.state, "reader": self.reader.state, "events": self.events,
-            "position": stream.position(len(self.lines.tail)),
+            "key": self.key, "watcher": self.watcher.state, "reader": self.reader.state, "events": self.events.state,
+            "skipping": self.lines.skipping, "position": stream.position(len(self.lines.tail)),
         }  # fmt: skip
-        event_lines = "".join(
-            f"{json.dumps({'id': k} | event_data(event))}\n" for k, event in enumerate(self.events, 1)
-        )
-        self.folder.replace({STATE: state_bytes(state), EVENTS: event_lines})
+        self.folder.replace({STATE: state_bytes(state)})
 
 
 def make_watch(
@@ -248,14 +260,3 @@ def make_watch(
     digest = sha256(content(result)).hexdigest()
     key = {"result": digest, **{setting.name: getattr(settings, setting.name) for setting in fields(settings)}}
     return Watch(Watcher(identification, np.random.default_rng(SEED), settings), reader, source, key, folder)
-
-
-def event_data(event: Event) -> dict[str, Any]:
-    """Return an event in JSON types, with its ``event`` name; values that are not finite become null."""
-    return {"event": type(event).__name__} | {name: _event_value(value) for name, value in vars(event).items()}
-
-
-def _event_value(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_event_value(member) for member in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -45,6 +45,9 @@ MIN_REPORTED_GAP = 1.0  # s without a sample that are said
 MAX_STEP_RATIO = 12.0  # usual steps: a longer one ends a motion
 BATCH_SAMPLES = 256  # samples that are looked at together
 MIN_REPORTED_REST = 300.0  # s without a block of motion that are said
+MAX_POSITION, MAX_TORQUE = 1e6, 1e9  # rad or m, N m or N: what is larger is no value of a sensor
+MAX_TIME, MIN_STEP = 1e11, 1e-6  # s: stamps are within, and further apart
+GAP_STEP_GROWTH = 1.1  # of the usual step at a gap: after many in a row it was another
 FILTER_MARGIN = 0.5  # s beside a torque that cannot be used, by filters
 
 
@@ -69,7 +72,8 @@ class WatchSettings:
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if not low <= value <= high:
-                raise ConfigError(f"watch: {name} is {value:g}; give a number from {low:g} to {high:g}.")
+                shorter = f", or a shorter block than {self.block:g} s" if name in ("baseline", "settle") else ""
+                raise ConfigError(f"watch: {name} is {value:g}; give a number from {low:g} to {high:g}{shorter}.")
 
 
 class Watcher:
@@ -141,7 +145,12 @@ class Watcher:
         events = list[Event]()
         for k in range(0, len(time), BATCH_SAMPLES):
             rows = slice(k, k + BATCH_SAMPLES)
-            events += self._take_in_order(time[rows], x[rows], y[rows])
+            # a number that is no value would drown all others in the sums
+            positions, torques = (
+                np.where(np.abs(signal[rows]) <= limit, signal[rows], np.nan)
+                for signal, limit in ((x, MAX_POSITION), (y, MAX_TORQUE))
+            )
+            events += self._take_in_order(time[rows], positions, torques)
         return tuple(events)
 
     def resume_by_replay(self) -> None:
@@ -153,8 +162,11 @@ class Watcher:
         events, start = list[Event](), 0
         keep = np.ones(len(t), dtype=bool)
         for k, time in enumerate(t.tolist()):
+            if not abs(time) <= MAX_TIME:
+                keep[k] = False
+                continue
             step = time - self._last
-            if step <= 0:
+            if step < MIN_STEP:
                 # single samples of an earlier time are dropped; several in a row mean that the clock was set back
                 self._back += not self._replay and step < 0
                 if self._back < CLOCK_RESET_SAMPLES:
@@ -172,7 +184,7 @@ class Watcher:
                 self._end_motion(keep_rest=self._back < CLOCK_RESET_SAMPLES)
                 self._sensors.forget()
                 events += self._release_blocks()
-                self._moved = time
+                self._moved, self._step = time, GAP_STEP_GROWTH * self._step
                 if self._back >= CLOCK_RESET_SAMPLES:
                     self._deaf = {j: (-math.inf, stop) for j, (_, stop) in self._deaf.items() if stop == math.inf}
                 if self._back >= CLOCK_RESET_SAMPLES and self._smoothing is not None:
@@ -286,7 +298,7 @@ class Watcher:
             log = Log(t, q, tau, self.joints, "the first seconds of the stream")
             self._smoothing = estimate_smoothing(self._found, log)
         # no joint moves yet, or the log cannot be smoothed: say why once, and wait for more
-        except (ConfigError, InputError) as error:
+        except (ConfigError, InputError, np.linalg.LinAlgError) as error:
             last_reason, self._refused = self._refused, str(error)
             return [] if last_reason == str(error) else [Unreadable(float(t[-1]), len(t), str(error))]
         self._tracker = self._make_tracker(self._smoothing)

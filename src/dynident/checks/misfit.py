@@ -104,6 +104,9 @@ def fit_cases(
     filtered_motions = [_low_pass(motion, cutoff) for motion in motions]
     steady_masks = [steady_mask(motion, REVERSAL_MARGIN / cutoff) for motion in filtered_motions]
     noise = _noise_variance(motions, filtered_motions, steady_masks, cutoff)
+    # a torque that is the same throughout one log, and not in another, was not recorded there
+    varies = np.array([np.ptp(motion.tau, axis=0) > 0 for motion in motions])
+    live_torques = varies | ~varies.any(axis=0)
     jerks = [np.gradient(motion.ddq, motion.t, axis=0) for motion in filtered_motions]  # for differences in time
     cases = []
     for count in samples:
@@ -115,8 +118,8 @@ def fit_cases(
         dddq = np.concatenate([jerk[indices] for jerk, indices in zip(jerks, rows, strict=True)])
         keep = np.concatenate(
             [
-                steady[indices] & fitted_mask(motion, min_speed, indices)
-                for steady, (motion, indices) in zip(steady_masks, pairs, strict=True)
+                steady[indices] & fitted_mask(motion, min_speed, indices) & live
+                for steady, live, (motion, indices) in zip(steady_masks, live_torques, pairs, strict=True)
             ]
         )
         q, dq, ddq, lengths = states["q"], states["dq"], states["ddq"], tuple(map(len, rows))

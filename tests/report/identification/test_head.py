@@ -59,7 +59,7 @@ def test_a_residual_at_the_noise_floor_has_no_other_cause():
 
 
 def test_of_one_joint_at_the_floor_it_is_said_where():
-    found = at_floor({"elbow": AT})
+    found = at_floor({"elbow": AT, "shoulder": AT})
     found.validations[1].at_floor = False
     assert "in elbow (reach.csv), where it is at the noise floor, 1.02 times" in judge(found).sentences()[2]
 

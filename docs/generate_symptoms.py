@@ -7,7 +7,7 @@ such as <!--TermKind.SPRING-->. What is printed is written by the notes alone; c
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from difflib import SequenceMatcher
 from enum import Enum
@@ -25,7 +25,7 @@ from dynident.models.simulation import Broken, Failure
 from dynident.runtime import Note, Remark, WordedEnum
 from dynident.validation import Cause
 
-for application in ("dynident.apps.excitation.design", "dynident.apps.payload.body"):
+for application in ("dynident.apps.excitation.robot", "dynident.apps.excitation.design", "dynident.apps.payload.body"):
     import_module(application)  # whose notes are in the tables, too
 
 PAGES = tuple(Path(__file__).with_name(name) for name in ("symptoms.md", "payload.md"))
@@ -62,6 +62,8 @@ def _value(hint: Any, values: dict[Any, Any]) -> Any:
     origin, inside = get_origin(hint), get_args(hint)
     if origin is tuple:
         return (_value(inside[0], values),) * 2 if Ellipsis in inside else tuple(_value(x, values) for x in inside)
+    if origin is Mapping:
+        return {_value(inside[0], values): _value(inside[1], values)}
     if origin in (Union, UnionType):
         return _value(next(x for x in inside if x is not type(None)), values)
     if issubclass(hint, Enum):

@@ -15,7 +15,7 @@ GENERATOR = runpy.run_path(str(DOCS / "generate_symptoms.py"))
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in GENERATOR["PAGES"]}
 MARKED = {match[1] for page in PAGES.values() for match in GENERATOR["MARK"].finditer(page)}
 # what a reader needs no help with: how data were changed, a missing term at a higher price, and what to do next
-LEFT_OUT = {"Averaged", "SmoothSigns", "TermLeftOut"}
+LEFT_OUT = {"Averaged", "GripperLeftOut", "SmoothSigns", "TermLeftOut"}
 KINDS = {kind.__name__: kind for kind in GENERATOR["kinds"]() if kind not in GENERATOR["kinds"](GENERATOR["NextStep"])}
 
 

@@ -1,7 +1,7 @@
 """The pages of the site, a hook of mkdocs: the repository's own, and one for each public module of the package.
 
 The site has the folders of the repository, so that a link works in both. What is public is read from the source:
-a module without a leading underscore, and in a folder what its ``__init__`` has in ``__all__``.
+a module without a leading underscore, and in a folder what its ``__init__`` imports from the package.
 """
 
 from __future__ import annotations
@@ -116,10 +116,8 @@ def page(name: str, path: Path) -> str:
 
 
 def gathered(tree: ast.Module) -> Iterator[str]:
-    """Yield the table of the names that an ``__init__`` imports from the package and exports."""
-    exported = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    """Yield the table of the names that an ``__init__`` imports from the package."""
     public = {name for name, _ in modules()}
     for node in (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module in public):
         for name in (alias.asname or alias.name for alias in node.names):
-            if name in exported:
-                yield f"* `{name}`, from [{node.module}]({node.module}.md)"
+            yield f"* `{name}`, from [{node.module}]({node.module}.md)"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from dynident._version import __version__ as __version__
 
 if TYPE_CHECKING:  # the table below, for type checkers, which know only what is imported
-    from dynident import runtime as errors  # noqa: F401  # the room that holds them
+    from dynident import runtime as errors  # the room that holds them
     from dynident.apps.excitation.run import excite as excite
     from dynident.apps.fleets.run import fleet as fleet
     from dynident.apps.payload import find_payload as find_payload

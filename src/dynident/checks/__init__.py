@@ -11,29 +11,3 @@ from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.robot import RobotJointFacts, check_robot, joint_facts, link_facts
 from dynident.checks.stamps import MAX_GAP_STEPS, MINIMUM_SAMPLES, Timing, respace, split_gaps, timing
 from dynident.checks.torque import Agreement, loop_findings, relative_gains
-
-__all__ = [
-    "MAX_GAP_STEPS",
-    "MINIMUM_SAMPLES",
-    "Agreement",
-    "ChannelFacts",
-    "CheckResult",
-    "Excitation",
-    "ExcitedRank",
-    "RobotJointFacts",
-    "Timing",
-    "channel_facts",
-    "check_log",
-    "check_log_fully",
-    "check_robot",
-    "joint_facts",
-    "link_facts",
-    "loop_findings",
-    "relative_gains",
-    "respace",
-    "rest_findings",
-    "run_checks",
-    "split_gaps",
-    "timing",
-    "with_findings",
-]

@@ -12,8 +12,6 @@ from dynident.cli.logs import bound, check, schema, smooth
 from dynident.cli.options import add_common_options, add_output_options
 from dynident.cli.robot import excite, payload, tune, watch
 
-__all__ = ["main"]
-
 
 def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None:  # noqa: ARG001
     if value and not ctx.resilient_parsing:

@@ -7,12 +7,3 @@ them one by one, for ``pytest.mark.parametrize``.
 from dynident.testing.estimator import ESTIMATOR_CHECKS, check_estimator
 from dynident.testing.smoother import SMOOTHER_CHECKS, check_smoother
 from dynident.testing.term import TERM_CHECKS, check_term
-
-__all__ = [
-    "ESTIMATOR_CHECKS",
-    "SMOOTHER_CHECKS",
-    "TERM_CHECKS",
-    "check_estimator",
-    "check_smoother",
-    "check_term",
-]

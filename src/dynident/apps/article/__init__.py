@@ -16,30 +16,3 @@ from dynident.apps.article.article import (
 from dynident.apps.article.figures import efficiency_figure, spread_figure, trace_figure
 from dynident.apps.article.report import findings, study_page, study_tables, study_text
 from dynident.apps.article.study import FitOutcome, Method, Scenario, Statistics, run_study, statistics
-
-__all__ = [
-    "LEVELS",
-    "METHODS",
-    "PUBLISHED",
-    "SCENARIOS",
-    "ArmScenario",
-    "FitOutcome",
-    "Method",
-    "Reproduction",
-    "Row",
-    "Scenario",
-    "SmoothAndFit",
-    "Statistics",
-    "StudyCase",
-    "efficiency_figure",
-    "findings",
-    "method_of",
-    "reproduce",
-    "run_study",
-    "spread_figure",
-    "statistics",
-    "study_page",
-    "study_tables",
-    "study_text",
-    "trace_figure",
-]

@@ -10,14 +10,3 @@ from dynident.apps.compare_results.comparison import (
     compare_results,
 )
 from dynident.apps.compare_results.report import difference_figure
-
-__all__ = [
-    "BaseDifference",
-    "ComparedLog",
-    "ComparedResult",
-    "ExportRecord",
-    "LogDifference",
-    "ResultComparison",
-    "compare_results",
-    "difference_figure",
-]

@@ -2,12 +2,3 @@
 
 from dynident.apps.demo.arm import DemoTruth, demo_truth
 from dynident.apps.demo.files import ComparedValue, Comparison, compare_with_truth, demo_files
-
-__all__ = [
-    "ComparedValue",
-    "Comparison",
-    "DemoTruth",
-    "compare_with_truth",
-    "demo_files",
-    "demo_truth",
-]

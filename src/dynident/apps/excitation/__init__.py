@@ -9,35 +9,3 @@ from dynident.apps.excitation.limits import JointLimits, MotionLimits, min_fit_s
 from dynident.apps.excitation.motion import LeftOut, MotionRequest, Program
 from dynident.apps.excitation.trajectory import ClosestApproach, Course, Piece, Purpose, Trajectory, slow_down
 from dynident.apps.excitation.verify import LimitError, TrajectoryCheck, verify
-
-__all__ = [
-    "CapsuleSpace",
-    "ClosestApproach",
-    "Course",
-    "Criterion",
-    "Design",
-    "ExpectedAccuracy",
-    "Interrupted",
-    "JointLimits",
-    "LeftOut",
-    "LimitError",
-    "LimitedQuantity",
-    "MotionLimits",
-    "MotionRequest",
-    "Piece",
-    "Program",
-    "Purpose",
-    "Trajectory",
-    "TrajectoryCheck",
-    "build_space",
-    "design",
-    "design_figure",
-    "distance_figure",
-    "exact_space",
-    "expected_accuracy",
-    "expected_figure",
-    "min_fit_speeds",
-    "motion_limits",
-    "slow_down",
-    "verify",
-]

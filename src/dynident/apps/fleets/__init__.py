@@ -6,23 +6,3 @@ from dynident.apps.fleets.doubts import residual_groups
 from dynident.apps.fleets.figures import Mark, ParameterTrend, pooled_figure, robots_figure, trend_figure
 from dynident.apps.fleets.result import FleetBase, FleetResult, Population, pool_robots
 from dynident.apps.fleets.run import fleet
-
-__all__ = [
-    "Change",
-    "ChangeShape",
-    "Changes",
-    "FleetBase",
-    "FleetResult",
-    "History",
-    "Mark",
-    "ParameterTrend",
-    "Population",
-    "Scatter",
-    "find_changes",
-    "fleet",
-    "pool_robots",
-    "pooled_figure",
-    "residual_groups",
-    "robots_figure",
-    "trend_figure",
-]

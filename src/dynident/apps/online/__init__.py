@@ -23,32 +23,3 @@ from dynident.apps.online.fixed_lag import FinalMotion, FixedLag, StreamSmoothin
 from dynident.apps.online.recursive import RecursiveLeastSquares
 from dynident.apps.online.tracker import MotionBlock, Tracker, estimate_smoothing
 from dynident.apps.online.watcher import Watcher, WatchSettings
-
-__all__ = [
-    "Alarm",
-    "Back",
-    "BadLines",
-    "BaselineKnown",
-    "Changed",
-    "ClockReset",
-    "Event",
-    "Fault",
-    "FaultKind",
-    "FinalMotion",
-    "FixedLag",
-    "Gap",
-    "MotionBlock",
-    "NewMotion",
-    "Passed",
-    "RecursiveLeastSquares",
-    "Resting",
-    "Resumed",
-    "Signal",
-    "StreamSmoothing",
-    "Tracker",
-    "Unreadable",
-    "Unsteady",
-    "WatchSettings",
-    "Watcher",
-    "estimate_smoothing",
-]

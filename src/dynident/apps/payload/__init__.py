@@ -22,26 +22,3 @@ from dynident.apps.payload.estimate import (
 )
 from dynident.apps.payload.payload import LoadedLog, Payload, find_payload
 from dynident.apps.payload.report import payload_figure
-
-__all__ = [
-    "ArmEvidence",
-    "Component",
-    "DriveGains",
-    "ErrorSource",
-    "GainsUnknown",
-    "LoadedLog",
-    "Mount",
-    "NoPayload",
-    "NotShown",
-    "OtherArm",
-    "Payload",
-    "PayloadOrDrift",
-    "PayloadRequest",
-    "PayloadSolution",
-    "PhysicalBody",
-    "SameRecording",
-    "find_payload",
-    "mount_of",
-    "payload_figure",
-    "solve_payload",
-]

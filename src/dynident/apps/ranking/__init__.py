@@ -11,21 +11,3 @@ from dynident.apps.ranking.ranking import (
     geometric_mean,
 )
 from dynident.apps.ranking.run import FILES, NUMBERS, REPORT, TABLE, compare
-
-__all__ = [
-    "FILES",
-    "NUMBERS",
-    "REPORT",
-    "TABLE",
-    "Candidate",
-    "Combination",
-    "CombinationOutcome",
-    "InapplicablePart",
-    "RankedCombination",
-    "Ranking",
-    "TruthFigures",
-    "compare",
-    "cost_figure",
-    "geometric_mean",
-    "ranking_figure",
-]

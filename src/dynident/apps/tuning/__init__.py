@@ -5,13 +5,3 @@ from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
 from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
 from dynident.apps.tuning.server import serve_configuration
 from dynident.apps.tuning.tuning import Tuning
-
-__all__ = [
-    "Bench",
-    "DegreeCurve",
-    "LogPrediction",
-    "QuickFit",
-    "SmoothedJoint",
-    "Tuning",
-    "serve_configuration",
-]

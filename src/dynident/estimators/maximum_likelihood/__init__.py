@@ -21,28 +21,3 @@ from dynident.estimators.maximum_likelihood.plan import (
 from dynident.estimators.maximum_likelihood.search import LikelihoodSearch
 from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
 from dynident.estimators.maximum_likelihood.trajectory import SplineTrajectory
-
-__all__ = [
-    "Equations",
-    "Hypothesis",
-    "Likelihood",
-    "LikelihoodFit",
-    "LikelihoodSearch",
-    "MaximumLikelihood",
-    "NewtonSettings",
-    "Recordings",
-    "Segment",
-    "Sigma",
-    "SplineTrajectory",
-    "State",
-    "equations",
-    "has_sign",
-    "leverage",
-    "maximise",
-    "plan_segment",
-    "psd_constraints",
-    "scores",
-    "torque_steps",
-    "whiteness_probability",
-    "with_smooth_signs",
-]

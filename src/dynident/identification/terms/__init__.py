@@ -13,17 +13,3 @@ from dynident.identification.terms.candidates import (
     library_kinds,
 )
 from dynident.identification.terms.choose import choose_terms
-
-__all__ = [
-    "CandidateKind",
-    "JointExcitation",
-    "NotChosen",
-    "PlainTerms",
-    "Proposes",
-    "TermChoice",
-    "TermTrial",
-    "TrialOutcome",
-    "choose_terms",
-    "kind_of_class",
-    "library_kinds",
-]

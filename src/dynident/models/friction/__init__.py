@@ -12,27 +12,3 @@ from dynident.models.friction.dry_friction import (
 )
 from dynident.models.friction.joint_term import Constant, JointTerm, PerJoint, Viscous
 from dynident.models.friction.joint_torques import Counterbalance, Drift, Offset, Ripple, Spring
-
-__all__ = [
-    "AsymmetricCoulomb",
-    "AsymmetricViscous",
-    "Constant",
-    "Coulomb",
-    "Counterbalance",
-    "Dahl",
-    "Drift",
-    "DryFriction",
-    "JointTerm",
-    "LoadCoulomb",
-    "LoadDahl",
-    "LoadRipple",
-    "LoadViscous",
-    "Offset",
-    "PerJoint",
-    "Power",
-    "Ripple",
-    "Spring",
-    "Stribeck",
-    "Viscous",
-    "WideCoulomb",
-]

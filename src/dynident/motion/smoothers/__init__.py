@@ -19,29 +19,3 @@ from dynident.motion.smoothers.smoother import (
     strip_time_offset,
 )
 from dynident.motion.smoothers.spline import Spline
-
-__all__ = [
-    "BY_JOINT",
-    "MAX_TIME_OFFSET",
-    "SUBSTITUTE",
-    "Butterworth",
-    "Difference",
-    "FourierSeries",
-    "KalmanSmoother",
-    "Order",
-    "SavitzkyGolay",
-    "Smoother",
-    "Spline",
-    "TimeShifted",
-    "WienerFit",
-    "cutoff_complaint",
-    "decay",
-    "ends_mask",
-    "overlap",
-    "position_noise",
-    "posterior_errors",
-    "repair_log",
-    "smooth_log",
-    "strip_time_offset",
-    "wiener",
-]

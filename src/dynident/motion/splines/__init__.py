@@ -12,29 +12,3 @@ from dynident.motion.splines.spikes import (
     trailing_maximum,
 )
 from dynident.motion.splines.spline import SmoothingSpline, smooth
-
-__all__ = [
-    "GCV",
-    "LONGEST_SPIKE",
-    "NORMAL_95",
-    "REML",
-    "RULES",
-    "Constraint",
-    "Fixed",
-    "Interpolation",
-    "Rule",
-    "SmoothingSpline",
-    "bridge_gaps",
-    "coloured_noise",
-    "frozen_samples",
-    "grid_step",
-    "median_sigma",
-    "noise_sigma",
-    "rule_by_name",
-    "smooth",
-    "spikes",
-    "steady_noise",
-    "stretches",
-    "torn_ends",
-    "trailing_maximum",
-]

@@ -13,31 +13,3 @@ from dynident.project.export.robot_files import (
     with_payload_link,
 )
 from dynident.project.export.written import Export, Exporter, ExportText, FileError, Proof
-
-__all__ = [
-    "Export",
-    "ExportText",
-    "Exporter",
-    "FileError",
-    "IdentifiedModel",
-    "Mjcf",
-    "Numpy",
-    "PinocchioArm",
-    "Proof",
-    "Urdf",
-    "Yaml",
-    "check_payload_link",
-    "export",
-    "export_files",
-    "exports",
-    "identified_mjcf",
-    "identified_module",
-    "identified_urdf",
-    "identified_yaml",
-    "prove",
-    "random_states",
-    "relocate_files",
-    "spread",
-    "strip_to_joints",
-    "with_payload_link",
-]

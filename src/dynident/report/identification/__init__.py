@@ -20,22 +20,3 @@ from dynident.report.identification.report import (
     identification_tables,
     result_words,
 )
-
-__all__ = [
-    "error_figure",
-    "glance_figure",
-    "has_nominal_values",
-    "identification_notes",
-    "identification_page",
-    "identification_tables",
-    "interval_figure",
-    "motion_figure",
-    "pieces_figure",
-    "relative_std",
-    "result_words",
-    "run_figure",
-    "singular_figure",
-    "smoothing_figure",
-    "torque_figure",
-    "trial_figure",
-]

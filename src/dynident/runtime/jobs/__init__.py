@@ -3,13 +3,3 @@
 from dynident.runtime.jobs.engine import run_jobs
 from dynident.runtime.jobs.job import FAILURES, JobOptions, JobResult, Limits, Status
 from dynident.runtime.jobs.workers import local_workers
-
-__all__ = [
-    "FAILURES",
-    "JobOptions",
-    "JobResult",
-    "Limits",
-    "Status",
-    "local_workers",
-    "run_jobs",
-]

@@ -17,8 +17,6 @@ from typing import Any
 from dynident.runtime.errors import ConfigError
 from dynident.runtime.kernel.build import FILE, LEVELS, RECORD, architecture, digest, record
 
-__all__ = ["Kernel", "function", "kernel"]
-
 VARIABLE = "DYNIDENT_KERNEL"
 LIBRARY = Path(__file__).with_name(FILE)  # from nowhere else: a library is code
 

@@ -7,7 +7,7 @@ python3 dev.py test [ARGS]   the test suite (pytest); without ARGS what computes
 python3 dev.py lint          ruff, mypy, import-linter, the documentation
 python3 dev.py docs          the documentation as a site, with the API, in site/ (mkdocs)
 python3 dev.py bench [ARGS]  the benchmarks, with the peers they compare with
-python3 dev.py mutate [ARGS] the share of small faults, put into the core one by one, that its tests notice (hours)
+python3 dev.py mutate [ARGS] the share of small faults, put into the source one by one, that tests notice (an hour)
 python3 dev.py robots        the robot files of two packages (300 MB), compared with Pinocchio and MuJoCo
 python3 dev.py release       source distribution and the wheel without a kernel, in dist/, tried in a fresh environment
 """
@@ -31,7 +31,7 @@ BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 READERS = "hdf5,mujoco,ros,ui,xacro"  # extras for the files that a user may bring, and for the page of `tune`
 PEER = "figaroh==1.0.2"  # with twenty packages of its own
-MUTANTS = "cosmic-ray==8.7.0"
+MUTANTS = ("cosmic-ray==8.7.0", "pytest-cov==7.1.0")
 KERNEL = ROOT / "src" / "dynident" / "runtime" / "kernel"
 # what the kernel computes, for the tests on NumPy and LAPACK
 NUMERICAL = (
@@ -218,7 +218,7 @@ def bench(arguments: list[str]) -> None:
 
 def mutate(arguments: list[str]) -> None:
     """Try whether the tests notice small faults."""
-    pip("--constraint", "constraints.txt", MUTANTS)
+    pip("--constraint", "constraints.txt", *MUTANTS)
     run(PYTHON, "benchmarks/mutation.py", *arguments)
 
 

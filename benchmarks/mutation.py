@@ -1,14 +1,15 @@
-"""Mutation score: how many small faults, put into the source one at a time, do the tests of its room notice?
+"""Mutation score: how many small faults, put into the source one at a time, do the tests notice?
 
 cosmic-ray makes the mutants. Its own runner edits the checkout and runs one command for all of them; here a sample is
-drawn from all rooms, each file as often as it has lines, each mutant is put into a copy of the project, and the tests
-of its room run, the nearest first, until one fails.
+drawn from all rooms, each file as often as it has lines, and each mutant is put into a copy of the project. Once all
+tests run with coverage, which tells those that run a line: of a mutant these run, the nearest first, until one fails.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import builtins
 import difflib
 import hashlib
 import json
@@ -22,15 +23,18 @@ import tempfile
 import time
 import tomllib
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Lock
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = Path("src/dynident")
 EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
 MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
-SLOWER, AT_LEAST = 5.0, 30.0  # a mutant is given this many times the time of its tests, and these seconds more
+MAX_TESTS, MAX_TIME = 150, 400.0  # tests of a mutant at most, the nearest; seconds, after which it is taken as noticed
 OPERATORS = tuple(
     f"core/{name}"
     for name in (
@@ -167,84 +171,121 @@ def files(rooms: Sequence[str]) -> list[str]:
     return [path for path in paths if not path.endswith("__init__.py") and room_of(path) in rooms]
 
 
-def tests_of(path: str, root: Path) -> tuple[str, ...]:
-    """Return the tests below ``root``: the nearest to the file, its examples, those of its folder and of its room.
+class Coverage:
+    """Which tests run which lines of the source, from one run of all tests without a mutant."""
 
-    Folders are given file by file: pytest takes a file that is named with its folder in the folder's order.
-    """
-    folder, room = Path(path).relative_to(SOURCE).parent, Path(room_of(path))
-    near = [*sorted((root / "tests" / folder).glob("test_*.py")), *sorted((root / "tests" / room).rglob("test_*.py"))]
-    alone = root / "tests" / room.parent / f"test_{room.name}.py"
-    others = (file.relative_to(root).as_posix() for file in (*near, *([alone] if alone.exists() else [])))
-    return tuple(dict.fromkeys([*nearest(path, root), path, *others]))
+    def __init__(self, file: Path, root: Path) -> None:
+        """``file`` is what coverage has written, ``root`` the project as it was then."""
+        from coverage.sqldata import CoverageData
+
+        data = CoverageData(str(file))
+        data.read()
+        self.root = root
+        self.by_line = {
+            path: {
+                line: {context.split("|")[0] for context in contexts if context}
+                for line, contexts in data.contexts_by_lineno(path).items()
+            }
+            for path in files(rooms())
+        }
+        self.size = Counter(test for lines in self.by_line.values() for tests in lines.values() for test in tests)
+
+    def tests_of(self, path: str, line: int) -> list[str]:
+        """Return the tests that run a line, those first that run the fewest others: they are the nearest and fastest.
+
+        What stands outside functions runs when a file is imported, and no test can be named for it. Of a constant these
+        are then the tests that run a line with its name, of the head of a function those of its body, else of the file.
+        """
+        statement, is_inside = innermost_statement((self.root / path).read_text(encoding="utf-8"), line)
+        last = statement.end_lineno or line
+        if isinstance(statement, ast.Assign | ast.AnnAssign) and not is_inside:
+            names = {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)} - set(dir(builtins))
+            tests = self._tests_with(names)
+        elif is_inside or isinstance(statement, ast.FunctionDef):
+            tests = self._union(path, range(statement.lineno, last + 1))
+        else:
+            tests = self._union(path, self.by_line[path])
+        return sorted(tests, key=lambda test: (self.size[test], test))[:MAX_TESTS]
+
+    def _union(self, path: str, lines: Collection[int]) -> set[str]:
+        return set[str]().union(*(self.by_line[path].get(line, set[str]()) for line in lines))
+
+    def _tests_with(self, names: Collection[str]) -> set[str]:
+        """Return the tests that run a line of any file with one of some names."""
+        word, tests = re.compile(r"\b(" + "|".join(map(re.escape, names)) + r")\b"), set[str]()
+        for path in self.by_line:
+            text = (self.root / path).read_text(encoding="utf-8").splitlines()
+            tests |= self._union(path, [k + 1 for k, content in enumerate(text) if word.search(content)])
+        return tests
 
 
-def nearest(path: str, root: Path) -> list[str]:
-    """Return the tests in the folder of a file that are named like it, then those that import what it defines.
-
-    Those that import the most of it come first.
-    """
-    inner, definitions = Path(path).relative_to(SOURCE), ast.FunctionDef | ast.ClassDef
-    tree = ast.parse((root / path).read_text(encoding="utf-8"))
-    defined = {node.name for node in tree.body if isinstance(node, definitions)}
-    shares = dict[str, float]()
-    for test in sorted((root / "tests" / inner.parent).glob("test_*.py")):
-        nodes = ast.walk(ast.parse(test.read_text(encoding="utf-8")))
-        imported = {name.name for node in nodes if isinstance(node, ast.ImportFrom) for name in node.names}
-        named = test.stem in (f"test_{inner.stem}", f"test_{inner.parent.name}")
-        if share := float("inf") if named else len(defined & imported):
-            shares[test.relative_to(root).as_posix()] = share
-    return sorted(shares, key=lambda test: (-shares[test], test))
+def innermost_statement(code: str, line: int) -> tuple[ast.stmt, bool]:
+    """Return the innermost statement on a line, of which compound ones only have their head; is it in a function?"""
+    statement, is_inside = ast.parse(code).body[0], False
+    nodes: list[ast.AST] = [ast.parse(code)]
+    while nodes := [node for outer in nodes for node in ast.iter_child_nodes(outer)]:
+        nodes = [
+            node for node in nodes if getattr(node, "lineno", line) <= line <= (getattr(node, "end_lineno", 0) or line)
+        ]
+        for node in nodes:
+            if isinstance(node, ast.stmt):
+                is_inside = is_inside or isinstance(statement, ast.FunctionDef)
+                statement = node
+    return statement, is_inside
 
 
 def digest(root: Path, *paths: str) -> str:
     """Return a hash of files, and of the Python files of folders, below ``root``."""
-    found = [one for path in paths for one in (sorted((root / path).rglob("*.py")) or [root / path])]
-    return hashlib.sha256(b"\0".join(one.read_bytes() for one in found)).hexdigest()[:16]
+    files = [file for path in paths for file in (sorted((root / path).rglob("*.py")) or [root / path])]
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 
 class Copy:
     """A copy of the project in which one file at a time is changed."""
 
-    def __init__(self, folder: Path, times: Path) -> None:
-        """``times`` is the file that keeps how long tests take without a mutant, for the project as it was then."""
-        self.root, self.times = folder / "project", times
+    def __init__(self, folder: Path) -> None:
+        self.root, self.failed = folder / "project", ""
         shutil.copytree(ROOT, self.root, ignore=shutil.ignore_patterns(*SKIPPED))
+        shared = ROOT.parent / "shared"  # recordings that some tests need
+        if shared.exists():
+            (folder / "shared").symlink_to(shared)
         self.environment = os.environ | {"PYTHONPATH": str(self.root / "src"), "PYTHONHASHSEED": "0"}
         self.environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        self._project, self.failed = digest(self.root, "src", "tests"), ""
 
-    def run(self, tests: tuple[str, ...], limit: float | None = None) -> str:
+    def measure(self, file: Path) -> Coverage:
+        """Return what tests run, by ``file`` where that is of the same project; ends the program where a test fails."""
+        state = file.with_suffix(".of")
+        if not (file.exists() and state.exists() and state.read_text() == digest(self.root, "src", "tests")):
+            settings = self.root / ".coveragerc"
+            settings.write_text("[run]\nsource = dynident\nrelative_files = true\n", encoding="utf-8")
+            options = ("--cov=dynident", "--cov-context=test", "--cov-report=", "-q", "--tb=short")
+            two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+            environment = self.environment | {"COVERAGE_FILE": str(file)}
+            command = [sys.executable, "-m", "pytest", *two, *options]
+            if subprocess.run(command, cwd=self.root, env=environment).returncode:
+                sys.exit("Tests fail without a mutant.")
+            state.write_text(digest(self.root, "src", "tests"))
+        return Coverage(file, self.root)
+
+    def run(self, tests: Sequence[str]) -> str:
         """Return "survived", "killed" or "too long"; ``failed`` is the test that did."""
         options = ("-x", "-q", "--tb=no", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile=mutation")
         command = [sys.executable, "-m", "pytest", *options, *tests]
         self.failed = ""
         try:
-            done = subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, timeout=limit)
+            done = subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, timeout=MAX_TIME)
         except subprocess.TimeoutExpired:
             return "too long"
         self.failed = " ".join(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout.decode(), re.MULTILINE))
         return "killed" if done.returncode else "survived"
 
-    def limit(self, tests: tuple[str, ...]) -> float:
-        """Return the time that the tests may take with a mutant; ends the program where they fail without one."""
-        known = json.loads(self.times.read_text(encoding="utf-8")) if self.times.exists() else {}
-        key = " ".join((self._project, *tests))
-        if key not in known:
-            start = time.monotonic()
-            if self.run(tests) != "survived":
-                sys.exit(f"These tests fail without a mutant ({self.failed}): {' '.join(tests)}")
-            known[key] = round(time.monotonic() - start, 1)
-            self.times.write_text(json.dumps(known, indent=1), encoding="utf-8")
-        return SLOWER * float(known[key]) + AT_LEAST
-
-    def try_out(self, mutant: Mutant, tests: tuple[str, ...], limit: float) -> str:
+    def try_out(self, mutant: Mutant, tests: Sequence[str]) -> str:
         """Return what becomes of a mutant, and put its file back."""
         target = self.root / mutant.path
         before = target.read_text(encoding="utf-8")
         try:
             self._write(target, mutant.code)
-            return self.run(tests, limit)
+            return self.run(tests)
         finally:
             self._write(target, before)
 
@@ -268,30 +309,45 @@ def holds(old: Outcome | None, source: str, tests: str) -> bool:
 
 
 def run(names: Sequence[str], size: int, seed: int, out: Path) -> tuple[dict[str, list[Outcome]], int]:
-    """Try a sample of the rooms, without what an earlier run has tried; one line to ``out`` for each mutant.
+    """Try a sample of the rooms, two at a time, without what was tried before; one line to ``out`` for each mutant.
 
     Returns the outcomes by room, and how many equivalent mutants the sample has passed over.
     """
     before, outcomes = known(out), defaultdict[str, list[Outcome]](list)
     out.parent.mkdir(parents=True, exist_ok=True)
+    copies, lock = SimpleQueue[Copy](), Lock()
     with tempfile.TemporaryDirectory() as folder:
         drawn, equivalent = sample(names, size, seed)
-        # all further is of the copy: the project may change meanwhile
-        copy = Copy(Path(folder), out.with_name("times.json"))
-        for count, mutant in enumerate(drawn, start=1):
-            tests = tests_of(mutant.path, copy.root)
-            source, checks = digest(copy.root, mutant.path), digest(copy.root, *tests)
+        # all further is of the copies: the project may change meanwhile
+        for name in ("a", "b"):
+            (Path(folder) / name).mkdir()
+            copies.put(Copy(Path(folder) / name))
+        pristine = Copy(Path(folder))
+        coverage = pristine.measure(out.with_name("coverage.sqlite").resolve())
+
+        def try_mutant(mutant: Mutant) -> Outcome:
+            tests = coverage.tests_of(mutant.path, mutant.line)
+            source = digest(pristine.root, mutant.path)
+            checks = digest(pristine.root, *dict.fromkeys(test.split("::")[0] for test in tests))
             outcome = before.get((mutant.path, mutant.was, mutant.becomes, mutant.line))
             if outcome is None or not holds(outcome, source, checks):
-                limit, start = copy.limit(tests), time.monotonic()
-                place = (mutant.path, mutant.line, mutant.was, mutant.becomes)
-                result = copy.try_out(mutant, tests, limit)
-                outcome = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1), copy.failed)
-                with out.open("a", encoding="utf-8") as file:
+                copy, start = copies.get(), time.monotonic()
+                result = copy.try_out(mutant, tests) if tests else "survived"
+                seconds, place = (
+                    round(time.monotonic() - start, 1),
+                    (mutant.path, mutant.line, mutant.was, mutant.becomes),
+                )
+                outcome = Outcome(*place, source, checks, result, seconds, copy.failed)
+                copies.put(copy)
+                with lock, out.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(asdict(outcome)) + "\n")
-                words = f"{outcome.result:9} {outcome.seconds:6.1f} s  {outcome.path}:{outcome.line}  {outcome.by}"
-                print(f"{count} of {len(drawn)}: {words}", flush=True)
-            outcomes[room_of(mutant.path)].append(outcome)
+                words = f"{result:9} {seconds:6.1f} s  {len(tests):3} tests  {mutant.path}:{mutant.line}  {outcome.by}"
+                print(words, flush=True)
+            return outcome
+
+        with ThreadPoolExecutor(2) as pool:
+            for outcome in pool.map(try_mutant, drawn):
+                outcomes[room_of(outcome.path)].append(outcome)
     return outcomes, equivalent
 
 

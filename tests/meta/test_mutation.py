@@ -1,4 +1,4 @@
-"""The mutation run: its sample, the tests of a file, its list of equivalent mutants, and what it resumes from."""
+"""The mutation run: its sample, the tests of a line, its list of equivalent mutants, and what it resumes from."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from unittest.mock import patch
 
 import pytest
@@ -17,25 +16,43 @@ with patch.object(sys, "path", [str(ROOT / "benchmarks"), *sys.path]):
     RUN = runpy.run_path(str(ROOT / "benchmarks" / "mutation.py"))
 
 
-def test_every_file_has_a_room_with_tests() -> None:
+CODE = """SIZE = 3
+
+
+class Box:
+    edge: float = 2.0
+
+    def volume(self, scale=1.0):
+        if scale > SIZE:
+            return 0.0
+        return self.edge**3
+"""
+
+
+def test_every_file_has_a_room() -> None:
     rooms = RUN["rooms"]()
     assert {"motion", "runtime", "apps/online", "apps/bound"} <= set(rooms)
-    paths = RUN["files"](rooms)
-    assert len(paths) > 200
-    for path in paths[::8]:
-        tests = RUN["tests_of"](path, ROOT)
-        assert path in tests
-        assert len(tests) > 1, path
-        assert all((ROOT / test).is_file() for test in tests)
+    assert len(RUN["files"](rooms)) > 200
 
 
-def test_the_tests_of_a_file_run_before_the_others_of_its_room() -> None:
-    first, *others = RUN["tests_of"]("src/dynident/estimators/maximum_likelihood/segment.py", ROOT)
-    assert first == "tests/estimators/maximum_likelihood/test_segment.py"
-    near = others.index("tests/estimators/maximum_likelihood/test_fit.py")
-    assert near < others.index("tests/estimators/test_least_squares.py")
-    assert first not in others
-    assert "tests/apps/test_bound.py" in RUN["tests_of"]("src/dynident/apps/bound.py", ROOT)
+@pytest.mark.parametrize(
+    ("line", "tests"),
+    [
+        (1, ["large"]),  # a constant: who runs a line with its name
+        (5, ["small", "large"]),  # of a class: who runs a line of the file
+        (7, ["small", "large"]),  # the head of a function: who runs its body
+        (8, ["large"]),
+        (10, ["small", "large"]),
+    ],
+)
+def test_the_tests_of_a_line_are_those_that_run_it_the_smallest_first(
+    tmp_path: Path, line: int, tests: list[str]
+) -> None:
+    (tmp_path / "box.py").write_text(CODE, encoding="utf-8")
+    coverage = object.__new__(RUN["Coverage"])
+    coverage.root, coverage.by_line = tmp_path, {"box.py": {8: {"large"}, 10: {"large", "small"}}}
+    coverage.size = {"large": 2, "small": 1}
+    assert coverage.tests_of("box.py", line) == tests
 
 
 def test_a_sample_is_the_same_for_a_seed_and_larger_by_more() -> None:
@@ -85,23 +102,3 @@ def test_the_score_is_of_the_mutants_that_are_not_equivalent(capsys: pytest.Capt
         ["two", "1", "1", "0", "100.0", "%"],
         ["all", "5", "4", "1", "80.0", "%"],
     ]
-
-
-def test_tests_are_timed_once_for_a_project_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    copy, ran = object.__new__(RUN["Copy"]), []
-    copy.times, copy._project, copy.failed = tmp_path / "times.json", "as it was", "test_a"
-
-    def run(self: Any, tests: tuple[str, ...]) -> str:
-        ran.append(tests)
-        return "killed" if tests == ("bad.py",) else "survived"
-
-    monkeypatch.setattr(RUN["Copy"], "run", run)
-    assert copy.limit(("a.py", "b.py")) == copy.limit(("a.py", "b.py")) >= RUN["AT_LEAST"]
-    assert len(ran) == 1
-    copy._project = "changed"
-    copy.limit(("a.py", "b.py"))
-    assert len(ran) == 2
-    with pytest.raises(SystemExit, match="test_a"):
-        copy.limit(("bad.py",))
-    with pytest.raises(SystemExit):
-        copy.limit(("bad.py",))

@@ -1,4 +1,4 @@
-"""How often 95 % intervals of an identification with its defaults hold: python3 benchmarks/coverage.py FILE.
+"""How often 95 % intervals of an identification with its defaults hold: python3 benchmarks/interval_coverage.py FILE.
 
 An arm follows a Fourier trajectory exactly for 10 s; its positions and torques are recorded at 250 Hz with the noise of
 a cell, and identified as ``dynident identify`` does where a configuration names only the logs and the estimator: the

@@ -92,7 +92,6 @@ def test_the_wheel_has_the_kernel_of_this_system(wheel: Path, installed: Path, t
     [
         ({"DYNIDENT_KERNEL": "off"}, "DYNIDENT_KERNEL=off"),
         ({"PATH": "", "CC": "no-such-compiler --fast"}, "no-such-compiler --fast: "),
-        ({"CC": "'"}, "No closing quotation"),
     ],
 )
 def test_without_a_compiler_the_wheel_is_for_all_systems(
@@ -122,7 +121,6 @@ def test_the_wheel_says_what_it_is(wheel: Path) -> None:
 def test_the_installed_package_is_the_wheels(installed: Path, tmp_path: Path) -> None:
     shown = run(installed / "python", "-c", "import dynident; print(dynident.__file__)", folder=tmp_path)
     assert Path(shown.strip()).is_relative_to(installed.parent)
-    assert __version__ in run(installed / "python", "-m", "dynident", "--version", folder=tmp_path)
 
 
 def test_the_installed_demo_goes_the_whole_way(installed: Path, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from pydantic import ValidationError
 
 from dynident.estimators import LeastSquares
 from dynident.motion.smoothers import Spline
@@ -58,11 +57,6 @@ def test_defaults():
     assert (config.gaps, config.filter, config.validation) == ("error", None, ())
     assert config.smoother == Spline.Settings(rule="torque")
     assert config.estimator == LeastSquares()
-
-
-def test_settings_are_frozen():
-    with pytest.raises(ValidationError, match="frozen"):
-        parse_config(FULL).gaps = "error"
 
 
 @pytest.mark.parametrize(

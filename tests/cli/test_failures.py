@@ -102,11 +102,6 @@ def test_memory_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    done = failing(monkeypatch, KeyboardInterrupt())
-    assert (done.exit_code, done.output) == (130, INTERRUPTED)
-
-
 def test_the_library_raises_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """For programs that call the command in their own process."""
     with pytest.raises(click.ClickException, match="cannot be read"):

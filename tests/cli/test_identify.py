@@ -165,9 +165,6 @@ class TestBadInput:
         )
         self.check(tmp_path, words, model="mine.py:build")
 
-    def test_no_configuration(self, tmp_path: Path) -> None:
-        refuse("identify", tmp_path / "missing.yaml", says="missing.yaml")
-
     def test_out_is_a_file(self, tmp_path: Path) -> None:
         write_log(tmp_path)
         (tmp_path / "out").write_text("mine")

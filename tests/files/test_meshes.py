@@ -235,23 +235,7 @@ NAMES = (
 @pytest.mark.parametrize("seed", range(10))
 def test_no_name_of_a_mesh_stops_what_draws(seed: int, tmp_path) -> None:
     rng = np.random.default_rng([91, seed])
-    pieces = (
-        "package:",
-        "file:",
-        "//",
-        "/",
-        "[",
-        "]",
-        "@",
-        ":99999999",
-        "\0",
-        "%00",
-        "\u2100",
-        "..",
-        "a.stl",
-        "?",
-        "#",
-    )
+    pieces = ("package:", "file:", "//", "/", "[", "]", "@", ":99999", "\0", "%00", "\u2100", "..", "a.stl", "?", "#")
     random_names = ["".join(rng.choice(pieces, rng.integers(1, 7)).tolist()) for _ in range(30)]
     bodies = dy.RigidBodies(robot("NAME"))
     for name in (*NAMES, *random_names):

@@ -334,8 +334,3 @@ def test_arguments_of_another_type_are_named(tmp_path: Path) -> None:
         load(None)  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="the model is a str"):
         load(tmp_path / "r.json", "gallery:slider")  # type: ignore[arg-type]
-
-
-def test_a_result_without_logs_has_a_text(tmp_path: Path) -> None:
-    _, found = by_least_squares()
-    assert "<Identification of" in repr(replace(found, validations=()))

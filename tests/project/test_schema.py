@@ -12,7 +12,6 @@ import pytest
 from dynident.apps.fleets.config import fleet_schema
 from dynident.files.yaml_text import load_yaml
 from dynident.project.result_format import SCHEMAS, config_schema, result_schema
-from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from tests.cli.commands import settings
 from tests.project.schemas import wrong
 
@@ -78,16 +77,6 @@ def test_mistakes_break_the_schema(changes: dict[str, Any]) -> None:
 def test_terms_may_be_left_to_the_data(terms: Any) -> None:
     schema = config_schema()
     assert wrong(schema, settings(model={"file": "arm.urdf", "terms": terms})) == []
-
-
-def test_the_configuration_knows_all_parts_and_their_settings() -> None:
-    schema = config_schema()
-    for key, family in (("smoother", SMOOTHERS), ("estimator", ESTIMATORS)):
-        kinds = {one["properties"]["kind"].get("const"): one for one in schema["properties"][key]["oneOf"]}
-        assert set(kinds) - {None} == set(family.kinds())
-    assert "rule" in next(
-        one["properties"] for one in schema["properties"]["smoother"]["oneOf"] if "rule" in one["properties"]
-    )
 
 
 def test_results_keep_to_the_schema() -> None:

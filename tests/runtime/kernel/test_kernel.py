@@ -166,6 +166,7 @@ def test_a_wrong_variable_ends_a_command_with_one_line() -> None:
 USES = f"""
 import os
 import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -185,7 +186,8 @@ from dynident.motion.splines import GCV, REML, Fixed
 from dynident.runtime import kernel
 
 bodies, rng = RigidBodies({ARM!r}), np.random.default_rng(0)
-for level in sys.argv[1:]:
+kernel.LIBRARY = Path(sys.argv[1])
+for level in sys.argv[2:]:
     os.environ["DYNIDENT_KERNEL"] = level.replace("best", "")
     kernel._select_kernel.cache_clear()
     kernel.function.cache_clear()
@@ -205,9 +207,10 @@ for level in sys.argv[1:]:
 LEAST = LEVELS[architecture()][0][0]
 
 
-def use_all(**variables: str) -> None:
+def use_all(library: Path, **variables: str) -> None:
     """Use the least level and the best of this CPU, in a process of their own."""
-    words = [sys.executable, "-c", USES, LEAST, "best"]
+    variables["PYTHONPATH"] = str(PACKAGE.parent)
+    words = [sys.executable, "-c", USES, str(library), LEAST, "best"]
     done = subprocess.run(words, env=os.environ | variables, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
     least, best = done.stdout.split()
@@ -218,7 +221,7 @@ def use_all(**variables: str) -> None:
 def test_what_memory_held_before_does_not_matter() -> None:
     if loader._load_library()[0] is None:
         pytest.skip("the kernel is not compiled")
-    use_all(PYTHONPATH=str(PACKAGE.parent))
+    use_all(loader.LIBRARY)
 
 
 def sanitizers() -> list[str]:
@@ -246,12 +249,9 @@ def levels() -> list[tuple[str, int, tuple[str, ...]]]:
 
 @pytest.mark.skipif(not sanitizers(), reason="there is no GCC with sanitizers, on Linux")
 def test_sanitizers_find_nothing_in_all_uses(tmp_path: Path) -> None:
-    """Of a copy of the package, whose kernel looks after its memory and its arithmetic."""
-    copy = tmp_path / "dynident"
-    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "kernel.bin*"))
+    """By a kernel that looks after its memory and its arithmetic."""
     with pytest.MonkeyPatch.context() as patch:  # a sixth of the time
         patch.setattr(build, "FLAGS", [flag.replace("-O3", "-O1") for flag in build.FLAGS])
         patch.setattr(build, "LEVELS", {architecture(): levels()})
-        make(copy / "runtime" / "kernel" / FILE, ["gcc", *SANITIZE])
-    own = {"LD_PRELOAD": " ".join(sanitizers()), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONPATH": str(tmp_path)}
-    use_all(**own)
+        make(tmp_path / FILE, ["gcc", *SANITIZE])
+    use_all(tmp_path / FILE, LD_PRELOAD=" ".join(sanitizers()), ASAN_OPTIONS="detect_leaks=0")

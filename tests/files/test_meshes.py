@@ -207,11 +207,11 @@ def test_a_mesh_is_found_where_robots_keep_it(name, place, tmp_path, monkeypatch
         ("package://nowhere/arm.stl", "there is no such file."),
         ("lost.stl", "there is no such file."),
         ("https://example.org/arm.stl", "there is no such file."),
-        ("arm.stl", "has no triangles"),
+        ("broken.stl", "has no triangles"),
     ],
 )
 def test_a_mesh_that_is_not_there_or_broken_is_said(name, said, tmp_path) -> None:
-    (tmp_path / "arm.stl").write_bytes(b"solid")
+    (tmp_path / "broken.stl").write_bytes(b"solid")
     found = read_geometry(dy.RigidBodies(robot(name)), tmp_path / "arm.urdf")
     assert said in found.missing[name]
     assert found.sources == {0: ShapeSource.JOINTS}

@@ -48,11 +48,6 @@ def test_no_name_is_that_of_a_package() -> None:
     assert not set(dy.__all__) & folders
 
 
-def test_an_unknown_name_is_no_attribute() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'identfy'"):
-        _ = dy.identfy  # type: ignore[attr-defined]
-
-
 def test_python_suggests_the_name_that_is_meant() -> None:
     done = subprocess.run([sys.executable, "-c", "import dynident as dy; dy.identfy"], capture_output=True, text=True)
     assert "Did you mean: 'identify'?" in done.stderr

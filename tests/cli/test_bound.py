@@ -81,7 +81,3 @@ def test_the_torque_sensor_alone(config: Path, tmp_path: Path) -> None:
 def test_wrong_options(config: Path, tmp_path: Path, options: tuple[str, ...], words: str) -> None:
     refuse("bound", config, *options, "--json", tmp_path / "numbers.json", says=words)
     assert not (tmp_path / "numbers.json").exists()
-
-
-def test_a_missing_configuration(tmp_path: Path) -> None:
-    refuse("bound", tmp_path / "none.yaml", says="none.yaml")

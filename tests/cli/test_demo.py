@@ -29,17 +29,12 @@ def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder:
     assert all(log.controller is not None for log in logs["train"].values())
 
 
-def test_an_edited_configuration_is_not_replaced(folder: Path) -> None:
-    (folder / "robot.yaml").write_text("model: mine.urdf\n")
-    refuse("demo", "--out", folder, says="robot.yaml: exists already")
-    assert (folder / "robot.yaml").read_text() == "model: mine.urdf\n"
+@pytest.mark.parametrize(("name", "text"), [("robot.yaml", "model: mine.urdf\n"), ("arm.urdf", "<robot name='mine'/>")])
+def test_a_file_of_the_user_is_not_replaced(folder: Path, name: str, text: str) -> None:
+    (folder / name).write_text(text)
+    refuse("demo", "--out", folder, says=f"{name}: exists already")
+    assert (folder / name).read_text() == text
     assert not (folder / "result").exists()
-
-
-def test_a_folder_with_another_arm_is_refused(folder: Path) -> None:
-    (folder / "arm.urdf").write_text("<robot name='mine'/>")
-    refuse("demo", "--out", folder, says="arm.urdf: exists already")
-    assert (folder / "arm.urdf").read_text() == "<robot name='mine'/>"
 
 
 def test_the_files_alone_can_be_had(tmp_path: Path) -> None:

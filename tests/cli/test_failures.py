@@ -55,6 +55,8 @@ def test_without_a_command_the_help_is_shown() -> None:
     alone, asked = CliRunner().invoke(main, []), CliRunner().invoke(main, ["--help"])
     assert (alone.exit_code, asked.exit_code) == (2, 0)
     assert alone.output == asked.output
+    assert "identify" in asked.output
+    assert CliRunner().invoke(main, ["identfy"]).exit_code == 2
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the address space")
@@ -100,11 +102,6 @@ def test_memory_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    done = failing(monkeypatch, KeyboardInterrupt())
-    assert (done.exit_code, done.output) == (130, INTERRUPTED)
-
-
 def test_the_library_raises_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """For programs that call the command in their own process."""
     with pytest.raises(click.ClickException, match="cannot be read"):
@@ -120,7 +117,7 @@ def test_a_reader_that_has_seen_enough(tmp_path: Path) -> None:
     """``dynident check ... | head -1``; it closes the pipe while more is to come."""
     write_log(tmp_path)
     config = configure(tmp_path)
-    for words in (("check", *[config] * 4), ("schema",), ("--help",)):
+    for words in (("check", *[config] * 4), ("--help",)):
         with command(*words) as process:
             assert process.stdout is not None
             assert process.stderr is not None
@@ -131,7 +128,7 @@ def test_a_reader_that_has_seen_enough(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
-@pytest.mark.parametrize("arguments", [["--help"], ["schema"], ["check", "identify.yaml"]], ids=str)
+@pytest.mark.parametrize("arguments", [["--help"], ["check", "identify.yaml"]], ids=str)
 def test_a_full_output_is_no_fault(tmp_path: Path, arguments: list[str]) -> None:
     write_log(tmp_path)
     configure(tmp_path)

@@ -83,18 +83,31 @@ class TestIdentify:
         assert "no effect on the torque" in done.output
 
 
-BAD_LOGS = {
-    "a NaN": ({"pos": np.where(np.arange(2000) == 700, np.nan, 0.1 * np.sin(np.arange(2000)))}, ["pos", "702", "nan"]),
-    "repeated times": ({"time": np.repeat(np.arange(1000), 2) * 0.004}, ["time", "repeat"]),
-    "unsorted times": ({"time": np.arange(2000)[::-1] * 0.002}, ["time", "sort"]),
-    "a gap": ({"time": np.arange(2000) * 0.002 + np.where(np.arange(2000) > 600, 0.5, 0.0)}, ["gap", "split"]),
-}
+ALL = {"train": [{"file": "log.csv"}], "validation": []}
+BAD = {  # what is written, what is configured, and what is said
+    "a NaN": (
+        {"pos": np.where(np.arange(2000) == 700, np.nan, 0.1 * np.sin(np.arange(2000)))}, {},
+        ["log.csv", "pos", "702", "nan"],
+    ),
+    "repeated times": ({"time": np.repeat(np.arange(1000), 2) * 0.004}, {}, ["log.csv", "time", "repeat"]),
+    "unsorted times": ({"time": np.arange(2000)[::-1] * 0.002}, {}, ["log.csv", "time", "sort"]),
+    "a gap": (
+        {"time": np.arange(2000) * 0.002 + np.where(np.arange(2000) > 600, 0.5, 0.0)}, {}, ["log.csv", "gap", "split"],
+    ),
+    "too few samples": ({"n": 12}, ALL, ["log.csv", "samples"]),
+    "a missing file": ({"name": "logs.csv"}, {}, ["log.csv", "logs.csv"]),
+    "a wrong column": ({}, {"position": {"slider": {"column": "position", "unit": "m"}}}, ["'position'", "pos"]),
+    "a wrong unit": ({}, {"position": {"slider": {"column": "pos", "unit": "rad"}}}, ["rad", "mm"]),
+    "an unknown key": ({}, {"smother": {"kind": "spline"}}, ["smother", "did you mean 'smoother'"]),
+    "an unknown joint": ({}, {"position": {"slyder": {"column": "pos", "unit": "m"}}}, ["slyder", "'slider'"]),
+    "an unknown model": ({}, {"model": "gallery:slidr"}, ["slidr", "did you mean 'slider'"]),
+}  # fmt: skip
 
 
 class TestBadInput:
     """Each ends with exit code 1, a message that names the wrong thing, no traceback, and nothing written."""
 
-    def check(self, folder: Path, words: list[str], **changes: Any) -> str:
+    def check(self, folder: Path, words: list[str], **changes: Any) -> None:
         out = folder / "out"
         out.mkdir()
         (out / "result.json").write_text("old")
@@ -106,61 +119,29 @@ class TestBadInput:
             assert word.lower() in done.output.lower(), done.output
         assert [path.name for path in out.iterdir()] == ["result.json"]
         assert (out / "result.json").read_text() == "old"
-        return done.output
 
-    @pytest.mark.parametrize("what", BAD_LOGS)
-    def test_log(self, tmp_path: Path, what: str) -> None:
-        columns, words = BAD_LOGS[what]
-        write_log(tmp_path, **columns)
-        self.check(tmp_path, ["log.csv", *words])
+    @pytest.mark.parametrize("what", BAD)
+    def test_log_and_configuration(self, tmp_path: Path, what: str) -> None:
+        log, changes, words = BAD[what]
+        write_log(tmp_path, **log)
+        self.check(tmp_path, words, **changes)
 
-    def test_too_few_samples(self, tmp_path: Path) -> None:
-        write_log(tmp_path, n=12)
-        self.check(tmp_path, ["log.csv", "samples"], train=[{"file": "log.csv"}], validation=[])
-
-    def test_empty_file(self, tmp_path: Path) -> None:
-        (tmp_path / "log.csv").write_text("")
-        self.check(tmp_path, ["log.csv", "empty"])
-
-    def test_truncated_row(self, tmp_path: Path) -> None:
+    @pytest.mark.parametrize(("size", "words"), [(0, "empty"), (30_000, "line")])
+    def test_a_file_that_is_cut_off(self, tmp_path: Path, size: int, words: str) -> None:
         path = write_log(tmp_path)
-        path.write_text(path.read_text()[:30_000].rsplit(",", 1)[0])
-        self.check(tmp_path, ["log.csv", "line"])
-
-    def test_missing_file(self, tmp_path: Path) -> None:
-        write_log(tmp_path, "logs.csv")
-        self.check(tmp_path, ["log.csv", "logs.csv"])
-
-    def test_wrong_column(self, tmp_path: Path) -> None:
-        write_log(tmp_path)
-        self.check(tmp_path, ["'position'", "pos"], position={"slider": {"column": "position", "unit": "m"}})
-
-    def test_wrong_unit(self, tmp_path: Path) -> None:
-        write_log(tmp_path)
-        self.check(tmp_path, ["rad", "mm"], position={"slider": {"column": "pos", "unit": "rad"}})
+        path.write_text(path.read_text()[:size].rpartition(",")[0])
+        self.check(tmp_path, ["log.csv", words])
 
     def test_degrees_declared_as_rad(self, tmp_path: Path) -> None:
         write_log(tmp_path, pos=60 * np.sin(3 * np.arange(2000) * 0.002))
-        (tmp_path / "arm.py").write_text(
-            "from dynident.models.lagrangian import pendulum\n\ndef build():\n    return pendulum()\n"
-        )
         channels = {
+            "model": "gallery:pendulum",
             "position": {"pivot": {"column": "pos", "unit": "rad"}},
             "torque": {"pivot": {"column": "force", "unit": "N m"}},
         }
-        self.check(tmp_path, ["deg", "pivot"], model="arm.py:build", **channels)
-        degrees = {**channels, "position": {"pivot": {"column": "pos", "unit": "deg"}}}
-        assert run("identify", configure(tmp_path, model="arm.py:build", **degrees)).exit_code == 0
-
-    def test_unknown_key(self, tmp_path: Path) -> None:
-        self.check(tmp_path, ["smother", "did you mean 'smoother'"], smother={"kind": "spline"})
-
-    def test_unknown_joint(self, tmp_path: Path) -> None:
-        write_log(tmp_path)
-        self.check(tmp_path, ["slyder", "'slider'"], position={"slyder": {"column": "pos", "unit": "m"}})
-
-    def test_unknown_model(self, tmp_path: Path) -> None:
-        self.check(tmp_path, ["slidr", "did you mean 'slider'"], model="gallery:slidr")
+        self.check(tmp_path, ["deg", "pivot"], **channels)
+        degrees = channels | {"position": {"pivot": {"column": "pos", "unit": "deg"}}}
+        succeed("identify", configure(tmp_path, **degrees))
 
     @pytest.mark.parametrize(
         ("body", "words"),
@@ -183,9 +164,6 @@ class TestBadInput:
             f"def build():\n    {body}\n"
         )
         self.check(tmp_path, words, model="mine.py:build")
-
-    def test_no_configuration(self, tmp_path: Path) -> None:
-        refuse("identify", tmp_path / "missing.yaml", says="missing.yaml")
 
     def test_out_is_a_file(self, tmp_path: Path) -> None:
         write_log(tmp_path)
@@ -252,7 +230,7 @@ class TestFolder:
 
     @pytest.mark.skipif(os.name == "nt", reason="kills as POSIX does")
     def test_a_kill_while_files_are_written(self, tmp_path: Path) -> None:
-        """At any moment; tests/io/test_folder.py tries them all."""
+        """At any moment; tests/files/test_folder.py tries them all."""
         log, out = write_log(tmp_path), tmp_path / "out"
         first = configure(tmp_path, train=[{"file": "log.csv", "window": [0, 2]}])
         assert run("identify", first, "--out", out).exit_code == 0

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import platform
-import subprocess
-import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -33,15 +31,3 @@ def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     package.mkdir(parents=True)
     (package / "commit.txt").write_text("1234abc\n")
     assert version.commit() == "1234abc"
-
-
-def test_no_heavy_package_is_imported_for_it() -> None:
-    script = (
-        "import sys; from dynident.cli.options import version_text; version_text(); "
-        "print([name for name in ('numpy', 'scipy', 'rich', 'polars', 'pydantic') if name in sys.modules])"
-    )
-    source = str(Path(dynident.__file__).parents[1])
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={"PYTHONPATH": source}
-    )
-    assert done.stdout.strip() == "[]"

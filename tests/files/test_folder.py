@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +22,15 @@ posix = pytest.mark.skipif(os.name == "nt", reason="POSIX signals and forks")
 
 def content(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text() for path in folder.iterdir()}
+
+
+def failing(number: int, words: str) -> Callable[..., None]:
+    """Stand in for a function of the system that fails."""
+
+    def fail(*_: object) -> None:
+        raise OSError(number, words)
+
+    return fail
 
 
 @pytest.fixture
@@ -134,12 +143,9 @@ def test_a_kill_at_any_moment_leaves_the_old_files_or_the_new(tmp_path: Path, ac
 
 @pytest.mark.parametrize("change", ["fsync", "mkdir", "rename"])
 def test_a_full_disk_changes_nothing(out: Path, monkeypatch: pytest.MonkeyPatch, change: str) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
     words = r"out: .* cannot be written: No space left on device; .* as they were"
     with result_folder(out) as held, monkeypatch.context() as patch:
-        patch.setattr(os, change, full)
+        patch.setattr(os, change, failing(28, "No space left on device"))
         with pytest.raises(InputError, match=words):
             held.replace(NEW, removed=["arm.urdf"])
     assert content(out) == {**OLD, "thesis.tex": "mine"}
@@ -211,11 +217,7 @@ class TestLock:
 
     def test_a_file_system_without_locks_will_do(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         fcntl = pytest.importorskip("fcntl", reason="Windows has other locks")
-
-        def none(*_: object) -> None:
-            raise OSError(38, "Function not implemented")
-
-        monkeypatch.setattr(fcntl, "flock", none)
+        monkeypatch.setattr(fcntl, "flock", failing(38, "Function not implemented"))
         (other := out / f".dynident-{'0' * 32}.tmp").write_text("of a run that may live")
         write_new(out)
         assert content(out) == {**NEW, "thesis.tex": "mine", other.name: "of a run that may live"}
@@ -239,35 +241,25 @@ def half_done(out: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 class TestSettle:
-    def test_whoever_reads_next_moves_the_rest(self, half_done: Path) -> None:
-        settle(half_done)
-        assert content(half_done) == {**NEW, "thesis.tex": "mine"}
-
     def test_so_does_whoever_writes_another_file(self, half_done: Path) -> None:
         write_whole(half_done / "result.json", b"newer")
         assert content(half_done) == {**NEW, "thesis.tex": "mine", "result.json": "newer"}
 
-    def test_a_copy_is_settled_like_the_original(self, half_done: Path, tmp_path: Path) -> None:
-        shutil.copytree(half_done, tmp_path / "copy")
-        settle(tmp_path / "copy")
-        assert content(tmp_path / "copy") == {**NEW, "thesis.tex": "mine"}
+    def test_whoever_reads_next_moves_the_rest_also_of_a_copy(self, half_done: Path, tmp_path: Path) -> None:
+        for folder in (shutil.copytree(half_done, tmp_path / "copy"), half_done):
+            settle(folder)
+            assert content(folder) == {**NEW, "thesis.tex": "mine"}
 
     def test_where_it_cannot_be_done_that_is_said(self, half_done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        def read_only(*_: object) -> None:
-            raise OSError(30, "Read-only file system")
-
-        monkeypatch.setattr(os, "open", read_only)
+        monkeypatch.setattr(os, "open", failing(30, "Read-only file system"))
         with pytest.raises(
             InputError, match=r"files of two runs lie here.*Read-only file system.*run the same command"
         ):
             settle(half_done)
 
     def test_a_folder_that_is_only_read_needs_no_rights(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        def read_only(*_: object) -> None:
-            raise OSError(30, "Read-only file system")
-
         (out / module.LOCK_NAME).write_text("process 1")  # left by a run that wrote nothing
-        monkeypatch.setattr(os, "open", read_only)
+        monkeypatch.setattr(os, "open", failing(30, "Read-only file system"))
         settle(out)
 
     def test_files_that_are_being_moved_are_waited_for(self, half_done: Path, monkeypatch: pytest.MonkeyPatch) -> None:

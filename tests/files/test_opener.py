@@ -114,21 +114,14 @@ def test_a_name_that_no_file_can_have_is_the_error_of_its_kind() -> None:
             real_path("a\0b", error)
 
 
-def test_the_budget_is_that_of_the_run_else_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_budget_is_that_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(MEMORY_VARIABLE, raising=False)
     assert memory_budget() == 4 * 10**9
-    monkeypatch.setenv(MEMORY_VARIABLE, "0.5")
-    assert memory_budget() == 5 * 10**8
     with watch_inputs():
         set_memory(2)
-        assert memory_budget() == 2 * 10**9
         with watch_inputs():
             assert memory_budget() == 2 * 10**9
-    assert memory_budget() == 5 * 10**8
-    for wrong in ("plenty", "0", "-1", "nan", "inf"):
-        monkeypatch.setenv(MEMORY_VARIABLE, wrong)
-        with pytest.raises(ConfigError, match=f"{MEMORY_VARIABLE} is '{wrong}'; give a positive number of GB"):
-            memory_budget()
+    assert memory_budget() == 4 * 10**9
 
 
 def test_a_file_beyond_the_budget_is_refused_before_it_is_read(tmp_path: Path) -> None:
@@ -169,8 +162,3 @@ def test_a_device_is_not_written_over(tmp_path: Path) -> None:
         with pytest.raises(InputError):
             refuse_inputs(path)
     assert Path("/dev/null").is_char_device()
-
-
-def test_a_folder_on_the_way_that_is_not_there_is_left_out(tmp_path: Path) -> None:
-    write_text(tmp_path / "x" / ".." / "y", "text")
-    assert [one.name for one in tmp_path.iterdir()] == ["y"]

@@ -12,6 +12,7 @@ import pytest
 
 from dynident.files.results import probe_folder, read_table, write_json, write_table, write_text
 from dynident.runtime import InputError
+from tests.files.test_folder import failing
 
 
 def test_text_is_written_with_its_folders(tmp_path):
@@ -34,11 +35,7 @@ def test_a_table_comes_back(tmp_path, name):
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     path = write_text(tmp_path / "r.json", "old")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", failing(28, "No space left on device"))
     with pytest.raises(InputError, match="cannot be written: No space left on device"):
         write_text(path, "new")
     assert path.read_text() == "old"

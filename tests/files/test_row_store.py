@@ -17,6 +17,7 @@ import pytest
 from dynident.files import row_store
 from dynident.files.row_store import RowStore
 from dynident.runtime import InputError
+from tests.files.test_folder import failing
 
 SCHEMA = {"name": pl.String, "level": pl.Float64, "run": pl.Int64, "status": pl.String, "value": pl.List(pl.Float64)}
 KEY = ("name", "level", "run")
@@ -293,13 +294,10 @@ def test_a_full_disk_stops_the_work_and_what_is_there_stays(path: Path, monkeypa
     killed(path, row(0))
     monkeypatch.setattr(row_store, "SAVE_EVERY", 0.01)
 
-    def full(_: int) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     def work() -> None:
         deadline = time.monotonic() + 60
         with store(path) as table:
-            monkeypatch.setattr(os, "fsync", full)
+            monkeypatch.setattr(os, "fsync", failing(errno.ENOSPC, "No space left on device"))
             while time.monotonic() < deadline:
                 table.add([row(1)])
                 time.sleep(0.01)

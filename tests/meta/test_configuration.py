@@ -20,59 +20,48 @@ from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
 from tests.meta.test_docs import PAGES, ROOT, blocks, title
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.yaml"))
-SECTIONS: dict[str, type[Section]] = {
-    "Top level": settings.Config,
-    "Time": settings.Time,
-    "Position": fields.PositionChannel,
-    "Torque": fields.Channel,
-    "Logs": settings.LogSpec,
-    "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
-    "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
-    "Smoother butterworth": section(SMOOTHERS, SMOOTHERS.get("butterworth")),
-    "Smoother kalman": section(SMOOTHERS, SMOOTHERS.get("kalman")),
-    "Smoother savitzky golay": section(SMOOTHERS, SMOOTHERS.get("savitzky_golay")),
-    "Smoother fourier": section(SMOOTHERS, SMOOTHERS.get("fourier")),
-    "Smoother time shifted": section(SMOOTHERS, SMOOTHERS.get("time_shifted")),
-    "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
-    "Estimator weighted least squares": section(ESTIMATORS, ESTIMATORS.get("weighted_least_squares")),
-    "Estimator generalised least squares": section(ESTIMATORS, ESTIMATORS.get("generalised_least_squares")),
-    "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
-    "Estimator instrumental variables": section(ESTIMATORS, ESTIMATORS.get("instrumental_variables")),
-    "Estimator didim": section(ESTIMATORS, ESTIMATORS.get("didim")),
-    "Estimator output error": section(ESTIMATORS, ESTIMATORS.get("output_error")),
-    "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
-    "Estimator robust": section(ESTIMATORS, ESTIMATORS.get("robust")),
-    "Estimator ridge": section(ESTIMATORS, ESTIMATORS.get("ridge")),
-    "Estimator total least squares": section(ESTIMATORS, ESTIMATORS.get("total_least_squares")),
-    "Estimator augmented Kalman": section(ESTIMATORS, ESTIMATORS.get("augmented_kalman")),
-    "Robot": settings.RobotSettings,
-    "Coupling": settings.CouplingSettings,
-    "Filter": settings.FilterSettings,
-    "Simulation cascade": settings.CascadeSettings,
-    "Drive": settings.CascadeJoint,
-    "Simulation pd": settings.PDSettings,
-    "Drive pd": settings.PDJoint,
-    "Simulation pid": settings.PIDSettings,
-    "Drive pid": settings.PIDJoint,
-    "Simulation by a function": settings.FunctionSettings,
-    "Drive by a function": settings.FunctionJoint,
-    "Simulation from torque": settings.TorqueInputSettings,
-    "Excitation": ExcitationSettings,
-    "Compare": CompareSettings,
-    "Joint limits": JointLimitSettings,
-    "Box": BoxSettings,
-    "Cylinder": CylinderSettings,
-    "Fleet": FleetSettings,
-    "Robot of a fleet": RobotChanges,
-}
 FAMILIES = {"smoother": SMOOTHERS, "estimator": ESTIMATORS}
-MAPPINGS = {SECTIONS["Estimator consistent"]: ("bounds", "centre_of_mass")}  # kept as pairs
+PARTS = {
+    f"{word} {kind.replace('_', ' ')}": section(family, family.get(kind))
+    for word, family in FAMILIES.items()
+    for kind in family.table
+}
+PARTS["estimator"] = PARTS.pop("estimator least squares")
+APPLICATIONS: dict[str, type[Section]] = {
+    "excitation": ExcitationSettings,
+    "compare": CompareSettings,
+    "joint limits": JointLimitSettings,
+    "box": BoxSettings,
+    "cylinder": CylinderSettings,
+    "fleet": FleetSettings,
+    "robot of a fleet": RobotChanges,
+}
+SECTIONS: dict[str, type[Section]] = {
+    "top level": settings.Config,
+    "time": settings.Time,
+    "position": fields.PositionChannel,
+    "torque": fields.Channel,
+    "logs": settings.LogSpec,
+    "robot": settings.RobotSettings,
+    "coupling": settings.CouplingSettings,
+    "filter": settings.FilterSettings,
+    "simulation cascade": settings.CascadeSettings,
+    "drive": settings.CascadeJoint,
+    "simulation pd": settings.PDSettings,
+    "drive pd": settings.PDJoint,
+    "simulation pid": settings.PIDSettings,
+    "drive pid": settings.PIDJoint,
+    "simulation by a function": settings.FunctionSettings,
+    "drive by a function": settings.FunctionJoint,
+    "simulation from torque": settings.TorqueInputSettings,
+}
+MAPPINGS = {PARTS["estimator consistent"]: ("bounds", "centre_of_mass")}  # kept as pairs
 
 
 def rows(heading: str) -> list[list[str]]:
     """The cells of the table below a heading of configuration.md, without its head."""
     text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
-    part = re.split(r"^## ", text.partition(f"## {heading}\n")[2], flags=re.MULTILINE)[0]
+    (part,) = re.findall(rf"^## (?i:{heading})\n((?:(?!## ).*\n)*)", text, flags=re.MULTILINE)
     table = [line for line in part.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
 
@@ -88,9 +77,8 @@ def default(section: type[Section], key: str) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-@pytest.mark.parametrize("heading", SECTIONS)
-def test_configuration_keys_and_defaults(heading: str) -> None:
-    section = SECTIONS[heading]
+@pytest.mark.parametrize(("heading", "section"), (SECTIONS | PARTS | APPLICATIONS).items())
+def test_configuration_keys_and_defaults(heading: str, section: type[Section]) -> None:
     told = {key.strip("`"): yaml.safe_load(shown.strip("`")) for key, shown, *_ in rows(heading)}
     assert told == {key: default(section, key) for key in section.model_fields}
 
@@ -113,18 +101,8 @@ def test_configuration_has_every_section_and_unit() -> None:
         for value in vars(module).values()
         if isinstance(value, type) and issubclass(value, Section)
     }
-    parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
-    own = {
-        CompareSettings,
-        ExcitationSettings,
-        FleetSettings,
-        RobotChanges,
-        BoxSettings,
-        CylinderSettings,
-        JointLimitSettings,
-    }
     bases = {Section, fields.Angle, settings.LoopSettings, settings.LoopJoint}
-    assert set(SECTIONS.values()) == (sections - bases) | parts | own
+    assert set(SECTIONS.values()) == sections - bases
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
     assert len(rows("Units")) == len(UNITS)

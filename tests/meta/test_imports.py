@@ -19,8 +19,10 @@ validation: [ { file: tuesday.npz } ]
 """
 SLOW = {"scipy.signal", "scipy.stats", "scipy.ndimage"}  # 70 to 450 ms each
 UNUSED = {"sympy", "plotly", "narwhals", "clarabel", "pinocchio"} | SLOW
+HEAVY = {"numpy", "scipy", "sympy", "polars", "plotly", "pydantic", "jinja2", "pinocchio", "yaml", "rich"}
 COMMANDS = {
-    "--version": {"numpy", "scipy", "sympy", "polars", "plotly", "pydantic", "jinja2", "pinocchio", "yaml"},
+    "--help": HEAVY,
+    "--version": HEAVY,
     "identify arm.yaml --out out": UNUSED | {"polars"},
     "predict out/result.json monday.npz --out torque.csv": UNUSED | {"scipy.optimize"},
     "check arm.yaml": UNUSED,

@@ -9,7 +9,6 @@ import subprocess
 import tomllib
 import venv
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -65,20 +64,10 @@ def test_help_of_dev_py_lists_every_task_and_installs_nothing(capsys: pytest.Cap
     assert re.findall(r"^python3 dev\.py (\w+)", shown, re.MULTILINE) == list(TASKS)
 
 
-def test_a_whole_run_of_the_tests_includes_the_examples_of_docstrings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It names no path, so that pytest takes those of pyproject.toml."""
-    options, commands = SETTINGS["tool"]["pytest"]["ini_options"], []
+def test_a_run_of_the_tests_that_names_no_path_includes_the_examples_of_docstrings() -> None:
+    options = SETTINGS["tool"]["pytest"]["ini_options"]
     assert options["testpaths"] == ["tests", "src"]
     assert "--doctest-modules" in options["addopts"].split()
-    main = runpy.run_path(str(ROOT / "dev.py"))["main"]
-    monkeypatch.setitem(main.__globals__, "install", lambda extra: None)
-    monkeypatch.setitem(main.__globals__, "compile_kernel", lambda: None)
-    monkeypatch.setitem(main.__globals__, "run", lambda *words: commands.append(words))
-    no_kernel = SimpleNamespace(run=lambda *_: SimpleNamespace(returncode=1))
-    monkeypatch.setitem(main.__globals__, "subprocess", no_kernel)
-    main(["test"])
-    ((_, *words),) = commands
-    assert words == ["-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder"]
 
 
 def test_dev_py_names_what_a_python_without_pip_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

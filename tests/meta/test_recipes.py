@@ -110,7 +110,7 @@ def matlab(path: Path, t: Array, q: Array, tau: Array) -> None:
 
 def ros(path: Path, t: Array, q: Array, tau: Array) -> None:
     """A bag of joint states, the joints in another order and with a finger, as a broadcaster sends them."""
-    bags = pytest.importorskip("tests.io.bags", reason='the extra "ros" is not installed')
+    bags = pytest.importorskip("tests.project.bags", reason='the extra "ros" is not installed')
     order, names = [2, 0, 1], ("joint_3", "joint_1", "joint_2", "finger")
     states = [
         bags.State(names, (*q[k, order], 0.02), (0.0,) * 4, (*tau[k, order], 0.1), round(1e9 * t[k])) for k in range(N)

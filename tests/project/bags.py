@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 KINDS = ("bag", "db3", "mcap")
 START = 1_700_000_000_123_456_789  # ns
@@ -42,10 +44,16 @@ def ramp(n: int, names=("a", "b"), topic: str = "/joint_states", step: int = 10_
     ]
 
 
+@cache
+def message_types(release: Stores) -> Typestore:
+    store = get_typestore(release)
+    store.register(get_types_from_msg("float64 warmth\nstring words", "my_msgs/msg/Oven"))
+    return store
+
+
 def write_bag(folder: Path, kind: str, states: list[State], name: str = "arm") -> Path:
     """Write a bag with the states and a topic of a type that no one else knows; return its file."""
-    store = get_typestore(Stores.ROS1_NOETIC if kind == "bag" else Stores.LATEST)
-    store.register(get_types_from_msg("float64 warmth\nstring words", "my_msgs/msg/Oven"))
+    store = message_types(Stores.ROS1_NOETIC if kind == "bag" else Stores.LATEST)
     types = store.types
     place = folder / (f"{name}.bag" if kind == "bag" else name)
     plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3

@@ -9,10 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from pydantic import ValidationError
 
-from dynident.estimators import LeastSquares
-from dynident.motion.smoothers import Spline
 from dynident.project.config import config_warnings, load_model, parse_config, read_config
 from dynident.project.settings import check_joints
 from dynident.runtime import ConfigError, ModelError
@@ -51,18 +48,6 @@ def test_settings_can_be_recorded_as_json():
     ]
     assert record["torque"]["slider"]["gain"] == "gtau"
     assert record["smoother"]["sigma"] == 1e-6
-
-
-def test_defaults():
-    config = parse_config(changed(gaps=..., smoother=..., estimator=..., filter=..., validation=...))
-    assert (config.gaps, config.filter, config.validation) == ("error", None, ())
-    assert config.smoother == Spline.Settings(rule="torque")
-    assert config.estimator == LeastSquares()
-
-
-def test_settings_are_frozen():
-    with pytest.raises(ValidationError, match="frozen"):
-        parse_config(FULL).gaps = "error"
 
 
 @pytest.mark.parametrize(

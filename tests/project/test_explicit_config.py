@@ -130,10 +130,13 @@ def test_settings_of_a_part_inside_another_are_left_out_likewise(tmp_path: Path)
 
 
 def test_a_term_of_the_user_beside_those_chosen_is_found_from_another_folder(tmp_path: Path) -> None:
-    path = write(tmp_path / "a", ["auto", {"kind": "mine.py:Mine", "on": ["on"]}])
+    terms = ["auto", {"kind": "mine.py:Mine", "on": ["on"]}]
+    path = write(tmp_path / "a", terms, train=[{"file": "logs/mon: #day.csv", "window": [0, 8]}])
     (path.parent / "mine.py").write_text(MINE, encoding="utf-8")
     found = run(path)
     assert found.model.names.count("mine_on") == 1
+    assert found.calibration.terms is not None
+    assert found.calibration.terms.trials
     explicit = written(found, tmp_path / "b" / "fixed.yaml")
     assert "../a/mine.py:Mine" in explicit.read_text(encoding="utf-8")
     assert_same_torque(found, run(explicit))

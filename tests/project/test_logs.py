@@ -202,12 +202,8 @@ def test_rows_right_after_the_previous_one_are_dropped_or_kept(tmp_path):
 
 
 def test_a_joint_that_may_turn_without_end(tmp_path):
-    text = recording(q=lambda k: 90 * np.sin(0.02 * k))
-    joint = "position: {elbow: {column: q, unit: rad, multi_turn: true}}"
-    written(tmp_path, "a.csv", text)
-    head = HEAD.replace("position: {elbow: {column: q, unit: rad}}", joint)
-    config = parse_config(head + "train: [{file: a.csv}]", tmp_path)
-    assert read_logs(config.train[0], config, ELBOW).warnings == ()
+    head = HEAD.replace("unit: rad}}", "unit: rad, multi_turn: true}}")
+    assert read(tmp_path, recording(q=lambda k: 90 * np.sin(0.02 * k)), head=head).warnings == ()
 
 
 BAD_DATA = {

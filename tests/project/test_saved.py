@@ -234,11 +234,15 @@ def test_what_is_wrong_in_a_file_is_named(
 VALUES = (None, True, -1, 10**30, 1.5, "x", "NaN", "auto", [], {}, [[]], [1, [2]], [None], {"a": 1}, {"kind": []})
 
 
+@pytest.fixture(scope="module")
+def saved(made: Made, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return made[1].save(tmp_path_factory.mktemp("saved") / "r.json").read_text()
+
+
 @pytest.mark.parametrize("seed", range(20))
-def test_a_result_with_any_value_anywhere_is_read_or_refused(made: Made, tmp_path: Path, seed: int) -> None:
-    model, found = made
+def test_a_result_with_any_value_anywhere_is_read_or_refused(made: Made, saved: str, tmp_path: Path, seed: int) -> None:
     rng = random.Random(seed)
-    node = data = json.loads(found.save(tmp_path / "r.json").read_text())
+    node = data = json.loads(saved)
     while True:
         key = rng.choice(list(node) if isinstance(node, dict) else range(len(node)))
         if not (isinstance(node[key], dict | list) and node[key]) or rng.random() < 0.25:
@@ -247,7 +251,7 @@ def test_a_result_with_any_value_anywhere_is_read_or_refused(made: Made, tmp_pat
     node[key] = rng.choice(VALUES)
     (tmp_path / "r.json").write_text(json.dumps(data))
     try:
-        load(tmp_path / "r.json", model)
+        load(tmp_path / "r.json", made[0])
     except DynidentError as error:
         assert "r.json" in str(error)  # noqa: PT017
 
@@ -272,17 +276,27 @@ PLACES = [("configuration", part) for part in CODE] + [
 ]
 
 
+@pytest.fixture(scope="module")
+def configured(tmp_path_factory: pytest.TempPathFactory) -> Identification:
+    """A slider, by a configuration."""
+    folder = tmp_path_factory.mktemp("slider")
+    write_log(folder)
+    return run(configure(folder))
+
+
 @pytest.mark.parametrize(("where", "part"), PLACES)
-def test_a_result_runs_no_python_file_unless_it_is_allowed(tmp_path: Path, where: str, part: str) -> None:
+def test_a_result_runs_no_python_file_unless_it_is_allowed(
+    configured: Identification, tmp_path: Path, where: str, part: str
+) -> None:
     """Whatever place in it names the file: its configuration, the recipe as used, or the file of the model."""
-    write_log(tmp_path)
-    path = run(configure(tmp_path)).save(tmp_path / "result.json")
+    path = configured.save(tmp_path / "result.json")
     source, changes = CODE[part]
     (tmp_path / "mine.py").write_text(MARK + source)
     data = json.loads(path.read_text())
     origins = data["provenance"]
     if where == "configuration":
-        origins["configuration"]["text"] = configure(tmp_path, **changes).read_text()
+        config = configure(tmp_path, **changes)
+        origins["configuration"] |= {"path": str(config), "text": config.read_text()}
     elif where == "recipe":
         data["recipe"][part] = {"kind": str(tmp_path / "mine.py") + ":A"}
     else:  # a text that stands for a file which is gone
@@ -295,14 +309,14 @@ def test_a_result_runs_no_python_file_unless_it_is_allowed(tmp_path: Path, where
     assert (tmp_path / "ran").exists()
 
 
-def test_the_recordings_like_those_of_a_result_run_no_python_file(tmp_path: Path) -> None:
+def test_the_recordings_like_those_of_a_result_run_no_python_file(configured: Identification, tmp_path: Path) -> None:
     write_log(tmp_path)
-    found = run(configure(tmp_path))
     (tmp_path / "mine.py").write_text(MARK + CODE["smoother"][0])
-    given = found.provenance.configuration
+    given = configured.provenance.configuration
     assert given is not None
-    text = configure(tmp_path, **CODE["smoother"][1]).read_text()
-    bad = replace(found, provenance=replace(found.provenance, configuration=replace(given, text=text)))
+    config = configure(tmp_path, **CODE["smoother"][1])
+    named = replace(given, path=str(config), text=config.read_text())
+    bad = replace(configured, provenance=replace(configured.provenance, configuration=named))
     with pytest.raises(ConfigError, match="is of a Python file"):
         read_log_like(bad, str(tmp_path / "log.csv"))
     assert not (tmp_path / "ran").exists()
@@ -320,8 +334,3 @@ def test_arguments_of_another_type_are_named(tmp_path: Path) -> None:
         load(None)  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="the model is a str"):
         load(tmp_path / "r.json", "gallery:slider")  # type: ignore[arg-type]
-
-
-def test_a_result_without_logs_has_a_text(tmp_path: Path) -> None:
-    _, found = by_least_squares()
-    assert "<Identification of" in repr(replace(found, validations=()))

@@ -142,6 +142,7 @@ class TestIdentify:
     @pytest.mark.parametrize(
         ("robot", "logs", "error", "words"),
         [
+            (pendulum(), None, InputError, "logs: a NoneType is given"),
             ("gallery:slidr", sliding(), ModelError, "did you mean 'slider'"),
             ("robot.yaml", sliding(), ModelError, r"run it with `dynident\.run\('robot\.yaml'\)`"),
             ("gone.urdf", sliding(), ModelError, "cannot be read"),
@@ -198,7 +199,6 @@ def test_a_check_finds_what_is_wrong_before_a_fit() -> None:
 SWING = dy.Log(np.arange(100) * 0.01, np.zeros((100, 1)), np.zeros((100, 1)), ("pivot",), "swing")
 LIVELY = replace(SWING, q=np.sin(5 * SWING.t)[:, None], tau=np.cos(4 * SWING.t)[:, None])
 WRONG: dict[str, Callable[[], object]] = {
-    "logs: a NoneType is given": lambda: dy.identify(pendulum(), None),
     "validation: a int is given": lambda: dy.identify(pendulum(), SWING, 3),
     "recipe: a str is given": lambda: dy.identify(pendulum(), SWING, recipe="spline"),
     "recipe: smoother is None": lambda: dy.Recipe(None),
@@ -257,8 +257,7 @@ def two_link_log(rate: float = 1.0, name: str = "monday") -> dy.Log:
 
 
 class TestChosenTerms:
-    @pytest.mark.parametrize("recipe", [None, dy.Recipe(time_offset=0.0)])
-    @pytest.mark.parametrize("terms", ["auto", ["auto", "viscous"]])
+    @pytest.mark.parametrize(("terms", "recipe"), [("auto", None), (["auto", "viscous"], dy.Recipe(time_offset=0.0))])
     def test_a_model_knows_that_its_terms_are_to_be_chosen(
         self, tmp_path: Path, terms: str | list[str], recipe: dy.Recipe | None
     ) -> None:

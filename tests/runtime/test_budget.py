@@ -30,9 +30,10 @@ def test_what_is_given_holds_inside_and_comes_before_the_environment(monkeypatch
             set_budget(3.0)
         assert memory_budget() == 2 * GIGABYTE
     assert memory_budget() == 0.5 * GIGABYTE
-    monkeypatch.setenv(MEMORY_VARIABLE, "much")
-    with pytest.raises(ConfigError, match="DYNIDENT_MEMORY is 'much'; give a positive number of GB"):
-        memory_budget()
+    for wrong in ("much", "0", "-1", "nan", "inf"):
+        monkeypatch.setenv(MEMORY_VARIABLE, wrong)
+        with pytest.raises(ConfigError, match=f"DYNIDENT_MEMORY is '{wrong}'; give a positive number of GB"):
+            memory_budget()
 
 
 def test_another_thread_has_it_by_the_function_that_it_is_given() -> None:

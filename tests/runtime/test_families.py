@@ -59,7 +59,7 @@ from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation
 from dynident.project.parts import build, schemas, unusable
 from dynident.project.settings import Config
 from dynident.runtime import ConfigError
-from dynident.runtime.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
+from dynident.runtime.families import ESTIMATORS, EXPORTERS, SMOOTHERS, TERMS
 from tests.project.parts import SAVITZKY
 
 JOINTS = (Joint("a"), Joint("b", "prismatic"))
@@ -179,11 +179,6 @@ def test_numbers_keep_all_their_digits(ends, factor, sigma):
 def test_every_kind_is_tried_here():
     for family, parts in ((SMOOTHERS, SMOOTHING), (ESTIMATORS, ESTIMATING), (TERMS, ON_JOINTS)):
         assert {family.kind_of(part) for part in parts} == set(family.table)
-
-
-@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS, READERS, EXPORTERS], ids=lambda one: one.name)
-def test_every_kind_of_a_table_exists(family):
-    assert all(family.get(kind) is not None for kind in family.kinds())
 
 
 @pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS], ids=lambda one: one.name)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor
 from pathlib import Path
 
 import pytest
@@ -22,13 +24,18 @@ TROUBLES = {
 }
 
 
+@pytest.fixture(scope="module")
+def executor() -> Iterator[Executor]:
+    with local_workers(1) as worker:
+        yield worker
+
+
 @pytest.mark.parametrize("trouble", [*TROUBLES, pytest.param("eats", marks=needs_limits)])
-def test_trouble_of_a_job_is_its_own(tmp_path: Path, trouble: str) -> None:
+def test_trouble_of_a_job_is_its_own(executor: Executor, tmp_path: Path, trouble: str) -> None:
     work = Trouble(tmp_path)
     jobs = [(trouble if number == 3 else "fine", number) for number in range(8)]
     limits = Limits(seconds=1.0 if trouble == "hangs" else None, memory=0.3 if trouble == "eats" else None)
-    with local_workers(1) as executor:
-        done = by_job(list(run_jobs(work, jobs, executor, limits=limits)))
+    done = by_job(list(run_jobs(work, jobs, executor, limits=limits)))
     status, reason = TROUBLES.get(trouble, (Status.OUT_OF_MEMORY, "MemoryError: "))
     assert set(done) == set(jobs)
     for (_, number), one in done.items():
@@ -39,8 +46,7 @@ def test_trouble_of_a_job_is_its_own(tmp_path: Path, trouble: str) -> None:
         assert work.calls(number) == (2 if number == 3 and status is Status.DIED else 1)
 
 
-def test_a_job_whose_process_dies_is_tried_once_more(tmp_path: Path) -> None:
+def test_a_job_whose_process_dies_is_tried_once_more(executor: Executor, tmp_path: Path) -> None:
     jobs = [("crashes_once", 0), ("fine", 1), ("crashes_once", 2)]
-    with local_workers(1) as executor:
-        done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor)))
+    done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor)))
     assert [done[job].value for job in jobs] == [0, 1, 2]

@@ -42,33 +42,22 @@ def test_each_worker_is_a_process_with_one_thread() -> None:
         assert {one.value for one in run_jobs(process, range(200), executor)} == found
 
 
-def test_workers_keep_their_memory_between_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a worker of Dask they would give it back each time, as its nanny asks for."""
+def test_a_worker_has_its_settings_its_modules_and_ends_first_where_memory_runs_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It keeps its memory between jobs: in a worker of Dask it would give it back each time, as its nanny asks for."""
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
-    with local_workers(1) as executor:
-        (done,) = run_jobs(os.getenv, ["MALLOC_TRIM_THRESHOLD_"], executor)
-    assert (done.status, done.value) == (Status.OK, None)
-
-
-@forks
-def test_where_memory_runs_out_workers_end_first() -> None:
-    with local_workers(1) as executor:
-        assert [one.value for one in run_jobs(chance_to_be_killed, [0], executor)] == [500]
-    assert chance_to_be_killed(0) < 500
+    with local_workers(1, ["colorsys"]) as executor:
+        assert [one.value for one in run_jobs(os.getenv, ["MALLOC_TRIM_THRESHOLD_"], executor)] == [None]
+        if sys.platform == "linux":  # elsewhere workers are not forked
+            assert [one.value for one in run_jobs(loaded, ["colorsys", "tabnanny"], executor)] == [True, False]
+            assert [one.value for one in run_jobs(chance_to_be_killed, [0], executor)] == [500]
+            assert chance_to_be_killed(0) < 500
 
 
 def test_a_process_of_a_pool_has_one_thread() -> None:
     with ProcessPoolExecutor(1, get_context("spawn")) as executor:
         assert [one.value for one in run_jobs(blas_threads, [0], executor)] == [{1}]
-
-
-@forks
-def test_what_is_preloaded_is_there() -> None:
-    with local_workers(1, ["colorsys"]) as executor:
-        assert [one.value for one in run_jobs(loaded, ["colorsys", "tabnanny"], executor)] == [
-            True,
-            False,
-        ]
 
 
 @forks
@@ -135,7 +124,7 @@ with local_workers(2) as executor:
     ("job", "way"),
     [
         *(("stuck", "SIGKILL"), ("stuck", "SIGTERM"), ("stuck", "SIGINT"), ("stuck", "group")),
-        *(("told", "SIGKILL"), ("told", "group"), ("soon_stuck", "raise")),
+        *(("told", "SIGKILL"), ("soon_stuck", "raise")),
     ],
 )
 def test_workers_end_with_this_process(job: str, way: str) -> None:
@@ -157,7 +146,7 @@ def test_workers_end_with_this_process(job: str, way: str) -> None:
 
 
 @posix
-@pytest.mark.parametrize("wait", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("wait", [0.0, 0.2])
 def test_ctrl_c_while_workers_start(wait: float) -> None:
     """A terminal sends it to all processes of the group."""
     after = f"threading.Timer({wait}, os.killpg, (os.getpid(), signal.SIGINT)).start()\n"

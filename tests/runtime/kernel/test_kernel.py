@@ -164,6 +164,10 @@ def test_a_wrong_variable_ends_a_command_with_one_line() -> None:
 
 
 USES = f"""
+import os
+import sys
+from pathlib import Path
+
 import numpy as np
 
 empty = np.empty
@@ -177,39 +181,47 @@ def unset(shape, dtype=float, **how):
 
 np.empty = unset
 import dynident as dy
-from dynident.runtime.kernel import kernel
 from dynident.models import RigidBodies
 from dynident.motion.splines import GCV, REML, Fixed
+from dynident.runtime import kernel
 
-rng = np.random.default_rng(0)
-for n in (5, 6, 7, 8, 9, 16, 17, 40, 300):
-    t = np.cumsum(rng.uniform(0.5, 1.5, n)) * 0.01
-    for k in (1, 2, 3, 4, 5, 7, 8, 9):
-        y = np.sin(t)[:, None] + 0.01 * rng.standard_normal((n, k))
-        for rule in (None, Fixed(lam=1e-9), GCV(), REML()):
-            dy.smooth(t, y if k > 1 else y[:, 0], rule, sigma=0.01)(t[0], order=2)
-bodies = RigidBodies({ARM!r})
-for n in (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17):
-    q, dq, ddq = rng.standard_normal((3, n, len(bodies.joints)))
-    theta = np.ones(len(bodies.parameters))
-    bodies.weighted_gradient(q, dq, ddq, bodies.regressor(q, dq, ddq))
-    bodies.torque(q, dq, ddq, theta), bodies.partials(q, dq, ddq, theta)
-print(kernel().level)
+bodies, rng = RigidBodies({ARM!r}), np.random.default_rng(0)
+kernel.LIBRARY = Path(sys.argv[1])
+for level in sys.argv[2:]:
+    os.environ["DYNIDENT_KERNEL"] = level.replace("best", "")
+    kernel._select_kernel.cache_clear()
+    kernel.function.cache_clear()
+    for n in (5, 6, 7, 8, 9, 16, 17, 40, 300):
+        t = np.cumsum(rng.uniform(0.5, 1.5, n)) * 0.01
+        for k in (1, 2, 3, 4, 5, 7, 8, 9):
+            y = np.sin(t)[:, None] + 0.01 * rng.standard_normal((n, k))
+            for rule in (None, Fixed(lam=1e-9), GCV(), REML()):
+                dy.smooth(t, y if k > 1 else y[:, 0], rule, sigma=0.01)(t[0], order=2)
+    for n in (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17):
+        q, dq, ddq = rng.standard_normal((3, n, len(bodies.joints)))
+        theta = np.ones(len(bodies.parameters))
+        bodies.weighted_gradient(q, dq, ddq, bodies.regressor(q, dq, ddq))
+        bodies.torque(q, dq, ddq, theta), bodies.partials(q, dq, ddq, theta)
+    print(kernel.kernel().level)
 """
-WIDTHS = {"least": LEVELS[architecture()][0][0], "best": ""}  # of DYNIDENT_KERNEL
+LEAST = LEVELS[architecture()][0][0]
 
 
-def use_all(**variables: str) -> None:
-    done = subprocess.run([sys.executable, "-c", USES], env=os.environ | variables, capture_output=True, text=True)
+def use_all(library: Path, **variables: str) -> None:
+    """Use the least level and the best of this CPU, in a process of their own."""
+    variables["PYTHONPATH"] = str(PACKAGE.parent)
+    words = [sys.executable, "-c", USES, str(library), LEAST, "best"]
+    done = subprocess.run(words, env=os.environ | variables, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert done.stdout.strip() not in ("", "None")
+    least, best = done.stdout.split()
+    assert least == LEAST
+    assert best != "None"
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_what_memory_held_before_does_not_matter(width: str) -> None:
+def test_what_memory_held_before_does_not_matter() -> None:
     if loader._load_library()[0] is None:
         pytest.skip("the kernel is not compiled")
-    use_all(DYNIDENT_KERNEL=WIDTHS[width], PYTHONPATH=str(PACKAGE.parent))
+    use_all(loader.LIBRARY)
 
 
 def sanitizers() -> list[str]:
@@ -229,28 +241,17 @@ SANITIZE = (
 
 def levels() -> list[tuple[str, int, tuple[str, ...]]]:
     """The levels that are run here: the least, and the best of this CPU; all where that is not known."""
-    done = subprocess.run(
-        [sys.executable, "-c", "from dynident.runtime.kernel import kernel; print(kernel().level)"],
-        env=os.environ | {"DYNIDENT_KERNEL": ""}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    library, _ = loader._load_library()
     least, *others = LEVELS[architecture()]
-    return [least, *([one for one in others if one[0] == done.stdout.strip()] or others)]
-
-
-@pytest.fixture(scope="module")
-def sanitized(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the package whose kernel looks after its memory and its arithmetic."""
-    copy = tmp_path_factory.mktemp("sanitized") / "dynident"
-    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "kernel.bin*"))
-    with pytest.MonkeyPatch.context() as patch:  # a sixth of the time
-        patch.setattr(build, "FLAGS", [flag.replace("-O3", "-O1") for flag in build.FLAGS])
-        patch.setattr(build, "LEVELS", {architecture(): levels()})
-        make(copy / "runtime" / "kernel" / FILE, ["gcc", *SANITIZE])
-    return copy.parent
+    best = loader._levels(library)[-1] if library is not None else ""
+    return [least, *([level for level in others if level[0] == best] or others)]
 
 
 @pytest.mark.skipif(not sanitizers(), reason="there is no GCC with sanitizers, on Linux")
-@pytest.mark.parametrize("width", WIDTHS)
-def test_sanitizers_find_nothing_in_all_uses(sanitized: Path, width: str) -> None:
-    own = {"LD_PRELOAD": " ".join(sanitizers()), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONPATH": str(sanitized)}
-    use_all(DYNIDENT_KERNEL=WIDTHS[width], **own)
+def test_sanitizers_find_nothing_in_all_uses(tmp_path: Path) -> None:
+    """By a kernel that looks after its memory and its arithmetic."""
+    with pytest.MonkeyPatch.context() as patch:  # a sixth of the time
+        patch.setattr(build, "FLAGS", [flag.replace("-O3", "-O1") for flag in build.FLAGS])
+        patch.setattr(build, "LEVELS", {architecture(): levels()})
+        make(tmp_path / FILE, ["gcc", *SANITIZE])
+    use_all(tmp_path / FILE, LD_PRELOAD=" ".join(sanitizers()), ASAN_OPTIONS="detect_leaks=0")

@@ -1,7 +1,6 @@
 """The recursion by NumPy is what Pinocchio says, for any tree."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,34 +32,6 @@ def test_any_tree_has_the_dynamics_of_pinocchio(seed, count):
     joint, parameter = np.nonzero(mine.layout.support)
     assert_same(mine.entries(*state, joint, parameter), Y[:, joint, parameter].T)
     assert np.abs(Y[:, ~mine.layout.support]).max(initial=0.0) < 1e-13 * np.abs(Y).max()
-
-
-@pytest.mark.parametrize("kinds", [("revolute",), ("prismatic",)])
-def test_trees_of_one_kind(kinds):
-    bodies, theta = random_bodies(3, 6, kinds, mimics=0.0)
-    state, judge = random_states(bodies, 4, 5), Judge(bodies, theta)
-    assert_same(recursion_of(bodies).regressor(*state), judge.regressor(*state))
-    mine = recursion_of(bodies)
-    for found, expected in zip(mine.partials(*state, full(bodies, theta)), judge.partials(*state), strict=True):
-        assert_same(found, expected)
-
-
-def test_derivatives_are_those_of_the_torque():
-    """Differences of sixth order, for parameters of no physical body."""
-    bodies, theta = random_bodies(5, 6)
-    theta[::10] *= -1.0
-    q, dq, ddq = random_states(bodies, 6, 4)
-    mine, values, h = recursion_of(bodies), full(bodies, theta), 1e-2
-    found, steps = mine.partials(q, dq, ddq, values), {1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
-    for which in range(3):
-        for k in range(q.shape[1]):
-            slope = np.zeros_like(q)
-            for step, weight in steps.items():
-                for sign in (1.0, -1.0):
-                    moved = [q.copy(), dq.copy(), ddq.copy()]
-                    moved[which][:, k] += sign * step * h
-                    slope += sign * weight / h * mine.torque(*moved, values)
-            assert_same(found[which][:, :, k], slope, 1e-9)
 
 
 @settings(max_examples=15, deadline=None)

@@ -332,4 +332,3 @@ def test_of_columns_that_are_nearly_dependent_the_largest_remainder_leads() -> N
     R = np.array([[1.0, 1.0, 1.0], [0.0, 2e-3, 9e-3], [0.0, 0.0, 0.0]])
     assert _choose_columns(R, 2, [0, 1, 2]) == [0, 2]
     assert _choose_columns(R, 1, [1, 0, 2]) == [1]
-

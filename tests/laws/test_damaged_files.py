@@ -59,7 +59,7 @@ FILES: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], Any]]] = {
     "urdf": ("a.urdf", ROBOT.encode, _robot),
     "result": ("r.json", (DATA / "result-1.json").read_bytes, load),
 }
-damage = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+damage = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def reads_or_refuses(path: Path, read: Callable[[Path], Any]) -> None:

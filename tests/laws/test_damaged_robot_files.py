@@ -54,7 +54,7 @@ def names(root: ElementTree.Element) -> list[str]:
     return sorted({value for element in root.iter() for value in element.attrib.values()})
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.data())
 def test_a_file_with_damaged_elements_is_refused_or_read(data: st.DataObject) -> None:
     """Elements lost, repeated or moved, attributes lost or with values of others."""
@@ -81,7 +81,7 @@ def test_a_file_with_damaged_elements_is_refused_or_read(data: st.DataObject) ->
         read_all(ElementTree.tostring(root, encoding="unicode"))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(st.sampled_from(FILES), st.data())
 def test_a_file_with_damaged_characters_is_refused_or_read(text: str, data: st.DataObject) -> None:
     start = data.draw(st.integers(0, len(text)))

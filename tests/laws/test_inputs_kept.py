@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -100,8 +101,10 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
 
 
-@pytest.mark.parametrize("link", LINKS)
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("command", "link"),
+    [*((command, "chain") for command in COMMANDS), *product(("check", "identify result.json"), ("symbolic", "hard"))],
+)
 def test_no_command_replaces_an_input_under_another_name(place: Path, command: str, link: str) -> None:
     words, name, inputs = COMMANDS[command]
     for one in inputs:

@@ -14,9 +14,8 @@ from click.testing import CliRunner
 
 from dynident.cli import main
 from dynident.project.project import read_project
-from tests.laws.test_new_user import URDF, truth
+from tests.laws.test_new_user import URDF, T, states, truth
 
-T = np.arange(3000) * 0.004
 NOISE = 0.05  # N m
 START = dt.datetime(2024, 5, 1, 23, 59, 58, tzinfo=dt.UTC)  # midnight is in the log
 
@@ -25,10 +24,7 @@ def recorded(rate):
     """Positions and torques (N, 2) of the new user's arm."""
     arm, theta = truth()
     rng = np.random.default_rng(int(10 * rate))
-    phase, speed = rate * np.multiply.outer(T, [1.7, 2.3]), rate * np.array([1.7, 2.3])
-    q = 0.7 * np.sin(phase) + 0.4 * np.sin(2.6 * phase + 1) - [1.2, 0.3]
-    dq = speed * (0.7 * np.cos(phase) + 1.04 * np.cos(2.6 * phase + 1))
-    ddq = -(speed**2) * (0.7 * np.sin(phase) + 2.704 * np.sin(2.6 * phase + 1))
+    q, dq, ddq = states(rate)
     tau = arm.torque(q, dq, ddq, theta)
     return q + 1e-5 * rng.standard_normal(q.shape), tau + NOISE * rng.standard_normal(tau.shape)
 

@@ -91,7 +91,6 @@ def crane():
 SLOW = {"exponent": 0.5, "width": 0.4}
 LAGRANGIANS = {
     "article": lambda: two_link_arm().terms[0],
-    "2R": cache(lambda: chain(2)),
     "3R": cache(lambda: chain(3)),
     "crane": cache(crane),
 }

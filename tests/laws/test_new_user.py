@@ -30,6 +30,7 @@ URDF = """<robot name="arm">
   <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.3 0 0" rpy="0.4 0 0"/>
     <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="20" velocity="5"/></joint>
 </robot>"""
+T = np.arange(3000) * 0.004
 CONSTANT, RATIO = 0.05, {"shoulder": 100.0, "elbow": 50.0}  # N m/A, motor turns per joint turn
 
 
@@ -43,6 +44,14 @@ def truth() -> tuple[Model, np.ndarray]:
     return arm, arm.values
 
 
+def states(rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, velocities and accelerations (N, 2) of the arm, ``rate`` times as fast as its first recording."""
+    phase, speed = rate * np.multiply.outer(T, [1.7, 2.3]), rate * np.array([1.7, 2.3])
+    q = 0.7 * np.sin(phase) + 0.4 * np.sin(2.6 * phase + 1) - [1.2, 0.3]
+    dq = speed * (0.7 * np.cos(phase) + 1.04 * np.cos(2.6 * phase + 1))
+    return q, dq, -(speed**2) * (0.7 * np.sin(phase) + 2.704 * np.sin(2.6 * phase + 1))
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A robot file and two recordings: elbow first, motor currents in mA, joint angles in degrees, times in ms."""
@@ -50,20 +59,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "arm.urdf").write_text(URDF)
     arm, theta = truth()
     rng = np.random.default_rng(0)
-    t = np.arange(3000) * 0.004
     for name, rate in (("monday", 1.0), ("tuesday", 1.3)):
-        phase = rate * np.multiply.outer(t, [1.7, 2.3])
-        speed = rate * np.array([1.7, 2.3])
-        q = 0.7 * np.sin(phase) + 0.4 * np.sin(2.6 * phase + 1) - [1.2, 0.3]
-        dq = speed * (0.7 * np.cos(phase) + 1.04 * np.cos(2.6 * phase + 1))
-        ddq = -(speed**2) * (0.7 * np.sin(phase) + 2.704 * np.sin(2.6 * phase + 1))
+        q, dq, ddq = states(rate)
         tau = arm.torque(q, dq, ddq, theta)
         q = q + 1e-5 * rng.standard_normal(q.shape)
-        columns = {"stamp [ms]": 1000 * t}
+        columns = {"stamp [ms]": 1000 * T}
         for j, joint in reversed(list(enumerate(("shoulder", "elbow")))):
             columns[f"{joint} angle"] = np.rad2deg(q[:, j])
             columns[f"{joint} i_q"] = 1000 * (
-                tau[:, j] / (RATIO[joint] * CONSTANT) + 0.002 * rng.standard_normal(len(t))
+                tau[:, j] / (RATIO[joint] * CONSTANT) + 0.002 * rng.standard_normal(len(T))
             )
         pl.DataFrame(columns).write_csv(place / f"{name}.csv", separator=";")
     return place

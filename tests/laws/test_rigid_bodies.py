@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.models import Model, RigidBodies, consistency_violations, from_physical, to_physical
+from dynident.models import Model, RigidBodies
 from dynident.models.lagrangian import two_link_arm
-from tests.robots import ARM, ARM_MJCF, AXIS, TURN, UPPER, joint, link, urdf
+from tests.robots import ARM, ARM_MJCF, joint, link, urdf
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 seeds = st.integers(0, 2**32 - 1)
@@ -169,15 +169,6 @@ def test_the_articles_arm_is_the_lagrangian_one():
         assert_close(getattr(slopes, name), getattr(others, name), 1e-12)
 
 
-def test_inertia_of_a_urdf_is_about_the_centre_of_mass_in_its_own_frame():
-    R = pinocchio.rpy.rpyToMatrix(np.array(TURN))
-    theta = values(RigidBodies(ARM))[:10]
-    np.testing.assert_allclose(theta, from_physical(2.0, np.array([0.1, -0.05, 0.2]), R @ UPPER @ R.T), atol=1e-16)
-    mass, centre, tensor = to_physical(theta)
-    np.testing.assert_allclose(R.T @ tensor @ R, UPPER, atol=1e-16)
-    np.testing.assert_allclose((mass, *centre), (2.0, 0.1, -0.05, 0.2), rtol=1e-15)
-
-
 def test_parameters_are_those_of_pinocchio():
     model = pinocchio.buildModelFromXML(ARM)
     expected = [x.toDynamicParameters() for x in model.inertias.tolist()[1:]]
@@ -239,45 +230,6 @@ def test_a_turned_base_is_a_turned_gravity():
     state = states(np.random.default_rng(4), 3)
     expected = RigidBodies(turned).regressor(*state)
     assert_close(RigidBodies(ARM, gravity=tuple(R.T @ [0.0, 0.0, -9.81])).regressor(*state), expected, 1e-13)
-
-
-def test_the_last_joints_acceleration_counts():
-    """A peer never computed it."""
-    term, (q, dq, ddq) = RigidBodies(ARM), states(np.random.default_rng(5), 3)
-    more = ddq + np.array([0.0, 0.0, 1.0])
-    gained = (term.regressor(q, dq, more) - term.regressor(q, dq, ddq)) @ values(term)
-    np.testing.assert_allclose(
-        gained[:, 2], np.array([0, 1.0, 0]) @ to_tensor(values(term)[20:]) @ [0, 1.0, 0], rtol=1e-10
-    )
-
-
-def to_tensor(theta):
-    xx, xy, yy, xz, yz, zz = theta[4:]
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def test_inertia_is_read_for_the_right_body():
-    """A peer was one body off: the torque of a static load names the body that carries it."""
-    term, q = RigidBodies(ARM, gravity=(0.0, 0.0, -9.81)), np.array([[0.3, 0.1, -0.5]])
-    rest = np.zeros((1, 3))
-    mass = {p.body: p.value for p in term.parameters if p.role == "mass"}
-    assert mass == {"upper": 2.0, "slide": 1.5, "wrist": 0.7}
-    for k, body in enumerate(mass):
-        Y = term.regressor(q, rest, rest)[0][:, 10 * k : 10 * (k + 1)]
-        inner = [j for j in range(3) if np.abs(Y[j]).max() > 1e-12]
-        assert inner == list(range(k + 1)), body
-
-
-def test_an_inertia_about_the_wrong_point_is_caught():
-    """Given about the joint where the file wants it about the centre of mass, and the other way round."""
-    theta = values(RigidBodies(ARM))[:10]
-    mass, _, tensor = to_physical(theta)
-    assert consistency_violations(theta) == ()
-    assert consistency_violations(np.concatenate([theta[:4], from_physical(mass, np.zeros(3), tensor)[4:]]))
-    axis_inertia = RigidBodies(ARM).regressor(*np.zeros((2, 1, 3)), np.array([[1.0, 0, 0]])) - RigidBodies(
-        ARM
-    ).regressor(*np.zeros((3, 1, 3)))
-    assert (axis_inertia @ np.concatenate([theta, np.zeros(20)]))[0, 0] == pytest.approx(AXIS @ to_tensor(theta) @ AXIS)
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the measured robots lie beside the checkout, and are not there")

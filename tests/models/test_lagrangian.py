@@ -1,8 +1,6 @@
 """Lumping of symbolic energies into the article's parameters."""
 
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -202,12 +200,3 @@ def test_energies_that_make_no_model(arguments, message):
 def test_numbers_of_symbols_must_match(changes):
     with pytest.raises(ModelError, match="give one of each per joint"):
         article_arm(**changes)
-
-
-def test_importing_the_terms_leaves_sympy_alone():
-    code = (
-        "import sys, dynident.models, dynident.models.lagrangian, dynident.models.simulation.recording; "
-        "sys.exit('sympy' "
-        "in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

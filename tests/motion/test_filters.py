@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy import signal
@@ -19,32 +16,14 @@ from dynident.motion.filters import (
     welch,
     zero_phase,
 )
-from dynident.runtime import kernel
-from dynident.runtime.kernel.build import LEVELS, architecture
-
-LIBRARY = kernel._load_library()[0]
-NAMES = [name for name, _, _ in LEVELS[architecture()]]
-BEST = [] if LIBRARY is None else NAMES[: LIBRARY.dynident_best() + 1]
-
-
-def by(level: str) -> Callable[..., Any] | None:
-    """Return what gives the functions of a level."""
-    if level == "off":
-        return lambda *_: None
-
-    def function(name: str, *types: Any) -> Any:
-        made = getattr(LIBRARY, f"dynident_{name}_{level}")
-        made.argtypes, made.restype = types, None
-        return made
-
-    return function
+from tests.kernel_levels import BEST, NAMES, functions_of
 
 
 @pytest.fixture(params=["off", *NAMES])
 def level(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     if request.param not in ("off", *BEST):
-        pytest.skip(f"there is no kernel for {request.param} here: {kernel.kernel()}")
-    monkeypatch.setattr(filters, "function", by(request.param))
+        pytest.skip(f"there is no kernel for {request.param} here")
+    monkeypatch.setattr(filters, "function", functions_of(request.param))
     return str(request.param)
 
 
@@ -95,7 +74,7 @@ def test_all_levels_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     x, sections = np.random.default_rng(0).normal(size=(11, 321)), butterworth(5, 9.0, 100.0)
     found = []
     for name in BEST:
-        monkeypatch.setattr(filters, "function", by(name))
+        monkeypatch.setattr(filters, "function", functions_of(name))
         found.append(zero_phase(sections, x, 15))
     for other in found[1:]:
         np.testing.assert_array_equal(found[0], other)

@@ -60,14 +60,6 @@ def test_frames_name_each_column_by_signal_and_joint() -> None:
     assert table["usable"].to_list() == [False, False, True, True, True]
 
 
-def test_recordings_are_displayed_in_a_line() -> None:
-    t, q = np.arange(5) * 0.1, np.zeros((5, 9))
-    log = Log(t, q, q, tuple(f"j{k}" for k in range(9)), "monday")
-    assert repr(log) == "<Log 'monday': 5 samples of j0, j1, j2, j3, j4, j5 and 3 more; 0 to 0.4 s, 10 Hz>"
-    motion = Motion(t, q, q, q, q, log.joints, np.arange(5) > 1, smoothing={"method": "exact"})
-    assert repr(motion).endswith("0 to 0.4 s, 10 Hz; 3 usable; exact>")
-
-
 def test_what_is_excluded_follows_the_samples() -> None:
     t = np.arange(10) * 0.1
     log = Log(t, np.zeros((10, 2)), np.zeros((10, 2)), ("a", "b"))

@@ -23,7 +23,7 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.regression.base_parameters import _choose_columns
-from dynident.runtime import ConfigError, ModelError
+from dynident.runtime import ModelError
 from tests.estimators.welded import Drag, Welded, single, turned
 from tests.regression.dense import triangularise
 from tests.robots import joint, link, urdf
@@ -126,12 +126,6 @@ def test_tolerance_decides_on_nearly_dependent_columns() -> None:
     assert (strict.rank, loose.rank) == (3, 2)
     assert 1e4 < loose.gap < 1e8
     assert loose.groupings == ("a", "b + c")
-
-
-@pytest.mark.parametrize("tolerance", [0.0, 1.0, float("nan")])
-def test_wrong_tolerance(tolerance: float) -> None:
-    with pytest.raises(ConfigError, match=f"rank is {tolerance}"):
-        read(noise(2), columns("a", "b"), tolerance=tolerance)
 
 
 def test_wrong_shapes() -> None:
@@ -282,22 +276,19 @@ def test_what_is_compared_must_belong_together() -> None:
 
 
 def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_independent_columns():
-    """One joint: s^2 (X' X)^-1; two joints of unequal noise: as the estimates of many data sets scatter."""
+    """Of two joints of unequal noise, with equal weights (X' X)^-1 X' S X (X' X)^-1, with the right ones less."""
     rng = np.random.default_rng(0)
     X = rng.standard_normal((400, 2, 3)) * [1.0, 10.0, 0.1]
     X = np.concatenate((X, 2 * X[..., :1] + X[..., 2:]), axis=2)
     noise = np.array([0.1, 1.0])
-    names = tuple(Parameter(name, "1") for name in "abcd")
-    found, told = [], None
-    for _ in range(400):
-        tau = noise * rng.standard_normal((400, 2))
-        triangular = triangularise(iter([RegressorBlock(X, tau)]), 2, 4)
-        basis = base_parameters(triangular.stack(), names)
-        told = base_std(basis, triangular, noise) if told is None else told
-        kept = X[..., list(basis.independent)].reshape(800, -1)
-        found.append(np.linalg.lstsq(kept, tau.reshape(-1), rcond=None)[0])
+    triangular = triangularise(iter([RegressorBlock(X, noise * rng.standard_normal((400, 2)))]), 2, 4)
+    basis = base_parameters(triangular.stack(), tuple(Parameter(name, "1") for name in "abcd"))
+    told = base_std(basis, triangular, noise)
+    kept = X[..., list(basis.independent)]
+    inverse = np.linalg.inv(np.einsum("kja,kjb->ab", kept, kept))
+    spread = np.einsum("kja,j,kjb->ab", kept, noise**2, kept)
     assert basis.rank == 3
-    np.testing.assert_allclose(np.std(found, axis=0), told, rtol=0.15)  # 4 standard deviations of a deviation from 400
+    np.testing.assert_allclose(told, np.sqrt(np.diag(inverse @ spread @ inverse)), rtol=1e-9)
     weighted = base_std(basis, triangular, noise, 1 / noise)
     assert (weighted < told).all()
     information = np.einsum("kja,j,kjb->ab", X, 1 / noise**2, X)
@@ -341,9 +332,3 @@ def test_of_columns_that_are_nearly_dependent_the_largest_remainder_leads() -> N
     R = np.array([[1.0, 1.0, 1.0], [0.0, 2e-3, 9e-3], [0.0, 0.0, 0.0]])
     assert _choose_columns(R, 2, [0, 1, 2]) == [0, 2]
     assert _choose_columns(R, 1, [1, 0, 2]) == [1]
-
-
-def test_six_names_are_shown_of_the_parameters_that_lead() -> None:
-    names = tuple("abcdefgh")
-    shown = repr(BaseParameters(names, 8, np.ones(8), tuple(range(8)), np.eye(8), np.ones(8)))
-    assert shown == "<BaseParameters: 8 of 8 parameters, led by a, b, c, d, e, f and 2 more>"

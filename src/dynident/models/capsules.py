@@ -43,9 +43,7 @@ def bounding_balls(solid: Solid) -> Balls:
         return Balls(_to_body_frame(ends, solid.frame), np.full(2, size[0]))
     angles = 2 * np.pi * np.arange(CIRCLE_POINTS) / CIRCLE_POINTS
     # a polygon around the circle, so that the hull contains the round shape
-    ring = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1) / np.cos(
-        np.pi / CIRCLE_POINTS
-    )  # touches from outside
+    ring = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1) / np.cos(np.pi / CIRCLE_POINTS)
     if solid.kind is ShapeKind.CYLINDER:
         return _point_balls(_to_body_frame((size[0] * ring + ends[:, None]).reshape(-1, 3), solid.frame))
     elevations = np.pi * (np.arange(CIRCLE_POINTS // 2 + 1) / (CIRCLE_POINTS // 2) - 0.5)
@@ -258,9 +256,8 @@ def _cluster_vertices(mesh: Mesh, cell: float) -> Mesh:
     cells = np.round(mesh.vertices / cell).astype(np.int64)
     cells -= cells.min(axis=0)
     cell_counts = cells.max(axis=0) + 1
-    coordinate = (cells[:, 0] * cell_counts[1] + cells[:, 1]) * cell_counts[2] + cells[
-        :, 2
-    ]  # one number is found faster than three
+    # one number is found faster than three
+    coordinate = (cells[:, 0] * cell_counts[1] + cells[:, 1]) * cell_counts[2] + cells[:, 2]
     _, cluster, count = np.unique(coordinate, return_inverse=True, return_counts=True)
     means = np.stack([np.bincount(cluster, coordinate) for coordinate in mesh.vertices.T], axis=1) / count[:, None]
     triangles = cluster[mesh.triangles]

@@ -68,19 +68,15 @@ class Placements(Noun):
         layout = self.layout
         # screws of the joints at the origin of the root link: rotation, and velocity of the point that is there
         revolute, prismatic = ~layout.prismatic[:, None], layout.prismatic[:, None]
-        rotations, velocities = (
-            self.axes * revolute,
-            self.axes * prismatic - np.cross(self.axes * revolute, self.origins),
-        )
+        rotations = self.axes * revolute
+        velocities = self.axes * prismatic - np.cross(rotations, self.origins)
         # moment and force about the same origin, so that their product with the screws is the torque
         wrench = np.concatenate((np.cross(points, along), along), axis=2)
         by_body = wrench @ np.concatenate((rotations, velocities), axis=2).swapaxes(1, 2)
-        return np.asarray((by_body * self._carrier_matrix(body)) @ layout.drive)
-
-    def _carrier_matrix(self, body: ArrayLike) -> Array:
-        """Return (P, B) ones where a body (column) is that of a point (row) or carries it, and zeros elsewhere."""
+        # ones (P, B) where a body (column) is that of a point (row) or carries it
         body = np.asarray(body, dtype=np.intp)
-        return np.asarray(self.layout.above[body] * (body >= 0)[:, None])
+        carriers = layout.above[body] * (body >= 0)[:, None]
+        return np.asarray((by_body * carriers) @ layout.drive)
 
 
 def placements(tree: Tree, first_origin: Array, q: Array) -> Placements:
@@ -168,7 +164,7 @@ class RigidBodies(Term):
             object.__setattr__(self, "joints_used", tuple(self.joints_used))
         if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
             raise ModelError(f"{self.source}: gravity is {self.gravity}; give three numbers in m/s^2: x, y, z.")
-        _ = self._arm
+        _ = self.arm
 
     def __repr__(self) -> str:
         names = join_names((joint.name for joint in self.joints), 6)
@@ -180,17 +176,18 @@ class RigidBodies(Term):
     @property
     def format(self) -> Literal["urdf", "mjcf"]:
         """Format of the file, by its root element: "urdf" or "mjcf"."""
-        return self._file.format
+        return self.file.format
 
-    @property
+    @cached_property
     def file(self) -> RobotFile:
         """The parsed file, before links are merged."""
-        return self._file
+        return read_robot_file(self.xml, self.source)
 
-    @property
+    @cached_property
     def arm(self) -> Arm:
         """The moving bodies, with the links of each."""
-        return self._arm
+        arm = self._undisplaced_arm
+        return displace_joints(arm, dict(self.displacements)) if self.displacements else arm
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -218,7 +215,7 @@ class RigidBodies(Term):
         root = parse(self.xml, self.source)
         if self.format == "urdf":
             return urdf_shapes(root, self.source)
-        return mjcf_shapes(root, self.source, self._file.origins)
+        return mjcf_shapes(root, self.source, self.file.origins)
 
     @property
     def damping(self) -> dict[str, float]:
@@ -238,22 +235,22 @@ class RigidBodies(Term):
     @property
     def merged_links(self) -> dict[str, tuple[str, ...]]:
         """Body -> other links fixed to it, if any; the root link has those that do not move."""
-        owners = {body.name: body.links for body in self._arm.bodies_with_parameters}
-        fixed = {self._file.root: self._arm.fixed_links}
+        owners = {body.name: body.links for body in self.arm.bodies_with_parameters}
+        fixed = {self.file.root: self.arm.fixed_links}
         return {name: links[1:] for name, links in (fixed | owners).items() if len(links) > 1}
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Sentences on what of the file is ignored, and on its inertias that are not physically consistent."""
-        notes = list(self._file.notes)
-        if self._file.floating:
-            names = ", ".join(map(repr, self._file.floating))
+        notes = list(self.file.notes)
+        if self.file.floating:
+            names = ", ".join(map(repr, self.file.floating))
             notes.append(f"the robot floats by {names}, but only a fixed base is supported: it is taken as fixed")
-        elif limbs := self._file.limbs({body.joint.name for body in self._arm.bodies}):
+        elif limbs := self.file.limbs({body.joint.name for body in self.arm.bodies}):
             notes.append(f"{len(limbs[1])} limbs move from the base {limbs[0]!r}, which is taken as fixed")
-        if self._file.gravity not in (None, self.gravity):
-            notes.append(f"the file's gravity {self._file.gravity} is ignored; {self.gravity} m/s^2 is used")
-        for body in self._arm.bodies_with_parameters:
+        if self.file.gravity not in (None, self.gravity):
+            notes.append(f"the file's gravity {self.file.gravity} is ignored; {self.gravity} m/s^2 is used")
+        for body in self.arm.bodies_with_parameters:
             if np.isnan(body.theta).any():
                 notes.append(f"body {body.name!r}: its inertia follows from meshes that were not found")
             elif not body.theta.any():
@@ -313,7 +310,7 @@ class RigidBodies(Term):
 
     def placements(self, q: Array) -> Placements:
         """Return where the bodies ``arm.bodies`` are at positions q (N, n), in the frame of the root link."""
-        return placements(self._recursion.tree, self._arm.bodies[0].placement[:3, 3], _floats(q))
+        return placements(self._recursion.tree, self.arm.bodies[0].placement[:3, 3], _floats(q))
 
     def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""
@@ -330,32 +327,20 @@ class RigidBodies(Term):
         return {joint.name: joint.nominal[key] for joint in self._driven_joints if key in joint.nominal}
 
     @cached_property
-    def _file(self) -> RobotFile:
-        return read_robot_file(self.xml, self.source)
-
-    @cached_property
     def _undisplaced_arm(self) -> Arm:
         """The bodies before they are displaced."""
         return _assemble_file(self.xml, self.source, self.joints_used, tuple(self.locked))
 
     @cached_property
-    def _arm(self) -> Arm:
-        return (
-            displace_joints(self._undisplaced_arm, dict(self.displacements))
-            if self.displacements
-            else self._undisplaced_arm
-        )
-
-    @cached_property
     def _recursion(self) -> Recursion:
         layout = _layout(self._undisplaced_arm)  # displaced joints do not change it
-        tree = Tree.of(self._arm, layout) if self.displacements else _tree(self._arm, layout)
+        tree = Tree.of(self.arm, layout) if self.displacements else _tree(self.arm, layout)
         return make_recursion(tree, np.array(self.gravity))
 
     @property
     def _driven_joints(self) -> list[RobotJoint]:
         """The joints, in the chosen order."""
-        return [self._arm.bodies[k].joint for k in self._arm.driven]
+        return [self.arm.bodies[k].joint for k in self.arm.driven]
 
 
 @lru_cache(maxsize=8)
@@ -381,15 +366,8 @@ def _assemble_file(
     return assemble(read_robot_file(xml, source), joint_names, dict(locked))
 
 
-@lru_cache(maxsize=8)
-def _layout(arm: Arm) -> Layout:
-    return Layout.of(arm)
-
-
-@lru_cache(maxsize=8)
-def _tree(arm: Arm, layout: Layout) -> Tree:
-    """Return the tree of an arm; the result is cached, because bodies under another gravity have the same."""
-    return Tree.of(arm, layout)
+# cached, because bodies under another gravity have the same
+_layout, _tree = lru_cache(maxsize=8)(Layout.of), lru_cache(maxsize=8)(Tree.of)
 
 
 @lru_cache(maxsize=8)

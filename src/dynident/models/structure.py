@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 EXTRA_SAMPLES = 30  # random states beyond the number of columns that they are to tell apart
-DEPENDENCE_TOLERANCE = (
-    1e-13  # of the largest effect of a parameter of this unit: what a column may differ by from others
-)
+# of the largest effect of a parameter of this unit: what a column may differ by from others
+DEPENDENCE_TOLERANCE = 1e-13
 
 
 class Structure(Noun):

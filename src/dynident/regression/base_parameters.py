@@ -237,10 +237,9 @@ def find_unexcited(
     """
     if not structural.names == on_data.names == model.names:
         raise ModelError("both sets of base parameters and the model must have the same parameters, in the same order.")
-    # directions that the data leave free, seen by the base parameters that the structure has
-    hidden_directions = on_data.null_directions / np.linalg.norm(
-        structural.scale[:, None] * on_data.null_directions, axis=0
-    )  # free of units
+    # directions that the data leave free, seen by the base parameters that the structure has, free of units
+    free = on_data.null_directions
+    hidden_directions = free / np.linalg.norm(structural.scale[:, None] * free, axis=0)
     seen_combinations = (
         structural.combination * structural.scale[list(structural.independent), None]
     ) @ hidden_directions

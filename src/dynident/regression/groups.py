@@ -69,7 +69,7 @@ def repeat_of(first: Log | Motion, second: Log | Motion) -> Repeat:
         return Repeat(0.0, np.inf, np.inf)
     n = a.shape[1] // 2
     # positions count about their mean; so do torques, whose mean is gravity, but for the positions' absolute place
-    middle = np.concatenate((a[:, :n].mean(axis=0), np.zeros(n)))  # the torque's mean is gravity
+    middle = np.concatenate((a[:, :n].mean(axis=0), np.zeros(n)))
     a, b = a - middle, b - middle
     parts = [_relative_differences(a[:, part], b[:, part]) for part in (slice(0, n), slice(n, 2 * n))]
     lags = np.arange(-len(a) + 1, len(b))
@@ -134,11 +134,8 @@ def repeated_rows(first: Motion, second: Motion) -> tuple[Index, Index] | None:
     rows = np.flatnonzero(use), nearest[use]
     power = float(np.square(first.q[rows[0]] - first.q[rows[0]].mean(axis=0)).sum()) if use.any() else 0.0
     misfit = float(np.square(first.q[rows[0]] - second.q[rows[1]]).sum())
-    return (
-        rows
-        if use.sum() > MIN_SHARED_SHARE * len(first) and misfit < (MAX_PASS_DIFFERENCE / 100) ** 2 * power
-        else None
-    )
+    is_enough = use.sum() > MIN_SHARED_SHARE * len(first)
+    return rows if is_enough and misfit < (MAX_PASS_DIFFERENCE / 100) ** 2 * power else None
 
 
 def _best_lag(first: Motion, second: Motion) -> float | None:
@@ -154,12 +151,8 @@ def _best_lag(first: Motion, second: Motion) -> float | None:
     differences[_overlap_counts(len(a), len(b)) < MIN_SHARED_SHARE * len(a)] = np.inf
     # a motion is like itself at lag zero: look only beyond the first lag at which it is another motion
     if first is second:
-        differences[
-            lags
-            < np.argmax((lags > 0) & (differences > (MIN_OTHER_DIFFERENCE / 100) ** 2) & np.isfinite(differences))
-            - len(a)
-            + 1
-        ] = np.inf
+        is_other = (lags > 0) & (differences > (MIN_OTHER_DIFFERENCE / 100) ** 2) & np.isfinite(differences)
+        differences[: np.argmax(is_other)] = np.inf
     best = int(np.argmin(differences))
     if not differences[best] < (2 * MAX_PASS_DIFFERENCE / 100) ** 2:
         return None

@@ -222,13 +222,8 @@ class Whitening(Noun):
         series = self.innovations(block, lead)
         keep = None if block.keep is None else block.keep[:, lead:]
         if not self.mixes:
-            series = [
-                joint_series / s for joint_series, s in zip(series, np.sqrt(np.diag(self.covariance)), strict=True)
-            ]
-            entries, tau = (
-                np.concatenate([joint_series[:-1] for joint_series in series]),
-                np.stack([joint_series[-1] for joint_series in series]),
-            )
+            series = [x / s for x, s in zip(series, np.sqrt(np.diag(self.covariance)), strict=True)]
+            entries, tau = np.concatenate([x[:-1] for x in series]), np.stack([x[-1] for x in series])
             return EntryBlock(mixed, entries, tau, keep)
         w, plain = self._mixing_weights(keep), block.structure
         entries, tau = np.zeros((len(mixed.joint), series[0].shape[1])), np.zeros((len(series), series[0].shape[1]))

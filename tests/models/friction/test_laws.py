@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynident.models import Joint, Model, Past
+from dynident.models import FUNCTIONS, Joint, Model, Past
 from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
@@ -19,6 +19,7 @@ from dynident.models.friction import (
 from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
+PAIR = Joint("a"), Joint("b")
 DQ = np.array([[1.0, -2.0, 0.5], [0.0, 1e-4, -3.0]])
 SHARP = {
     "coulomb": Coulomb(JOINTS, on=("wrist", "base"), width={"wrist": 0.3, "base": 0.0}),
@@ -206,3 +207,27 @@ def test_a_term_without_a_law_says_what_it_lacks():
 
     with pytest.raises(ModelError, match="Mute: give its torque as text by `law`, or by a method `shapes`"):
         regressor(Mute(JOINTS))
+
+
+def test_the_sign_has_a_dead_band():
+    assert FUNCTIONS["sign"](np.array([-2.0, -0.5, 0.0, 0.5, 2.0]), 1.0).tolist() == [-1, 0, 0, 0, 1]
+    assert FUNCTIONS["sign"](np.array([-2.0, 0.0])).tolist() == [-1, 0]
+
+
+def test_there_is_one_for_each_joint():
+    first, second = Viscous(PAIR, names=("x", "y")).equations
+    assert (first.on, first.parameters) == ((("a", 1.0),), ("x",))
+    assert (second.on, second.parameters) == ((("b", 1.0),), ("y",))
+    assert [one.on[0][0] for one in Offset(PAIR, on=("b",)).equations] == ["b"]
+
+
+def test_a_subclass_with_another_law_has_another_one():
+    class Cubic(Viscous):
+        law = "dq**3"
+
+    class Twice(Viscous):
+        def shapes(self, q, dq, ddq):
+            return 2 * dq
+
+    assert Cubic(PAIR).equations[0].torque == "F_v * dq**3"
+    assert Twice(PAIR).equations == ()

@@ -154,7 +154,7 @@ def test_a_function_cannot_change_what_it_sees() -> None:
 
     drive = replace(loop("function", MOTION), law=rude)
     assert isinstance(drive, Function)
-    run = simulate_recording(ARM, LINKED, MOTION, drive)
+    run = simulate_recording(ARM, LINKED, MOTION, drive, rows=slice(0, 40))
     np.testing.assert_array_equal(run.q[0], MOTION.q[0])
     np.testing.assert_array_equal(drive.reference, reference(MOTION))
 

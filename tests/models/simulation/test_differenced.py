@@ -35,7 +35,7 @@ def test_one_step_is_the_loop_itself() -> None:
 @pytest.mark.parametrize("kind", ["cascade", "pid", "function"])
 def test_derivatives(kind: str) -> None:
     for model, theta, limit in ((RUSTY, RUST, 0.6), (ARM, LINKED, 1.0)):
-        motion = driven(model, T[:150])
+        motion = driven(model, T[:90])
         check(model, theta, motion, DifferencingLoop(loop(kind, motion, limit), 3))
 
 

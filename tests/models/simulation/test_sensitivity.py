@@ -45,7 +45,7 @@ def check(
 @pytest.mark.parametrize("how", [{}, {"restart": 0.2}])
 @pytest.mark.parametrize(("model", "theta"), [(RUSTY, RUST), (ARM, LINKED)])
 def test_from_the_torque_with_joints_that_stick(model: Model, theta: np.ndarray, how: dict[str, float]) -> None:
-    run = check(model, theta, driven(model, FINE), None, **how)
+    run = check(model, theta, driven(model, FINE[:451]), None, **how)
     assert 0.01 < (np.abs(run.dq) < 1e-12).mean() < 0.6
 
 
@@ -53,7 +53,7 @@ def test_from_the_torque_with_joints_that_stick(model: Model, theta: np.ndarray,
 @pytest.mark.parametrize(("model", "theta", "limit"), [(RUSTY, RUST, 0.6), (ARM, LINKED, 1.0)])
 def test_in_a_loop_that_is_limited(kind: str, model: Model, theta: np.ndarray, limit: float) -> None:
     """Coarse samples have several steps each; the integral stands while the input is limited."""
-    motion = driven(model, COARSE if model is RUSTY else COARSE[:130])
+    motion = driven(model, COARSE[:200] if model is RUSTY else COARSE[:90])
     run = check(model, theta, motion, loop(kind, motion, limit))
     assert 0.01 < (np.abs(run.tau) == 2 * limit).mean() < 0.9
 

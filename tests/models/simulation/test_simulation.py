@@ -82,9 +82,9 @@ def test_grid_may_start_anywhere_and_be_uneven():
     np.testing.assert_allclose(motion.q[-1], even.q[-1], rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("own", [{"theta"}, {"q0"}, {"torque"}, {"theta", "q0", "dq0", "torque"}], ids=sorted)
+@pytest.mark.parametrize("own", [{"theta"}, {"q0", "torque"}, {"theta", "q0", "dq0", "torque"}], ids=sorted)
 def test_runs_together_equal_runs_alone(own):
-    arm, rng, t = two_link_arm(), np.random.default_rng(4), T[:16]
+    arm, rng, t = two_link_arm(), np.random.default_rng(4), T[:9]
     theta = arm.values * rng.uniform(0.9, 1.1, (3, 7))
     q0, dq0, gain = rng.normal(size=(3, 2)), rng.normal(size=(3, 2)), rng.normal(size=(3, 1))
     together = simulate_many(
@@ -119,21 +119,21 @@ def test_hard_coulomb_sign_is_stopped():
     """A body held by friction makes the integrator chatter: it must end, and say why."""
     rail = slider(1e-3, SLIDER)
     terms = (*rail.terms[:2], Coulomb(rail.joints, names=("Fc",)))
-    with pytest.raises(ModelError, match=r"2000 evaluations of stuck reached only t = 0\..*'width' of Coulomb"):
-        simulate(Model(terms, name="stuck"), [5.0, 8.0, 3.0], lambda t: [1.0], T, dq0=[0.1], max_evaluations=2000)
+    with pytest.raises(ModelError, match=r"600 evaluations of stuck reached only t = 0\..*'width' of Coulomb"):
+        simulate(Model(terms, name="stuck"), [5.0, 8.0, 3.0], lambda t: [1.0], T, dq0=[0.1], max_evaluations=600)
 
 
 def test_failed_integration_names_the_time_reached():
     """The torque has a pole at 0.2 s."""
     rail = slider(1e-3, SLIDER)
     with pytest.raises(ModelError, match=r"slider (stopped after|reached only) t = 0\.\d+ s"):
-        simulate(rail, rail.values, lambda t: [1 / (0.2 - t) ** 3], T, max_evaluations=5000)
+        simulate(rail, rail.values, lambda t: [1 / (0.2 - t) ** 3], T, max_evaluations=900)
 
 
 def test_unstable_parameters_are_reported():
     """A negative mass runs away exponentially, until its numbers overflow."""
     with pytest.raises(ModelError, match=r"slider"):
-        simulate(slider(1e-3), [-0.002, 8.0, 3.0, 0.5], lambda t: [1.0], T, max_evaluations=5000)
+        simulate(slider(1e-3), [-0.002, 8.0, 3.0, 0.5], lambda t: [1.0], T, max_evaluations=900)
 
 
 def test_massless_model():
@@ -224,19 +224,18 @@ def test_what_terms_remember_is_integrated():
     joints = pendulum().joints
     length, theta = 0.05, np.array([0.0825, 0.25, 0.3, 0.1, 0.05])
     terms = Dahl(joints, length=length), LoadCoulomb(joints, width=0.2), Drift(joints, time=0.5)
-    model, t = pendulum().with_terms(*terms).with_load(theta), np.linspace(0.0, 0.3, 151)
-    motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3])
+    model, t = pendulum().with_terms(*terms).with_load(theta), np.linspace(0.0, 0.16, 81)
+    motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3], tolerance=1e-9)
     np.testing.assert_allclose(model.torque(**motion.states(), theta=theta), motion.tau, atol=1e-9)
     np.testing.assert_allclose(model.remembering(motion).memory, motion.memory, atol=2e-5)
 
     def slope(s, x):
         q, dq, z = x
-        rubs = lambda ddq: 0.1 * np.abs(0.0825 * ddq + 0.25 * 9.81 * np.sin(q)) * np.tanh(dq / 0.2)  # noqa: E731
+        weight, rest = 0.25 * 9.81 * np.sin(q), 0.3 * z + 0.05 * (1 - np.exp(-s / 0.5)) - np.sin(15 * s)
         ddq = 0.0
-        for _ in range(40):
-            others = 0.25 * 9.81 * np.sin(q) + 0.3 * z + rubs(ddq) + 0.05 * (1 - np.exp(-s / 0.5))
-            ddq = (np.sin(15 * s) - others) / 0.0825
+        for _ in range(13):  # each takes a tenth of the error
+            ddq = -(weight + 0.1 * np.abs(0.0825 * ddq + weight) * np.tanh(dq / 0.2) + rest) / 0.0825
         return [dq, ddq, (dq - np.abs(dq) * z) / length]
 
-    exact = solve_ivp(slope, (0.0, 0.3), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-12)
+    exact = solve_ivp(slope, (0.0, 0.16), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(motion.q[:, 0], exact.y[0], atol=1e-6)

@@ -15,6 +15,7 @@ from dynident.models.simulation.steps import MAX_LOOKAHEAD, integrate, integrate
 from dynident.models.simulation.trace import MAX_POSITION, Machine, Trace
 from dynident.motion.log import Controller, Motion
 from dynident.runtime import ModelError
+from tests.models.simulation.loops import driven
 
 JOINTS = pendulum().joints
 RUSTY = Model((*pendulum().terms, Viscous(JOINTS), Coulomb(JOINTS), Coulomb(JOINTS, names=("more",)), Offset(JOINTS)))
@@ -43,6 +44,15 @@ class EndStop(Term):
         raise NotImplementedError
 
 
+@dataclass(frozen=True)
+class Valley(EndStop):
+    """A torque that changes with the position everywhere."""
+
+    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        self.asked.append(len(q))
+        return np.sin(3 * q)[:, :, None]
+
+
 def motion(model: Model, t: np.ndarray, tau: np.ndarray, dq: float = 0.0) -> Motion:
     zero = np.zeros((len(t), 1))
     names = tuple(joint.name for joint in model.joints)
@@ -64,14 +74,14 @@ def sampled(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(("model", "theta"), [(RUSTY, RUST), (slider(), (5.0, 8.0, 3.0, 0.5))])
-@pytest.mark.parametrize("step", [0.001, 0.0035])
+@pytest.mark.parametrize(("step", "seconds"), [(0.001, 3.0), (0.0035, 5.0)])
 @pytest.mark.parametrize("loop", [False, True])
 def test_one_joint_moves_in_plain_numbers_as_in_arrays(
-    model: Model, theta: tuple[float, ...], step: float, loop: bool
+    model: Model, theta: tuple[float, ...], step: float, seconds: float, loop: bool
 ) -> None:
     """With stamps that jitter; the reference rests for a while, and so does the joint."""
     rng = np.random.default_rng(1)
-    count = 3001 if loop else 1601  # a joint in a loop rests later
+    count = round((seconds if loop else 1.6) / step)  # a joint in a loop rests later
     t = step * (np.arange(count) + rng.uniform(-0.3, 0.3, count))
     run = motion(model, t, 4.0 * np.sin(3 * t), dq=0.4)
     held = np.where(t % 2 < 1, 0.3, np.sin(4 * t))[:, None]
@@ -116,6 +126,20 @@ def test_a_model_that_never_changes_is_asked_seldom() -> None:
     integrate(Machine(model, (5.0, 8.0, 3.0, 0.5, 1.0)), run, np.arange(8001)[None], None)
     assert len(asked) < 25
     assert max(asked) == 2 * MAX_LOOKAHEAD
+
+
+def test_a_model_that_changes_smoothly_is_asked_far_less_often_than_there_are_steps() -> None:
+    asked = list[int]()
+    model = Model((*slider().terms, Valley(0.0, slider().joints, asked)))
+    machine, rows = Machine(model, (0.5, 0.1, 0.2, 0.0, 4.0)), np.arange(1501)[None]
+    run = driven(model, np.arange(1501) * 1e-3)
+    asked.clear()
+    quick = integrate(machine, run, rows, None)
+    assert len(asked) < 300
+    exact = integrate_arrays(machine, run, rows, None)
+    np.testing.assert_allclose(quick.q, exact.q, atol=1e-11)
+    np.testing.assert_allclose(quick.dq, exact.dq, atol=1e-10)
+    assert np.ptp(quick.q) == pytest.approx(np.ptp(exact.q))
 
 
 def test_a_model_that_fails_on_the_way_says_so_and_one_that_runs_away_stops() -> None:
@@ -165,9 +189,9 @@ def test_friction_by_the_load_holds_a_joint_up_to_its_level(share, holds):
 def test_steps_remember_the_way():
     """A pendulum with Dahl's friction, as the integrator has it; its start is in the middle of the motion."""
     theta = np.array([0.0825, 0.25, 0.3])
-    model, t = pendulum().with_terms(Dahl(JOINTS, length=0.05)), np.arange(301) * 0.002
+    model, t = pendulum().with_terms(Dahl(JOINTS, length=0.05)), np.arange(151) * 0.002
     motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3])
-    rows = np.arange(60, 301)[None]
+    rows = np.arange(60, 151)[None]
     path, _ = sampled(integrate(Machine(model, theta), motion, rows, None))
     np.testing.assert_allclose(path[0], motion.q[rows[0]], atol=2e-4)
     fresh, _ = sampled(integrate(Machine(model, theta), replace(motion, memory=0 * motion.memory), rows, None))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tests.models.simulation.loops import ARM, LINKED, driven, loop, reference
 FAST, EVERY = np.arange(2001) * 1e-3, 4
 
 
+@cache
 def logged() -> tuple[Motion, PD]:
     """Every fourth sample of an arm in a loop at 1 kHz, and the controller as the log knows it."""
     motion = driven(ARM, FAST)

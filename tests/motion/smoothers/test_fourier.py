@@ -140,13 +140,11 @@ def test_one_period_is_enough_where_it_is_known() -> None:
         FourierSeries(20.0)(log(arm(T, 7.4)))
 
 
-def test_it_is_linear_as_it_was_used() -> None:
-    q = arm(np.clip(T, 1.0, 9.0), 2.3)
-    motion: Motion = FourierSeries()(log(q))
+def test_as_it_was_used_it_leaves_out_the_same_ends() -> None:
+    motion: Motion = FourierSeries()(log(arm(np.clip(T, 1.0, 9.0), 2.3)))
     used = FourierSeries().as_used(motion)
     assert used.settle == (motion.smoothing["start"], motion.smoothing["stop"])
     assert used.harmonics == dict(zip(JOINTS, (3, 5, 4), strict=True))
-    np.testing.assert_allclose(used(log(q)).ddq, motion.ddq, atol=1e-9 * np.abs(motion.ddq).max())
 
 
 @pytest.mark.parametrize("samples", [3, 4, 5])

@@ -1,17 +1,25 @@
-"""Series of harmonics: least squares, by normal equations of sums, and the noise between harmonics."""
+"""Series of harmonics: least squares by sums (of FFT and of powers), factorised once; the noise between harmonics."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from dynident.motion.smoothers import FourierSeries
 from dynident.motion.smoothers.harmonics import (
+    cached_factor,
     choose_by_bic,
+    factor_of,
     fit_series,
     highest_harmonic,
     noise_correction,
     noise_power,
+    sample_products,
+    series_values,
 )
+from tests.motion.smoothers.test_fourier import T, arm, log
+
+EVEN = 3.0 + 0.01 * np.arange(5000)  # more than are summed at once
 
 
 def design(t: np.ndarray, period: float, harmonics: int) -> np.ndarray:
@@ -19,16 +27,6 @@ def design(t: np.ndarray, period: float, harmonics: int) -> np.ndarray:
     return np.column_stack(
         [np.ones_like(t), *(f(k * w) for k in range(1, harmonics + 1) for f in (np.cos, np.sin))],
     )
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-def test_it_is_least_squares(uneven: bool) -> None:
-    rng = np.random.default_rng(0)
-    t = np.sort(rng.uniform(3.0, 10.0, 500)) if uneven else 3.0 + np.arange(500) * 0.014
-    q = rng.normal((0.0, 50.0), size=(500, 2))
-    series = fit_series(t, q, 2.7, 6)
-    X = design(t, 2.7, 6)
-    np.testing.assert_allclose(series(t, 0)[0], X @ np.linalg.lstsq(X, q)[0], atol=1e-10)
 
 
 def test_derivatives_are_exact() -> None:
@@ -40,28 +38,14 @@ def test_derivatives_are_exact() -> None:
     np.testing.assert_allclose(ddq, -(w**2) * np.sin(w * t) - 4.8 * w**2 * np.cos(4 * w * t), atol=1e-10)
 
 
-def test_over_whole_periods_it_is_the_average_period() -> None:
-    """With all harmonics below half the rate, the series passes through the mean of the periods (Swevers, 1997)."""
-    rng, size = np.random.default_rng(1), 41
-    t, q = np.arange(5 * size) * 0.01, rng.normal(size=(5 * size, 1))
-    average = q.reshape(5, size).mean(axis=0)
-    np.testing.assert_allclose(fit_series(t, q, 0.41, 20)(t[:size], 0)[0, :, 0], average, atol=1e-12)
-
-
 def test_noise_is_amplified_as_known() -> None:
     """Of a series of H harmonics over N samples, q has the variance sigma^2 (2 H + 1) / N, and ddq sigma^2 2 / N times
-    the sum of (k w)^4."""
-    rng, w, H, N = np.random.default_rng(2), 2 * np.pi / 2.0, 4, 400
+    the sum of (k w)^4: the sums of squares of what it makes of each sample."""
+    w, H, N = 2 * np.pi / 2.0, 4, 400
     t = np.arange(N) * 0.01
-    q, _, ddq = fit_series(t, rng.normal(size=(N, 3000)), 2.0, H)(t)
-    known = (2 * H + 1) / N, 2 / N * np.sum((np.arange(1, H + 1) * w) ** 4)
-    assert q.var() == pytest.approx(known[0], rel=0.03)
-    assert ddq.var() == pytest.approx(known[1], rel=0.03)
-
-
-def test_too_few_samples_do_not_determine_it() -> None:
-    with pytest.raises(np.linalg.LinAlgError):
-        fit_series(np.arange(5) * 0.1, np.ones((5, 1)), 0.5, 4)
+    q, _, ddq = np.square(fit_series(t, np.eye(N), 2.0, H)(t)).sum(axis=2)
+    np.testing.assert_allclose(q, (2 * H + 1) / N, rtol=1e-9)
+    np.testing.assert_allclose(ddq, 2 / N * np.sum((np.arange(1, H + 1) * w) ** 4), rtol=1e-9)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.95])
@@ -82,8 +66,7 @@ def test_the_noise_of_a_harmonic_is_found_between_them(rho: float) -> None:
 
 
 def test_a_fit_takes_one_line_of_so_many() -> None:
-    assert noise_correction(2.0) == pytest.approx(2.0)
-    assert noise_correction(10.0) == pytest.approx(10 / 9)
+    assert [noise_correction(x) for x in (1.2, 2.0, 10.0)] == pytest.approx([2.4, 2.0, 10 / 9])
 
 
 def test_a_line_that_stands_out_is_seen_and_noise_is_none() -> None:
@@ -92,3 +75,52 @@ def test_a_line_that_stands_out_is_seen_and_noise_is_none() -> None:
     e[:, 7] += np.sin(2 * np.pi * 61 / 3.7 * t)
     assert highest_harmonic(t, e, 3.7, 100) == 61
     assert highest_harmonic(t, np.zeros((2000, 1)), 3.7, 100) == 0
+
+
+def times(kind: str) -> np.ndarray:
+    uneven = EVEN + 0.004 * np.random.default_rng(0).uniform(size=5000)
+    return {"even": EVEN, "uneven": uneven, "gap": np.where(EVEN > 20.0, EVEN + 3.3, EVEN), "late": EVEN + 1e9}[kind]
+
+
+@pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
+def test_sums_are_plain_sums(kind: str) -> None:
+    t, rng = times(kind), np.random.default_rng(1)
+    turn = np.exp(2j * np.pi / 7.3 * np.outer(t - 20.0, np.arange(60)))
+    c, x = rng.normal(size=(60, 2)) + 1j * rng.normal(size=(60, 2)), rng.normal(size=(5000, 3))
+    np.testing.assert_allclose(series_values(t, c, 7.3, 20.0), (turn @ c).real, atol=1e-9)
+    np.testing.assert_allclose(sample_products(t, x, 7.3, 20.0, 60), turn.conj().T @ x, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
+def test_each_column_has_its_own_number_of_harmonics(kind: str) -> None:
+    """By one factor, each as by the dense design of its own number."""
+    t, each = times(kind)[:900], np.array([0, 3, 40, 17])
+    q = np.random.default_rng(2).normal(size=(900, 4))
+    found = fit_series(t, q, 4.1, each)(t, 0)[0]
+    for j, count in enumerate(each):
+        X = design(t, 4.1, count)
+        np.testing.assert_allclose(found[:, j], X @ np.linalg.lstsq(X, q[:, j])[0], atol=1e-9)
+
+
+def test_times_from_anywhere_are_even() -> None:
+    """Seconds since 1970 are rounded to 1e-7 s, which is no unevenness."""
+    late = times("late")
+    assert factor_of(late, 7.3, 30).sines is not None
+    c = np.ones((31, 1), dtype=complex)
+    np.testing.assert_allclose(series_values(late, c, 7.3, 1e9), series_values(EVEN, c, 7.3, 0.0), atol=1e-4)
+
+
+def test_samples_that_do_not_determine_it_are_refused() -> None:
+    for t in (EVEN[:30], times("uneven")[:30]):
+        with pytest.raises(np.linalg.LinAlgError):
+            factor_of(t, 7.3, 20)
+
+
+def test_smoothing_as_used_factorises_once() -> None:
+    """However many joints, each with its own number of harmonics, and however often."""
+    data = log(arm(T))
+    used = FourierSeries().as_used(FourierSeries()(data))
+    cached_factor.cache_clear()
+    for seed in range(5):
+        used(log(arm(T), seed=seed))
+    assert cached_factor.cache_info().misses == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.motion.log import Log
-from dynident.motion.smoothers import KalmanSmoother, Order, Spline, TimeShifted
+from dynident.motion.smoothers import KalmanSmoother, Order, Spline
 from dynident.motion.splines import GCV, REML
 from dynident.runtime import ConfigError, InputError
 
@@ -66,18 +66,6 @@ def test_of_an_unknown_noise_order_three_knows_the_acceleration_of_a_smooth_moti
         error.append(np.sqrt(np.mean((made.ddq - true)[500:-500] ** 2)))
     assert error[0] < 0.06
     assert error[0] < 0.5 * min(error[1:])
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_as_used_it_smooths_as_much_and_is_linear(order: Order) -> None:
-    one, plain = log(moving(n=1500)), KalmanSmoother(order)
-    for smoother in (plain, TimeShifted(plain, 1e-3), KalmanSmoother(order, sigma={"a": 1e-3})):
-        made = smoother(one)
-        again = smoother.as_used(made)
-        np.testing.assert_allclose(again(one).ddq, made.ddq, rtol=1e-9, atol=1e-8)
-        np.testing.assert_array_equal(again(one).mask, made.mask)
-        double = again(replace(one, q=2 * one.q))
-        np.testing.assert_allclose(double.ddq, 2 * made.ddq, rtol=1e-9, atol=1e-8)
 
 
 @pytest.mark.parametrize("order", ORDERS)

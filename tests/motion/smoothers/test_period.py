@@ -1,11 +1,21 @@
-"""The period of a motion: which, and how well it is known."""
+"""A log as one period: which, and how well it is known; which harmonics, and what is left."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from dynident.motion.smoothers.periodic_fit import likely_periods, refine_period
+from dynident.motion.log import Log
+from dynident.motion.smoothers.periodic_fit import (
+    Period,
+    PeriodicFitRequest,
+    fit_periodic,
+    likely_periods,
+    misfit,
+    periods_in,
+    refine_period,
+    scatter,
+)
 
 
 def motion(t: np.ndarray, period: float) -> np.ndarray:
@@ -17,8 +27,8 @@ def motion(t: np.ndarray, period: float) -> np.ndarray:
 
 @pytest.mark.parametrize("period", [0.31, 3.7, 19.9])
 def test_the_period_is_found_not_a_multiple(period: float) -> None:
-    t = np.arange(8000) * 0.005
-    q = motion(t, period) + 1e-3 * np.random.default_rng(0).standard_normal((8000, 2))
+    t = np.arange(4000) * 0.01
+    q = motion(t, period) + 1e-3 * np.random.default_rng(0).standard_normal((4000, 2))
     assert likely_periods(t, q)[0] == pytest.approx(period, rel=1e-4)
 
 
@@ -28,13 +38,13 @@ def test_a_ripple_on_slow_motion_is_no_period() -> None:
     assert all(one > 1.0 for one in likely_periods(t, q))
 
 
-@pytest.mark.parametrize("colour", [1, 20])
+@pytest.mark.parametrize("colour", [1, 10])
 def test_the_period_is_within_its_standard_error(colour: int) -> None:
     """Over 80 logs the error in standard errors has mean 0 and deviation 1: within 0.75 and 1.25 with 99 % confidence
     where noise is white; coloured, within 0.6 and 1.4."""
-    t, found = np.arange(1500) * 0.02, []
+    t, found = np.arange(750) * 0.04, []
     for seed in range(80):
-        e = np.random.default_rng(seed).standard_normal((1500 + colour - 1, 2))
+        e = np.random.default_rng(seed).standard_normal((750 + colour - 1, 2))
         e = np.apply_along_axis(np.convolve, 0, e, np.full(colour, 1 / np.sqrt(colour)), mode="valid")
         one = refine_period(t, motion(t, 4.3) + 1e-2 * e, 4.32, 5, np.full(2, 1e-2))
         found.append((one.value - 4.3) / one.std)
@@ -47,3 +57,50 @@ def test_many_periods_do_not_lose_the_phase() -> None:
     """Off by 0.3 %, the phase is wrong by more than a turn of the fifth harmonic at the end of 200 periods."""
     t = np.arange(20_000) * 0.005
     assert refine_period(t, motion(t, 0.5), 0.5015, 5, np.ones(2)).value == pytest.approx(0.5, rel=1e-9)
+
+
+def fit(q: np.ndarray, t: np.ndarray, period: Period, harmonics: int | None = None):
+    sought = PeriodicFitRequest([harmonics], False, np.array([True]), np.array([1e-3]))
+    return fit_periodic(Log(t, q[:, None], q[:, None], ("a",)), slice(0, len(t)), period, sought), sought
+
+
+def test_a_period_with_an_error_is_refined_and_another_is_not() -> None:
+    t = np.arange(3000) * 0.01
+    q = np.sin(2 * np.pi / 4.0 * t) + 1e-3 * np.random.default_rng(0).standard_normal(3000)
+    assert fit(q, t, Period(4.01, np.inf))[0].period.value == pytest.approx(4.0, abs=1e-4)
+    assert fit(q, t, Period(4.01, 0.0))[0].period.value == 4.01
+
+
+def test_what_is_left_is_a_share_of_motion_and_acceleration() -> None:
+    """A tenth of the motion at three times its frequency: nine tenths of the acceleration; white noise is none."""
+    t = np.arange(4000) * 0.01
+    w = 2 * np.pi / 4.0
+    e = 1e-3 * np.random.default_rng(0).standard_normal(4000)
+    found, sought = fit(np.sin(w * t) + 0.1 * np.sin(3.3 * w * t) + e, t, Period(4.0, 0.0), 4)
+    share, bend = misfit(t[found.rows], found, sought)
+    assert share[0] == pytest.approx(0.1, rel=0.1)
+    assert bend[0] == pytest.approx(1.09 / np.hypot(1.0, 1.09), rel=0.1)
+    found, sought = fit(np.sin(w * t) + e, t, Period(4.0, 0.0), 4)
+    share, bend = misfit(t, found, sought)
+    assert share[0] < 1e-3
+    assert bend[0] < 0.04  # scatter of white noise in the band; a tenth is refused
+
+
+@pytest.mark.parametrize("step", [0.01, 0.0137])
+def test_scatter_is_that_of_the_noise_whether_or_not_samples_fall_on_samples(step: float) -> None:
+    """What repeats cancels, of any size."""
+    t = np.arange(20_000) * step
+    q = 5 * np.sin(2 * np.pi * t / 2.0) * (step == 0.01) + 0.3 * np.random.default_rng(0).standard_normal(20_000)
+    assert scatter(t, q[:, None], 2.0)[0] == pytest.approx(0.3, rel=0.02)
+
+
+def test_periods_are_counted_by_what_samples_stand_for() -> None:
+    assert periods_in(np.arange(800) * 0.01, 4.0) == pytest.approx(2.0)
+
+
+def test_steps_of_an_encoder_that_repeat_are_no_harmonics() -> None:
+    """Whole periods of whole samples: what is rounded is the same in each, and nothing is between the harmonics."""
+    t = np.arange(2000) * 0.01
+    w = 2 * np.pi / 10.0 * t
+    q = 1e-3 * np.round(1e3 * (np.sin(w) + 0.2 * np.cos(3 * w)))
+    assert fit(q, t, Period(10.0, 0.0))[0].harmonics[0] <= 7

@@ -8,15 +8,10 @@ import numpy as np
 import pytest
 
 from dynident.motion.log import Log
-from dynident.motion.smoothers import Difference, Spline, TimeShifted
+from dynident.motion.smoothers import Difference, KalmanSmoother, Smoother, Spline, TimeShifted
 from dynident.motion.splines import Fixed
 from dynident.runtime import InputError
-
-
-def log(n: int = 4001, h: float = 0.0025, noise: float = 1e-3) -> Log:
-    t = np.arange(n) * h
-    q = np.column_stack((np.sin(t), np.cos(2 * t))) + noise * np.random.default_rng(0).standard_normal((n, 2))
-    return Log(t, q, np.zeros((n, 2)), ("a", "b"), "made")
+from tests.motion.smoothers.test_difference import log
 
 
 def test_spline_tells_how_it_smoothed() -> None:
@@ -56,19 +51,20 @@ def test_a_joint_that_stands_still_has_no_velocity(kind: str, size: float) -> No
     moving = size * np.sin(3 * t) + 1e-5 * size * rng.standard_normal(n)
     made = Spline()(Log(t, np.column_stack([0.4 + rest, moving]), np.zeros((n, 2)), ("still", "moving")))
     assert np.ptp(made.q[:, 0]) == 0
+    assert made.q[0, 0] == pytest.approx(0.4 + rest.mean(), rel=1e-12)
     assert not made.dq[:, 0].any()
     assert not made.ddq[:, 0].any()
     assert np.abs(made.dq[made.mask, 1] - 3 * size * np.cos(3 * t[made.mask])).max() < 0.01 * size
 
 
-def test_a_spline_as_used_smooths_as_much_and_is_linear() -> None:
-    one, late = log(), TimeShifted(Spline(factor=1.4), 1e-3)
-    for smoother in (Spline(), late):
-        made, again = smoother(one), smoother.as_used(smoother(one))
-        np.testing.assert_allclose(again(one).ddq, made.ddq, rtol=1e-9, atol=1e-9)
-        double = replace(one, q=2 * one.q)
-        np.testing.assert_allclose(again(double).ddq, 2 * made.ddq, rtol=1e-9, atol=1e-9)
-    assert Difference().as_used(Difference()(one)) == Difference()
+@pytest.mark.parametrize("smoother", [Spline(factor=1.4), KalmanSmoother(2), KalmanSmoother(3)], ids=repr)
+def test_what_is_shifted_is_as_used_smoothed_as_much_and_linear(smoother: Smoother) -> None:
+    """Without a shift that is a promise of every smoother."""
+    one, late = log(1500), TimeShifted(smoother, 1e-3)
+    made, again = late(one), late.as_used(late(one))
+    np.testing.assert_allclose(again(one).ddq, made.ddq, rtol=1e-9, atol=1e-8)
+    np.testing.assert_array_equal(again(one).mask, made.mask)
+    np.testing.assert_allclose(again(replace(one, q=2 * one.q)).ddq, 2 * made.ddq, rtol=1e-9, atol=1e-8)
 
 
 def test_the_factor_of_each_joint() -> None:

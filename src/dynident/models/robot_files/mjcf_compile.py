@@ -96,9 +96,7 @@ def compile_mjcf(root: Element, source: str, contents: Mapping[str, bytes] | Non
     for name in NUMBERS:
         if not (np.abs(getattr(model, name)) < MAX_NUMBER).all():
             raise ModelError(f"{source}: its {name} has no numbers below {MAX_NUMBER:g}; correct the file.")
-    if not all(
-        np.any(quaternions, axis=1).all() for quaternions in (model.body_quat, model.body_iquat, model.geom_quat)
-    ):
+    if not np.concatenate([model.body_quat, model.body_iquat, model.geom_quat]).any(axis=1).all():
         raise ModelError(f"{source}: an orientation overflows; correct the numbers of its quat, euler or axes.")
     thetas = {body.name: _body_inertia(model, body.id, inertias.get(body.name)) for body in spec.bodies[1:]}
     # the factor to a total mass needs the masses of all bodies: where one is not known, no inertia is
@@ -199,11 +197,8 @@ def _take_meshes(spec: Any, mujoco: Any, contents: Mapping[str, bytes]) -> tuple
         path = _mesh_path(mesh, spec)
         # a mesh with a placement of its own would be drawn at a wrong place
         placed = np.any(mesh.refpos) or not np.array_equal(mesh.refquat, [1, 0, 0, 0])
-        files[mesh.name] = (
-            mesh,
-            path,
-            Shape(ShapeKind.MESH, tuple(mesh.scale.tolist()), np.eye(4), "" if placed else path),
-        )
+        shape = Shape(ShapeKind.MESH, tuple(mesh.scale.tolist()), np.eye(4), "" if placed else path)
+        files[mesh.name] = mesh, path, shape
         if path in contents:
             mesh.file = f"{k}{PurePosixPath(path).suffix}"
             assets[mesh.file] = contents[path]

@@ -61,16 +61,9 @@ def read_urdf(root: Element, source: str) -> RobotFile:
     # some exporters do not declare the world link that the base is fixed to
     if any(parent.get("link") == WORLD for parent in root.findall("joint/parent")):
         inertias.setdefault(WORLD, np.zeros(10))
-    robot_joints = tuple(_joint(joint, inertias, source) for joint in joints)
-    robot_joints = _check_mimics(robot_joints)
-    return RobotFile(
-        "urdf",
-        source,
-        _root(robot_joints, list(inertias), source),
-        inertias,
-        robot_joints,
-        notes=_note_exact_angles(joints),
-    )
+    robot_joints = _check_mimics(tuple(_joint(joint, inertias, source) for joint in joints))
+    root_link = _root(robot_joints, list(inertias), source)
+    return RobotFile("urdf", source, root_link, inertias, robot_joints, notes=_note_exact_angles(joints))
 
 
 def _check_mimics(joints: tuple[RobotJoint, ...]) -> tuple[RobotJoint, ...]:
@@ -159,11 +152,9 @@ def _joint(element: Element, links: Collection[str], source: str) -> RobotJoint:
         raise ModelError(f"{where}: type {type_!r}; {choices(type_, KINDS)}")
     ends = {tag: _end(element, tag, links, where) for tag in ("parent", "child")}
     # some exporters write a zero axis for fixed joints
-    axis = (
-        np.eye(3)[0]
-        if KINDS[type_] == "fixed"
-        else unit_vector(numbers(element.find("axis"), "xyz", "1 0 0", where, 3), where)
-    )
+    axis = np.eye(3)[0]
+    if KINDS[type_] != "fixed":
+        axis = unit_vector(numbers(element.find("axis"), "xyz", "1 0 0", where, 3), where)
     return RobotJoint(
         name=name,
         kind=KINDS[type_],

@@ -106,9 +106,8 @@ class RobotFile(Noun):
             base_links += [joint.child for joint in below.get(link, []) if joint.kind == "fixed"]
         limb_joints = [joint for link in base_links for joint in below.get(link, []) if joint.name in moving]
         with_mass = [link for link in base_links if (theta := self.links[link]) is not None and theta[0] > 0]
-        return (
-            (with_mass[0], tuple(joint.name for joint in limb_joints)) if with_mass and len(limb_joints) > 1 else None
-        )
+        names = tuple(joint.name for joint in limb_joints)
+        return (with_mass[0], names) if with_mass and len(names) > 1 else None
 
 
 def parse(xml: str, source: str) -> Element:

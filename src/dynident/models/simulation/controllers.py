@@ -80,8 +80,7 @@ class _ReferenceLoop:
         return replace(self, t=t, **resampled)  # type: ignore[type-var]
 
     def row(self, t: Any) -> Any:
-        # times that differ by rounding are those of a sample
-        """Return the row of the references that is held at time t."""
+        """Return the row of the references that is held at time t; times that differ by rounding are a sample's."""
         return np.maximum(np.searchsorted(self.t, t + 1e-9) - 1, 0)
 
     def saturate(self, unlimited: Array) -> Array:

@@ -75,13 +75,8 @@ class OneJoint:
             self.states += states
             s, state, mass_and_bias = s + len(states), states[-1], next_mass_and_bias or mass_and_bias
             # look further ahead while the assumed masses prove right, less far where they do not
-            lookahead = (
-                min(2 * lookahead, MAX_LOOKAHEAD)
-                if rounds == 1
-                else min(2 * lookahead, MAX_SMOOTH_LOOKAHEAD)
-                if rounds
-                else max(lookahead // 2, 1)
-            )
+            longest = MAX_LOOKAHEAD if rounds == 1 else MAX_SMOOTH_LOOKAHEAD
+            lookahead = min(2 * lookahead, longest) if rounds else max(lookahead // 2, 1)
         self._torque(self.begins[s], state[0], state[3], state[5])
         return self._trace()
 
@@ -104,12 +99,8 @@ class OneJoint:
         Return the states after these steps, mass and bias of the next step unless none follows, and the number of
         rounds after which all agreed, 0 if they did not.
         """
-        states, evaluated, correct, assumed = (
-            list[_State](),
-            list[tuple[float, float]](),
-            0,
-            [mass_and_bias] * lookahead,
-        )
+        states, evaluated, correct = list[_State](), list[tuple[float, float]](), 0
+        assumed = [mass_and_bias] * lookahead
         for rounds in range(1, MAX_ROUNDS + 1):
             states = self._take_steps(s, state, assumed)
             ends = self._is_over(s + len(states), states[-1])  # there, no model is needed

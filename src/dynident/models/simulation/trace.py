@@ -80,7 +80,7 @@ class Trace(Noun):
 def divide_steps(lengths: Array) -> tuple[Array, NDArray[np.intp]]:
     """Return the lengths h (S) of the steps between samples ``lengths`` (K - 1) s apart, and where samples are.
 
-    The steps are equal parts of at most ``DURATION_RATIO``. The second array (S + 1) holds the sample that each step
+    The steps are equal parts of at most ``STEP``. The second array (S + 1) holds the sample that each step
     begins with, -1 for none; its last entry is that of the end.
     """
     # a length beyond a multiple of the step by rounding only must not add a part

@@ -287,9 +287,8 @@ def _past_information(step: Array, noise: Array, order: int) -> Array:
     back = np.where(up >= 0, (-1.0) ** up / factorial[np.abs(up)], 0.0)  # of the state a step earlier, times step^up
     remaining = order - 1 - powers
     total = remaining[:, None] + remaining[None, :] + 1
-    spread = 1.0 / (
-        factorial[remaining][:, None] * factorial[remaining] * total
-    )  # covariance a step adds, times step^total
+    # covariance that a step adds, times step^total
+    spread = 1.0 / (factorial[remaining][:, None] * factorial[remaining] * total)
     out = np.zeros((len(step) + 1, step.shape[1], order, order))
     for k, h in enumerate(step[:, :, None, None]):
         # add the sample, move the state one step on, and lose what the process noise takes (matrix inversion lemma)

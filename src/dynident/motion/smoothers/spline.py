@@ -25,24 +25,11 @@ from dynident.runtime import ConfigError, InputError, setting_text, settings_tex
 
 Array = NDArray[np.float64]
 
-
-NOISE_FACTORS = (
-    1.0,
-    1.4,
-    2.0,
-    2.8,
-    4.0,
-    5.6,
-    8.0,
-    11.0,
-    16.0,
-    22.0,
-    32.0,
-)  # multiples of the noise estimate that "torque" chooses from
+# multiples of the noise estimate that "torque" chooses from
+NOISE_FACTORS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)
 RuleName = Literal["constraint", "gcv", "reml", "interpolate", "fixed"]
-PerJointSetting = (
-    Annotated[float, Ge(0)] | tuple[Annotated[float, Ge(0)], ...]
-)  # for all joints alike, or in their order
+# for all joints alike, or in their order
+PerJointSetting = Annotated[float, Ge(0)] | tuple[Annotated[float, Ge(0)], ...]
 
 
 @dataclass(frozen=True)
@@ -76,9 +63,9 @@ class SplineSettings:
         name: Any = next((name for name, rule in RULES.items() if type(part.rule) is rule), None)
         if name is None:
             raise ConfigError(f"the rule {part.rule!r} has no name in a configuration.")
-        rule_settings: dict[str, Any] = dict(vars(part.rule))
-        rule_settings = {
-            key: value if value is None or np.isscalar(value) else tuple(value) for key, value in rule_settings.items()
+        rule_settings: dict[str, Any] = {
+            key: value if value is None or np.isscalar(value) else tuple(value)
+            for key, value in vars(part.rule).items()
         }
         return cls(name, **rule_settings, sigma=part.sigma, ends=part.ends, factor=part.factor)
 
@@ -89,10 +76,9 @@ class SplineSettings:
                 Spline(Constraint(), self.sigma, self.ends, _multiply_factor(self.factor, factor))
                 for factor in NOISE_FACTORS
             )
-        rule_settings: dict[str, Any] = {"constraint": {"S": self.S}, "fixed": {"p": self.p, "lam": self.lam}}.get(
-            self.rule, {}
-        )
-        return Spline(RULES[self.rule](**rule_settings), self.sigma, self.ends, self.factor)
+        rule_settings: Any = {"constraint": {"S": self.S}, "fixed": {"p": self.p, "lam": self.lam}}
+        rule = RULES[self.rule](**rule_settings.get(self.rule, {}))
+        return Spline(rule, self.sigma, self.ends, self.factor)
 
 
 RULE_TEXTS: Mapping[type[Rule], str] = {
@@ -174,10 +160,7 @@ class Spline(Smoother):
         factors, sigmas = self.by_joint("factor", log), self.by_joint("sigma", log)
         estimate = position_noise(log).tolist() if None in sigmas else sigmas
         noise = [number if sigma is None else sigma for sigma, number in zip(sigmas, estimate, strict=True)]
-        return [
-            (1.0 if factor is None else float(factor)) * float(sigma)
-            for factor, sigma in zip(factors, noise, strict=True)
-        ]
+        return [float(sigma) * (1.0 if k is None else float(k)) for k, sigma in zip(factors, noise, strict=True)]
 
     def __str__(self) -> str:
         rule, extras = self.rule, [f"noise {setting_text(self.sigma)} rad or m"] if self.sigma is not None else []

@@ -230,10 +230,7 @@ class System:
 
     def _refine(self, p: float, factor: Array, z: Array, u: Array, v: Array) -> tuple[Array, Array, float, float]:
         # corrections shrink by a constant factor: stop where the next is below eps, or where rounding ends the decrease
-        last_change, expected_error = (
-            1.0,
-            np.inf,
-        )  # relative size of the last correction, and the error expected after it
+        last_change, expected_error = 1.0, np.inf  # of the last correction (relative), and after it
         while True:
             residual = z - second_difference(v, self.step)
             residual -= p * self.mass(u)

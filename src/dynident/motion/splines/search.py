@@ -52,11 +52,8 @@ def run_searches(searches: Sequence[SplineSearch]) -> list[Solution]:
         advance(k, None)
     while requests:
         # solve the cheapest kind of trial of all searches together; the others wait until they can be batched, too
-        batch = list(requests.items())
-        min_cost = min(map(_cost, (trials[0] for _, trials in batch)))
-        batch = [
-            request for request in batch if _cost(request[1][0]) == min_cost
-        ]  # the others wait, to be computed side by side
+        min_cost = min(_cost(trials[0]) for trials in requests.values())
+        batch = [(k, trials) for k, trials in requests.items() if _cost(trials[0]) == min_cost]
         answers = iter(solver([trial for _, trials in batch for trial in trials]))
         for k, trials in batch:
             advance(k, [next(answers) for _ in trials])

@@ -31,9 +31,8 @@ MIN_SPIKE_DEVIATION = 7.0  # deviations from what both sides together predict: o
 MIN_EDGE_DEVIATION = 4.0  # the same from what one side alone predicts, which is less certain
 NOISE_BLOCK = 50  # samples over which the noise is taken as constant
 MAX_PROBES = 2000  # samples that show the usual deviation
-LOCAL_NOISE_FACTOR = (
-    0.65  # noise over that of the second difference, sqrt(2/3), less as the largest of three blocks is taken
-)
+# noise over that of the second difference, sqrt(2/3), less as the largest of three blocks is taken
+LOCAL_NOISE_FACTOR = 0.65
 MAX_ROUNDS = 3  # a large spike hides a small one nearby
 MIN_TEAR_RATIO = 10.0  # largest steps nearby that the step from the samples at an end to the others exceeds
 MIN_REPEAT_SHARE = 0.001  # share of equal neighbours from which on values are rounded, or read less often than logged

@@ -9,9 +9,9 @@ import pytest
 
 from dynident.checks import ExcitedRank, motion_notes
 from dynident.checks.motion import excitation, excited_rank, hardly_moving_findings, limit_findings, rank_findings
-from dynident.models import Joint, Model
-from dynident.models.friction import Offset
-from dynident.models.lagrangian import slider, two_link_arm
+from dynident.models import Joint, Model, RotorInertia
+from dynident.models.friction import Offset, Viscous
+from dynident.models.lagrangian import slider
 from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Motion
 from dynident.regression import Regression
@@ -100,21 +100,19 @@ def test_a_current_is_suspected_only_far_beyond_the_limit() -> None:
 
 
 def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
-    arm = two_link_arm()
-    rng = np.random.default_rng(0)
-    q, dq, ddq = rng.standard_normal((3, 500, 2))
-    names = tuple(joint.name for joint in arm.joints)
-    full = Motion(np.arange(500.0), q, dq, ddq, np.zeros_like(q), names, np.ones(500, bool))
-    dead = np.zeros(500)
-    held = replace(full, **{name: np.column_stack([getattr(full, name)[:, 0], dead]) for name in ("q", "dq", "ddq")})
-    good, poor = (excited_rank(arm, Regression(arm, (one,))) for one in (full, held))
+    joints = tuple(map(Joint, "ab"))
+    model = Model((RotorInertia(joints), Viscous(joints)))
+    q, dq, ddq = np.random.default_rng(0).standard_normal((3, 500, 2))
+    full = Motion(np.arange(500.0), q, dq, ddq, np.zeros_like(q), ("a", "b"), np.ones(500, bool))
+    held = replace(full, q=q * [1, 0], dq=dq * [1, 0], ddq=ddq * [1, 0])
+    good, poor = (excited_rank(model, Regression(model, (one,))) for one in (full, held))
     assert good.on_data == good.structural == good.count
     assert list(rank_findings(good)) == []
     assert poor.on_data < poor.structural
     told = list(rank_findings(poor))
     assert told
     assert [one.message for one in told] == list(poor.missing)
-    assert all(one.joints == (names[1],) for one in poor.missing)
+    assert all(one.joints == ("b",) for one in poor.missing)
 
 
 def test_a_bad_condition_is_said_where_nothing_is_missing() -> None:

@@ -169,8 +169,8 @@ def robot_findings(
     """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
 
     A large fault is reported alone, as small ones cannot be found beside it. ``tilt`` is the tilt of the base
-    that fits best; ``progress`` is called before each cause is searched. Large faults are searched with
-    ``plain``, the model without the terms that were chosen with them, where it is given.
+    that fits best. Large faults are searched with ``plain``, the model without the terms that were chosen with
+    them, where it is given.
     """
     report_progress(Step(STEP_TEXT))
     # two cases of the same motions: a small one for the many trials of large faults, and one for the tests

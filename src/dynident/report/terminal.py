@@ -313,23 +313,18 @@ class Plot:
 
     def errors(self) -> go.Figure:
         """Draw the torque error of each joint on all logs."""
-        return error_figure(
-            self.identification.validations, [joint.name for joint in self.identification.model.joints]
-        ).figure()
+        joints = [joint.name for joint in self.identification.model.joints]
+        return error_figure(self.identification.validations, joints).figure()
 
     def parameters(self) -> go.Figure:
         """Draw the 95 % interval of each parameter, in % of its value."""
         estimate, model = self.identification.estimate, self.identification.model
         true_values = () if has_nominal_values(model) else [parameter.value for parameter in model.parameters]
-        return interval_figure(
-            estimate.names, estimate.units, estimate.value, self.identification.errors.std, true_values
-        ).figure()
+        std = self.identification.errors.std
+        return interval_figure(estimate.names, estimate.units, estimate.value, std, true_values).figure()
 
     def _select(self, log: str | None, joint: str | None) -> tuple[LogValidation, Joint]:
-        logs = {
-            validation.name: validation
-            for validation in (*logs_of(self.identification, "train"), *logs_of(self.identification, "validation"))
-        }
+        logs = {validation.name: validation for validation in self.identification.validations}
         if log is None:
             log = next(iter(logs_of(self.identification, "validation")), next(iter(logs.values()))).name
         if log not in list(logs):

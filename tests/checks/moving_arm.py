@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dynident.checks.misfit import FitCase, fit_case
@@ -39,19 +41,36 @@ def truth(model: Model) -> np.ndarray:
     return np.array([VALUES[x.role] if x.value is None else x.value for x in model.parameters])
 
 
+def waves(
+    model: Model, theta: np.ndarray, rates, sizes, phases=0.0, noise: float = 0.02, seed: object = 0, t: np.ndarray = T
+) -> Motion:
+    """A sum of sines (k, n) on every joint, with the torque of a model and white noise of a share of it."""
+    rates, sizes = (np.reshape(x, (-1, len(model.joints))) for x in (rates, sizes))
+    angle = rates * t[:, None, None] + phases
+    q, dq, ddq = (np.sum(sizes * rates**k * np.sin(angle + k * np.pi / 2), axis=1) for k in range(3))
+    tau = model.torque(q, dq, ddq, theta)
+    tau = tau + noise * tau.std(axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)
+    return Motion(t, q, dq, ddq, tau, tuple(x.name for x in model.joints), np.ones(len(t), bool))
+
+
 def motion(seed: int = 0, noise: float = 0.02, model: Model | None = None, theta: np.ndarray | None = None) -> Motion:
-    """A motion of sines with the torque of the right arm, or of another, and white noise."""
+    """A motion of four sines of each joint with the torque of the right arm, or of another."""
     model, rng = model or arm(), np.random.default_rng([17, seed])
-    q, dq, ddq = np.zeros((3, len(T), 3))
-    for _ in range(4):
-        rate, phase, size = rng.uniform(0.8, 5.0, 3), rng.uniform(0, 6, 3), rng.uniform(0.15, 0.4, 3)
-        angle = np.outer(T, rate) + phase
-        q, dq = q + size * np.sin(angle), dq + size * rate * np.cos(angle)
-        ddq = ddq - size * rate**2 * np.sin(angle)
-    tau = model.torque(q, dq, ddq, truth(model) if theta is None else theta)
-    tau = tau + noise * tau.std(axis=0) * rng.standard_normal(tau.shape)
-    return Motion(T, q, dq, ddq, tau, tuple(x.name for x in model.joints), np.ones(len(T), bool))
+    rates, phases, sizes = (rng.uniform(*limits, (4, 3)) for limits in ((0.8, 5.0), (0, 6), (0.15, 0.4)))
+    return waves(model, truth(model) if theta is None else theta, rates, sizes, phases, noise, [18, seed])
 
 
-def case(moved: Motion | None = None, model: Model | None = None, samples: int = 500) -> FitCase:
-    return fit_case(model or arm(), [moved or motion()], samples=samples)
+MOVED = motion()
+
+
+def with_torque(extra: np.ndarray, joint: int = 0, moved: Motion = MOVED) -> Motion:
+    """A motion with more torque at one joint."""
+    return replace(moved, tau=moved.tau + np.outer(extra, np.eye(3)[joint]))
+
+
+def swap_torques(moved: Motion) -> Motion:
+    return replace(moved, tau=moved.tau[:, [0, 2, 1]])
+
+
+def case(moved: Motion = MOVED, model: Model | None = None, samples: int = 500) -> FitCase:
+    return fit_case(model or arm(), [moved], samples=samples)

@@ -51,24 +51,22 @@ def test_each_fault_is_found_and_is_the_only_one(changes, severity, joint, note)
     assert vars(finding.message) == pytest.approx(vars(note), rel=0.01)
 
 
-def test_a_sound_log_has_no_findings():
-    assert check_log(log(), {"elbow": "revolute"}) == ()
+TURNING = {"q": 90 * np.sin(2 * T)[:, None]}
+NOISY = np.sin(2 * T)[:, None] + np.random.default_rng(2).normal(0, 0.01, (N, 1))
+SOUND = {
+    "sound": ({}, "revolute", ()),
+    "noise is no speed": ({"q": NOISY}, "revolute", ()),
+    "many turns": (TURNING, "revolute", {"elbow"}),
+    "a rail": (TURNING, "prismatic", ()),
+    "torques in fine steps": ({"tau": 0.1 * np.round(np.cos(3 * T)[:, None] / 0.1)}, "revolute", ()),
+    "torques in coarse steps": ({"tau": 0.5 * np.round(np.cos(3 * T)[:, None] / 0.5)}, "revolute", ()),
+}  # fmt: skip
 
 
-def test_noise_does_not_look_like_speed():
-    noise = np.random.default_rng(2).normal(0, 0.01, (N, 1))
-    assert check_log(log(q=np.sin(2 * T)[:, None] + noise), {"elbow": "revolute"}) == ()
-
-
-@pytest.mark.parametrize(("kind", "multi_turn"), [("revolute", {"elbow"}), ("prismatic", set())])
-def test_a_wide_range_is_allowed_where_declared(kind, multi_turn):
-    assert check_log(log(q=90 * np.sin(2 * T)[:, None]), {"elbow": kind}, multi_turn) == ()
-
-
-@pytest.mark.parametrize("step", [0.1, 0.5])
-def test_torques_in_steps_are_only_coarse(step):
-    tau = step * np.round(np.sin(3 * T)[:, None] / step)
-    assert check_log_fully(log(tau=tau), {"elbow": "revolute"}) == ()
+@pytest.mark.parametrize(("changes", "kind", "multi_turn"), SOUND.values(), ids=SOUND)
+def test_a_sound_log_has_no_findings(changes, kind, multi_turn):
+    assert check_log(log(**changes), {"elbow": kind}, multi_turn) == ()
+    assert "tau" not in changes or check_log_fully(log(**changes), {"elbow": kind}) == ()
 
 
 @pytest.mark.parametrize(("count", "errors"), [(2, 1), (29, 1), (30, 0)])
@@ -100,11 +98,7 @@ def test_split_gaps_keeps_all_long_pieces_and_all_channels():
     assert pieces[1].command[0] == 510
     assert [piece.source for piece in pieces] == ["log part 1", "log part 2"]
     assert not any(found.topic == "gap" for piece in pieces for found in check_log(piece, {"elbow": "revolute"}))
-
-
-def test_split_gaps_returns_an_uninterrupted_log_unchanged():
-    whole = log()
-    assert split_gaps(whole) == (whole,)
+    assert split_gaps(pieces[1]) == (pieces[1],)
 
 
 def told(one: Log) -> dict[str, Note]:
@@ -131,11 +125,8 @@ def test_a_rest_of_the_whole_arm_is_named_with_its_time():
     assert isinstance(rest, channel_notes.ArmAtRest)
     assert (rest.start, rest.stop) == pytest.approx((2.5, 4.0), rel=0.01)
     assert channel_facts(log(q=q[:, None]))[0].still == pytest.approx(1.5 / 4, abs=0.05)
-
-
-def test_one_joint_at_rest_while_the_other_moves_is_no_rest():
-    q = np.column_stack([np.sin(2 * np.minimum(T, 2)), np.sin(2 * T)])
-    assert told(Log(T, q, np.cos(q), ("a", "b"))) == {}
+    beside_another = np.column_stack([np.sin(2 * np.minimum(T, 2)), np.sin(2 * T)])
+    assert told(Log(T, beside_another, np.cos(beside_another), ("a", "b"))) == {}
 
 
 def test_the_facts_on_a_channel_are_those_put_in():

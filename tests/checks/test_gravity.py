@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Viscous
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log, Motion
+from tests.checks.moving_arm import waves
 from tests.robots import joint, link, urdf
 
 FOUR = urdf(
@@ -32,17 +34,16 @@ def arm(gravity=(0.0, 0.0, -9.81)) -> Model:
     return Model((bodies, RotorInertia(bodies.joints), Viscous(bodies.joints), Coulomb(bodies.joints)))
 
 
-def motion(gravity, gain=1.0) -> Motion:
+@cache
+def motion(gravity: tuple[float, float, float]) -> Motion:
     """The arm moves with inertias that differ from the file's by up to 40 %."""
     model, rng = arm(gravity), np.random.default_rng(3)
     theta = np.array([1.0 if x.value is None else x.value for x in model.parameters])
     theta[:40] *= np.repeat(rng.uniform(0.6, 1.4, 4), 10)
-    rates, sizes = 1.1 + 0.6 * np.arange(4), 1.2 - 0.2 * np.arange(4)
-    wave = np.outer(T, rates)
-    q, dq, ddq = sizes * np.sin(wave), sizes * rates * np.cos(wave), -sizes * rates**2 * np.sin(wave)
-    tau = model.torque(q, dq, ddq, theta)
-    tau += 0.05 * tau.std(axis=0) * rng.standard_normal(tau.shape)
-    return Motion(T, q, dq, ddq, gain * tau, tuple(x.name for x in model.joints), np.ones(len(T), bool))
+    return waves(model, theta, 1.1 + 0.6 * np.arange(4), 1.2 - 0.2 * np.arange(4), noise=0.05, t=T)
+
+
+NONE, FLAT, UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (0.0, -9.81, 0.0)
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 9.81), (9.81, 0.0, 0.0), (0.0, -6.9, -6.9)])
@@ -55,30 +56,21 @@ def test_an_arm_that_is_mounted_otherwise_is_asked_about(gravity) -> None:
     assert list(gravity_findings(arm(gravity), [motion(gravity)])) == []
 
 
-def test_a_right_gravity_and_turned_torques_raise_no_question() -> None:
-    assert list(gravity_findings(arm(), [motion((0.0, 0.0, -9.81))])) == []
-    assert list(gravity_findings(arm(), [motion((0.0, 0.0, -9.81), gain=-1.0)])) == []
-
-
 def test_gravity_that_was_left_out_is_asked_about() -> None:
-    none, usual = (0.0, 0.0, 0.0), (0.0, 0.0, -9.81)
-    (found,) = gravity_findings(arm(none), [motion(usual)])
-    assert found.message.assumed == none
+    (found,) = gravity_findings(arm(NONE), [motion(FLAT)])
+    assert found.message.assumed == NONE
     assert found.message.fitted[2] < -5
-    assert list(gravity_findings(arm(none), [motion(none)])) == []
+    assert list(gravity_findings(arm(NONE), [motion(NONE)])) == []
 
 
-def test_torques_that_are_all_zero_raise_no_question() -> None:
-    assert list(gravity_findings(arm(), [replace(motion((0.0, 0.0, -9.81)), tau=np.zeros((len(T), 4)))])) == []
-
-
-def test_what_cannot_tell_says_nothing() -> None:
-    still = replace(motion((0.0, 0.0, 9.81)), q=np.zeros((len(T), 4)), dq=np.zeros((len(T), 4)))
-    assert list(gravity_findings(arm(), [still])) == []
+def test_turned_torques_and_what_cannot_tell_raise_no_question() -> None:
+    moved, zeros = motion(FLAT), np.zeros((len(T), 4))
+    turned, silent = replace(moved, tau=-moved.tau), replace(moved, tau=zeros)
+    still = replace(motion((0.0, 0.0, 9.81)), q=zeros, dq=zeros)
+    assert [list(gravity_findings(arm(), [x])) for x in (moved, turned, silent, still)] == [[]] * 4
     model = slider()
-    n = len(model.joints)
-    moved = Motion(T, *np.ones((4, len(T), n)), tuple(x.name for x in model.joints), np.ones(len(T), bool))
-    assert list(gravity_findings(model, [moved])) == []
+    names = tuple(x.name for x in model.joints)
+    assert list(gravity_findings(model, [Motion(T, *np.ones((4, len(T), 1)), names, np.ones(len(T), bool))])) == []
 
 
 PLANAR = urdf(
@@ -88,7 +80,6 @@ PLANAR = urdf(
     joint("j1", "revolute", "base", "upper"),
     joint("j2", "revolute", "upper", "fore", (0.4, 0.0, 0.0)),
 )
-NONE, FLAT, UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (0.0, -9.81, 0.0)
 
 
 def planar(gravity) -> Model:
@@ -96,15 +87,12 @@ def planar(gravity) -> Model:
     return Model((bodies, Viscous(bodies.joints)))
 
 
-def swung(gravity) -> Motion:
+@cache
+def swung(gravity: tuple[float, float, float]) -> Motion:
     """The planar arm swings, its joints' axes along z."""
-    model, rng = planar(gravity), np.random.default_rng(3)
+    model = planar(gravity)
     theta = np.array([1.0 if x.value is None else x.value for x in model.parameters])
-    rates, wave = np.array([2.1, 3.4]), np.outer(T, [2.1, 3.4])
-    tau = model.torque(np.sin(wave), rates * np.cos(wave), -(rates**2) * np.sin(wave), theta)
-    tau += 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
-    moved = np.sin(wave), rates * np.cos(wave), -(rates**2) * np.sin(wave), tau
-    return Motion(T, *moved, ("j1", "j2"), np.ones(len(T), bool))
+    return waves(model, theta, [2.1, 3.4], [1.0, 1.0], seed=3, t=T)
 
 
 @pytest.mark.parametrize("assumed", [NONE, FLAT])

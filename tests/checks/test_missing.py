@@ -1,137 +1,212 @@
-"""Effects that the torque has and the model lacks."""
+"""Effects that the torque has and the model lacks: named with joint, size and cost, and delays and ripples found."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from dynident.checks.explain import explain_residual
-from dynident.checks.misfit import misfit
-from dynident.checks.missing import TRIED_KINDS, find_missing_effects, is_tried_effect, with_missing
+from dynident.checks.explain import delay_findings, explain_residual
+from dynident.checks.misfit import Misfit, fit_case, misfit
+from dynident.checks.missing import (
+    TRIED_KINDS,
+    faster_case,
+    find_missing_effects,
+    is_tried_effect,
+    mean_square,
+    with_missing,
+)
 from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.checks.suspects import find_ripple
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome, library_kinds
-from dynident.runtime import Severity
-from tests.checks.moving_arm import arm, case, motion
+from dynident.motion.log import Motion
+from dynident.runtime import Finding, Severity, Use
+from tests.checks.moving_arm import MOVED, VALUES, arm, case, motion, truth, with_torque
 
-MOVED = motion()
-
-
-def with_effect(effect: np.ndarray, joint: int = 0):
-    tau = MOVED.tau.copy()
-    tau[:, joint] += effect
-    return case(replace(MOVED, tau=tau))
-
-
+Q, DQ, TAU = (x[:, 0] for x in (MOVED.q, MOVED.dq, MOVED.tau))
+TREND = np.linspace(-1, 1, len(Q))
 EFFECTS = {
-    TermKind.SPRING: (4.0, lambda q, dq, ddq: 4.0 * q[:, 0]),
-    TermKind.ASYMMETRIC: (1.0, lambda q, dq, ddq: np.abs(dq[:, 0])),
-    TermKind.QUADRATIC: (0.8, lambda q, dq, ddq: 0.8 * dq[:, 0] * np.abs(dq[:, 0])),
-    TermKind.LOAD: (0.15, lambda q, dq, ddq: 0.15 * np.abs(MOVED.tau[:, 0]) * np.sign(dq[:, 0])),
-    TermKind.SATURATION: (0.06, lambda q, dq, ddq: -0.06 * MOVED.tau[:, 0] ** 3 / np.mean(MOVED.tau[:, 0] ** 2)),
-    TermKind.RIPPLE: (0.6, lambda q, dq, ddq: 0.6 * np.sin(17.3 * q[:, 0] + 0.4)),
-    TermKind.GAIN_DRIFT: (0.2, lambda q, dq, ddq: 0.2 * np.linspace(-1, 1, len(q)) * MOVED.tau[:, 0]),
-    TermKind.DRIFT: (-0.5, lambda q, dq, ddq: -0.5 * np.linspace(-1, 1, len(q)) * (dq + 1.5 * np.sign(dq))[:, 0]),
+    TermKind.SPRING: (4.0, 4.0 * Q),
+    TermKind.ASYMMETRIC: (1.0, np.abs(DQ)),
+    TermKind.QUADRATIC: (0.8, 0.8 * DQ * np.abs(DQ)),
+    TermKind.LOAD: (0.15, 0.15 * np.abs(TAU) * np.sign(DQ)),
+    TermKind.SATURATION: (0.06, -0.06 * TAU**3 / np.mean(TAU**2)),
+    TermKind.RIPPLE: (0.6, 0.6 * np.sin(17.3 * Q + 0.4)),
+    TermKind.GAIN_DRIFT: (0.2, 0.2 * TREND * TAU),
+    TermKind.DRIFT: (-0.5, -0.5 * TREND * (DQ + 1.5 * np.sign(DQ))),
 }
+LEFT_OUT = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)
+
+
+@cache
+def explained(kind: TermKind) -> list[Finding]:
+    """What is said of a torque with an effect more, or of a model without a term."""
+    if kind in EFFECTS:
+        return list(explain_residual(case(with_torque(EFFECTS[kind][1]))))
+    return list(explain_residual(case(model=arm(without=kind.value))))
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
-    size, effect = EFFECTS[kind]
-    found = next(iter(explain_residual(with_effect(effect(MOVED.q, MOVED.dq, MOVED.ddq)))))
-    assert (found.topic, found.joint) == ("missing term", "j1")
-    assert isinstance(found.message, MissingTerm)
-    assert found.message.effect is kind
-    assert found.message.value == pytest.approx(size, rel=0.25)
-    warned = found.message.share > 0.4 or found.message.cost > 5.0
-    assert found.severity is (Severity.WARNING if warned else Severity.INFO)
+    finding = explained(kind)[0]
+    note = finding.message
+    assert isinstance(note, MissingTerm)
+    assert (finding.joint, note.effect) == ("j1", kind)
+    assert note.value == pytest.approx(EFFECTS[kind][0], rel=0.25)
+    is_warned = note.share > 0.4 or note.cost > 5.0
+    assert finding.severity is (Severity.WARNING if is_warned else Severity.INFO)
+    assert note.period == pytest.approx(2 * np.pi / 17.3 if kind is TermKind.RIPPLE else 0.0, rel=0.02)
+    if kind is TermKind.SATURATION:  # costs no more than was seen
+        assert 0.0 < note.cost < 100 * 0.06 * np.square(TAU).max() / np.mean(TAU**2)
 
 
-@pytest.mark.parametrize("kind", [TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR])
-def test_a_term_that_was_left_out_is_named(kind: TermKind) -> None:
-    found = [one.message for one in explain_residual(case(MOVED, arm(without=kind.value)))]
-    assert found
-    assert {note.effect for note in found} == {kind}
-    assert any(note.forbidden for note in found)
+@pytest.mark.parametrize("kind", LEFT_OUT)
+def test_a_term_that_was_left_out_is_named_with_its_cost_on_a_faster_motion(kind: TermKind) -> None:
+    notes = [finding.message for finding in explained(kind)]
+    assert {note.effect for note in notes} == {kind}
+    assert any(note.forbidden for note in notes)
+    if kind is TermKind.OFFSET:
+        return
+    given, full = case(model=arm(without=kind.value)), arm()
+    fast = faster_case(given)
+    right = full.torque(fast.q, fast.dq, fast.ddq, truth(full))
+    error = np.linalg.norm(fast.torque(misfit(given).theta) - right) / np.linalg.norm(right)
+    assert notes[0].cost == pytest.approx(100 * error, rel=0.25)
+
+
+@pytest.mark.parametrize("kind", [TermKind.VISCOUS, TermKind.COULOMB])
+def test_what_a_term_removes_is_what_the_fit_with_it_leaves_less(kind: TermKind) -> None:
+    """The share of what is no white noise: the model with the term at all joints leaves only noise."""
+    without, full = misfit(case(model=arm(without=kind.value))), misfit(case())
+    removed = dict(pair for finding in explained(kind) for pair in finding.message.removed)
+    less = mean_square(without) - mean_square(full)
+    share = less / np.maximum(mean_square(without) - without.case.noise, less)
+    assert removed == pytest.approx(dict(zip(MOVED.joints, share, strict=True)), rel=0.1)
+    assert share.min() > 0.9
+
+
+@pytest.mark.parametrize(("size", "forbidden"), [(0.2, None), (5.1, Use.SIMULATION), (10.1, Use.CONTROL)])
+def test_an_effect_forbids_by_its_cost(size: float, forbidden: Use | None) -> None:
+    note = MissingTerm(TermKind.SPRING, 1.0, 0.1, 0.5, cost=size)
+    assert note.forbidden is Finding(note, "j1").forbids is forbidden
+    assert note.removed == ()
 
 
 def test_a_coupled_motor_is_named_with_both_joints() -> None:
-    tau = MOVED.tau.copy()
-    tau[:, 0] += 0.2 * MOVED.ddq[:, 2]
-    tau[:, 2] += 0.2 * MOVED.ddq[:, 0]
-    found = next(iter(explain_residual(case(replace(MOVED, tau=tau)))))
-    assert found.joint == "j3"
-    assert found.message.effect is TermKind.COUPLED
-    assert found.message.partner == "j1"
-    assert found.message.value == pytest.approx(0.2, abs=0.02)
+    first, *_ = explain_residual(case(with_torque(0.2 * MOVED.ddq[:, 0], 2, with_torque(0.2 * MOVED.ddq[:, 2]))))
+    assert (first.joint, first.message.effect, first.message.partner) == ("j3", TermKind.COUPLED, "j1")
+    assert first.message.value == pytest.approx(0.2, abs=0.02)
 
 
 @pytest.mark.parametrize(("joint", "other"), [(0, 1), (1, 2), (2, 1)])
 def test_the_torque_of_a_neighbour_is_named_with_it_and_forbids_control(joint: int, other: int) -> None:
     """As the motors of a differential have it: other parameters take up part of it, which another motion shows."""
-    found = next(iter(explain_residual(with_effect(0.8 * MOVED.tau[:, other], joint))))
-    note = found.message
-    assert (found.joint, note.effect, note.partner) == (f"j{joint + 1}", TermKind.NEIGHBOUR, f"j{other + 1}")
+    first, *_ = explain_residual(case(with_torque(0.8 * MOVED.tau[:, other], joint)))
+    note = first.message
+    assert (first.joint, note.effect, note.partner) == (f"j{joint + 1}", TermKind.NEIGHBOUR, f"j{other + 1}")
     assert note.value == pytest.approx(0.8, abs=0.05)
-    assert found.severity is Severity.WARNING
-
-
-def test_a_ripple_is_named_with_its_period_and_a_saturation_costs_no_more_than_was_seen() -> None:
-    ripple, saturated = (
-        next(iter(explain_residual(with_effect(EFFECTS[kind][1](MOVED.q, MOVED.dq, MOVED.ddq))))).message
-        for kind in (TermKind.RIPPLE, TermKind.SATURATION)
-    )
-    assert ripple.period == pytest.approx(2 * np.pi / 17.3, rel=0.02)
-    most = 0.06 * float(np.square(MOVED.tau[:, 0]).max() / np.mean(MOVED.tau[:, 0] ** 2))
-    assert 0.0 < saturated.cost < 100 * most
-    assert saturated.period == 0.0
-
-
-def test_a_late_torque_is_named_with_its_delay() -> None:
-    tau = MOVED.tau.copy()
-    tau[:, 1] = np.interp(MOVED.t - 0.05, MOVED.t, tau[:, 1])
-    found = next(iter(explain_residual(case(replace(MOVED, tau=tau)))))
-    assert (found.joint, found.message.effect) == ("j2", TermKind.DELAY)
-    assert found.message.value == pytest.approx(0.05, rel=0.25)
+    assert first.severity is Severity.WARNING
 
 
 def test_a_complete_model_lacks_nothing_and_an_effect_is_missed_once() -> None:
-    assert find_missing_effects(misfit(case(MOVED))) == []
-    stiff = with_effect(4.0 * MOVED.q[:, 0])
-    first = find_missing_effects(misfit(stiff))[0]
+    assert find_missing_effects(misfit(case())) == []
+    stiff = case(with_torque(4.0 * Q))
+    first, *_ = find_missing_effects(misfit(stiff))
     assert find_missing_effects(misfit(with_missing(stiff, first))) == []
 
 
-def test_an_effect_that_a_choice_has_tried_on_that_joint_is_known() -> None:
-    (found, *_) = explain_residual(with_effect(EFFECTS[TermKind.RIPPLE][1](MOVED.q, MOVED.dq, MOVED.ddq)))
-    trials = tuple(
-        TermTrial(joint, kind, (), 0.1, 0.2, TrialOutcome.WITHIN_ERROR)
-        for joint, kind in (("j1", "spring"), ("j2", "ripple"))
-    )
-    choice = TermChoice(("j1", "j2"), (), trials, (), (), ())
-    assert is_tried_effect(found)
-    assert not is_tried_effect(found, choice)  # of another joint
-    own = TermTrial("j1", "ripple 2", (), 3.0, 0.2, TrialOutcome.ENTERED)
-    assert is_tried_effect(found, replace(choice, trials=(*trials, own)))
+ENTERED, WITHIN_ERROR, NEGATIVE = TrialOutcome.ENTERED, TrialOutcome.WITHIN_ERROR, TrialOutcome.NEGATIVE
 
 
 @pytest.mark.parametrize(
-    ("outcome", "gain", "is_tried"),
+    ("effect", "joint", "kind", "gain", "std", "outcome", "is_tried"),
     [
-        (TrialOutcome.WITHIN_ERROR, 21.0, False),
-        (TrialOutcome.WITHIN_ERROR, 3.0, True),
-        (TrialOutcome.NEGATIVE, 21.0, True),
-        (TrialOutcome.ENTERED, 21.0, True),
+        (TermKind.RIPPLE, "j2", "ripple", 0.1, 0.2, WITHIN_ERROR, False),  # of another joint
+        (TermKind.RIPPLE, "j1", "spring", 0.1, 0.2, WITHIN_ERROR, False),
+        (TermKind.RIPPLE, "j1", "ripple 2", 3.0, 0.2, ENTERED, True),
+        (TermKind.LOAD, "j1", "load_coulomb", 21.0, 20.0, WITHIN_ERROR, False),  # much, but within its error
+        (TermKind.LOAD, "j1", "load_coulomb", 3.0, 20.0, WITHIN_ERROR, True),
+        (TermKind.LOAD, "j1", "load_coulomb", 21.0, 20.0, NEGATIVE, True),
+        (TermKind.LOAD, "j1", "load_coulomb", 21.0, 20.0, ENTERED, True),
     ],
 )
-def test_an_effect_that_gained_much_but_within_its_error_is_still_said(
-    outcome: TrialOutcome, gain: float, is_tried: bool
+def test_an_effect_that_a_choice_has_tried_on_that_joint_is_known(
+    effect: TermKind, joint: str, kind: str, gain: float, std: float, outcome: TrialOutcome, is_tried: bool
 ) -> None:
-    found = next(iter(explain_residual(with_effect(EFFECTS[TermKind.LOAD][1](MOVED.q, MOVED.dq, MOVED.ddq)))))
-    trial = TermTrial("j1", "load_coulomb", (), gain, 20.0, outcome)
-    assert is_tried_effect(found, TermChoice(("j1",), (), (trial,), (), (), ())) == is_tried
+    finding = Finding(MissingTerm(effect, 1.0, 0.1, 0.5), "j1")
+    trial = TermTrial(joint, kind, (), gain, std, outcome)
+    assert is_tried_effect(finding, TermChoice(("j1", "j2"), (), (trial,), (), (), ())) is is_tried
+    assert is_tried_effect(finding)
 
 
 def test_the_kinds_of_a_choice_that_stand_for_effects_exist() -> None:
     assert set().union(*TRIED_KINDS.values()) <= {kind.name for kind in library_kinds()} | {"ripple"}
+
+
+PUNCTUAL = motion(5)
+
+
+def find_delays(moved: Motion) -> list[Finding]:
+    return list(delay_findings(misfit(fit_case(arm(), [moved])), [moved]))
+
+
+def delay_torque(joint: int, delay: float) -> Motion:
+    tau = PUNCTUAL.tau[:, joint]
+    return with_torque(np.interp(PUNCTUAL.t - delay, PUNCTUAL.t, tau) - tau, joint, PUNCTUAL)
+
+
+@pytest.mark.parametrize(("joint", "delay"), [(0, 0.01), (2, -0.015), (2, 0.03)])
+def test_a_late_torque_is_named_with_its_delay(joint: int, delay: float) -> None:
+    (finding,) = find_delays(delay_torque(joint, delay))
+    note = finding.message
+    assert (finding.severity, finding.joint) == (Severity.WARNING, f"j{joint + 1}")
+    assert note.effect is TermKind.DELAY
+    assert note.value == pytest.approx(delay, rel=0.3, abs=3 * note.std)
+    assert note.std < abs(delay) / 4
+    assert note.cost < 10.0
+
+
+def test_a_large_delay_is_a_cause_of_the_residual() -> None:
+    tau = MOVED.tau[:, 1]
+    first, *_ = explain_residual(case(with_torque(np.interp(MOVED.t - 0.05, MOVED.t, tau) - tau, 1)))
+    assert (first.joint, first.message.effect) == ("j2", TermKind.DELAY)
+    assert first.message.value == pytest.approx(0.05, rel=0.25)
+
+
+def test_torques_in_time_are_not_named_even_where_friction_reverses_late() -> None:
+    """As presliding has it: the rest of the torque is in time."""
+    assert find_delays(PUNCTUAL) == []
+    sign = np.sign(PUNCTUAL.dq[:, 2])
+    late = np.interp(PUNCTUAL.t - 0.02, PUNCTUAL.t, sign)
+    assert find_delays(with_torque(VALUES["coulomb"] * (late - sign), 2, PUNCTUAL)) == []
+
+
+def test_recordings_too_short_to_be_shifted_say_nothing() -> None:
+    late = delay_torque(2, 0.01)
+    fit = misfit(fit_case(arm(), [late]))
+    assert list(delay_findings(fit, [replace(late, mask=PUNCTUAL.t < 0.05)])) == []
+
+
+def ripple(rate: float, joint: int = 0) -> Misfit:
+    return misfit(case(with_torque(0.5 * np.sin(rate * MOVED.q[:, joint] + 0.7), joint)))
+
+
+@pytest.mark.parametrize(("rate", "joint"), [(17.3, 0), (24.0, 1), (21.5, 2)])
+def test_the_period_and_the_phase_of_a_ripple_are_found(rate: float, joint: int) -> None:
+    fit = ripple(rate, joint)
+    period, column = find_ripple(fit, joint)
+    assert period == pytest.approx(2 * np.pi / rate, rel=0.01)
+    assert np.abs(column).max() <= 1.0 + 1e-12
+    assert np.corrcoef(column, np.sin(rate * fit.case.q[:, joint] + 0.7))[0, 1] > 0.98
+    assert all(find_ripple(fit, j) is None for j in range(3) if j != joint)
+
+
+def test_what_shows_no_ripple_has_none() -> None:
+    right, fit = misfit(case()), ripple(17.3)
+    assert [find_ripple(right, j) for j in range(3)] == [None] * 3
+    too_fast, seen_once = ripple(200.0), ripple(2 * np.pi / np.ptp(Q))
+    still = replace(fit, case=replace(fit.case, q=fit.case.q * [0.0, 1.0, 1.0]))
+    uncounted, perfect = replace(fit, weight=np.zeros_like(fit.weight)), replace(fit, residual=0.0 * fit.residual)
+    assert [find_ripple(x, 0) for x in (too_fast, seen_once, still, uncounted, perfect)] == [None] * 5

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from dynident.checks import relative_gains
-from dynident.models import Term
+from dynident.models import Model, RotorInertia
+from dynident.models.friction import Viscous
 from dynident.motion.log import Motion
 from tests.checks import moving_arm
 
@@ -34,29 +35,13 @@ def test_gains_are_found_with_their_standard_errors() -> None:
         assert abs(one.value - true) < 5 * one.std + 0.01 * abs(true)
 
 
-def test_what_does_not_follow_the_file_is_refused() -> None:
-    noise = replace(currents(), tau=np.random.default_rng(1).standard_normal(currents().tau.shape))
-    assert not relative_gains(moving_arm.arm(), [noise])
+def test_what_does_not_follow_the_file_or_was_never_recorded_is_refused() -> None:
+    motion, arm = currents(), moving_arm.arm()
+    noise = replace(motion, tau=np.random.default_rng(1).standard_normal(motion.tau.shape))
+    assert not relative_gains(arm, [noise])
+    assert motion.joints[1] not in relative_gains(arm, [replace(motion, tau=motion.tau * [1.0, 0.0, 1.0])])
 
 
-def test_a_current_that_was_never_recorded_is_refused() -> None:
-    motion = currents()
-    found = relative_gains(moving_arm.arm(), [replace(motion, tau=motion.tau * [1.0, 0.0, 1.0])])
-    assert motion.joints[1] not in found
-
-
-def test_a_file_without_inertias_gives_none() -> None:
-    arm = moving_arm.arm()
-    light = replace(arm, terms=tuple(map(_Unknown, arm.terms)))
-    assert not relative_gains(light, [currents()])
-
-
-class _Unknown(Term):
-    """A term without nominal values."""
-
-    def __init__(self, term: Term) -> None:
-        self.term, self.joints = term, term.joints
-        self.parameters = tuple(replace(parameter, value=None) for parameter in term.parameters)
-
-    def regressor(self, q, dq, ddq):
-        return self.term.regressor(q, dq, ddq)
+def test_a_model_without_inertias_gives_none() -> None:
+    model = Model(tuple(kind(moving_arm.arm().joints) for kind in (RotorInertia, Viscous)))
+    assert not relative_gains(model, [currents()])

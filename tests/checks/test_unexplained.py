@@ -12,17 +12,8 @@ from dynident.checks.misfit import fit_case, misfit
 from dynident.checks.missing import reversal_findings, unexplained_findings
 from dynident.checks.motion_notes import OddLog
 from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, TermKind, Unexplained
-from dynident.motion.log import Motion
 from dynident.runtime import Severity, Use
-from tests.checks.moving_arm import T, arm, case, motion
-
-MOVED = motion()
-
-
-def with_torque(extra: np.ndarray, joint: int = 0) -> Motion:
-    tau = MOVED.tau.copy()
-    tau[:, joint] += extra
-    return replace(MOVED, tau=tau)
+from tests.checks.moving_arm import MOVED, T, arm, case, motion, with_torque
 
 
 def after_reversals(joint: int, only: int | None = None) -> np.ndarray:
@@ -96,7 +87,7 @@ def test_where_no_sample_lies_at_a_reversal_nothing_is_said() -> None:
 
 
 def test_what_a_delay_explains_is_not_said_again() -> None:
-    late = replace(MOVED, tau=np.column_stack([*MOVED.tau.T[:2], np.interp(T - 0.03, T, MOVED.tau[:, 2])]))
+    late = with_torque(np.interp(T - 0.03, T, MOVED.tau[:, 2]) - MOVED.tau[:, 2], 2)
     found = [one.message for one in robot_findings(arm(), [late], {}) if one.joint == "j3"]
     assert [one.effect for one in found if isinstance(one, MissingTerm)] == [TermKind.DELAY]
     assert not any(isinstance(one, LeftAtReversals) for one in found)

@@ -9,10 +9,9 @@ import pytest
 
 from dynident.checks import channel_notes, check_log
 from dynident.checks.stamps import length_unit_findings, radian_findings, thin_regression
-from dynident.models.lagrangian import pendulum
-from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline
+from tests.checks.pendulum import PENDULUM, swing
 
 T = np.arange(3000) * 0.002
 
@@ -46,17 +45,13 @@ def test_millimetres_are_said() -> None:
     assert (found.joint, type(found.message)) == ("rail", channel_notes.PerhapsMillimetres)
 
 
-def test_radians_declared_as_degrees_are_said() -> None:
-    arm = pendulum()
-    wide, slight = (
-        simulate(arm, arm.values, lambda t, a=a, w=w: [a * np.sin(w * t)], np.arange(2000) * 0.005)
-        for a, w in ((1.7, 2.3), (0.1, 9.0))
-    )
-    for seed in range(20):
-        one = record(wide, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
-        right = Spline(sigma=1e-4)(one)
-        small = [replace(right, **{name: getattr(right, name) * np.pi / 180 for name in ("q", "dq", "ddq")})]
-        assert len(list(radian_findings(thin_regression(arm, small)))) == 1
-        assert list(radian_findings(thin_regression(arm, [right]))) == []
-        narrow = record(slight, sigma_q=1e-5, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
-        assert list(radian_findings(thin_regression(arm, [Spline(sigma=1e-5)(narrow)]))) == []
+@pytest.mark.parametrize("seed", range(5))
+def test_radians_declared_as_degrees_are_said(seed: int) -> None:
+    wide, narrow = swing(seed, (1.7, 2.3)), swing(seed, (0.1, 9.0), noise=1e-5)
+    right = Spline(sigma=1e-4)(wide)
+    small = replace(right, **{name: getattr(right, name) * np.pi / 180 for name in ("q", "dq", "ddq")})
+    said = [
+        len(list(radian_findings(thin_regression(PENDULUM, [moved]))))
+        for moved in (small, right, Spline(sigma=1e-5)(narrow))
+    ]
+    assert said == [1, 0, 0]

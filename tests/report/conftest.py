@@ -13,6 +13,7 @@ from dynident.models import Joint, MassMatrixCheck, Parameter
 from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import Spline
+from dynident.report.identification import identification_page
 from dynident.runtime import KeepsFacts, Remark
 from dynident.validation import FloorOrigin, NoiseFloor, residual_test
 
@@ -101,7 +102,7 @@ def reproduction():
 
 def log_validation(name, role, joints, filtered):
     smoothing = {"method": "spline", "sigma": np.full(len(joints), 1e-3), "S": [1200.0] * len(joints), "note": "S = n"}
-    held = motion(joints, smoothing=smoothing, source=name)
+    held = motion(joints, n=300, smoothing=smoothing, source=name)
     rng = np.random.default_rng(5)
     return SimpleNamespace(
         name=name,
@@ -178,3 +179,9 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
 @pytest.fixture
 def identification():
     return identification_of()
+
+
+@pytest.fixture(scope="session")
+def page():
+    """The page of an identification that no test has changed."""
+    return identification_page(identification_of())

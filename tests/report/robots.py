@@ -46,7 +46,7 @@ def tree() -> RigidBodies:
 @cache
 def identified(estimator: Estimator | None = None) -> Identification:
     """The robot identified from two logs, the second held out."""
-    bodies, t, rng = tree(), np.arange(700) * 0.01, np.random.default_rng(5)
+    bodies, t, rng = tree(), np.arange(350) * 0.02, np.random.default_rng(5)
     model = Model((bodies,), name="tree")
     theta = np.array([one.value for one in model.parameters]) * 1.05
     logs = {}

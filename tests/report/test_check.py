@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, channel_notes, log_notes
+from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, log_notes
 from dynident.identification import TimeOffset
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
@@ -71,7 +71,7 @@ def test_spikes_that_are_too_many_are_not_like_a_few() -> None:
         Finding(kind(9, (1, 5, 7), (0.1, 0.5, 0.7), 3.0, False), joint, source="one")
         for joint, kind in (("a", log_notes.PositionSpikes), ("b", log_notes.ManyPositionSpikes))
     ]
-    assert [one[0] for one in rows(*made)["Warnings"]] == ["one: b", "one: a"]
+    assert [one[0] for one in rows(*made)["Warnings"]] == ["one: b", "one: a"]  # what forbids a use comes first
 
 
 def test_several_statements_on_one_place_stay_apart() -> None:
@@ -92,23 +92,13 @@ def test_the_most_severe_first_and_counted() -> None:
     assert check_summary(CheckResult(())) == "No errors and no warnings."
 
 
-def test_what_forbids_a_use_comes_before_the_rest() -> None:
-    harmless = Finding(Remark("coarse."), "a", source="one")
-    grave = Finding(log_notes.ManyTorqueOutliers(0.03, 1, 0.1), "b", source="one")
-    assert [one[0] for one in rows(harmless, grave)["Warnings"]] == ["one: b", "one: a"]
-
-
-def test_the_dictionary_is_plain() -> None:
-    found = check_dict(CheckResult((Finding(channel_notes.LongGap(0.5, 1.0, 50.0, 1)),)))
-    assert found["findings"][0]["topic"] == "gap"
-    assert found["rank"] is None
-    assert [type(found["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
-
-
 def test_a_check_says_the_same_as_a_dictionary_and_as_a_table() -> None:
     time_offset, missing = TimeOffset(0.005, 4.0, 2.0), UnexcitedParameters(("Fv_b",), ("b",))
     findings = (Finding(missing), Finding(time_offset, severity=Severity.INFO))
     found = CheckResult(findings, rank=ExcitedRank(3, 2, 3, 10.0, (missing,)))
     shown = [one["message"] for one in check_dict(found)["findings"]]
     assert shown == [row[1] for table in check_tables(found) for row in table.rows] == [str(missing), f"{time_offset}."]
-    assert check_dict(found)["rank"]["missing"][0]["words"] == shown[0]
+    told = check_dict(found)
+    assert told["rank"]["missing"][0]["words"] == shown[0]
+    assert [type(told["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
+    assert check_dict(CheckResult(()))["rank"] is None

@@ -11,8 +11,8 @@ from dynident.estimators import Provenance
 from dynident.models import CoupledFriction, CoupledMotor, Joint, Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Stribeck, Viscous, WideCoulomb
 from dynident.models.lagrangian import pendulum, slider, two_link_arm
-from dynident.report.equations import SUMMAND_ORDER, model_section, term_words
-from dynident.report.page import render
+from dynident.report.equations import SUMMAND_ORDER, model_section, term_words, with_formulas
+from dynident.report.page import MEANING, Column, PageSection, PageTable, render
 from dynident.runtime.families import TERMS
 from tests.robots import ARM
 
@@ -128,3 +128,19 @@ def test_every_kind_of_term_has_an_equation_and_words(kind):
     assert {name for one in term.equations for name in one.parameters} == {one.name for one in term.parameters}
     assert term_words(term) in seen(found(Model((term,))))
     assert term_words(term) in SUMMAND_ORDER
+
+
+def meanings(model):
+    rows = tuple((one.name, one.expression) for one in model.parameters)
+    return with_formulas(PageTable((Column("parameter", numeric=False), MEANING), rows), model)
+
+
+def test_meanings_of_parameters_are_formulas():
+    table = meanings(two_link_arm())
+    arm = {name: str(meaning) for name, meaning in table.rows}
+    assert arm["theta3"].startswith('<math alttext="l1*lc2*m2">')
+    assert "<mi>μ</mi>" in arm["theta6"]
+    assert str(meanings(slider()).rows[2][1]).startswith('Coulomb friction: <math alttext="F_c * sign(dq)">')
+    assert render("Title", "Lead", [PageSection("One", (table,))]).count("<math alttext=") == 7
+    plain = PageTable((Column("parameter", numeric=False), Column("value")), (("a", "1"),))
+    assert with_formulas(plain, Model(slider().terms)) is plain

@@ -1,7 +1,5 @@
 import json
 import re
-import subprocess
-import sys
 from html.parser import HTMLParser
 
 import pytest
@@ -99,6 +97,8 @@ def test_neighbouring_columns_share_a_heading():
     assert pair_table("setting", [("x", "1")]).groups == ()
     page = render("t", "l", [PageSection("s", (table,))])
     assert '<th colspan="2" scope="colgroup">raw</th>' in page
+    assert "<tr hidden>" not in page
+    assert "<tr hidden>" in render("t", "l", [PageSection("s", (pair_table("", [("file", "arm.urdf")]),))])
 
 
 def test_every_kind_of_block_is_shown():
@@ -139,12 +139,6 @@ def test_a_gallery_offers_each_option_once():
     assert page.count('<div class="choices" role="group" aria-label="joint" hidden>') == 1
 
 
-def test_a_table_without_titles_has_no_head():
-    page = render("t", "l", [PageSection("s", (pair_table("", [("file", "arm.urdf")]),))])
-    assert "<tr hidden>" in page
-    assert "<tr hidden>" not in render("t", "l", [PageSection("s", (pair_table("setting", [("a", "b")]),))])
-
-
 def test_long_names_are_shortened_and_stand_whole_in_a_title():
     long = [f"robot_cell_left_manipulator_arm_joint_{k}_<b>" for k in range(2)]
     heads = (Column("joint", numeric=False), Column("error"), Column("what", numeric=False, prose=True))
@@ -157,21 +151,25 @@ def test_long_names_are_shortened_and_stand_whole_in_a_title():
     assert f'<abbr title="{whole}">robot_cell_\u2060…\u2060oint_1_&lt;b&gt;</abbr> x</td>' in page
     assert f'<td class="words prose">{whole}</td>' in page
     assert pair_table("file", [(long[0], "1")]).short == {}
+    cells = ["weighted_least_<b>", "least_squares", "consistent + weighted_least_squares"]  # may be broken
+    page = render("t", "l", [PageSection("s", (PageTable(heads[:2], tuple((one, "1") for one in cells)),))])
+    for shown in (
+        "weighted_<wbr>least_<wbr>&lt;b&gt;",
+        "least_squares",
+        "consistent + weighted_<wbr>least_<wbr>squares",
+    ):
+        assert f">{shown}</td>" in page
 
 
-def test_names_that_are_somewhat_long_may_be_broken_at_their_underscores():
-    heads = (Column("estimator", numeric=False), Column("error"))
-    cells = ["weighted_least_<b>", "least_squares", "consistent + weighted_least_squares"]
-    page = render("t", "l", [PageSection("s", (PageTable(heads, tuple((one, "1") for one in cells)),))])
-    assert ">weighted_<wbr>least_<wbr>&lt;b&gt;</td>" in page
-    assert ">least_squares</td>" in page
-    assert ">consistent + weighted_<wbr>least_<wbr>squares</td>" in page
-
-
-def test_plotly_is_embedded_once_and_only_where_there_is_a_figure():
-    with_two = render("t", "l", [PageSection("s", (figure(), PageSection("inner", (figure(),))))])
-    assert with_two.count(get_plotlyjs()) == 1
-    assert Outline(with_two).count("figure") == 2
+def test_plotly_is_embedded_once_only_where_there_is_a_figure_and_the_network_is_asked_for_nothing():
+    page = render("t", "l", [PageSection("s", (figure(), PageSection("inner", (figure(),))))])
+    outline = Outline(page)
+    assert page.count(get_plotlyjs()) == 1
+    assert outline.count("figure") == 2
+    assert not re.search(r"https?:|//[a-z]|@import|url\(", page.replace(get_plotlyjs(), ""))
+    assert all("src" not in attrs and tag != "link" for tag, attrs in outline.tags)
+    (policy,) = (attrs for _, attrs in outline.tags if attrs.get("http-equiv") == "Content-Security-Policy")
+    assert policy["content"].startswith("default-src 'none'")
     without = render("t", "l", [PageSection("s", ("text",))])
     assert len(without) < 20_000
     assert Outline(without).scripts == []
@@ -189,36 +187,6 @@ def test_names_cannot_break_out_of_texts_tables_and_figures():
     data = json.loads(outline.scripts[1])
     assert data["data"][0]["name"] == EVIL
     assert "\u2028" not in outline.scripts[1]
-
-
-def test_the_page_asks_the_network_for_nothing():
-    page = render("t", "l", [PageSection("s", (figure(),))])
-    outline = Outline(page)
-    own = page.replace(get_plotlyjs(), "")
-    assert not re.search(r"https?:|//[a-z]|@import|url\(", own)
-    assert all("src" not in attrs and tag != "link" for tag, attrs in outline.tags)
-    policy = next(
-        attrs["content"] for tag, attrs in outline.tags if attrs.get("http-equiv") == "Content-Security-Policy"
-    )
-    assert policy.startswith("default-src 'none'")
-
-
-def test_the_page_fits_both_schemes_narrow_windows_and_paper():
-    page = render("t", "l", [])
-    for rule in ("prefers-color-scheme: dark", "max-width: 40rem", "@media print", "overflow-x: auto"):
-        assert rule in page
-
-
-def test_a_page_with_figures_does_not_import_plotly():
-    code = (
-        "import sys\n"
-        "from dynident.report.figures import panels\n"
-        "from dynident.report.page import Figure, PageSection, render\n"
-        "page = render('t', 'l', [PageSection('s', (Figure(panels([''], 200)),))])\n"
-        "print('plotly' in sys.modules, len(page) > 1e6)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "True"]
 
 
 def test_without_its_file_plotly_is_asked_for_the_script(monkeypatch):

@@ -239,17 +239,27 @@ def check_log(
     findings += [finding for finding in jumps if isinstance(finding.message, channel_notes.WrappedPosition)]
     wrapped = [finding.joint for finding in findings if isinstance(finding.message, channel_notes.WrappedPosition)]
     for j, name in enumerate(log.joints):
-        q, tau = log.q[:, j], log.tau[:, j]
         # an angle may be in degrees only where the joint neither turns often nor wraps, and the time unit is right
         turns = kinds[name] == "revolute" and name not in multi_turn and not clock and name not in wrapped
-        joint_findings = [
-            *_still_findings(q),
-            *(_degree_findings(log, j) if turns else ()),
-            *_quantisation_findings(q),
-            *(_dead_torque_findings(tau) if torque else ()),
-        ]
-        findings += [replace(finding, joint=name) for finding in joint_findings]
+        findings += _joint_findings(log, j, turns=turns, torque=torque)
     return tuple(findings)
+
+
+def _joint_findings(log: Log, j: int, *, turns: bool, torque: bool) -> Iterator[Finding]:
+    """Yield what is wrong with the values of a joint, whose position may be in degrees only if it ``turns``."""
+    q, tau, name = log.q[:, j], log.tau[:, j], log.joints[j]
+    levels, resolution = len(np.unique(q)), grid_step(q)
+    if levels <= 3:
+        yield Finding(channel_notes.NeverMoves(levels, float(q[0])), name)
+    if turns and _far_or_fast(log.t, q):
+        clean = repair_log(log, torque=False).q[:, j]  # spikes are no motion
+        if _far_or_fast(log.t, clean):
+            yield Finding(channel_notes.PerhapsDegrees(float(np.ptp(clean)), _peak_speed(log.t, clean)), name)
+    counts = np.abs(np.diff(q)) / resolution
+    if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < MIN_RESOLVED_STEPS:
+        yield Finding(channel_notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS), name)
+    if torque and tau.min() == tau.max():
+        yield Finding(channel_notes.ConstantTorque(float(tau[0])), name)
 
 
 def check_log_fully(
@@ -284,27 +294,11 @@ def check_log_fully(
         for j, name in enumerate(log.joints):
             if kinds[name] == "prismatic" and name not in multi_turn:
                 findings += stamps.length_unit_findings(name, log.t, clean.q[:, j])
-        findings += [
-            replace(finding, joint=name)
-            for j, name in enumerate(log.joints)
-            for finding in _stale_findings(log.q[:, j])
-        ]
+        for j, name in enumerate(log.joints):
+            if (share := _repeat_share(log.q[:, j])) > MAX_REPEAT_SHARE:
+                update_interval = round(1 / (1 - share)) if share < 1 else 0
+                findings.append(Finding(channel_notes.RepeatedPositions(share, update_interval), name))
     return tuple(replace(finding, source=log.source) for finding in findings)
-
-
-def _still_findings(q: Array) -> Iterator[Finding]:
-    levels = len(np.unique(q))
-    if levels <= 3:
-        yield Finding(channel_notes.NeverMoves(levels, float(q[0])))
-
-
-def _degree_findings(log: Log, j: int) -> Iterator[Finding]:
-    if not _far_or_fast(log.t, log.q[:, j]):
-        return
-    clean = repair_log(log, torque=False)  # spikes are no motion
-    q = clean.q[:, j]
-    if _far_or_fast(clean.t, q):
-        yield Finding(channel_notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q)))
 
 
 def _far_or_fast(t: Array, q: Array) -> bool:
@@ -313,21 +307,7 @@ def _far_or_fast(t: Array, q: Array) -> bool:
 
 def _peak_speed(t: Array, q: Array) -> float:
     """Return the 99th percentile of the speed over 20 ms: from sample to sample it is too noisy."""
-    lag = int(np.clip(round(SPEED_LAG / float(np.median(np.diff(t)))), 1, len(t) - 1))
-    return float(np.percentile(np.abs(q[lag:] - q[:-lag]) / (t[lag:] - t[:-lag]), 99))
-
-
-def _quantisation_findings(q: Array) -> Iterator[Finding]:
-    resolution = grid_step(q)
-    counts = np.abs(np.diff(q)) / resolution
-    if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < MIN_RESOLVED_STEPS:
-        yield Finding(channel_notes.QuantisedPosition(resolution, MIN_RESOLVED_STEPS))
-
-
-def _dead_torque_findings(tau: Array) -> Iterator[Finding]:
-    low, high = float(tau.min()), float(tau.max())
-    if low == high:
-        yield Finding(channel_notes.ConstantTorque(low))
+    return stamps.percentile_speed(t, q, round(SPEED_LAG / float(np.median(np.diff(t)))))
 
 
 def _repeat_share(q: Array, reach: int = 5) -> float:
@@ -343,17 +323,9 @@ def _repeat_share(q: Array, reach: int = 5) -> float:
     return float(is_repeat[moving].mean()) if moving.sum() >= MINIMUM_SAMPLES else 0.0
 
 
-def _stale_findings(q: Array) -> Iterator[Finding]:
-    share = _repeat_share(q)
-    if share > MAX_REPEAT_SHARE:
-        update_interval = round(1 / (1 - share)) if share < 1 else 0
-        yield Finding(channel_notes.RepeatedPositions(share, update_interval))
-
-
 def rest_findings(log: Log, *, rests_kept: bool = False) -> Iterator[Finding]:
     """Yield where the whole arm is at rest for longest; a warning where rests stay in the fit (``rests_kept``)."""
-    rests = arm_rests(log)
-    if rests:
+    if rests := arm_rests(log):
         longest = max(rests, key=lambda part: part.stop - part.start)
         start, stop = log.t[longest.start], log.t[longest.stop - 1]
         note = channel_notes.ArmAtRest(float(start), float(stop), rests_kept)

@@ -46,10 +46,9 @@ from dynident.runtime.families import action
 
 PLAIN_ESTIMATOR = LeastSquares()
 COLUMN_FAULTS = (JointsSwapped, ColumnReversed)  # found by trying other columns
-SILENT_TORQUES = (
-    channel_notes.ConstantTorque,
-    FrozenTorque,
-)  # explain by themselves what a fit leaves of a joint's torque
+# explain by themselves what a fit leaves of a joint's torque
+SILENT_TORQUES = (channel_notes.ConstantTorque, FrozenTorque)
+STILL_JOINTS = (channel_notes.NeverMoves, HardlyMoves)
 TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
 # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
 MAX_FACTOR_NUMBERS = 1e8
@@ -157,21 +156,19 @@ def with_findings(
     for validation in identification.validations:
         motions[validation.role][validation.name] = validation.motion
     chosen_recipe, choice = identification.recipe, identification.calibration.terms
-    # terms are set to None: those of the choice are in the model already
-    # as found
+    # the terms of the choice are in the model already
     recipe = replace(recipe, base_tilt=chosen_recipe.base_tilt, min_speed=chosen_recipe.min_speed, terms=None)
     # the plain set stands in for the terms that remember
     memoryless = replace(model, terms=tuple(term for term in model.terms if not term.memory))
     plain = None if choice is None else with_plain_terms(memoryless)
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
-    findings = run_checks(
-        model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, plain=plain
-    ).findings
-    if choice is not None:
-        findings = tuple(finding for finding in findings if not is_tried_effect(finding, choice))
+    result = run_checks(model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, plain=plain)
     warnings = tuple(
-        finding for finding in findings if finding.severity is not Severity.INFO or finding.message.removed
+        finding
+        for finding in result.findings
+        if (finding.severity is not Severity.INFO or finding.message.removed)
+        and not (choice is not None and is_tried_effect(finding, choice))
     )
     return replace(identification, warnings=(*identification.warnings, *warnings))
 
@@ -310,11 +307,7 @@ class _CheckRun:
             findings[:] = [finding for finding in findings if not isinstance(finding.message, following)]
         # a silent torque explains by itself what is left of that joint; what a wobble shows is no term
         silent = {finding.joint for finding in findings if isinstance(finding.message, SILENT_TORQUES)}
-        still = {
-            finding.joint
-            for finding in findings
-            if isinstance(finding.message, (channel_notes.NeverMoves, HardlyMoves))
-        }
+        still = {finding.joint for finding in findings if isinstance(finding.message, STILL_JOINTS)}
         findings += [
             finding
             for finding in faults

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.alternatives import better_alternative
-from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, fit_cases, measured_case, misfit
+from dynident.checks.misfit import (
+    CASE_SAMPLES,
+    FitCase,
+    Misfit,
+    fit_cases,
+    mask_other_joints,
+    measured_case,
+    misfit,
+)
 from dynident.checks.missing import (
     Cost,
     MissingEffect,
@@ -74,7 +82,7 @@ def delay_findings(
     )
     for j in np.flatnonzero(likely & (share > MIN_DELAY_SHARE)):
         # the cost is that of correcting the delay in the low-passed fit, which the other causes are measured by, too
-        rate = _mask_other_joints(-torque_rate(fit, fit.case), int(j))
+        rate = mask_other_joints(-torque_rate(fit, fit.case), int(j))
         corrected_fit = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
         figures = float(delay[j]), float(error[j]), float(share[j])
         name, price = model.joints[j].name, cost(fit, corrected_fit).all
@@ -131,7 +139,7 @@ def _estimate_delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:
     ``rate`` (M, n) is the rate of change of the torque.
     """
     n = rate.shape[1]
-    Z = np.moveaxis(fit.orthogonal_part(np.stack([_mask_other_joints(-rate, j) for j in range(n)])), 0, 2)
+    Z = np.moveaxis(fit.orthogonal_part(np.stack([mask_other_joints(-rate, j) for j in range(n)])), 0, 2)
     # least squares for all delays at once, with a sandwich estimate of their covariance
     inverse = np.linalg.pinv(np.einsum("mni,mnj->ij", Z, Z), hermitian=True)
     delays = inverse @ np.einsum("mni,mn->i", Z, fit.residual)
@@ -140,11 +148,6 @@ def _estimate_delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:
     std = np.sqrt(np.diag(inverse @ long_run(scores) @ inverse))
     before = np.square(fit.residual).sum(axis=0)
     return delays, std, 1.0 - np.square(residual).sum(axis=0) / np.where(before > 0, before, 1.0)
-
-
-def _mask_other_joints(x: Array, j: int) -> Array:
-    """Return the columns (M, n) with zeros for all joints but j."""
-    return np.where(np.arange(x.shape[1]) == j, x, 0.0)
 
 
 TRIAL_SAMPLES = 150  # samples with which other columns, signs and axes are tried
@@ -169,8 +172,8 @@ def robot_findings(
     """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
 
     A large fault is reported alone, as small ones cannot be found beside it. ``tilt`` is the tilt of the base
-    that fits best; ``progress`` is called before each cause is searched. Large faults are searched with
-    ``plain``, the model without the terms that were chosen with them, where it is given.
+    that fits best. Large faults are searched with ``plain``, the model without the terms that were chosen with
+    them, where it is given.
     """
     report_progress(Step(STEP_TEXT))
     # two cases of the same motions: a small one for the many trials of large faults, and one for the tests
@@ -186,21 +189,16 @@ def robot_findings(
     yield from (finding for finding in findings if finding not in remaining)
     # a delay explains what is left at reversals, so that such joints are not reported twice
     delayed_joints = _joints_with(findings, TermKind.DELAY)
-    delays = [
-        finding for finding in delay_findings(misfit(case), motions, min_speed) if finding.joint not in delayed_joints
-    ]
+    delays = [x for x in delay_findings(misfit(case), motions, min_speed) if x.joint not in delayed_joints]
     yield from delays
     explained_joints = _joints_with([*findings, *delays], *REVERSAL_TERMS)
-    yield from (
-        finding for finding in reversal_findings(model, motions, min_speed) if finding.joint not in explained_joints
-    )
+    yield from (x for x in reversal_findings(model, motions, min_speed) if x.joint not in explained_joints)
     payloads = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
     yield from payloads
     odd = odd_log_findings(model, motions, held_out, parallel_filter, min_speed)
-    odd_logs = [
-        finding for finding in odd if finding.source not in {payload_finding.source for payload_finding in payloads}
-    ]
-    yield from odd_logs or remaining  # a log that does not fit with the others explains what is left
+    loaded_logs = {finding.source for finding in payloads}
+    # a log that does not fit with the others explains what is left
+    yield from [finding for finding in odd if finding.source not in loaded_logs] or remaining
 
 
 def _joints_with(findings: Sequence[Finding], *effects: TermKind) -> set[str | None]:
@@ -280,21 +278,14 @@ def _likeliest_suspect(
     Only suspects that may explain more than ``min_share`` are tried: several steps explain at most about twice as
     much as the first.
     """
-    # one step per suspect is cheap; only the best ones are estimated by iteration
-    # equal ones in their order
+    # one step per suspect is cheap; only the best ones are estimated by iteration, equal ones in their order
     ranked_suspects = sorted(promising_suspects(fit, suspects), key=lambda pair: -round(pair[1].share, 6))
     reference_share = max(MIN_SHARE_RATIO * ranked_suspects[0][1].share, min_share / 2) if ranked_suspects else 0.0
-    tried_suspects = [
-        candidate for candidate, score in ranked_suspects[:MAX_TRIED_SUSPECTS] if score.share > reference_share
-    ]
+    candidates = [suspect for suspect, score in ranked_suspects[:MAX_TRIED_SUSPECTS] if score.share > reference_share]
     # a small gain looks like large ones of the others at first
-    if any(candidate.quantity is SuspectQuantity.GAIN for candidate in tried_suspects):
-        tried_suspects += [
-            candidate
-            for candidate in suspects
-            if candidate.quantity is SuspectQuantity.GAIN and candidate not in tried_suspects
-        ]
-    estimates = [candidate for suspect in tried_suspects if (candidate := estimate_suspect(fit, suspect)) is not None]
+    if any(suspect.quantity is SuspectQuantity.GAIN for suspect in candidates):
+        candidates += [x for x in suspects if x.quantity is SuspectQuantity.GAIN and x not in candidates]
+    estimates = [estimate for suspect in candidates if (estimate := estimate_suspect(fit, suspect)) is not None]
     if not estimates:
         return None, []
     max_share, n_equations = max(candidate.share for candidate in estimates), np.count_nonzero(fit.weight)
@@ -310,15 +301,14 @@ def _likeliest_suspect(
 
 def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:
     figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
-    note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed)
-    return Finding(note)
+    return Finding(TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed))
 
 
 def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[SuspectEstimate]) -> Finding:
     suspect, prices = best.suspect, [_suspect_cost(fit, estimate) for estimate in (best, *rivals)]
     note = suspect.note(best.value, best.std, best.share, tuple(estimate.rival for estimate in rivals))
-    max_costs = max(x.all for x in prices), max(x.joint for x in prices)
-    note = replace(note, cost=max_costs[0], joint_cost=max_costs[1], removed=prices[0].removed)
+    max_cost, max_joint_cost = max(x.all for x in prices), max(x.joint for x in prices)
+    note = replace(note, cost=max_cost, joint_cost=max_joint_cost, removed=prices[0].removed)
     return Finding(note, suspect.joint)
 
 

@@ -190,6 +190,11 @@ def _low_pass_filter(motion: Motion, cutoff: float) -> ParallelFilter | None:
     return ParallelFilter(cutoff=cutoff) if cutoff <= 0.4 / float(np.diff(motion.t).mean()) else None
 
 
+def mask_other_joints(x: Array, j: int) -> Array:
+    """Return the columns (M, n) with zeros for all joints but j."""
+    return np.where(np.arange(x.shape[1]) == j, x, 0.0)
+
+
 class ScoreTest(Noun):
     """The score test of one unknown, on a weighted ``residual`` (M, n) of consecutive logs of the given ``lengths``.
 

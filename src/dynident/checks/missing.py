@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, tee
+from itertools import combinations, pairwise, tee
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from dynident.checks.robot_notes import (
     Unexplained,
 )
 from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple
-from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
+from dynident.identification.terms import TermChoice, TrialOutcome
 from dynident.identification.verdict_rules import SPEED_FACTOR
 from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion, subsample, thin_motions
@@ -195,11 +195,7 @@ def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
         return bool(kinds)
     # ripple, ripple 2, ...
     trials = (trial for trial in choice.trials_of(finding.joint) if trial.kind.split()[0] in kinds)
-    return any(not _is_open(trial) for trial in trials)
-
-
-def _is_open(trial: TermTrial) -> bool:
-    return trial.outcome is TrialOutcome.WITHIN_ERROR and trial.gain > MIN_OPEN_GAIN
+    return any(trial.outcome is not TrialOutcome.WITHIN_ERROR or trial.gain <= MIN_OPEN_GAIN for trial in trials)
 
 
 def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
@@ -239,22 +235,14 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     # the torque of a neighbour shows wrong wiring and coupled drives, in both directions of the chain
     for i, j in (*pairwise(range(n)), *pairwise(range(n - 1, -1, -1))):
         yield TermKind.NEIGHBOUR, j, i, 0.0, _column_of_joint(case, j, torque[:, i])
-    for i in range(n):
-        for j in range(i + 1, n):
-            yield (
-                TermKind.COUPLED,
-                j,
-                i,
-                0.0,
-                _column_of_joint(case, i, case.ddq[:, j]) + _column_of_joint(case, j, case.ddq[:, i]),
-            )
+    for i, j in combinations(range(n), 2):
+        column = _column_of_joint(case, i, case.ddq[:, j]) + _column_of_joint(case, j, case.ddq[:, i])
+        yield TermKind.COUPLED, j, i, 0.0, column
 
 
 def _column_of_joint(case: FitCase, j: int, x: Array) -> Array:
     """Return columns (M, n) that are x (M) at joint j and zero elsewhere."""
-    column = np.zeros_like(case.q)
-    column[:, j] = x
-    return column
+    return np.where(np.arange(case.q.shape[1]) == j, x[:, None], 0.0)
 
 
 def _load_and_friction(fit: Misfit, case: FitCase) -> tuple[Array, Array]:
@@ -320,11 +308,9 @@ def _other_payload(case: FitCase, last: Sequence[int]) -> OtherPayload | None:
     if score is None or abs(score.value) < max(MIN_STANDARD_ERRORS * score.std, MIN_PAYLOAD_MASS):
         return None
     share = 1.0 - fit.size * (1.0 - score.share) / before.size
-    return (
-        OtherPayload(score.value, score.std, share, cost=_payload_cost(case, last, in_log))
-        if share > MIN_PAYLOAD_SHARE
-        else None
-    )
+    if share <= MIN_PAYLOAD_SHARE:
+        return None
+    return OtherPayload(score.value, score.std, share, cost=_payload_cost(case, last, in_log))
 
 
 def _payload_cost(case: FitCase, last: Sequence[int], in_log: NDArray[np.bool_]) -> float:

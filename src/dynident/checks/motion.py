@@ -58,11 +58,8 @@ def compensation_findings(regression: Regression) -> Iterator[Finding]:
     if not after < MAX_COMPENSATED_ERROR * before:
         return
     # the share is near zero where gravity is compensated: search there only, and stop at the bounds
-    factor = float(
-        minimize_scalar(
-            error, bounds=(-MAX_GRAVITY_SHARE, MAX_GRAVITY_SHARE), method="bounded", options={"xatol": 1e-3}
-        ).x
-    )
+    bounds = (-MAX_GRAVITY_SHARE, MAX_GRAVITY_SHARE)
+    factor = float(minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
     if abs(factor) > 0.9 * MAX_GRAVITY_SHARE:
         return
     # the standard error follows from the curvature of the squared error, by a second difference
@@ -192,60 +189,45 @@ def _reversal_count(dq: Array, floor: float) -> int:
 
 def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> Iterator[Finding]:
     """Yield the joints that a controller holds and that hardly move: friction cannot be identified from these."""
-    reach, kinds = (
-        np.array([joint_excitation.upper - joint_excitation.lower for joint_excitation in excitations]),
-        [joint.kind for joint in model.joints],
-    )
-    for joint_excitation, joint, is_held in zip(excitations, model.joints, held_joints(reach, kinds), strict=True):
-        if is_held and joint_excitation.upper > joint_excitation.lower:  # of one that never moves, its log says so
+    reach, kinds = np.array([facts.upper - facts.lower for facts in excitations]), [x.kind for x in model.joints]
+    for facts, joint, is_held in zip(excitations, model.joints, held_joints(reach, kinds), strict=True):
+        if is_held and facts.upper > facts.lower:  # of one that never moves, its log says so
             largest = max(x for x, kind in zip(reach.tolist(), kinds, strict=True) if kind == joint.kind)
-            middle = (joint_excitation.lower + joint_excitation.upper) / 2
-            note = motion_notes.HardlyMoves(
-                joint_excitation.upper - joint_excitation.lower, largest, middle, joint.unit
-            )
-            yield Finding(note, joint_excitation.joint)
+            size, middle = facts.upper - facts.lower, (facts.lower + facts.upper) / 2
+            yield Finding(motion_notes.HardlyMoves(size, largest, middle, joint.unit), facts.joint)
 
 
-def limit_findings(joint_excitation: Excitation, limits: RobotJointLimits | None, effort: str) -> Iterator[Finding]:
+def limit_findings(facts: Excitation, limits: RobotJointLimits | None, effort: str) -> Iterator[Finding]:
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
-    joint = joint_excitation.joint
-    if joint_excitation.reversals < MIN_REVERSALS and joint_excitation.peak_speed > MIN_PEAK_SPEED:
-        yield Finding(motion_notes.FewReversals(joint_excitation.reversals), joint)
-    if limits is not None:
-        yield from _position_findings(joint_excitation, limits)
-        yield from _speed_findings(joint_excitation, limits)
-        yield from _effort_findings(joint_excitation, limits, effort)
+    if facts.reversals < MIN_REVERSALS and facts.peak_speed > MIN_PEAK_SPEED:
+        yield Finding(motion_notes.FewReversals(facts.reversals), facts.joint)
+    if limits is None:
+        return
+    yield from _position_findings(facts, limits)
+    if limits.velocity is not None and 0 < LIMIT_TOLERANCE * limits.velocity < facts.peak_speed:
+        yield Finding(motion_notes.VelocityAboveLimit(facts.peak_speed, limits.velocity), facts.joint)
+    yield from _effort_findings(facts, limits, effort)
 
 
-def _position_findings(joint_excitation: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
+def _position_findings(facts: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
     if limits.lower is None or limits.upper is None or limits.lower >= limits.upper:
         return
     slack = RANGE_TOLERANCE * max(limits.upper - limits.lower, 1.0)
-    if joint_excitation.lower < limits.lower - slack or joint_excitation.upper > limits.upper + slack:
-        is_far = joint_excitation.upper - joint_excitation.lower > MAX_RANGE_RATIO * (limits.upper - limits.lower)
-        note = motion_notes.PositionBeyondLimits(
-            joint_excitation.lower, joint_excitation.upper, limits.lower, limits.upper, is_far
-        )
-        yield Finding(note, joint_excitation.joint)
+    if facts.lower < limits.lower - slack or facts.upper > limits.upper + slack:
+        is_far = facts.upper - facts.lower > MAX_RANGE_RATIO * (limits.upper - limits.lower)
+        note = motion_notes.PositionBeyondLimits(facts.lower, facts.upper, limits.lower, limits.upper, is_far)
+        yield Finding(note, facts.joint)
 
 
-def _speed_findings(joint_excitation: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
-    if limits.velocity is not None and 0 < LIMIT_TOLERANCE * limits.velocity < joint_excitation.peak_speed:
-        note = motion_notes.VelocityAboveLimit(joint_excitation.peak_speed, limits.velocity)
-        yield Finding(note, joint_excitation.joint)
-
-
-def _effort_findings(joint_excitation: Excitation, limits: RobotJointLimits, unit: str) -> Iterator[Finding]:
+def _effort_findings(facts: Excitation, limits: RobotJointLimits, unit: str) -> Iterator[Finding]:
     limit = limits.effort
     if limit is None or limit <= 0:
         return
-    if joint_excitation.torque > LIMIT_TOLERANCE * limit:
-        above = motion_notes.EffortAboveLimit(
-            joint_excitation.torque, limit, unit, far=joint_excitation.torque > 3 * limit
-        )
-        yield Finding(above, joint_excitation.joint)
-    elif 0 < joint_excitation.torque < 1e-3 * limit:  # a torque of zero is a dead channel
-        yield Finding(motion_notes.EffortFarBelowLimit(joint_excitation.torque, limit, unit), joint_excitation.joint)
+    if facts.torque > LIMIT_TOLERANCE * limit:
+        above = motion_notes.EffortAboveLimit(facts.torque, limit, unit, far=facts.torque > 3 * limit)
+        yield Finding(above, facts.joint)
+    elif 0 < facts.torque < 1e-3 * limit:  # a torque of zero is a dead channel
+        yield Finding(motion_notes.EffortFarBelowLimit(facts.torque, limit, unit), facts.joint)
 
 
 @dataclass(frozen=True)
@@ -276,8 +258,7 @@ def excited_rank(model: Model, regression: Regression, unfitted: Collection[str]
 
 def rank_findings(rank: ExcitedRank) -> Iterator[Finding]:
     """Yield the base parameters that the motions do not excite, and the joints to move."""
-    for unexcited_parameters in rank.missing:
-        yield Finding(unexcited_parameters)
+    yield from map(Finding, rank.missing)
     if rank.condition > MAX_CONDITION and not rank.missing:
         yield Finding(motion_notes.CorrelatedParameters(rank.on_data, rank.condition))
 
@@ -313,9 +294,8 @@ def odd_log_findings(
     ]
     if len(logs) < 2:
         return
-    factors = _log_factors(
-        fit_case(model, logs, parallel_filter, min_speed, max(ODD_LOG_SAMPLES, min_samples * len(logs)))
-    )
+    samples = max(ODD_LOG_SAMPLES, min_samples * len(logs))
+    factors = _log_factors(fit_case(model, logs, parallel_filter, min_speed, samples))
     torque = float(np.linalg.norm(np.concatenate([factor[:, -1] for factor in factors])))
     before = 100.0 * _residual_norm(factors) / (torque or np.inf)
     if not before > MIN_COMMON_ERROR:

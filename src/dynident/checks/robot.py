@@ -13,7 +13,7 @@ from dynident.checks.torque import nominal_torque, nuisance_columns, project_out
 from dynident.models import Model, consistency_violations, from_physical, to_physical
 from dynident.models.robot_files import RobotFile, RobotJoint, RobotJointLimits
 from dynident.motion.log import Motion
-from dynident.runtime import Finding, Note, Severity
+from dynident.runtime import Finding, Severity
 
 Array = NDArray[np.float64]
 
@@ -85,8 +85,7 @@ def check_robot(
     findings = [
         *_inertia_findings(file, inconsistent),
         *_mass_findings(file, moving),
-        *_centre_findings(facts),
-        *_gyration_findings(file, [fact for fact in facts if fact.link not in _rigid_links(file, file.root)]),
+        *_size_findings(file, facts),
         *_origin_findings(file, facts),
         *_copy_findings(file, facts),
         *_total_mass_findings(facts),
@@ -121,8 +120,7 @@ def _base_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Fi
     """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
     for name in file.floating:
         yield Finding(file_notes.FloatingBase(), name)
-    limbs = file.limbs({joint.name for joint in moving})
-    if limbs is not None:
+    if (limbs := file.limbs({joint.name for joint in moving})) is not None:
         yield Finding(file_notes.SeveralLimbs(*limbs))
 
 
@@ -135,16 +133,15 @@ def _rigid_links(file: RobotFile, link: str) -> list[str]:
     return links
 
 
-def _centre_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+def _size_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    """Yield the links whose centre of mass is far, and moving ones whose radius of gyration is beyond their length."""
+    base_links = _rigid_links(file, file.root)
     for fact in facts:
         distance = float(np.linalg.norm(fact.centre))
         if distance > MAX_CENTRE_DISTANCE:
             yield Finding(file_notes.FarCentre(distance), link=fact.link)
-
-
-def _gyration_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
-    """Yield the links whose radius of gyration is too large for their length."""
-    for fact in facts:
+        if fact.link in base_links:
+            continue
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
         size = _link_size(file, fact)
         if gyration > MAX_GYRATION_RATIO * size:
@@ -199,20 +196,16 @@ def _total_mass_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
 
 def _limit_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     for joint in moving:
-        for note in _limit_notes(joint.limits):
-            yield Finding(note, joint.name)
+        limits = joint.limits
+        if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
+            yield Finding(file_notes.EmptyRange(limits.lower, limits.upper), joint.name)
+        for name, value in (("effort", limits.effort), ("velocity", limits.velocity)):
+            if value is not None and value <= 0:
+                yield Finding(file_notes.LimitNotPositive(name, value), joint.name)
     for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # MJCF has no velocity limit
         unlimited = [joint.name for joint in moving if getattr(joint.limits, name) is None]
         if unlimited:
             yield Finding(file_notes.NoLimit(name, tuple(unlimited)))
-
-
-def _limit_notes(limits: RobotJointLimits) -> Iterator[Note]:
-    if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
-        yield file_notes.EmptyRange(limits.lower, limits.upper)
-    for name, value in (("effort", limits.effort), ("velocity", limits.velocity)):
-        if value is not None and value <= 0:
-            yield file_notes.LimitNotPositive(name, value)
 
 
 MIN_ANGLE = 40.0  # deg from which another direction is asked about; smaller angles are a tilt, or wrong inertias
@@ -260,9 +253,7 @@ def _scaled_rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[
         for j in range(q.shape[1])
     ]
     # scale each joint by its torque, so that all count the same; joints without any are left out
-    scaled_joints = [
-        joint_rows / weight for joint_rows in projected if (weight := float(np.linalg.norm(joint_rows[:, -1]))) > 0
-    ]
+    scaled_joints = [x / weight for x in projected if (weight := float(np.linalg.norm(x[:, -1]))) > 0]
     rows = np.concatenate([np.empty((0, 5)), *scaled_joints])
     return rows[:, :-1], rows[:, -1]
 
@@ -281,17 +272,13 @@ def _gravity_direction(X: Array, y: Array, assumed: Array) -> Array | None:
     # the alternative: gravity in the assumed direction, with factors that cannot be negative
     along = np.column_stack([X[:, 0], X[:, 1:] @ assumed])
     assumed_fit = np.maximum(np.linalg.lstsq(along, y)[0], 0.0)
-    residual, assumed_residual = (
-        float(np.square(y - A @ [share, *components]).sum()),
-        float(np.square(y - along @ assumed_fit).sum()),
-    )
+    errors = y - A @ [share, *components], y - along @ assumed_fit
+    residual, assumed_residual = (float(np.square(error).sum()) for error in errors)
     # what the motion does not show of the direction is completed by the assumed gravity
     gravity = _complete_gravity(components @ observable, observable, assumed)
     length = float(np.linalg.norm(gravity))
     likely = share > 0 and 1 / MAX_SIZE_FACTOR < length < MAX_SIZE_FACTOR
-    explains = (
-        residual < (1 - MIN_EXPLAINED_VARIANCE) * float(y @ y) and residual < MAX_VARIANCE_RATIO * assumed_residual
-    )
+    explains = residual < min((1 - MIN_EXPLAINED_VARIANCE) * float(y @ y), MAX_VARIANCE_RATIO * assumed_residual)
     if likely and explains and float(gravity @ assumed) / length < np.cos(np.deg2rad(MIN_ANGLE)):
         return np.asarray(gravity / length)
     return None

@@ -228,28 +228,25 @@ FIT_SAMPLES = 3000  # of all motions, for a fit that only compares
 def time_unit_findings(log: Log) -> Iterator[Finding]:
     """Yield an error where rate and speeds are implausible, and another unit of time makes both usual."""
     step = float(np.median(np.diff(log.t)))
-    speed = float(np.max([_percentile_speed(log.t, q) for q in log.q.T]))
-    for factor in TIME_FACTORS if 1 / step < MIN_RATE or 1 / step > MAX_RATE else ():
+    speed = float(np.max([percentile_speed(log.t, q) for q in log.q.T]))
+    if MIN_RATE <= 1 / step <= MAX_RATE or USUAL_SPEEDS[0] * 5 <= speed <= USUAL_SPEEDS[1]:
+        return
+    for factor in TIME_FACTORS:
         is_usual = USUAL_RATES[0] <= 1 / (step * factor) <= USUAL_RATES[1]
-        if (
-            is_usual
-            and USUAL_SPEEDS[0] <= speed / factor <= USUAL_SPEEDS[1]
-            and not USUAL_SPEEDS[0] * 5 <= speed <= USUAL_SPEEDS[1]
-        ):
+        if is_usual and USUAL_SPEEDS[0] <= speed / factor <= USUAL_SPEEDS[1]:
             yield Finding(channel_notes.WrongTimeUnit(1 / step, speed, factor))
             return
 
 
-def _percentile_speed(t: Array, q: Array) -> float:
-    """Return the 99th percentile of the speed over a few samples."""
-    # over several samples, as the difference of two is mostly noise
-    lag = min(5, len(t) - 1)
+def percentile_speed(t: Array, q: Array, samples: int = 5) -> float:
+    """Return the 99th percentile of the speed over several samples, as the difference of two is mostly noise."""
+    lag = min(max(samples, 1), len(t) - 1)
     return float(np.percentile(np.abs(q[lag:] - q[:-lag]) / (t[lag:] - t[:-lag]), 99))
 
 
 def length_unit_findings(joint: str, t: Array, q: Array) -> Iterator[Finding]:
     """Yield a warning where a sliding joint moves as far, or as fast, as if it were in millimetres."""
-    span, speed = float(np.ptp(q)), _percentile_speed(t, q)
+    span, speed = float(np.ptp(q)), percentile_speed(t, q)
     if span > MAX_SPAN or speed > MAX_SPEED:
         yield Finding(channel_notes.PerhapsMillimetres(span, speed), joint)
 
@@ -262,10 +259,7 @@ def radian_findings(regression: Regression) -> Iterator[Finding]:
         return
     factor = np.where(angles, 180 / np.pi, 1.0)
     # undo the conversion of degrees to rad in position and derivatives
-    large = tuple(
-        replace(motion, q=motion.q * factor, dq=motion.dq * factor, ddq=motion.ddq * factor)
-        for motion in regression.motions
-    )
+    large = tuple(replace(x, q=x.q * factor, dq=x.dq * factor, ddq=x.ddq * factor) for x in regression.motions)
     before, after = rms_error(regression), rms_error(replace(regression, motions=large))
     if after < MAX_DEGREE_ERROR_RATIO * before:
         yield Finding(log_notes.PerhapsRadians(float(spans[angles].max()), before, after))
@@ -273,9 +267,8 @@ def radian_findings(regression: Regression) -> Iterator[Finding]:
 
 def thin_regression(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> Regression:
     """Return the regression of a few samples of the motions, enough to compare fits."""
-    return Regression(
-        model, thin_motions(motions, max(FIT_SAMPLES, 3 * len(model.parameters))), Selection(min_speed=min_speed)
-    )
+    thinned_motions = thin_motions(motions, max(FIT_SAMPLES, 3 * len(model.parameters)))
+    return Regression(model, thinned_motions, Selection(min_speed=min_speed))
 
 
 def joint_errors(regression: Regression) -> Array:
@@ -286,9 +279,8 @@ def joint_errors(regression: Regression) -> Array:
     factors = regression.triangular_factors
     size = np.square(factors.factors[:, :, -1]).sum(axis=1)
     size[size == 0] = np.inf
-    return np.asarray(
-        100.0 * np.sqrt(factors.residual(solve_least_squares(factors.stack(1 / np.sqrt(size))).value) / size)
-    )
+    theta = solve_least_squares(factors.stack(1 / np.sqrt(size))).value
+    return np.asarray(100.0 * np.sqrt(factors.residual(theta) / size))
 
 
 def rms_error(regression: Regression) -> float:

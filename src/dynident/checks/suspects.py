@@ -1,21 +1,18 @@
-"""The ripple of a joint's torque, which repeats with its position: cogging motors and errors of gears.
-
-The period is that of the largest peak in the periodogram of the residual over position, refined by
-Gauss-Newton steps.
-"""
+"""Values that may be wrong: gains, gears, the clock, zeros, lengths and axes; and the ripple of a joint's torque."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import robot_notes
-from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, misfit
+from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, mask_other_joints, misfit
 from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity
 from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJoint
@@ -112,11 +109,8 @@ def estimate_suspect(fit: Misfit, suspect: Suspect) -> SuspectEstimate | None:
         if abs(step) < MAX_SETTLED_STEP * std:
             break
     share = 1.0 - misfit(case, weight).size / fit.size
-    return (
-        SuspectEstimate(suspect, value, std, share, case)
-        if share > fit.min_share and abs(value) > max(MIN_STANDARD_ERRORS * std, suspect.least)
-        else None
-    )
+    is_clear = share > fit.min_share and abs(value) > max(MIN_STANDARD_ERRORS * std, suspect.least)
+    return SuspectEstimate(suspect, value, std, share, case) if is_clear else None
 
 
 MAX_LOG_GAIN = 3.0  # natural logarithm of a gain: a factor of 20
@@ -131,9 +125,7 @@ def gain_suspects(model: Model) -> list[Suspect]:
 
 def _gain_suspect(model: Model, j: int, name: str) -> Suspect:
     def derivative(fit: Misfit) -> Array:
-        column = np.zeros_like(fit.predicted)
-        column[:, j] = fit.torque[:, j]
-        return column
+        return mask_other_joints(fit.torque, j)
 
     def correct_case(case: FitCase, value: float) -> FitCase:
         factor = np.where(np.arange(len(model.joints)) == j, np.exp(value), 1.0)
@@ -153,7 +145,6 @@ def _note_of_logarithm(kind: type[SuspectedValue]) -> Note:
     return note
 
 
-LOG_STEP = 1e-5  # of the logarithm, of the difference
 MAX_LOG_FACTOR = 1.0  # natural logarithm of the factor
 CLOCK_ORDER = 5  # stamps are wrong less often than robot files
 MIN_LOG_GEAR = 0.02  # of the logarithm: smaller ones are no other gear, but an offset that is small, too
@@ -171,17 +162,8 @@ def _gear_suspect(j: int, name: str) -> Suspect:
         return replace(case, q=factor * case.q, dq=factor * case.dq, ddq=factor * case.ddq, dddq=factor * case.dddq)
 
     note, derivative = _note_of_logarithm(robot_notes.PositionGear), _difference_derivative(correct_case)
-    return Suspect(
-        name,
-        SuspectQuantity.GEAR,
-        derivative,
-        correct_case,
-        note,
-        MAX_LOG_FACTOR,
-        GEAR_ORDER,
-        in_use=correct_case,
-        least=MIN_LOG_GEAR,
-    )
+    limits = {"limit": MAX_LOG_FACTOR, "order": GEAR_ORDER, "least": MIN_LOG_GEAR}
+    return Suspect(name, SuspectQuantity.GEAR, derivative, correct_case, note, **limits, in_use=correct_case)
 
 
 def clock_suspect() -> Suspect:
@@ -195,16 +177,12 @@ def clock_suspect() -> Suspect:
         rate = float(np.exp(-value))
         return replace(case, dq=rate * case.dq, ddq=rate**2 * case.ddq, dddq=rate**3 * case.dddq)
 
-    def derivative(fit: Misfit) -> Array:
-        return np.asarray((correct_case(fit.case, LOG_STEP).torque(fit.theta) - fit.torque) / LOG_STEP)
-
-    note = _note_of_logarithm(robot_notes.ClockWrong)
-    return Suspect(
-        None, SuspectQuantity.CLOCK, derivative, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, correct_case
-    )
+    note, derivative = _note_of_logarithm(robot_notes.ClockWrong), _difference_derivative(correct_case)
+    kind = SuspectQuantity.CLOCK
+    return Suspect(None, kind, derivative, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, correct_case)
 
 
-DIFFERENCE_STEP = 1e-5  # rad or m, of the differences
+DIFFERENCE_STEP = 1e-5  # rad, m, or of a logarithm, of the differences
 MAX_USUAL_CHANGE, MAX_USUAL_SHIFT = 1 / 3, 0.05  # share of a length in the file, and m where it has none there
 MAX_ANGLE, MAX_LENGTH = 0.6, 0.6  # rad, m: errors beyond are no small ones
 ZERO_ORDER, ORIGIN_ORDER, NEW_ORIGIN_ORDER, AXIS_ORDER = 0, 2, 3, 4  # orders: the likeliest fault first
@@ -217,14 +195,10 @@ def geometry_suspects(model: Model) -> list[Suspect]:
         if term.file is not None and term.has_own("with_displacement"):
             frames = {joint.name: joint for joint in term.file.joints}
             for joint in model.joints:
-                if joint.name in frames:
-                    suspects += [_origin_suspect(frames[joint.name], k) for k in range(3)]
-                    directions = _perpendicular_axes(frames[joint.name].axis)
-                    suspects += [
-                        _axis_suspect(frames[joint.name], direction, alone)
-                        for direction in directions
-                        for alone in (False, True)
-                    ]
+                if (frame := frames.get(joint.name)) is not None:
+                    suspects += [_origin_suspect(frame, k) for k in range(3)]
+                    pairs = product(_perpendicular_axes(frame.axis), (False, True))
+                    suspects += [_axis_suspect(frame, direction, alone) for direction, alone in pairs]
     return suspects
 
 
@@ -313,22 +287,18 @@ def find_ripple(fit: Misfit, j: int) -> tuple[float, Array] | None:
         return None
     fastest = float(np.abs(fit.case.dq[counted, j]).max())
     # the grid is finer than the width of a peak, so that none falls between two trial rates
-    rates = (
-        2
-        * np.pi
-        / span
-        * np.arange(MIN_PERIODS, min(MAX_PERIODS, MAX_CUTOFF / 2 * span / (fastest or np.inf)), PERIOD_SPACING)
-    )
+    max_periods = min(MAX_PERIODS, MAX_CUTOFF / 2 * span / (fastest or np.inf))
+    rates = 2 * np.pi / span * np.arange(MIN_PERIODS, max_periods, PERIOD_SPACING)
     if not len(rates):
         return None
     power = _position_periodogram(q - q.mean(), residual, rates)
     if power.max() < MIN_RIPPLE_SHARE:
         return None
-    rate = float(rates[int(np.argmax(power))])
+    rate, spacing = float(rates[int(np.argmax(power))]), PERIOD_SPACING * 2 * np.pi / span
     # refine the rate within one grid step; the parameters of the model are eliminated
     for _ in range(GAUSS_NEWTON_STEPS):
-        column, step = _fit_ripple(fit, j, rate)
-        rate += float(np.clip(step, -PERIOD_SPACING * 2 * np.pi / span, PERIOD_SPACING * 2 * np.pi / span))
+        _, step = _fit_ripple(fit, j, rate)
+        rate += float(np.clip(step, -spacing, spacing))
     column, _ = _fit_ripple(fit, j, rate)
     return 2 * np.pi / rate, column
 
@@ -336,10 +306,8 @@ def find_ripple(fit: Misfit, j: int) -> tuple[float, Array] | None:
 def _position_periodogram(q: Array, residual: Array, rates: Array) -> Array:
     """Return the share of a squared residual (M) that a ripple of each rate (1/rad or 1/m, uniform) explains."""
     # rates are equally spaced: rotate the phasors by one factor per rate instead of computing new exponentials
-    phasor, step = (
-        np.exp(1j * rates[0] * q) * residual,
-        np.exp(1j * (rates[-1] - rates[0]) / max(len(rates) - 1, 1) * q),
-    )
+    phasor = np.exp(1j * rates[0] * q) * residual
+    step = np.exp(1j * (rates[-1] - rates[0]) / max(len(rates) - 1, 1) * q)
     power = np.empty(len(rates))
     for k in range(len(rates)):
         power[k] = np.abs(phasor.sum()) ** 2

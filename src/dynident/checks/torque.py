@@ -242,25 +242,19 @@ def _partial_regression(x: Array, y: Array, columns: Array) -> tuple[float, floa
     return inner / a**2, inner / (a * b), a / b
 
 
-def agreement_findings(joint_agreement: Agreement, unit: str) -> Iterator[Finding]:
+def agreement_findings(entry: Agreement, unit: str) -> Iterator[Finding]:
     """Yield a question where the sign or scale of a torque looks wrong; ``unit`` is that of the torque."""
     # friction that drives the joint, and a negative rotor inertia, show a reversed sign, too
-    is_driven = (
-        not joint_agreement.correlation > 0
-        and joint_agreement.rotor < 0
-        and joint_agreement.friction < -MIN_DRIVING_SHARE
-    )
+    is_driven = not entry.correlation > 0 and entry.rotor < 0 and entry.friction < -MIN_DRIVING_SHARE
     # with a spring or counterbalance beside it the torque is that of the file
-    if joint_agreement.balanced > MIN_SIGN_CORRELATION and not joint_agreement.correlation > MAX_UNRELATED_CORRELATION:
+    if entry.balanced > MIN_SIGN_CORRELATION and not entry.correlation > MAX_UNRELATED_CORRELATION:
         return
-    if joint_agreement.correlation < -MIN_SIGN_CORRELATION or is_driven:
-        sign = file_notes.ReversedSign(None if is_driven else joint_agreement.correlation)
-        yield Finding(sign, joint_agreement.joint)
-    elif joint_agreement.correlation > MIN_SCALE_CORRELATION and not 1 / MAX_SCALE < joint_agreement.scale < MAX_SCALE:
-        yield Finding(file_notes.OddScale(joint_agreement.scale, unit), joint_agreement.joint)
-    elif abs(joint_agreement.correlation) < MAX_UNRELATED_CORRELATION and joint_agreement.asked > MIN_UNRELATED_RATIO:
-        foreign = file_notes.UnrelatedTorque(joint_agreement.asked, joint_agreement.correlation)
-        yield Finding(foreign, joint_agreement.joint)
+    if entry.correlation < -MIN_SIGN_CORRELATION or is_driven:
+        yield Finding(file_notes.ReversedSign(None if is_driven else entry.correlation), entry.joint)
+    elif entry.correlation > MIN_SCALE_CORRELATION and not 1 / MAX_SCALE < entry.scale < MAX_SCALE:
+        yield Finding(file_notes.OddScale(entry.scale, unit), entry.joint)
+    elif abs(entry.correlation) < MAX_UNRELATED_CORRELATION and entry.asked > MIN_UNRELATED_RATIO:
+        yield Finding(file_notes.UnrelatedTorque(entry.asked, entry.correlation), entry.joint)
 
 
 JACKKNIFE_BLOCKS = 10  # of the time, left out in turn for the standard error
@@ -291,18 +285,14 @@ def relative_gains(model: Model, motions: Sequence[Motion]) -> dict[str, Relativ
     # the jackknife leaves out each block of time in turn, as neighbouring samples are correlated
     parts = [agreement(model, [_drop_block(motion, k) for motion in motions]) for k in range(JACKKNIFE_BLOCKS)]
     gain_by_joint = {}
-    for j, joint_agreement in enumerate(agreements):
+    for j, entry in enumerate(agreements):
         scales = np.array([part[j].scale for part in parts])
-        if (
-            not abs(joint_agreement.correlation) > MIN_SCALE_CORRELATION
-            or not np.isfinite(scales).all()
-            or not scales.all()
-        ):
+        if not (abs(entry.correlation) > MIN_SCALE_CORRELATION and np.isfinite(scales).all() and scales.all()):
             continue
         gains = 1.0 / scales
         std = float(np.sqrt((JACKKNIFE_BLOCKS - 1) / JACKKNIFE_BLOCKS * np.sum((gains - gains.mean()) ** 2)))
-        if std < MAX_RELATIVE_STD / abs(joint_agreement.scale):
-            gain_by_joint[joint_agreement.joint] = RelativeGain(1.0 / joint_agreement.scale, std)
+        if std < MAX_RELATIVE_STD / abs(entry.scale):
+            gain_by_joint[entry.joint] = RelativeGain(1.0 / entry.scale, std)
     return gain_by_joint
 
 

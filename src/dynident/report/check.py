@@ -13,7 +13,7 @@ from dynident.report.page import Column, PageTable
 from dynident.runtime import Remark, Severity, Use, count, number, place_and_text
 
 if TYPE_CHECKING:
-    from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, RobotJointFacts, Timing
+    from dynident.checks import ChannelFacts, CheckResult, Excitation, RobotJointFacts, Timing
     from dynident.runtime import Finding
 
 
@@ -53,33 +53,23 @@ def check_dict(check: CheckResult) -> dict[str, Any]:
     return {
         "findings": [_finding_dict(finding) for finding in check.findings],
         "logs": {
-            name: {
-                **asdict(timing),
-                "channels": [asdict(x) for x in check.channels.get(name, ())],
-            }
+            name: {**asdict(timing), "channels": [asdict(x) for x in check.channels.get(name, ())]}
             for name, timing in check.timings.items()
         },
         "joints": [
             {**asdict(excitation), "nominal": asdict(agreement)}
             for excitation, agreement in zip(check.excitations, check.agreements, strict=True)
         ],
-        "rank": _rank_dict(check.rank) if check.rank else None,
+        "rank": {**asdict(rank), "missing": [{**asdict(note), "words": str(note)} for note in rank.missing]}
+        if (rank := check.rank)
+        else None,
         "links": [asdict(link) for link in check.links],
         "robot_joints": [asdict(joint) for joint in check.joints],
     }
 
 
 def _finding_dict(finding: Finding) -> dict[str, Any]:
-    return {
-        **vars(finding),
-        "severity": finding.severity.value,
-        "topic": finding.topic,
-        "message": finding.text,
-    }
-
-
-def _rank_dict(rank: ExcitedRank) -> dict[str, Any]:
-    return {**asdict(rank), "missing": [{**asdict(note), "words": str(note)} for note in rank.missing]}
+    return {**vars(finding), "severity": finding.severity.value, "topic": finding.topic, "message": finding.text}
 
 
 def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
@@ -131,16 +121,13 @@ def _motion_table(check: CheckResult) -> PageTable:
         ("from", "position"), ("to", "position"), ("peak", "speed"), ("rms", "speed"), ("peak", "acceleration"),
         ("rms", "acceleration"), ("turns", ""), ("slow, %", ""), ("peak", "torque"), ("follows file", "torque"),
     )  # fmt: skip
-    rows = map(_motion_row, check.excitations, check.agreements)
-    return PageTable.of(
-        ("joint",), heads, rows, "Motion in training, SI (peak: 99.9 %; slow: below 2 % of the peak speed)"
-    )
-
-
-def _motion_row(excitation: Excitation, agreement: Agreement) -> tuple[str, ...]:
-    lengths, motion = excitation_cells(excitation)
-    follows = "-" if np.isnan(agreement.correlation) else f"{agreement.correlation:z.2f}"
-    return (excitation.joint, *lengths, *motion, follows)
+    rows = []
+    for excitation, agreement in zip(check.excitations, check.agreements, strict=True):
+        lengths, motion = excitation_cells(excitation)
+        follows = "-" if np.isnan(agreement.correlation) else f"{agreement.correlation:z.2f}"
+        rows.append((excitation.joint, *lengths, *motion, follows))
+    caption = "Motion in training, SI (peak: 99.9 %; slow: below 2 % of the peak speed)"
+    return PageTable.of(("joint",), heads, rows, caption)
 
 
 def excitation_cells(motion: Excitation) -> tuple[list[str], list[str]]:
@@ -188,19 +175,15 @@ def _joint_tables(joints: Sequence[RobotJointFacts]) -> Iterator[PageTable]:
     rows = []
     for joint in joints:
         limits = joint.limits.lower, joint.limits.upper, joint.limits.velocity, joint.limits.effort
-        kind = "held fixed" if joint.held else "continuous" if _is_continuous(joint) else joint.kind
+        is_continuous = joint.kind == "revolute" and joint.limits.lower is None and joint.limits.upper is None
+        kind = "held fixed" if joint.held else "continuous" if is_continuous else joint.kind
         cells = ("-" if value is None or np.isnan(value) else f"{value:.4g}" for value in (*limits, joint.mass))
         rows.append((joint.joint, kind, *cells))
-    yield PageTable.of(
-        ("joint", "type"), heads, rows, "Joints, SI (body: the link that it moves and those fixed to it)"
-    )
+    caption = "Joints, SI (body: the link that it moves and those fixed to it)"
+    yield PageTable.of(("joint", "type"), heads, rows, caption)
     if dependent := [(joint.joint, words) for joint in joints if (words := _coupling_words(joint))]:
         how = Column("how", numeric=False, prose=True)
         yield PageTable.of(("joint",), (how,), dependent, "Joints that do not move by themselves")
-
-
-def _is_continuous(joint: RobotJointFacts) -> bool:
-    return joint.kind == "revolute" and joint.limits.lower is None and joint.limits.upper is None
 
 
 def _coupling_words(joint: RobotJointFacts) -> str:
@@ -220,9 +203,5 @@ def _link_table(check: CheckResult) -> PageTable:
         for x in check.links
     ]
     rows.append(("all", number(sum(x.mass for x in check.links)), *[""] * 4))
-    return PageTable.of(
-        ("link",),
-        ("mass, kg", "centre at, m", *moments),
-        rows,
-        "Links (principal moments about the centre of mass, kg m^2)",
-    )
+    caption = "Links (principal moments about the centre of mass, kg m^2)"
+    return PageTable.of(("link",), ("mass, kg", "centre at, m", *moments), rows, caption)

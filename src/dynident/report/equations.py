@@ -122,17 +122,10 @@ class _Law:
         uses: dict[str, int] = {}
         for _, equation in self.summands:
             substitutes: dict[str, float | str] = {}
-            short_names = {
-                name: parameter_name
-                for name, parameter_name in zip(equation.symbols, equation.parameters, strict=True)
-                if len(parameter_name) == 1
-            }
+            pairs = list(zip(equation.symbols, equation.parameters, strict=True))
+            short_names = {name: parameter for name, parameter in pairs if len(parameter) == 1}
             # A name that occurs again gets primes, which tell it from the first
-            for name in (
-                *equation.symbols,
-                *(name for name, _, _ in equation.constants),
-                *(name for name, _ in equation.where),
-            ):
+            for name in (*equation.symbols, *(constant[0] for constant in equation.constants), *dict(equation.where)):
                 uses[name] = uses.get(name, -1) + 1
                 substitutes[name] = with_primes(symbol(short_names.get(name, name)), uses[name])
             if values is not None and not any(values.get(name, 1.0) for name in equation.parameters):
@@ -140,14 +133,11 @@ class _Law:
             substitutes |= motor_symbols(equation)
             if values is not None:
                 substitutes |= {name: ExactNumber(value) for name, value, _ in equation.constants}
-                paired = zip(equation.symbols, equation.parameters, strict=True)
-                substitutes |= {name: values[parameter] for name, parameter in paired if parameter in values}
+                substitutes |= {name: values[parameter] for name, parameter in pairs if parameter in values}
             yield equation.torque, substitutes
         for name, factor in self.extra_torques:
-            yield (
-                ("other" if factor == 1 else "factor * other"),
-                {"factor": ExactNumber(factor), "other": named_symbol("tau", name)},
-            )
+            text = "other" if factor == 1 else "factor * other"
+            yield text, {"factor": ExactNumber(factor), "other": named_symbol("tau", name)}
 
 
 def model_section(identification: Identification) -> Iterator[PageSection]:
@@ -156,11 +146,8 @@ def model_section(identification: Identification) -> Iterator[PageSection]:
     lhs = symbol("tau_f" if any(term.loads for term in identification.model.terms) else "tau")
     blocks: list[PageBlock] = [*_body_blocks(identification.model, bool(joints))]
     if joints:
-        blocks.append(
-            _equation_box(
-                "Friction and other laws", [*_symbolic_laws(identification.model, joints, lhs), *_motor_laws(motors)]
-            )
-        )
+        laws = [*_symbolic_laws(identification.model, joints, lhs), *_motor_laws(motors)]
+        blocks.append(_equation_box("Friction and other laws", laws))
         blocks.append(_legend(identification.model, [*joints, *motors]))
         values = _known_values(identification)
         efforts = {joint.name: unit_text(joint.effort) for joint in identification.model.joints}
@@ -187,11 +174,10 @@ def _laws(model: Model) -> tuple[list[_Law], list[_Law]]:
         if not term.equations and not term.loads:
             for name in getattr(term, "acts_on", laws):
                 laws[name].extra_torques.append((type(term).__name__, 1.0))
+    places = {words: k for k, words in enumerate(SUMMAND_ORDER)}
     for law in (*laws.values(), *motors.values()):
         # Laws of the user come before the constant torque
-        law.summands.sort(
-            key=lambda pair: SUMMAND_ORDER.index(pair[0]) if pair[0] in SUMMAND_ORDER else len(SUMMAND_ORDER) - 1
-        )
+        law.summands.sort(key=lambda pair: places.get(pair[0], len(SUMMAND_ORDER) - 1))
     return [law for law in laws.values() if law.summands or law.extra_torques], list(motors.values())
 
 
@@ -250,9 +236,7 @@ def _motor_laws(motors: Sequence[_Law], values: Mapping[str, float] | None = Non
         if values is None:
             positions = {f"q_{k}": named_symbol("q", name) for k, (name, _) in enumerate(equation.on)}
             factors = {f"c_{k}": ExactNumber(factor) for k, (_, factor) in enumerate(equation.on)}
-            text = " + ".join(
-                f"q_{k}" if factor == 1 else f"c_{k} * q_{k}" for k, (_, factor) in enumerate(equation.on)
-            )
+            text = " + ".join(f"{f'c_{k} * ' * (factor != 1)}q_{k}" for k, (_, factor) in enumerate(equation.on))
             yield f"motor {motor.name}", _equation_markup(symbol("phi"), [(text, {**positions, **factors})]), ""
         yield ("" if values is None else f"motor {motor.name}"), _equation_markup(lhs, motor.parts(values)), ""
 
@@ -288,11 +272,9 @@ def _constant_words(name: str, unit: str, equations: Sequence[Equation]) -> str:
     """Return a constant's value with its unit where it is the same at all joints, else the unit."""
     values = {value for equation in equations for key, value, _ in equation.constants if key == name}
     suffix = "" if unit == "1" else f" {unit_text(unit)}"
-    return (
-        f"= {inline(repr(float(values.pop())))}{suffix}"
-        if len(values) == 1
-        else f"differs by joint{_unit_suffix(unit)}"
-    )
+    if len(values) > 1:
+        return f"differs by joint{_unit_suffix(unit)}"
+    return f"= {inline(repr(float(values.pop())))}{suffix}"
 
 
 def _unit_suffix(unit: str) -> str:

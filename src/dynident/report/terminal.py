@@ -71,9 +71,9 @@ def terminal_table(table: PageTable) -> TerminalTable:
 def _table_parts(table: PageTable, width: int, gap: int) -> list[list[int]]:
     """Return the columns of each part; there is one part where short enough names allow that."""
     parts = _split_columns(table, width, gap, MIN_NAME_WIDTHS[0])
-    return (
-        parts if len(parts) == 1 else _split_columns(table, width, gap, min(MIN_NAME_WIDTHS[1], width // NAME_DIVISOR))
-    )
+    if len(parts) == 1:
+        return parts
+    return _split_columns(table, width, gap, min(MIN_NAME_WIDTHS[1], width // NAME_DIVISOR))
 
 
 def _split_columns(table: PageTable, width: int, gap: int, name: int) -> list[list[int]]:
@@ -140,9 +140,8 @@ def _part_lines(table: PageTable, part: Sequence[int], width: int, gap: int) -> 
         titles = [wrap(column.title, widths[k]) or [""] for k, column in zip(part, columns, strict=True)]
         # Titles of one line stand at the bottom, next to their column
         deepest = max(map(len, titles))
-        yield from _row_lines(
-            [[""] * (deepest - len(title)) + title for title in titles], columns, [*widths.values()], gap, "bold"
-        )
+        titles = [[""] * (deepest - len(title)) + title for title in titles]
+        yield from _row_lines(titles, columns, [*widths.values()], gap, "bold")
         yield Text("─" * (sum(widths.values()) + gap * (len(part) - 1)))
     lines = any(table.columns[k].prose for k in part)
     cells = [_cell_lines([row[k] for row in table.rows], table.columns[k], widths[k], lines) for k in part]
@@ -214,13 +213,8 @@ def _summary_lines(identification: Identification) -> Iterator[str]:
         if logs := logs_of(identification, role):
             errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
             yield f"  torque error, {word}: {join_names(errors, MAX_LISTED)}"
-    rows = zip(
-        identification.estimate.names,
-        identification.estimate.value,
-        identification.errors.std,
-        identification.estimate.units,
-        strict=True,
-    )
+    estimate = identification.estimate
+    rows = zip(estimate.names, estimate.value, identification.errors.std, estimate.units, strict=True)
     ordered = sorted(rows, key=lambda row: not np.isfinite(row[2]))  # what the data determine first
     estimates = (f"{name} = {number(value)} +- {number(std, 2)} {unit}" for name, value, std, unit in ordered)
     yield f"  {join_names(estimates, MAX_LISTED)}>"
@@ -250,17 +244,11 @@ def _shorten(text: str) -> str:
 def summary_html(identification: Identification) -> str:
     """Return the verdict, the errors and the parameters as HTML for a notebook; all texts are escaped."""
     table, notes = terminal_parameters(identification)
-    verdict = (
-        verdict_text(identification)[0]
-        if _has_signals(identification)
-        else "A saved result; its verdict is in its report."
-    )
+    verdict = "A saved result; its verdict is in its report."
+    if _has_signals(identification):
+        verdict, _ = verdict_text(identification)
     parts = [f"<h4>{escape(identification.model.name)}</h4>", f"<p><b>{escape(verdict)}</b></p>"]
-    parts += [
-        _table_html(error_table(identification)),
-        _table_html(table),
-        *(f"<p>{escape(note)}</p>" for note in notes),
-    ]
+    parts += [*map(_table_html, (error_table(identification), table)), *(f"<p>{escape(note)}</p>" for note in notes)]
     return f"<div>{''.join(parts)}</div>"
 
 
@@ -313,23 +301,18 @@ class Plot:
 
     def errors(self) -> go.Figure:
         """Draw the torque error of each joint on all logs."""
-        return error_figure(
-            self.identification.validations, [joint.name for joint in self.identification.model.joints]
-        ).figure()
+        joints = [joint.name for joint in self.identification.model.joints]
+        return error_figure(self.identification.validations, joints).figure()
 
     def parameters(self) -> go.Figure:
         """Draw the 95 % interval of each parameter, in % of its value."""
         estimate, model = self.identification.estimate, self.identification.model
         true_values = () if has_nominal_values(model) else [parameter.value for parameter in model.parameters]
-        return interval_figure(
-            estimate.names, estimate.units, estimate.value, self.identification.errors.std, true_values
-        ).figure()
+        std = self.identification.errors.std
+        return interval_figure(estimate.names, estimate.units, estimate.value, std, true_values).figure()
 
     def _select(self, log: str | None, joint: str | None) -> tuple[LogValidation, Joint]:
-        logs = {
-            validation.name: validation
-            for validation in (*logs_of(self.identification, "train"), *logs_of(self.identification, "validation"))
-        }
+        logs = {validation.name: validation for validation in self.identification.validations}
         if log is None:
             log = next(iter(logs_of(self.identification, "validation")), next(iter(logs.values()))).name
         if log not in list(logs):

@@ -51,8 +51,7 @@ def test_words_of_a_result(identification):
     assert json.loads(json.dumps(result)) == result
 
 
-def test_page_tells_the_findings_in_sentences(identification):
-    page = body(identification)
+def test_page_tells_the_findings_in_sentences(page):
     assert "7 parameters of 2 joints from 2 logs. Training: swing.csv; held out: reach.csv." in page
     assert "on held-out motion it leaves 5.1\u00a0% of the torque unexplained" in page
     assert "6 of 7 parameters have a standard error of at most 10\u00a0%; less certain: theta3." in page
@@ -73,8 +72,7 @@ def test_of_several_held_out_logs_the_worst_counts():
     assert "<dt>torque error, held out</dt><dd>7.25 %</dd>" in body(identification)
 
 
-def test_page_shows_every_log_and_joint(identification):
-    page = body(identification)
+def test_page_shows_every_log_and_joint(page):
     outline = Outline(page)
     assert outline.count("figure") == 1 + 1 + 1 + 2 * 2 + 2 * 2  # the worst joint, parameters, errors, torques, motions
     assert page.count('<p class="key">swing.csv (training), elbow</p>') == 2
@@ -89,20 +87,17 @@ def test_page_shows_every_log_and_joint(identification):
     assert '<td class="number">\u22121.500 rad</td>' in page  # a limit of the joint
 
 
-def test_a_smoother_that_tells_nothing_is_reported_too(identification):
+def test_a_smoother_that_tells_nothing_and_parameters_of_zero_are_reported_too(identification):
     for log in identification.validations:
         object.__setattr__(log.motion, "smoothing", {})
-    assert "Smoothing per log and joint" not in body(identification)
-
-
-def test_a_parameter_that_is_zero_has_no_relative_error(identification):
     identification.estimate.value = np.zeros(7)
-    assert "0 of 7 parameters have a standard error" in body(identification)
+    page = body(identification)
+    assert "Smoothing per log and joint" not in page
+    assert "0 of 7 parameters have a standard error" in page
 
 
-@pytest.mark.parametrize("part", ["joints", "logs"])
-def test_names_cannot_break_out_of_the_page(part):
-    page = body(identification_of(**{part: (EVIL, "other")}))
+def test_names_cannot_break_out_of_the_page():
+    page = body(identification_of((EVIL, "other"), (EVIL, "more")))
     outline = Outline(page)
     assert "<script>alert" not in page
     assert outline.count("b") == 0
@@ -112,22 +107,15 @@ def test_names_cannot_break_out_of_the_page(part):
         assert json.loads(text)["data"]
 
 
-def test_a_page_of_many_logs_and_joints_stays_small():
-    joints, logs = tuple(f"joint{i}" for i in range(7)), tuple(f"log{i}" for i in range(5))
-    assert len(body(identification_of(joints, logs))) < 2_000_000
-
-
 def test_seven_joints_of_long_logs_stay_below_six_megabytes():
     """Noise everywhere, so that no curve is thinner than any other; free simulations and recordings as well."""
     joints, rng = tuple(f"joint{i}" for i in range(7)), np.random.default_rng(1)
     found = identification_of(joints, ("train", "test"))
     for log in found.validations:
-        t, (q, dq, ddq, tau) = np.arange(20_000) / 1000, rng.standard_normal((4, 20_000, 7))
+        t, (q, dq, ddq, tau) = np.arange(8000) / 1000, rng.standard_normal((4, 8000, 7))
         log.motion = Motion(t, q, dq, ddq, tau, joints, np.ones(len(t), bool), log.name)
         log.predicted_torque = tau + rng.standard_normal(tau.shape)
-    for log in found.validations:
-        m = log.motion
-        log.recorded_log = Log(m.t, m.q + 0.1, m.tau, joints)
+        log.recorded_log = Log(t, q + 0.1, tau, joints)
     each = dict.fromkeys(joints, 1.0)
     found.runs = tuple(
         SimpleNamespace(
@@ -169,21 +157,18 @@ def test_honest_standard_errors_come_first(identification):
     )
 
 
-def test_the_page_says_whether_errors_count_those_of_the_motion(identification):
-    assert "They take the motion as exactly known" in body(identification)
+def test_the_page_says_whether_errors_count_those_of_the_motion_and_how_fast_the_held_out_one_is(identification, page):
+    assert "They take the motion as exactly known" in page
     identification.errors = StandardErrors(2.0 * identification.estimate.std, identification.estimate.std)
-    assert "exactly known" not in body(identification)
-    assert "They count the noise left in the motion, but not what the model lacks" in body(identification)
-    identification.estimate.information = np.eye(len(identification.estimate.names))
-    assert "They count the errors of the motion, too." in body(identification)
-
-
-def test_a_held_out_motion_is_compared_with_the_training(identification):
     motion = identification.validations[1].motion
     identification.validations[1].motion = replace(motion, dq=3.0 * motion.dq)
-    page = body(identification)
-    assert '<th colspan="2" scope="colgroup">held out / training</th>' in page
-    assert '<td class="number">3.0</td><td class="number">1.0</td></tr>' in page
+    sampled = body(identification)
+    assert "exactly known" not in sampled
+    assert "They count the noise left in the motion, but not what the model lacks" in sampled
+    assert '<th colspan="2" scope="colgroup">held out / training</th>' in sampled
+    assert '<td class="number">3.0</td><td class="number">1.0</td></tr>' in sampled
+    identification.estimate.information = np.eye(len(identification.estimate.names))
+    assert "They count the errors of the motion, too." in body(identification)
 
 
 def test_terminal_tables_hold_parameters_and_errors(identification):
@@ -235,6 +220,11 @@ def printed(found):
 
 def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
     page = body(robot())
+    assert "without constraints" not in page
+    assert (
+        "In these data the 52 parameters act on the torque in 42 combinations, the base parameters, listed below."
+        in page
+    )
     words = ("Base parameters", "42 of 52", "mz0 + 2*Fv1", "move elbow", "determined by", "at a bound", "consistency")
     for word in words:
         assert word in page, word
@@ -246,7 +236,6 @@ def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
 
 def test_a_base_parameter_that_constraints_moved_is_shown_without_them_too():
     found = robot()
-    assert "without constraints" not in body(found)
     free = found.estimate.value - 0.25 * np.eye(len(found.estimate.value))[0]
     found.estimate.consistency = replace(found.estimate.consistency, unconstrained=free)
     page = body(found)
@@ -254,8 +243,7 @@ def test_a_base_parameter_that_constraints_moved_is_shown_without_them_too():
     assert page.count(">0.7500</td>") == 1
 
 
-def test_a_model_without_base_parameters_has_no_such_section(identification):
-    page = body(identification)
+def test_a_model_without_base_parameters_has_no_such_section(page):
     assert "Base parameters" not in page
     assert "Smallest eigenvalue" not in page
     assert "<th>determined by" not in page
@@ -268,7 +256,6 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
     assert notes[0] == "50 inertial parameters are in the report."
     said = "In these data the 52 parameters act on the torque in 42 combinations, the base parameters, listed"
     assert notes[1] == f"{said} in the report."
-    assert f"{said} below." in body(robot())
     assert notes[2].startswith("Warning: rank 42 of 52;")
     assert notes[2].endswith("... (in full in the report)")
     assert max(map(len, notes)) < 350
@@ -288,16 +275,15 @@ def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
 def test_what_the_checks_found_besides_is_said(identification):
     spikes = log_notes.TorqueSpikes(1, (3000,), (6.0,), 5000.0, True, False)
     found = [Finding(spikes, "elbow", source="swing")]
-    identification.findings = tuple(found)
     said = "1 torque stands out by up to 5000, unlike the motion: sample 3000 (t = 6 s). It is left out of the fit."
+    identification.findings = tuple(found)
     assert identification_notes(identification)[-1].text.startswith(f"Warning: swing: elbow: {said}")
-    page = body(identification)
-    assert '<td class="words">swing: elbow</td>' in page
-    assert said in page
     found += [Finding(Remark(f"odd {k}."), source="swing") for k in range(6)]
     identification.findings = tuple(found)
     assert identification_notes(identification)[-1].text == "Note: `dynident check` has 2 more warnings."
-    assert "odd 5." in body(identification)
+    page = body(identification)
+    for text in ('<td class="words">swing: elbow</td>', said, "odd 5."):
+        assert text in page
 
 
 def test_notes_leave_a_short_warning_whole(identification):
@@ -305,9 +291,9 @@ def test_notes_leave_a_short_warning_whole(identification):
     assert identification_notes(identification) == [unseen, Line("Warning: elbow hardly moves", Severity.WARNING)]
 
 
-def test_errors_stand_beside_what_the_sensors_allow(identification):
+def test_errors_stand_beside_what_the_sensors_allow(identification, page):
     assert "noise floor" in " ".join(printed(identification).replace("─", "").split())
-    assert "Over the noise floor: " in body(identification)
+    assert "Over the noise floor: " in page
     identification.validations[1].errors.sensor_noise = {"shoulder": 0.01}
     identification.validations[1].floors = {}
     (_, said, *_) = identification_notes(identification)

@@ -79,10 +79,8 @@ _LEAD = (
 
 def data_section(identification: Identification) -> PageSection:
     """Return the section of the robot and the logs: settings found before the fit, joints, recordings."""
-    blocks: list[PageBlock] = [
-        pair_table("", [(name, typeset(text)) for name, text in _robot_facts(identification)], "Robot")
-    ]
-    return PageSection("Robot and data", (*blocks, _joint_table(identification), _log_table(identification)))
+    facts = pair_table("", [(name, typeset(text)) for name, text in _robot_facts(identification)], "Robot")
+    return PageSection("Robot and data", (facts, _joint_table(identification), _log_table(identification)))
 
 
 def _robot_facts(identification: Identification) -> Iterator[tuple[str, str]]:
@@ -115,13 +113,10 @@ def _joint_table(identification: Identification) -> PageTable:
         cells = [joint.name, joint.kind]
         if limits:
             quantities = ("lower", unit), ("upper", unit), ("velocity", f"{unit}/s"), ("effort", joint.effort)
-            cells += [_with_unit(getattr(limit, key, None), unit) for key, unit in quantities]
+            limited = [(getattr(limit, key, None), unit) for key, unit in quantities]
+            cells += ["-" if value is None else f"{number(value)} {unit}" for value, unit in limited]
         rows.append(cells)
     return PageTable.of(("joint", "kind"), heads, rows, "Joints")
-
-
-def _with_unit(value: float | None, unit: str) -> str:
-    return "-" if value is None else f"{number(value)} {unit}"
 
 
 def _log_table(identification: Identification) -> PageTable:
@@ -176,10 +171,9 @@ def excitation_table(identification: Identification) -> tuple[PageBlock, ...]:
         cells = _excitation_cells(training, limits.get(joint.name), bool(limits))
         if held_out:
             validation = excitation(held_out, joint.name)
-            cells += [
-                _ratio_text(getattr(validation, key), getattr(training, key))
-                for key in ("peak_speed", "peak_acceleration")
-            ]
+            for key in ("peak_speed", "peak_acceleration"):
+                peak = getattr(training, key)
+                cells.append(number(getattr(validation, key) / peak if peak > 0 else None, 2))
         rows.append((joint.name, *cells))
     lengths, efforts = (
         {getattr(joint, key): None for joint in identification.model.joints} for key in ("unit", "effort")
@@ -199,10 +193,6 @@ def _excitation_cells(motion: Excitation, limit: Any, limited: bool) -> list[str
     if limited:
         cells.append(number(100.0 * motion.torque / limit.effort if limit is not None and limit.effort else None, 2))
     return cells
-
-
-def _ratio_text(numerator: float, denominator: float) -> str:
-    return number(numerator / denominator if denominator > 0 else None, 2)
 
 
 def smoothing_section(identification: Identification) -> PageSection:
@@ -323,12 +313,8 @@ def repeat_section(identification: Identification) -> PageSection:
     sources, blocks = identification.provenance, list[PageBlock]([_LEAD])
     if sources.configuration is not None:
         blocks.append(Fold(f"Configuration: {sources.configuration.path}", (Code(sources.configuration.text),)))
-    files = [
-        (source.path, day(source.modified), source.sha256)
-        for source in (sources.model, *sources.logs)
-        if source is not None
-    ]
-    if files:
+    read_files = [source for source in (sources.model, *sources.logs) if source is not None]
+    if files := [(source.path, day(source.modified), source.sha256) for source in read_files]:
         caption = "Files that were read, with the dates of the recordings' files"
         blocks.append(PageTable.of(("file", "of", "SHA-256"), (), files, caption))
     blocks.append(pair_table("package", list(sources.versions.items()), "Versions"))

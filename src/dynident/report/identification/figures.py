@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,11 +88,7 @@ def glance_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
 
 
 def motion_figure(
-    motion: Motion,
-    joint: str,
-    unit: str = "rad",
-    points: int = 2000,
-    recorded: Log | None = None,
+    motion: Motion, joint: str, unit: str = "rad", points: int = 2000, recorded: Log | None = None
 ) -> Drawing:
     """Draw a joint's smoothed position, velocity and acceleration over time, one panel each.
 
@@ -237,12 +233,9 @@ def trial_figure(trials: Sequence[TermTrial], words: Mapping[TrialOutcome, str])
     for outcome in dict.fromkeys(trial.outcome for trial in trials):
         outcome_trials = [trial for trial in trials if trial.outcome is outcome]
         figure.add(_gain_marks(outcome_trials, [rows[trial.kind] for trial in outcome_trials], outcome, words[outcome]))
-    fast = [trial for trial in trials if trial.faster is not None]
-    if fast:
+    if fast := [trial for trial in trials if trial.faster is not None]:
         figure.add(_faster_marks(fast, [rows[trial.kind] for trial in fast]))
-    ends = [(trial.gain, trial.std) for trial in trials] + [
-        (trial.faster or 0.0, trial.faster_std or 0.0) for trial in fast
-    ]
+    ends = [(x.gain, x.std) for x in trials] + [(x.faster or 0.0, x.faster_std or 0.0) for x in fast]
     finite = [end for end in ends if np.isfinite(end).all()]
     # The axis ends beyond the largest gain with its error, within fixed bounds; far negative gains may leave it
     upper = min(max(1.08 * max((gain + std for gain, std in finite), default=0.0), MIN_UPPER_END), MAX_UPPER_END)
@@ -256,35 +249,32 @@ def trial_figure(trials: Sequence[TermTrial], words: Mapping[TrialOutcome, str])
 
 
 def _gain_marks(trials: Sequence[TermTrial], rows: Sequence[int], outcome: TrialOutcome, words: str) -> Trace:
-    entered, colour = outcome is TrialOutcome.ENTERED, OUTCOME_COLOURS.get(outcome, RED)
-    return trace(
-        "scatter",
-        x=np.array([trial.gain for trial in trials]),
-        y=list(rows),
-        error_x={"array": np.array([trial.std for trial in trials]), "color": colour, "thickness": 1.6, "width": 4},
-        mode="markers",
-        name=words,
-        marker={"color": colour, "size": 9, "symbol": "circle" if entered else "circle-open"},
-        text=[f"{plain(trial.kind)}: {trial.gain:.3g} ± {trial.std:.2g} %, {words}" for trial in trials],
-        hovertemplate="%{text}<extra></extra>",
-        meta="ink" if colour == INK else None,
-    )
+    colour = OUTCOME_COLOURS.get(outcome, RED)
+    marker = {"color": colour, "size": 9, "symbol": "circle" if outcome is TrialOutcome.ENTERED else "circle-open"}
+    error = {"array": np.array([trial.std for trial in trials]), "color": colour, "thickness": 1.6, "width": 4}
+    text = [f"{plain(trial.kind)}: {trial.gain:.3g} ± {trial.std:.2g} %, {words}" for trial in trials]
+    return _marks(np.array([trial.gain for trial in trials]), list(rows), words, marker, text=text, error_x=error)
 
 
 def _faster_marks(trials: Sequence[TermTrial], rows: Sequence[int]) -> Trace:
     std = [trial.faster_std or 0.0 for trial in trials]
-    words = [f"{trial.faster:.3g} ± {error:.2g} %" for trial, error in zip(trials, std, strict=True)]
-    return trace(
-        "scatter",
-        x=np.array([trial.faster for trial in trials], dtype=float),
-        y=np.array(rows) + 0.28,
-        error_x={"array": np.array(std), "color": BLUE, "thickness": 1, "width": 3},
-        mode="markers",
-        name="on faster motion",
-        marker={"color": BLUE, "size": 6, "symbol": "diamond-open"},
-        text=[f"{plain(trial.kind)} on faster motion: {text}" for trial, text in zip(trials, words, strict=True)],
-        hovertemplate="%{text}<extra></extra>",
+    pairs = zip(trials, std, strict=True)
+    text = [f"{plain(trial.kind)} on faster motion: {trial.faster:.3g} ± {error:.2g} %" for trial, error in pairs]
+    gain, marker = (
+        np.array([x.faster for x in trials], dtype=float),
+        {"color": BLUE, "size": 6, "symbol": "diamond-open"},
     )
+    error_bar = {"array": np.array(std), "color": BLUE, "thickness": 1, "width": 3}
+    return _marks(gain, np.array(rows) + 0.28, "on faster motion", marker, text=text, error_x=error_bar)
+
+
+def _marks(
+    x: NDArray[Any], y: Sequence[int] | Array, name: str, marker: dict[str, Any], hover: str = "%{text}", **more: Any
+) -> Trace:
+    """Return marks without a line; those in the colour of the text take that of the page."""
+    meta = "ink" if marker["color"] == INK else None
+    hover += "<extra></extra>"
+    return trace("scatter", x=x, y=y, mode="markers", name=name, marker=marker, hovertemplate=hover, meta=meta, **more)
 
 
 def interval_figure(
@@ -321,32 +311,17 @@ def interval_figure(
 
 def _intervals(words: Sequence[str], half: Array, is_determined: NDArray[np.bool_]) -> Trace:
     """Return a mark per parameter (k) with its interval to both sides (%), hollow where not ``is_determined``."""
-    return trace(
-        "scatter",
-        x=np.zeros(len(words)),
-        y=list(range(len(words))),
-        error_x={"array": half, "color": RED, "thickness": 1.6, "width": 4},
-        mode="markers",
-        name="estimate with its 95 % interval" + ("" if is_determined.all() else " (hollow: not determined, or zero)"),
-        marker={"color": RED, "size": 8, "symbol": ["circle" if ok else "circle-open" for ok in is_determined]},
-        text=words,
-        hovertemplate="%{text} (95 % interval)<extra></extra>",
-    )
+    name = "estimate with its 95 % interval" + ("" if is_determined.all() else " (hollow: not determined, or zero)")
+    marker = {"color": RED, "size": 8, "symbol": ["circle" if ok else "circle-open" for ok in is_determined]}
+    error, hover = {"array": half, "color": RED, "thickness": 1.6, "width": 4}, "%{text} (95 % interval)"
+    return _marks(np.zeros(len(words)), list(range(len(words))), name, marker, hover, text=words, error_x=error)
 
 
 def _crosses(names: Sequence[str], true: Array, distance: Array, rows: Sequence[int]) -> Trace:
     """Return a cross per known parameter, at its ``distance`` (%) from the estimate."""
-    return trace(
-        "scatter",
-        x=distance,
-        y=rows,
-        mode="markers",
-        name="true value",
-        marker={"color": BLUE, "size": 11, "symbol": "x-thin", "line": {"color": BLUE, "width": 2}},
-        customdata=true,
-        text=names,
-        hovertemplate="%{text}: true value %{customdata:.4g}<extra></extra>",
-    )
+    marker = {"color": BLUE, "size": 11, "symbol": "x-thin", "line": {"color": BLUE, "width": 2}}
+    hover = "%{text}: true value %{customdata:.4g}"
+    return _marks(distance, rows, "true value", marker, hover, text=names, customdata=true)
 
 
 def relative_std(value: Array, std: Array) -> Array:
@@ -376,18 +351,7 @@ def singular_figure(basis: BaseParameters) -> Drawing:
         rows = rows & (relative > MIN_SINGULAR_VALUE)
         if rows.any():
             marker = {"color": colour, "size": 6, "symbol": symbol}
-            figure.add(
-                trace(
-                    "scatter",
-                    x=order[rows],
-                    y=relative[rows],
-                    mode="markers",
-                    name=name,
-                    marker=marker,
-                    meta="ink" if colour == INK else None,
-                    hovertemplate="number %{x}: %{y:.2g}<extra></extra>",
-                )
-            )
+            figure.add(_marks(order[rows], relative[rows], name, marker, "number %{x}: %{y:.2g}"))
     figure.axes("y", type="log", exponentformat="power", nticks=8, tickfont={"size": 11})
     figure.axes("x", title="number of the singular value")
     figure.layout.update(hovermode="closest")

@@ -110,12 +110,8 @@ def parameter_section(identification: Identification) -> PageSection:
     else:
         not_inertial = tuple(k for k in determined if parameters[k].role not in INERTIAL)
         blocks += [_table_with_formulas(identification, not_inertial)] if not_inertial else []
-        blocks.append(
-            Fold(
-                f"All {len(determined)} parameters that these data show",
-                (_table_with_formulas(identification, determined),),
-            )
-        )
+        title = f"All {len(determined)} parameters that these data show"
+        blocks.append(Fold(title, (_table_with_formulas(identification, determined),)))
     if undetermined:
         title = f"{count(len(undetermined), 'parameter')} that these data do not show alone"
         blocks.append(Fold(title, (_UNSEEN, _table_with_formulas(identification, undetermined))))
@@ -141,9 +137,7 @@ def parameter_table(identification: Identification, indices: tuple[int, ...] | N
     robust = identification.errors.allows_correlation
     # Columns without content are multiplied by False, and so left out
     has_reference = any(parameters[k].value is not None for k in selected)
-    has_meaning = any(parameters[k].expression for k in selected) and not any(
-        parameter.body for parameter in parameters
-    )
+    has_meaning = any(parameters[k].expression for k in selected) and not any(x.body for x in parameters)
     verdict = tuple(DETERMINED_WORDS[source] for source in determined_by(identification))
     sized = bool(np.isfinite(errors[list(selected)]).any())
     columns: list[Head] = ["value"]
@@ -249,12 +243,9 @@ def link_section(identification: Identification, geometry: Geometry | None = Non
     has_estimates = any(link.found is not None for link in links)
     complete = all(link.sure.all() for link in links) or bool(identification.estimate.provenance)
     note = _LINKS if complete else f"{_LINKS} {_PARTLY}" if has_estimates else _OPEN
-    tables = (
-        *(_inertia_table(links, quantities, has_estimates) for quantities in (_MASS, _MOMENTS)),
-        _source_table(links),
-    )
+    tables = (_inertia_table(links, quantities, has_estimates) for quantities in (_MASS, _MOMENTS))
     notes = tuple(_shape_notes(links, geometry))
-    yield PageSection("Links", (note, *tables, *((notes,) if notes else ())))
+    yield PageSection("Links", (note, *tables, _source_table(links), *((notes,) if notes else ())))
 
 
 def link_title(links: Sequence[str]) -> str:
@@ -273,10 +264,8 @@ def _inertia_table(links: Sequence[LinkInertia], quantities: _Quantities, has_es
         for k, unit in zip(range(*quantities.part.indices(7)), quantities.units, strict=True):
             cells.append(_value_cell(unit * file[k]))
             if has_estimates:
-                cells += [
-                    _value_cell(unit * value[k]),
-                    _error_cell(unit * link.std[k], bool(link.sure[k]), unit * value[k]),
-                ]
+                error = _error_cell(unit * link.std[k], bool(link.sure[k]), unit * value[k])
+                cells += [_value_cell(unit * value[k]), error]
         rows.append(cells)
     heads = ((title, head) for head in quantities.heads for title in titles)
     return PageTable.of(("link",), heads, rows, quantities.caption)
@@ -305,9 +294,7 @@ def _shape_notes(links: Sequence[LinkInertia], geometry: Geometry | None) -> Ite
     """Yield which bodies have no ellipsoid, how the links are drawn, and which meshes are missing."""
     for field, where in (("file", "in the file"), ("found", "as found")):
         bodies = [(link.name, getattr(link, field)) for link in links]
-        complete = [
-            (name, inertia) for name, inertia in bodies if inertia is not None and np.isfinite(inertia.values).all()
-        ]
+        complete = [(name, x) for name, x in bodies if x is not None and np.isfinite(x.values).all()]
         if wrong := [name for name, inertia in complete if inertia.ellipsoid is None]:
             yield f"No body has this inertia, so that it has no ellipsoid, {where}: {join_names(wrong)}."
     if geometry is not None:
@@ -324,8 +311,5 @@ def drawing_notes(geometry: Geometry) -> Iterator[str]:
 
 def missing_mesh_notes(geometry: Geometry) -> Iterator[str]:
     """Yield which meshes could not be read."""
-    if geometry.missing:
-        names = join_names(
-            (f"{file} ({reason.rstrip('.')})" for file, reason in geometry.missing.items()), MAX_LISTED_MESHES
-        )
-        yield f"Meshes that could not be read: {names}."
+    if files := [f"{file} ({reason.rstrip('.')})" for file, reason in geometry.missing.items()]:
+        yield f"Meshes that could not be read: {join_names(files, MAX_LISTED_MESHES)}."

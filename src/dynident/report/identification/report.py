@@ -210,19 +210,6 @@ def verdict_section(
     return PageSection("Verdict", tuple(blocks), Badge(verdict.use.value, TONES[verdict.use]))
 
 
-def verdict_results(identification: Identification) -> dict[str, Any]:
-    """Return the verdict as text."""
-    verdict = judge(identification)
-    return {
-        "verdict": {
-            "word": verdict.use.value,
-            "sentences": list(verdict.sentences()),
-            "reasons": list(map(str, verdict.reasons)),
-            "next_steps": list(_step_texts(verdict)),
-        }
-    }
-
-
 def _step_texts(verdict: Verdict) -> tuple[str, ...]:
     """Return what to do next; the first step that needs a kind of motion names the command that designs it."""
     texts, named_options = [], set[str]()
@@ -244,8 +231,7 @@ def _worst_joint_figure(identification: Identification) -> tuple[PageBlock, ...]
     unit = next(candidate.effort for candidate in identification.model.joints if candidate.name == joint)
     caption = f"{joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured."
     drawing = glance_figure(log, joint, unit).follow_run(label_of(log))
-    torque = Figure(drawing, f"{'The worst joint: ' * several}{caption}")
-    return (torque,)
+    return (Figure(drawing, f"{'The worst joint: ' * several}{caption}"),)
 
 
 def identification_page(
@@ -310,11 +296,8 @@ def _warning_blocks(identification: Identification) -> Iterator[PageBlock]:
         yield finding_table(groups, "What the checks found besides (`dynident check`)")
     notes = [note for note in identification.estimate.notes if note not in identification.notes]
     if status := "; ".join(map(str, notes)):
-        yield (
-            Fold("Status of the fit", (f"{status}.",))
-            if len(status) > MAX_WARNING_LENGTH
-            else f"Status of the fit: {status}."
-        )
+        is_long = len(status) > MAX_WARNING_LENGTH
+        yield Fold("Status of the fit", (f"{status}.",)) if is_long else f"Status of the fit: {status}."
 
 
 def identification_tables(identification: Identification) -> list[PageTable]:
@@ -343,14 +326,13 @@ def design_options(step: object) -> str | None:
 def identification_notes(identification: Identification) -> list[Line]:
     """Return the lines below the tables of a terminal: on the parameters, then warnings, long ones cut."""
     _, notes = terminal_parameters(identification)
-    reasons = [
-        reason for reason in judge(identification).reasons[NAMED_REASONS:] if isinstance(reason, ForbiddingFindings)
-    ]
     # What is among the notes is not said twice
-    reasons = [
-        reason for reason in reasons if not all(finding.message in identification.notes for finding in reason.findings)
+    reason_lines = [
+        Line(f"Warning: {reason}.", Severity.WARNING)
+        for reason in judge(identification).reasons[NAMED_REASONS:]
+        if isinstance(reason, ForbiddingFindings)
+        and not all(finding.message in identification.notes for finding in reason.findings)
     ]
-    reason_lines = [Line(f"Warning: {reason}.", Severity.WARNING) for reason in reasons]
     other_lines = [*note_lines(identification.notes), *_check_lines(_other_findings(identification))]
     offset, tilt = identification.calibration.time_offset, identification.calibration.base_tilt
     corrections = [
@@ -366,10 +348,7 @@ def identification_notes(identification: Identification) -> list[Line]:
 
 def _other_findings(identification: Identification) -> list[list[Finding]]:
     """Return groups of the findings that have no bearing on the verdict and are not reported elsewhere."""
-    notes = identification.notes
-    findings = [
-        finding for finding in identification.findings if finding.forbids is None and finding.message not in notes
-    ]
+    findings = [x for x in identification.findings if x.forbids is None and x.message not in identification.notes]
     # the others are next steps
     return finding_groups([finding for finding in findings if finding.severity is not Severity.INFO])
 
@@ -383,8 +362,14 @@ def _check_lines(groups: Sequence[Sequence[Finding]]) -> Iterator[Line]:
 
 def result_words(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:
     """Return what a report adds to a result file: verdict, status and warnings as text, and the model's files."""
+    verdict = judge(identification)
     return {
-        **verdict_results(identification),
+        "verdict": {
+            "word": verdict.use.value,
+            "sentences": list(verdict.sentences()),
+            "reasons": list(map(str, verdict.reasons)),
+            "next_steps": list(_step_texts(verdict)),
+        },
         "status": "; ".join(map(str, identification.estimate.notes)) or "ok",
         "warnings": list(map(str, identification.notes)),
         "residuals": {

@@ -154,26 +154,15 @@ def _surface_traces(bodies: RigidBodies, links: Sequence[LinkInertia], shapes: S
 
 def _hover_lines(link: LinkInertia) -> Iterator[str]:
     yield link_title(link.links)
-    masses = (
-        (origin_word, inertia.mass)
-        for origin_word, inertia in (("found", link.found), ("file", link.file))
-        if inertia is not None
-    )
-    if masses_text := ", ".join(
-        f"{number(mass, 3)} kg ({origin_word})" for origin_word, mass in masses if np.isfinite(mass)
-    ):
-        yield f"mass {masses_text}"
-    yield "by " + ", ".join(
-        f"{SOURCE_WORDS[source]} {link.by[source]}" for source in DeterminedBy if link.by.get(source)
-    )
+    inertias = [(origin, x) for origin, x in (("found", link.found), ("file", link.file)) if x is not None]
+    if masses := [f"{number(x.mass, 3)} kg ({origin})" for origin, x in inertias if np.isfinite(x.mass)]:
+        yield f"mass {', '.join(masses)}"
+    yield "by " + ", ".join(f"{SOURCE_WORDS[x]} {link.by[x]}" for x in DeterminedBy if link.by.get(x))
 
 
 def _inertia_traces(links: Sequence[LinkInertia]) -> Iterator[MovingTrace]:
     """Yield the ellipsoids and centres of the links, as found and as in the file; they are hidden at first."""
-    found_inertias, file_inertias = (
-        {entry.body: entry.found for entry in links},
-        {entry.body: entry.file for entry in links},
-    )
+    found_inertias, file_inertias = {x.body: x.found for x in links}, {x.body: x.file for x in links}
     colours = {entry.body: COLOURS[entry.main_source] for entry in links}
     traces: list[MovingTrace] = []
     if solid := _ellipsoids(found_inertias, colours):
@@ -184,12 +173,8 @@ def _inertia_traces(links: Sequence[LinkInertia]) -> Iterator[MovingTrace]:
         (found_inertias, "centre found", "circle"),
         (file_inertias, "centre in the file", "circle-open"),
     ):
-        points = {
-            body: entry.centre
-            for body, entry in inertias.items()
-            if entry is not None and np.isfinite(entry.centre).all()
-        }
-        if points:
+        known = [(body, x.centre) for body, x in inertias.items() if x is not None]
+        if points := {body: centre for body, centre in known if np.isfinite(centre).all()}:
             traces.append(centre_marks(points, name, symbol))
     for entry in traces:
         entry.trace["visible"] = False
@@ -218,10 +203,8 @@ def _recording_replays(identification: Identification) -> list[Replay]:
     out = []
     for label, k in log_labels(identification):
         motion = identification.validations[k].motion
-        t, columns = (
-            motion.t - time_origin(motion.t),
-            [motion.joints.index(joint.name) for joint in identification.model.joints],
-        )
+        t = motion.t - time_origin(motion.t)
+        columns = [motion.joints.index(joint.name) for joint in identification.model.joints]
         even = np.linspace(t[0], t[-1], min(int((t[-1] - t[0]) * REPLAY_RATE) + 2, max_poses))
         q = np.stack([np.interp(even, t, np.nan_to_num(motion.q[:, column])) for column in columns], axis=1)
         out.append(Replay(label, float(t[0]), float(t[-1]), q))
@@ -254,9 +237,7 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
         notes += export.proof.skipped if export.proof else ()
         if notes:
             blocks.append(PageSection(export.file, (tuple(notes),)))
-    if costs := [
-        (export.file, error.log, error.model, error.file) for export in exports for error in _file_errors(export)
-    ]:
+    if costs := [(export.file, x.log, x.model, x.file) for export in exports for x in _file_errors(export)]:
         blocks.append(_error_table(costs))
     yield PageSection("Files of the model", tuple(blocks))
 
@@ -269,11 +250,8 @@ def export_links(exports: Sequence[Export]) -> tuple[str, ...]:
     if not files:
         return ()
     link = Markup('<a href="{}">{}</a>')
-    return (
-        Markup('<p class="files">Files: {}</p>').format(
-            Markup(", ").join(link.format(relative_link(name), name) for name in ("result.json", *files))
-        ),
-    )
+    links = Markup(", ").join(link.format(relative_link(name), name) for name in ("result.json", *files))
+    return (Markup('<p class="files">Files: {}</p>').format(links),)
 
 
 def _error_table(costs: Sequence[tuple[str, str, float, float]]) -> PageTable:

@@ -65,14 +65,12 @@ def term_section(identification: Identification) -> Iterator[PageSection]:
     choice = identification.calibration.terms
     if choice is None or not choice.trials:
         return
-    views = tuple(
-        (
-            (joint,),
-            (Figure(trial_figure(_sort_trials(choice.trials_of(joint)), OUTCOMES), _trial_caption(choice, joint)),),
-        )
+    figures = {
+        joint: Figure(trial_figure(_sort_trials(trials), OUTCOMES), _trial_caption(choice, joint))
         for joint in choice.joints
-        if choice.trials_of(joint)
-    )
+        if (trials := choice.trials_of(joint))
+    }
+    views = tuple(((joint,), (figure,)) for joint, figure in figures.items())
     table = Fold("All that was tried", (_trial_table(choice),))
     yield PageSection("Friction and other terms", (_LEAD, term_table(choice), Gallery(("joint",), views), table))
 
@@ -115,9 +113,8 @@ def choice_comments(identification: Identification, source: str) -> dict[str, li
     if calibration.prior_strength is not None:
         comments["estimator"] = [f"strength of the prior: {calibration.prior_strength}"]
     if calibration.smoother is not None:
-        comments["smoother"] = [
-            f"{len(calibration.smoother.candidates)} were compared by the cross-validated torque error"
-        ]
+        tried = len(calibration.smoother.candidates)
+        comments["smoother"] = [f"{tried} were compared by the cross-validated torque error"]
     if recipe.rests == "trim":
         comments["rests"] = ["at the ends; those within as cross-validation says, unless there is a min_speed"]
     return comments
@@ -127,7 +124,7 @@ def _list_terms(choice: TermChoice, joint: str) -> str:
     """Return the terms of a joint, with the gains of those that had to enter."""
     terms = {TERMS.kind_of(term): "" for term in choice.terms if joint in getattr(term, "acts_on", choice.joints)}
     entered = [trial for trial in choice.trials_of(joint) if trial.outcome is TrialOutcome.ENTERED]
-    terms |= {trial.kind: f" {_gain_text(trial.gain, trial.std)}" for trial in entered}
+    terms |= {trial.kind: f" {number(trial.gain, 3)} +- {number(trial.std, 2)}" for trial in entered}
     return ", ".join(f"{kind}{gain}" for kind, gain in terms.items()) or "none"
 
 
@@ -159,10 +156,6 @@ def _trial_table(choice: TermChoice) -> PageTable:
     return PageTable.of(("joint", "term", "constants"), heads, rows, caption)
 
 
-def _gain_text(gain: float, std: float | None) -> str:
-    return f"{number(gain, 3)} +- {number(std, 2)}"
-
-
 def _setting_text(value: object) -> str:
     if isinstance(value, tuple):
         return " and ".join(map(_setting_text, value))
@@ -175,18 +168,15 @@ def base_section(identification: Identification) -> Iterator[PageSection]:
     if basis is None:
         return
     units = [identification.estimate.units[k] for k in basis.independent]
-    figure = interval_figure(
-        basis.groupings, units, basis.to_base(identification.estimate.value), base_errors(identification)
-    )
+    values = basis.to_base(identification.estimate.value)
+    figure = interval_figure(basis.groupings, units, values, base_errors(identification))
     caption = "Base parameters: 95 % intervals (1.96 standard errors to both sides) in % of the values."
     table, intervals = _base_table(identification, basis), Figure(figure, caption)
     note = f"{_BASE} {motion_known(identification)}"
+    blocks: tuple[PageBlock, ...] = (table, intervals)
     if basis.rank > MAX_UNFOLDED_PARAMETERS:
-        yield PageSection(
-            "Base parameters", (note, Fold(table.caption, (table,)), Fold("Their intervals", (intervals,)))
-        )
-    else:
-        yield PageSection("Base parameters", (note, table, intervals))
+        blocks = Fold(table.caption, (table,)), Fold("Their intervals", (intervals,))
+    yield PageSection("Base parameters", (note, *blocks))
 
 
 def base_errors(identification: Identification) -> Array:
@@ -248,9 +238,8 @@ def consistency_section(identification: Identification) -> Iterator[PageSection]
         caption = "Smallest eigenvalue of the pseudo-inertia of each body"
         blocks += [_EIGENVALUES, PageTable.of(("body",), ("smallest eigenvalue, scaled",), rows, caption)]
     if costs:
-        rows = [
-            ("all together" if family == "all" else family, number(float(value), 3)) for family, value in costs.items()
-        ]
+        names = {family: "all together" if family == "all" else family for family in costs}
+        rows = [(names[family], number(float(value), 3)) for family, value in costs.items()]
         caption = "What the constraints add to the weighted error of the training data"
         blocks.append(PageTable.of(("constraints",), ("cost, % of the torque",), rows, caption))
     if blocks:

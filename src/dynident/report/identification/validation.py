@@ -13,7 +13,7 @@ from dynident.motion.splines import Rule, SmoothingSpline, smooth
 from dynident.report.figures import Array
 from dynident.report.identification.figures import error_figure, run_figure, smoothing_figure, torque_figure
 from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
-from dynident.report.words import ROLES, figure_gallery, points
+from dynident.report.words import ROLES, figure_gallery, label_of, points
 from dynident.runtime import ConfigError, InputError, join_names, number
 from dynident.validation import FloorOrigin, residual_text
 
@@ -110,9 +110,8 @@ def _joint_matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
     heads: list[Head] = [UNIT]
     for log in identification.validations:
-        name = f"{log.name} ({ROLES.get(log.role, log.role)})"
-        heads += [(title, name) for title in ("error, %", "over the noise floor", "rmse")]
-        heads += [("of limit, %", name)] * bool(log.errors.effort_share)
+        heads += [(title, label_of(log)) for title in ("error, %", "over the noise floor", "rmse")]
+        heads += [("of limit, %", label_of(log))] * bool(log.errors.effort_share)
     rows = []
     for joint in identification.model.joints:
         row = [joint.name, joint.effort]
@@ -124,12 +123,8 @@ def _joint_matrix(identification: Identification) -> PageTable:
 
 
 def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str, str]:
-    errors = log.errors
-    return (
-        number(errors.per_joint.get(joint), 3),
-        floor_ratio_text(log, joint),
-        number(errors.rmse.get(joint), 3),
-    )
+    error, rmse = (number(values.get(joint), 3) for values in (log.errors.per_joint, log.errors.rmse))
+    return error, floor_ratio_text(log, joint), rmse
 
 
 def floor_ratio_text(log: LogValidation, joint: str | None = None) -> str:
@@ -305,19 +300,17 @@ def smooth_columns(
     names = tuple(columns) or tuple(name for name in table.columns if name != time.name)
     if not names:
         raise InputError(f"{table.source}: holds no column besides {time.name!r} to smooth.")
-    _check_names(table.source, (*names, time.name), [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names])
+    derivatives = [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names]
+    if clash := [name for name in derivatives if name in (*names, time.name)]:
+        raise ConfigError(
+            f"{table.source}: {clash[0]!r} would name both a column and a derivative; choose with --column."
+        )
     wrong = [name for name in names if len(table.column(name)) != len(stamps)]
     if wrong:
         raise InputError(f"{table.source}: column {wrong[0]!r} and {time.name!r} differ in length.")
     measured = np.column_stack([table.column(name) for name in names])
     fit = smooth(time.unit * stamps, measured, rule, sigma=sigma)
     return SmoothedTable(time.name, stamps, names, measured, fit)
-
-
-def _check_names(source: str, columns: Sequence[str], derivatives: Sequence[str]) -> None:
-    clash = [name for name in derivatives if name in columns]
-    if clash:
-        raise ConfigError(f"{source}: {clash[0]!r} would name both a column and a derivative; choose with --column.")
 
 
 def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> PageTable:

@@ -1,0 +1,190 @@
+"""Gains, gears, zeros, lengths, axes and clocks that are wrong: found with joint, value and cost, or not to be seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.checks.explain import explain_residual
+from dynident.checks.misfit import misfit
+from dynident.checks.missing import cost, faster_case
+from dynident.checks.robot_notes import (
+    AxisTilted,
+    ClockWrong,
+    LengthWrong,
+    PositionGear,
+    SuspectQuantity,
+    TorqueGain,
+    WrongValue,
+    ZeroOff,
+)
+from dynident.checks.suspects import (
+    clock_suspect,
+    displace_joint,
+    estimate_suspect,
+    gain_suspects,
+    geometry_suspects,
+    promising_suspects,
+)
+from dynident.models.lagrangian import slider
+from dynident.motion.log import Motion
+from dynident.runtime import Finding, Use
+from tests.checks.moving_arm import MOVED, arm, case, motion, text, truth
+
+
+def on_joint(joint: int, value: float, others: float = 1.0) -> np.ndarray:
+    return np.where(np.arange(3) == joint, value, others)
+
+
+def scale_torque(joint: int, gain: float) -> Motion:
+    return replace(MOVED, tau=on_joint(joint, gain) * MOVED.tau)
+
+
+def turn_faster(joint: int, factor: float) -> Motion:
+    factors = on_joint(joint, factor)
+    return replace(MOVED, q=factors * MOVED.q, dq=factors * MOVED.dq, ddq=factors * MOVED.ddq)
+
+
+def move_zero(joint: int) -> Motion:
+    return replace(MOVED, q=MOVED.q - on_joint(joint, 0.1, 0.0))
+
+
+def stamp(rate: float) -> Motion:
+    """The motion where a second of the stamps is ``rate`` seconds."""
+    return replace(MOVED, dq=rate * MOVED.dq, ddq=rate**2 * MOVED.ddq)
+
+
+FAULTS = {  # the note, its joint, the right value, the largest standard error, and the case
+    "gain 2": (TorqueGain, "j2", 2.0, 0.1, lambda: case(scale_torque(1, 2.0))),
+    "gain 1.1": (TorqueGain, "j2", 1.1, 0.055, lambda: case(scale_torque(1, 1.1))),
+    "gain 0.5": (TorqueGain, "j3", 0.5, 0.025, lambda: case(scale_torque(2, 0.5))),
+    "gear 1.2": (PositionGear, "j1", 1 / 1.2, 0.02, lambda: case(turn_faster(0, 1.2))),
+    "gear 0.8": (PositionGear, "j2", 1 / 0.8, 0.02, lambda: case(turn_faster(1, 0.8))),
+    "gear 1.05": (PositionGear, "j3", 1 / 1.05, 0.02, lambda: case(turn_faster(2, 1.05))),
+    "length 0.44": (LengthWrong, "j3", 0.4, 0.01, lambda: case(motion(noise=0.004), arm(text(0.44)))),
+    "length 0.2": (LengthWrong, "j3", 0.4, 0.01, lambda: case(motion(noise=0.004), arm(text(0.2)))),
+    "zero": (ZeroOff, "j2", 0.1, 0.05, lambda: case(move_zero(1))),
+    "clock": (ClockWrong, None, 1.25, 0.03, lambda: case(stamp(1.25))),
+}
+
+
+@cache
+def explained(name: str) -> list[Finding]:
+    return list(explain_residual(FAULTS[name][-1]()))
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_wrong_value_is_found_with_its_joint(name: str) -> None:
+    kind, joint, value, max_std, _ = FAULTS[name]
+    finding, *more = explained(name)
+    note = finding.message
+    assert (type(note), finding.joint) == (kind, joint)
+    assert note.value == pytest.approx(value, abs=max(4 * note.std, 0.1 * (kind is ClockWrong)))
+    assert note.std < max_std
+    if kind is ZeroOff:  # the simplest of what the data cannot tell apart
+        assert {rival.joint for rival in note.others} <= {"j2", "j3"}
+    else:
+        assert more == []
+    if kind is LengthWrong:
+        assert (note.component, note.given) == ("x", float(name.split()[1]))
+
+
+@pytest.mark.parametrize(("name", "forbidden"), [("gain 1.1", Use.SIMULATION), ("gain 2", Use.CONTROL)])
+def test_a_value_forbids_simulation_and_control_where_a_joint_is_far_off(name: str, forbidden: Use) -> None:
+    (finding,) = explained(name)
+    assert isinstance(finding.message, WrongValue)
+    assert finding.message.forbidden is forbidden
+
+
+@pytest.mark.parametrize("name", ["gain 2", "gain 0.5"])
+def test_a_gain_costs_its_error_on_a_faster_motion_in_the_unit_of_the_other_joints(name: str) -> None:
+    given, (finding,) = FAULTS[name][-1](), explained(name)
+    fast, model = faster_case(given), arm()
+    right = model.torque(fast.q, fast.dq, fast.ddq, truth(model))
+    error = np.linalg.norm(fast.torque(misfit(given).theta) - right) / np.linalg.norm(right)
+    assert finding.message.cost == pytest.approx(100 * error, rel=0.1)
+    assert finding.message.joint_cost >= finding.message.cost
+
+
+def test_what_changes_nothing_costs_and_removes_nothing() -> None:
+    fit = misfit(case())
+    assert (cost(fit, fit).all, cost(fit, fit).joint, cost(fit, fit).removed) == (0.0, 0.0, ())
+
+
+def test_a_gain_of_all_joints_cannot_be_seen() -> None:
+    assert list(explain_residual(case(replace(MOVED, tau=1.1 * MOVED.tau)))) == []
+    assert gain_suspects(slider()) == []
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_the_zeros_of_a_vertical_and_of_the_last_axis_cannot_be_seen(joint: int) -> None:
+    off = case(move_zero(joint))
+    assert list(explain_residual(off)) == []
+    (zero,) = (x for x in geometry_suspects(arm()) if (x.quantity, x.joint) == ("zero", f"j{joint + 1}"))
+    fit = misfit(off)
+    (seen,) = fit.score_tests([zero.derivative(fit)])
+    assert seen is None or seen.std > 1.0
+
+
+def test_a_tilted_axis_is_found() -> None:
+    tilt = 0.15
+    notes = [x.message for x in explain_residual(case(model=arm(text(axis=(np.sin(tilt), np.cos(tilt), 0)))))]
+    assert {type(note) for note in notes} == {AxisTilted}
+    assert abs(notes[0].value) == pytest.approx(tilt, abs=0.03)
+
+
+def test_a_model_without_frames_has_zeros_only() -> None:
+    model = slider()
+    assert [(x.quantity, x.joint) for x in geometry_suspects(model)] == [("zero", "slider")]
+    assert displace_joint(model, "slider", np.zeros(9)) == model
+
+
+(ZERO,) = (x for x in geometry_suspects(arm()) if (x.joint, x.quantity) == ("j2", "zero"))
+
+
+def test_the_value_of_a_zero_is_sought_within_what_is_plausible() -> None:
+    fit = misfit(case(move_zero(1)))
+    estimate = estimate_suspect(fit, ZERO)
+    assert estimate is not None
+    assert estimate.value == pytest.approx(0.1, abs=4 * estimate.std)
+    assert estimate.std < 0.01
+    right = misfit(case())
+    assert misfit(estimate.case).size < 1.1 * right.size
+    assert estimate_suspect(fit, replace(ZERO, limit=0.05)) is None
+    assert list(promising_suspects(right, [ZERO])) == []
+    assert estimate_suspect(right, ZERO) is None
+
+
+def test_the_rate_of_a_clock_is_found_and_a_right_one_is_not_suspected() -> None:
+    estimate = estimate_suspect(misfit(case(stamp(0.8))), clock_suspect())
+    assert estimate is not None
+    note = clock_suspect().note(estimate.value, estimate.std, estimate.share, ())
+    assert note.value == pytest.approx(0.8, abs=5 * note.std)
+    assert note.std < 0.03
+    assert estimate_suspect(misfit(case()), clock_suspect()) is None
+
+
+def test_friction_that_is_different_at_low_speed_at_all_joints_is_no_clock() -> None:
+    speed = np.sqrt(np.mean(MOVED.dq**2, axis=0))
+    stribeck = 4.0 * np.exp(-((MOVED.dq / (0.2 * speed)) ** 2)) * np.sign(MOVED.dq)
+    kinds = {type(x.message) for x in explain_residual(case(replace(MOVED, tau=MOVED.tau + stribeck)))}
+    assert kinds
+    assert ClockWrong not in kinds
+
+
+def test_where_a_clock_cannot_be_told_from_a_length_its_cost_counts() -> None:
+    """The cost is that of inertias too small by the square of the rate, and friction by the rate; gravity is right."""
+    rate, model, theta = 1.25, arm(), truth(arm())
+    (finding,) = explained("clock")
+    assert [rival.quantity for rival in finding.message.others] == [SuspectQuantity.LENGTH]
+    fast = MOVED.q, 2 * MOVED.dq, 4 * MOVED.ddq
+    right, weight = model.torque(*fast, theta), model.torque(MOVED.q, 0 * MOVED.dq, 0 * MOVED.ddq, theta)
+    is_friction = np.array([x.role in ("viscous", "coulomb") for x in model.parameters])
+    friction = model.torque(*fast, np.where(is_friction, theta, 0.0))
+    predicted = weight + (right - weight - friction) / rate**2 + friction
+    worst = np.linalg.norm(predicted - right, axis=0) / np.linalg.norm(right, axis=0)
+    assert finding.message.joint_cost == pytest.approx(100 * worst.max(), rel=0.3)
+    assert finding.forbids is Use.CONTROL

@@ -31,12 +31,6 @@ def test_without_bodies_all_are_kept() -> None:
     assert RegressorColumns.independent(model).indices.tolist() == list(range(len(model.parameters)))
 
 
-def test_none_are_kept_where_only_the_trajectory_is_sought() -> None:
-    Y = np.ones((4, 2, 3))
-    assert RegressorColumns.none(3).select(Y).shape == (4, 2, 0)
-    assert RegressorColumns.all(3).select(Y) is Y
-
-
 M, K, R, W = 12, 2, 3, 4  # unknowns of the trajectory, torques, parameters, width of the band
 
 

@@ -72,17 +72,6 @@ def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_un
     np.testing.assert_allclose(x, 0.0, atol=1e-12)
 
 
-def test_a_conjugate_step_that_fails_gives_way_to_the_step_itself() -> None:
-    along = Along(lambda x: (x - 1) ** 2)
-    start, step = SearchPoint((), np.zeros(1), 1.0), step_of([1.0], [2.0], 2.0)
-    before = step_of([4.0], [-0.5], 2.0)  # whose share leads too far
-    assert step.conjugate(before).theta[0] != 1.0 or step.conjugate(before) is step
-    taken, found = newton._improve(along, start, step, before)
-    assert taken is step
-    assert found is not None
-    assert found.theta[0] == 1.0
-
-
 def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> None:
     arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
     log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=2.0)

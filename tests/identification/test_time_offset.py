@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dynident.estimators import LeastSquares
-from dynident.identification import Alignment, Gain, Recipe, align_motion, choose_smoother, find_time_offset, identify
-from dynident.identification import time_offset as module
+from dynident.identification import Alignment, Gain, Recipe, align_motion, find_time_offset, identify
 from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
 from dynident.models import Model
 from dynident.models.lagrangian import slider, two_link_arm
@@ -171,23 +170,6 @@ def test_a_given_time_offset_is_used_as_it_is() -> None:
     assert align_motion(arm, [log], [Spline()], 0.004, LeastSquares()) == Alignment(TimeShifted(Spline(), 0.004))
 
 
-def test_each_smoother_is_used_once_on_each_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    arm, motion = swing()
-    late = record(replace(motion, q=motion.shift(-0.004).q), sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(0))
-    used: list[float] = []
-    original = Spline.__call__
-    monkeypatch.setattr(Spline, "__call__", lambda self, log: used.append(self.factor) or original(self, log))
-    candidates = [Spline(factor=factor) for factor in (1.0, 1.5)]
-    monkeypatch.setattr(module, "repeat_recordings", lambda *_: ())  # it smooths other logs
-    found = align_motion(arm, [late.log], candidates, "estimate", LeastSquares())
-    assert found.time_offset is not None
-    assert found.time_offset.seconds
-    assert used == [1.0, 1.5]
-    assert isinstance(found.smoother, TimeShifted)
-    again = choose_smoother(arm, [late.log], found.choice.candidates if found.choice else ())
-    assert again == found.choice
-
-
 def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over 24 runs offsets over their standard errors have a mean square of one, within five of its deviations."""
     monkeypatch.setattr("dynident.identification.time_offset.MIN_ERROR_REDUCTION", -1.0)
@@ -300,19 +282,6 @@ def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
 
     for motion in (sliding(0.0, 0.2), sliding(0.004, 6.0, 8000), sliding(0.2, 0.2)):
         assert find_time_offset(slider(), [motion], LeastSquares(), repeat=repeat).seconds == 0.0
-
-
-def test_only_trials_that_may_be_the_best_are_fitted() -> None:
-    fitted: list[float] = []
-
-    def error(x: float) -> float:
-        fitted.append(x)
-        return 1.0 + 1e3 * abs(x - 0.0012)
-
-    best = _minimise_error(error, TRIAL_OFFSETS, lambda x: 0.9 * (1.0 + 1e3 * abs(x - 0.0012)))
-    assert best == _minimise_error(lambda x: 1.0 + 1e3 * abs(x - 0.0012))
-    assert {0.0, 0.001, 0.003} <= set(fitted)
-    assert not set(fitted) & {-0.001, -0.003, 0.01, -0.01, 0.032, -0.032, 0.05, -0.05}
 
 
 def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:

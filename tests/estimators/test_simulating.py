@@ -12,7 +12,7 @@ from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
 from dynident.models import Model
 from dynident.models.lagrangian import slider, two_link_arm
-from dynident.models.simulation import PID, Function, simulate_recording
+from dynident.models.simulation import Function, simulate_recording
 from dynident.motion.log import Log, Motion
 from dynident.runtime import GIGABYTE, InputError, MissingInputError, budget_scope, progress_to, set_budget
 from dynident.testing.estimator import close_loops, multisine_motion
@@ -166,13 +166,6 @@ def test_equations_that_are_left_out_do_not_count() -> None:
     spoilt = replace(motion, tau=np.where(keep, motion.tau, 1e3), keep=keep)
     found = [Didim()(posed((log, one))).value for one in (spoilt, replace(motion, keep=keep))]
     np.testing.assert_array_equal(*found)
-
-
-def test_a_controller_may_have_an_integral() -> None:
-    integral = PID(loop(SAMPLES), np.array([200.0]))
-    log, motion = recorded(MOTION, CONTROLLER, 0)
-    found = Didim()(posed((replace(log, controller=integral), motion)))
-    assert np.isfinite(found.value).all()
 
 
 def test_needs_a_controller_that_sees_the_positions() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.identification import Gain
-from dynident.identification.cross_validation import keep_fold, left_out_errors, motion_gain
+from dynident.identification.cross_validation import left_out_errors, motion_gain
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Motion
 from dynident.testing.estimator import multisine_motion
@@ -76,10 +76,3 @@ def test_leaving_out_bad_samples_gains_by_what_is_fitted_only() -> None:
 def test_a_joint_without_torque_counts_for_nothing() -> None:
     one = replace(motion(), tau=motion().tau * [1.0, 0.0])
     assert motion_gain(two_link_arm(), [one], [one]) == Gain(0.0, 0.0)
-
-
-def test_stretches_part_the_usable_samples() -> None:
-    one = replace(motion(), mask=np.arange(2000) % 3 > 0)
-    parts = [keep_fold(one, k, FOLDS).mask for k in range(FOLDS)]
-    assert (np.sum(parts, axis=0) == one.mask).all()
-    assert max(part.sum() for part in parts) - min(part.sum() for part in parts) <= 1

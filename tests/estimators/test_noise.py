@@ -128,6 +128,19 @@ def test_the_distance_is_that_of_the_torques() -> None:
     np.testing.assert_allclose(apart.distance(by), np.array(rest[1:]) - rest[0], rtol=1e-6)
 
 
+def test_the_noise_that_is_drawn_is_that_which_was_found() -> None:
+    """Of rows that are decimated, and in stretches: those that follow each other have the noise of neighbours."""
+    for low in (None, ParallelFilter(decimate=2)):
+        apart, noise = _apart(low)
+        (drawn,) = apart._draw_noise(noise, 200, np.random.default_rng(0))
+        rows = np.arange(21, 700, 1 if low is None else 2)
+        first, second = drawn[rows, 1][1:], drawn[rows, 1][:-1]
+        np.testing.assert_allclose(np.mean(first * second) / np.mean(second**2), 0.9, atol=0.01)
+        u = first - 0.9 * second
+        np.testing.assert_allclose(np.mean(u**2), S[1, 1], rtol=0.03)
+        assert not drawn[~apart.plain.motions[0].mask].any()
+
+
 def test_what_chance_explains() -> None:
     for low in (None, ParallelFilter(decimate=2)):
         apart, noise = _apart(low)

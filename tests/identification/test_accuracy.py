@@ -60,6 +60,14 @@ def test_what_is_bought() -> None:
     assert (found.inflation >= 1 - 1e-9).all()
 
 
+def test_two_logs_tell_as_much_as_one_twice_as_long() -> None:
+    model, log = swing()
+    one = accuracy_bound(model, [log], sigma_q=1e-4, sigma_tau=0.05)
+    two = accuracy_bound(model, {"a": log, "b": log}, sigma_q=1e-4, sigma_tau=0.05)
+    np.testing.assert_allclose(two.std["now"], one.std["twice"], rtol=1e-9)
+    assert two.samples == 2 * one.samples
+
+
 def test_a_robot_of_bodies_has_bounds_of_its_base_parameters() -> None:
     found = arm()
     basis = found.identification.base.on_data

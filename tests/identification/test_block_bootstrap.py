@@ -60,6 +60,9 @@ def test_the_spread_is_that_of_standard_errors_for_correlated_residuals() -> Non
     spread = drawn(found, 400, blocks=40)
     assert spread.std == pytest.approx(found.errors.std, rel=0.35)
     assert (spread.std > 2 * found.errors.std_independent).all()
+    table = spread.frame(0.9)
+    assert table.columns == ["parameter", "value", "std", "low", "high", "unit"]
+    assert np.array_equal(table.select("low", "high").to_numpy(), spread.interval(0.9))
     assert spread.repetitions.mean(axis=0) == pytest.approx(spread.value, abs=0.2 * spread.std.min())
 
 

@@ -107,6 +107,15 @@ def test_an_offset_beyond_the_range_is_none(late: float) -> None:
     assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
 
 
+def test_the_unit_of_the_torque_does_not_matter() -> None:
+    motion = sliding(0.004, 0.2)
+    small = find_time_offset(slider(), [replace(motion, tau=1e-9 * motion.tau)], LeastSquares())
+    whole = find_time_offset(slider(), [motion], LeastSquares())
+    assert (small.seconds, small.before, small.after) == pytest.approx(
+        (whole.seconds, whole.before, whole.after), rel=1e-4
+    )
+
+
 def test_a_log_of_one_usable_sample_is_left_out() -> None:
     motion = sliding(0.004, 0.2)
     lone = replace(motion, mask=np.arange(len(motion)) == 2000)

@@ -26,7 +26,7 @@ from dynident.runtime import ConfigError, InputError, MissingInputError
 from tests.estimators.looped import MODEL, TRUTH, driven, loop, posed, recorded
 
 NOISE = 5e-6  # m: with it the acceleration has an error of a fifth of itself
-RUNS = 30
+RUNS = 20
 SHORT, CONTROLLER = driven()
 LONG, LONGER = driven(8000)
 

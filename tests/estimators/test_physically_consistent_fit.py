@@ -55,18 +55,6 @@ def test_body_on_the_boundary(noise: float) -> None:
         assert 0 < found.consistency.costs["pseudo-inertia"] == found.consistency.costs["all"] < 0.1
 
 
-def test_makes_an_impossible_body_consistent_and_predicts_better() -> None:
-    """Weak excitation, then free motion: over twenty noises the consistent fit predicts better by far."""
-    judged, ratios = problem(single(), BODY, seed=99), []
-    for seed in range(20):
-        posed = problem(single(), BODY, 0.5, seed, 100, WEAK)
-        plain, found = LeastSquares()(posed), PhysicallyConsistent()(posed)
-        assert smallest(found.value) > 0
-        assert error(posed, found.value) < 1.05 * error(posed, plain.value)
-        ratios.append(error(judged, found.value) / error(judged, plain.value))
-    assert np.median(ratios) < 0.25
-
-
 def test_beats_projecting_each_body_after_least_squares() -> None:
     """The nearest possible body, by its eigenvalues, knows nothing of what the data determine well."""
     train, held, judged = [], [], problem(single(), ROD, seed=99, spread=(1, 1, 1, 0.1, 0.1, 1, 0.1, 0.1, 1))
@@ -124,19 +112,6 @@ def test_threshold_leaves_weak_directions_to_the_prior() -> None:
     assert np.abs(strict.value - truth)[9:].max() < 0.1 * loose.std[9:].min()
 
 
-def test_settings_given_as_mappings_are_kept_hashable() -> None:
-    listed: Any = {"b": [[0, 0, 0], [1, 1, 1]]}
-    made = PhysicallyConsistent(bounds={"a": (0, None)}, centre_of_mass=listed, prior={"a": 1.0})
-    assert made == PhysicallyConsistent(
-        bounds={"a": (0, None)}, centre_of_mass={"b": ((0, 0, 0), (1, 1, 1))}, prior={"a": 1.0}
-    )
-    assert len({made, made}) == 1
-
-
-def test_costs_can_be_saved() -> None:
-    assert PhysicallyConsistent(costs=False)(problem(single(), ROD, 0.5)).consistency.costs == {}
-
-
 def test_noise_of_each_joint_sets_its_weight() -> None:
     """The moments forty times noisier than the forces: weighing each by its noise brings smaller errors."""
     model, off = single(), {"equal": 0.0, "per_joint": 0.0}
@@ -155,8 +130,8 @@ def test_noise_of_each_joint_sets_its_weight() -> None:
 
 
 def test_standard_errors_tell_the_spread_where_no_constraint_acts() -> None:
-    """No bias, and 95 % intervals that cover, over three hundred noises."""
-    model, truth, runs = single(None, ("viscous", 4)), np.append(BODY, 0.5), 300
+    """No bias, and 95 % intervals that cover, over a hundred and fifty noises."""
+    model, truth, runs = single(None, ("viscous", 4)), np.append(BODY, 0.5), 150
     found = [PhysicallyConsistent(costs=False)(problem(model, truth, 0.05, seed)) for seed in range(runs)]
     scores = np.array([(x.value - truth) / x.std for x in found])
     assert (np.abs(scores.mean(axis=0)) < 4 / np.sqrt(runs)).all()
@@ -261,13 +236,6 @@ def test_total_mass_needs_a_body() -> None:
     joints = single().joints
     with pytest.raises(ConfigError, match=r"total mass \(1.0, 1.0\): the model has no body"):
         PhysicallyConsistent(total_mass=1.0)(problem(Model((Drag(joints, "viscous"),)), np.array([1.0])))
-
-
-def test_only_what_is_at_its_bound_is_said_to_be() -> None:
-    model = single(None, ("viscous", 3))
-    found = PhysicallyConsistent(bounds={model.names[-1]: (0.6, None)})(problem(model, np.append(BODY, 0.5), 0.01))
-    assert found.provenance == ("data",) * 10 + ("bound",)
-    assert found.value[-1] == 0.6
 
 
 def test_the_covariance_holds_what_constraints_moved_the_value_by_and_nothing_else() -> None:

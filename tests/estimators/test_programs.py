@@ -103,8 +103,8 @@ def test_no_few_samples_of_any_arm_fail(seed: int, inertias: str, unit: float) -
     first = int(rng.integers(0, 1201 - size))
     few = motion.shift(0.0, np.arange(first, first + size))
     few = replace(few, tau=unit * few.tau)
-    posed = problem(text)
-    posed = Problem(posed.model, (few,), Regression(posed.model, (few,)))
+    model = problem(text, samples=30).model
+    posed = Problem(model, (few,), Regression(model, (few,)))
     try:
         found = PhysicallyConsistent(costs=False)(posed)
     except ModelError as failed:

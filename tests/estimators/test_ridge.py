@@ -99,15 +99,6 @@ def test_what_the_data_do_not_determine_is_at_the_prior():
         assert any(isinstance(note, DecidedByPrior) for note in found.notes)
 
 
-def test_its_rows_have_its_solution():
-    problem = weak()
-    ridge = Ridge("none", 0.05)
-    found, rows = ridge(problem), ridge.reduced(problem)
-    np.testing.assert_allclose(rows.solution.value, found.value, rtol=1e-9)
-    held = PhysicallyConsistent(fit=ridge, viscous=False, coulomb=False)(problem)
-    np.testing.assert_allclose(held.value, found.value, rtol=1e-5)
-
-
 def test_a_prior_is_a_number():
     with pytest.raises(ConfigError, match="prior of J"):
         Ridge(prior={"J": np.nan})

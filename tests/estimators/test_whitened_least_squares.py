@@ -23,7 +23,7 @@ from dynident.testing.estimator import make_problem, multisine_motion
 from tests.estimators.arms import arm, problem
 from tests.estimators.coloured import ARM, COLOURED, CORRELATED, bound, noisy, repeated
 
-RUNS = 100
+RUNS = 60
 SURE = 1 + 4 / np.sqrt(2 * RUNS * 7)  # of a root mean square over all parameters, were they independent
 
 

@@ -31,7 +31,14 @@ def test_the_plain_set_is_added_where_it_lacks() -> None:
 
 
 def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
-    found = identify(Model((bodies(),)), [log(1, "train")], [log(5, "other")], Recipe(terms="auto"))
+    """Bounds of parameters that are not chosen are ignored, and that is said."""
+    bounds = {"Fv_j1": (0.5, None), "Fc_j1": (None, 2.0), "fore.mass": (0.1, 5.0)}
+    recipe = Recipe(estimator=PhysicallyConsistent(bounds=bounds), terms="auto")
+    found = identify(Model((bodies(),)), [log(1, "train")], [log(5, "other")], recipe)
+    assert "Fc_j1" not in found.model.names
+    assert [one for one in found.warnings if isinstance(one, NotChosen)] == [NotChosen(("Fc_j1",))]
+    assert found.recipe.estimator.named == ("Fv_j1", "fore.mass")  # type: ignore[attr-defined]
+    assert found.estimate.value[found.model.names.index("Fv_j1")] >= 0.5 - 1e-9
     choice = found.calibration.terms
     assert choice is not None
     assert found.recipe.terms is None
@@ -47,16 +54,6 @@ def test_the_checks_take_terms_that_remember_and_were_named() -> None:
     logs, recipe = {"train": {"train": log(1, "train")}, "validation": {}}, Recipe(terms="auto")
     found = with_findings(identify(model, logs["train"], recipe=recipe), model, logs, recipe)
     assert not [one for one in found.findings if isinstance(one.message, str)]  # what a stage failed with
-
-
-def test_bounds_of_parameters_that_are_not_chosen_are_ignored_and_said() -> None:
-    bounds = {"Fv_j1": (0.5, None), "Fc_j1": (None, 2.0), "fore.mass": (0.1, 5.0)}
-    recipe = Recipe(estimator=PhysicallyConsistent(bounds=bounds), terms="auto")
-    found = identify(Model((bodies(),)), [log(1, "train")], recipe=recipe)
-    assert "Fc_j1" not in found.model.names
-    assert [one for one in found.warnings if isinstance(one, NotChosen)] == [NotChosen(("Fc_j1",))]
-    assert found.recipe.estimator.named == ("Fv_j1", "fore.mass")  # type: ignore[attr-defined]
-    assert found.estimate.value[found.model.names.index("Fv_j1")] >= 0.5 - 1e-9
 
 
 def test_other_words_are_refused() -> None:

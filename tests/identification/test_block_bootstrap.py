@@ -19,7 +19,8 @@ from dynident.models.simulation import simulate
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Difference
 from dynident.regression import ParallelFilter, factors_of_parts
-from dynident.runtime import ConfigError, InputError, progress_to
+from dynident.runtime import ConfigError, InputError
+from dynident.testing.estimator import multisine_motion
 
 ARM, CORRELATION = pendulum(), 0.9  # of the torque's noise from sample to sample
 T = np.arange(2000) * 0.005
@@ -59,10 +60,13 @@ def test_the_spread_is_that_of_standard_errors_for_correlated_residuals() -> Non
     spread = drawn(found, 400, blocks=40)
     assert spread.std == pytest.approx(found.errors.std, rel=0.35)
     assert (spread.std > 2 * found.errors.std_independent).all()
+    table = spread.frame(0.9)
+    assert table.columns == ["parameter", "value", "std", "low", "high", "unit"]
+    assert np.array_equal(table.select("low", "high").to_numpy(), spread.interval(0.9))
     assert spread.repetitions.mean(axis=0) == pytest.approx(spread.value, abs=0.2 * spread.std.min())
 
 
-@pytest.mark.parametrize("changes", [{}, {"estimator": PhysicallyConsistent()}, {"filter": ParallelFilter(4)}], ids=str)
+@pytest.mark.parametrize("changes", [{"estimator": PhysicallyConsistent()}, {"filter": ParallelFilter(4)}], ids=str)
 def test_an_executor_gives_the_same_to_the_bit(changes: dict) -> None:
     found = fitted(**changes)
     alone = drawn(found, 12, blocks=20)
@@ -90,10 +94,10 @@ def test_a_stretch_drawn_twice_counts_twice() -> None:
 
 def test_what_the_data_do_not_determine_has_no_interval_but_its_base_parameters() -> None:
     arm = two_link_arm()
-    motion = simulate(arm, arm.values, lambda t: [4 * np.sin(2 * t), 3 * np.sin(4 * t)], T)
+    motion = multisine_motion(arm)
     both = dy.Model((*arm.terms, *(dy.Offset(arm.joints, names=(f"{one}_offset1", f"{one}_offset2")) for one in "ab")))
     noise = 0.01 * np.random.default_rng(0).standard_normal(motion.tau.shape)
-    log = Log(T, motion.q, motion.tau + noise, motion.joints, "two offsets")
+    log = Log(motion.t, motion.q, motion.tau + noise, motion.joints, "two offsets")
     spread = drawn(identify(both, [log], recipe=RECIPE), 20, blocks=20)
     tied = [k for k, name in enumerate(both.names) if "offset" in name]
     assert np.isinf(spread.std[tied]).all()
@@ -101,13 +105,6 @@ def test_what_the_data_do_not_determine_has_no_interval_but_its_base_parameters(
     assert spread.base_std.shape == (len(both.names) - 2,)
     assert np.isfinite(spread.base_interval()).all()
     assert (np.diff(spread.base_interval(0.5)) < np.diff(spread.base_interval(0.95))).all()
-
-
-def test_the_table_has_the_intervals() -> None:
-    spread = drawn(fitted(), 20, blocks=20)
-    table = spread.frame(0.9)
-    assert table.columns == ["parameter", "value", "std", "low", "high", "unit"]
-    assert np.array_equal(table.select("low", "high").to_numpy(), spread.interval(0.9))
 
 
 @dataclass(frozen=True)
@@ -138,13 +135,6 @@ def test_fits_that_fail_are_counted() -> None:
 def test_where_all_fail_the_reason_is_said() -> None:
     with pytest.raises(InputError, match=r"8 of 8 repetitions of the fit failed, the last by: .*not today"):
         drawn(moody(fitted(), both=True), 8, blocks=20)
-
-
-def test_progress_counts_the_repetitions() -> None:
-    said: list[str] = []
-    with progress_to(said.append):
-        drawn(fitted(), 5, blocks=10)
-    assert said[-1] == "drawing stretches anew (5 of 5)"
 
 
 def test_what_cannot_be_drawn_from_is_said() -> None:

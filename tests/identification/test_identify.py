@@ -1,6 +1,7 @@
 """The whole method in one call."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,11 @@ from dynident.models.friction import Offset, Viscous
 from dynident.models.lagrangian import two_link_arm
 from dynident.models.simulation import record, simulate
 from dynident.motion.filters import one_pole_filter
-from dynident.motion.log import Log
+from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Difference, FourierSeries, Spline
 from dynident.regression import ParallelFilter, UnexcitedParameters, informed_std
 from dynident.runtime import ConfigError, InputError, MissingInputError, progress_to
+from dynident.testing.estimator import multisine_motion
 from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
@@ -35,11 +37,15 @@ ARM = two_link_arm()
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    """Ten seconds of the article's motion at 100 Hz, without noise."""
-    assert ARM.values is not None
-    t = np.linspace(0, 10, 1001)
-    truth = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), t, tolerance=1e-9)
-    return record(truth, 0.0, 0.0, np.random.default_rng(0), source="exact").log
+    """Ten seconds of a multisine at 100 Hz, without noise."""
+    return record(multisine_motion(ARM, samples=1001), 0.0, 0.0, np.random.default_rng(0), source="exact").log
+
+
+@cache
+def driven() -> Motion:
+    """Four seconds in which given torques drive the arm."""
+    t = np.linspace(0, 4, 801)
+    return simulate(ARM, np.asarray(ARM.values), lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
 
 
 def error(found: Identification) -> float:
@@ -66,13 +72,8 @@ def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel_filter: P
     ("parts", "words"),
     [
         ({"smoother": "spline"}, r"smoother is 'spline'; it must be a smoother, such as Spline\(\)"),
-        (
-            {"smoother": (Spline(), "gcv")},
-            r"smoother is \(Spline.*'gcv'\); it must be a smoother, .* or a tuple of them",
-        ),
-        ({"estimator": "consistent"}, r"estimator is 'consistent'; it must be an estimator, such as LeastSquares\(\)"),
+        ({"smoother": (Spline(), "gcv")}, "smoother is .*'gcv'.*; it must be a smoother, .* or a tuple of them"),
         ({"estimator": Spline()}, "estimator is Spline.*; it must be an estimator"),
-        ({"smoother": LeastSquares()}, "smoother is LeastSquares.*; it must be a smoother"),
         ({"estimator": LeastSquares}, "estimator is <class .*; it must be an estimator"),
     ],
 )
@@ -153,9 +154,7 @@ def test_warnings_hold_the_notes_where_the_rank_is_deficient(log: Log) -> None:
 @pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("again1", "again2")),)], ids=["full rank", "tied"])
 def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, ...]) -> None:
     """White noise: the robust errors, which take the motion for known, are never told where they are the smaller."""
-    t, rng = np.linspace(0, 4, 801), np.random.default_rng(0)
-    clean = simulate(ARM, np.asarray(ARM.values), lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
-    noisy = record(clean, 3e-2, 0.1, rng, source="noisy").log
+    noisy = record(driven(), 3e-2, 0.1, np.random.default_rng(0), source="noisy").log
     model = replace(ARM, terms=(*ARM.terms, *more))
     found = identify(model, [noisy], recipe=Recipe(estimator=MaximumLikelihood()))
     information = found.estimate.information
@@ -260,10 +259,14 @@ def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
 def test_motion_that_a_smoother_is_not_made_for_is_judged_by_its_substitute(log: Log) -> None:
     """The smoother is for motion that repeats: with a time offset, and without; what is fitted must repeat."""
     assert ARM.values is not None
-    t, w = np.linspace(0, 10, 1001), np.array([1.5, 3.0])
-    q, dq, ddq = np.sin(w * t[:, None]), w * np.cos(w * t[:, None]), -(w**2) * np.sin(w * t[:, None])
-    twice = Log(t, q, ARM.torque(q, dq, ddq, ARM.values), log.joints, "twice")
-    once = replace(log.window(0.0, 5.0), source="once")
+    t = np.linspace(0, 10, 1001)
+
+    def swing(source: str, *rates: float) -> Log:
+        w = np.array(rates)
+        q, dq, ddq = np.sin(w * t[:, None]), w * np.cos(w * t[:, None]), -(w**2) * np.sin(w * t[:, None])
+        return Log(t, q, ARM.torque(q, dq, ddq, ARM.values), log.joints, source)
+
+    twice, once = swing("twice", 1.5, 3.0), swing("once", 0.9, 0.7).window(0.0, 5.0)
     for late in (0.0, 0.005):
         found = identify(ARM, [twice], [once], Recipe(FourierSeries(), time_offset=late))
         (note,) = (one for one in found.notes if isinstance(one, SubstituteUsed))
@@ -281,11 +284,8 @@ def test_motion_that_a_smoother_is_not_made_for_is_judged_by_its_substitute(log:
 
 
 def test_excluded_torques_do_not_count_in_the_likelihood() -> None:
-    t, rng = np.linspace(0, 4, 801), np.random.default_rng(0)
-    assert ARM.values is not None
-    truth = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
-    noisy = record(truth, 1e-4, 0.02, rng, source="noisy").log
-    gone = (t >= 1.0) & (t <= 1.5)
+    noisy = record(driven(), 1e-4, 0.02, np.random.default_rng(0), source="noisy").log
+    gone = (noisy.t >= 1.0) & (noisy.t <= 1.5)
     spoiled = replace(noisy, tau=noisy.tau + 50.0 * gone[:, None])
     found, alone = (
         identify(ARM, [one.exclude([(1.0, 1.5)])], recipe=Recipe(estimator=MaximumLikelihood()))

@@ -10,16 +10,6 @@ from dynident.identification import identify
 from tests.apps.payload.arms import RECIPE, arm, recorded, result
 
 
-def test_the_parts_of_the_joints_make_the_base_parameters() -> None:
-    found = result()
-    basis, errors = found.base.on_data, found.errors
-    assert basis is not None
-    assert errors.base_by_joint is not None
-    np.testing.assert_allclose(errors.base_by_joint.sum(axis=1), basis.to_base(found.estimate.value), atol=1e-6)
-    assert errors.base_shares is not None
-    assert abs(errors.base_shares.sum() - 1) < 1e-9
-
-
 def test_a_joint_with_a_wrong_gain_moves_them_by_its_part() -> None:
     found, log = result(), recorded("arm")
     wrong = replace(log, tau=log.tau * (1 + 1e-4 * np.eye(6)[2]))

@@ -10,7 +10,6 @@ from dynident.estimators import PhysicallyConsistent
 from dynident.identification import Identifiability
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, determined_by, link_inertias
 from dynident.models import Model, RigidBodies, from_physical
-from dynident.models import lagrangian as gallery
 from tests.report.robots import identified
 
 THETA = from_physical(3.0, [0.1, -0.2, 0.05], np.diag([0.10, 0.20, 0.25]) + 0.01)
@@ -107,10 +106,6 @@ def test_without_knowledge_of_all_base_parameters_together_there_are_no_errors()
     found = identified(PhysicallyConsistent())
     old = replace(found, errors=replace(found.errors, base_covariance=None))
     assert np.isnan([one.std for one in link_inertias(old)]).all()
-
-
-def test_a_model_without_bodies_has_no_links() -> None:
-    assert link_inertias(replace(identified(), model=gallery.slider())) == ()
 
 
 def test_of_as_many_parameters_the_worse_counts() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -77,6 +78,16 @@ def in_pieces(ready: PiecePlan, validation: Sequence[Log] = ()) -> Identificatio
     return identify_from_pieces(ready, [one for one in pieces if one is not None], validation)
 
 
+PLAIN = Recipe(Spline(sigma=1e-5))
+
+
+@cache
+def day(recipe: Recipe = PLAIN) -> tuple[Identification, Identification]:
+    """The recording identified in pieces, and as a whole with all that was chosen."""
+    found = in_pieces(plan_pieces(ARM, [Held(LOG)], recipe, SMALL))
+    return found, identify(ARM, [LOG], recipe=found.recipe)
+
+
 @pytest.mark.parametrize(
     ("smoother", "estimator", "low"),
     [
@@ -89,10 +100,7 @@ def in_pieces(ready: PiecePlan, validation: Sequence[Log] = ()) -> Identificatio
 def test_the_estimate_is_that_of_the_whole_to_rounding(
     smoother: Smoother, estimator: Estimator, low: ParallelFilter | None
 ) -> None:
-    ready = plan_pieces(ARM, [Held(LOG)], Recipe(smoother, estimator, low), SMALL)
-    assert len(ready.spans) == 12
-    found = in_pieces(ready)
-    whole = identify(ARM, [LOG], recipe=found.recipe)  # with all that was chosen
+    found, whole = day(Recipe(smoother, estimator, low))
     np.testing.assert_allclose(found.estimate.value, whole.estimate.value, rtol=1e-8)
     np.testing.assert_allclose(found.estimate.residual.sigma, whole.estimate.residual.sigma, rtol=1e-8)
     assert found.estimate.residual.samples == whole.estimate.residual.samples
@@ -105,8 +113,7 @@ def test_the_estimate_is_that_of_the_whole_to_rounding(
 
 
 def test_standard_errors_allow_for_correlation_and_hold_the_truth() -> None:
-    found = in_pieces(plan_pieces(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL))
-    whole = identify(ARM, [LOG], recipe=found.recipe)
+    found, whole = day()
     ratio = found.errors.std / whole.errors.std
     assert ((ratio > 0.4) & (ratio < 1.6)).all()  # twelve pieces tell a standard error to a fifth
     assert (np.abs(found.estimate.value - THETA) < 5 * found.errors.std).all()

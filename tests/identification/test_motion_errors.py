@@ -87,9 +87,9 @@ def test_the_bias_is_that_of_many_runs(smoother: Smoother, parallel_filter: Para
 
 @pytest.mark.parametrize("estimator", [LeastSquares(), PhysicallyConsistent()], ids=["least squares", "consistent"])
 def test_intervals_of_an_identification_hold(estimator: LeastSquares | PhysicallyConsistent) -> None:
-    """Of 30 x 4 intervals at least 85 % hold (five deviations below 95 % for 120), and far fewer of the plain ones."""
+    """Of 20 x 4 intervals at least 85 % hold (four deviations below 95 %), and far fewer of the plain ones."""
     held, before, recipe = [], [], Recipe(WIDE, estimator, outliers="keep")  # there are none to search for
-    for seed in range(30):
+    for seed in range(20):
         one = log(seed)
         found = identify(MODEL, [one], recipe=recipe)
         held.append(np.abs(found.estimate.value - TRUTH) < NORMAL_95 * found.errors.std)

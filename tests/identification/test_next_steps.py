@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from dynident.estimators import LeastSquares
-from dynident.identification import Identification, NextStep, Recipe, identify, judge
-from dynident.identification import verdict as why
+from dynident.identification import Identification, NextStep, Recipe, identify
 from dynident.identification.next_steps import TrainingParts, _odd_parts, next_steps, parts_of
 from dynident.identification.verdict_steps import (
     Cover,
     ExcitingMotion,
-    HoldOutFaster,
     LeaveOut,
     SetRight,
     Sharpen,
@@ -197,13 +195,6 @@ def test_a_parameter_gains_what_its_error_costs_the_held_out_motion() -> None:
     (step,) = of_kind(heavy, Sharpen)
     assert step.excitation is ExcitingMotion.ACCELERATE
     assert step.faster == pytest.approx(np.sqrt(6.0 / (0.3 * found.estimate.value[0])))
-
-
-def test_a_held_out_motion_that_is_slow_is_to_be_faster() -> None:
-    found = fitted(moved("train"), moved("held", (1.0, 0.8), seed=1))
-    (reason,) = (one for one in judge(found).reasons if isinstance(one, why.SlowHoldOut))
-    assert reason.remedy == HoldOutFaster(1.0 / reason.share)
-    assert reason.remedy in judge(found).next
 
 
 def test_a_training_so_short_that_a_part_of_it_is_empty_has_no_odd_part() -> None:

@@ -20,6 +20,7 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline
 from dynident.regression import ParallelFilter
 from dynident.runtime import InputError
+from dynident.testing.estimator import multisine_motion
 
 ARM = pendulum()
 T = np.arange(2000) * 0.005
@@ -109,9 +110,7 @@ def test_a_torque_at_a_limit_nearly_always_is_fitted_as_measured() -> None:
 
 
 def test_a_joint_of_which_every_torque_is_suspect_is_fitted_as_measured() -> None:
-    arm = two_link_arm()
-    motion = simulate(arm, arm.values, lambda t: [4 * np.sin(2 * t), 3 * np.sin(4 * t)], T)
-    clean = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
+    arm, clean = two_link_arm(), two_links()
     tau = np.column_stack([clean.tau[:, 0], 0.5 * np.sign(clean.tau[:, 1])])
     found = identify(arm, {"a": replace(clean, tau=tau)}, {}, Recipe(Spline(sigma=1e-4)))
     keep = found.validations[0].motion.keep
@@ -131,12 +130,6 @@ def test_wrong_ends_are_left_out(estimator: Estimator, row: int) -> None:
         assert np.all(np.abs(one.estimate.value - clean.estimate.value) < 2 * clean.errors.std)
 
 
-def test_torques_that_are_all_suspect_are_kept() -> None:
-    found = fitted(replace(TRAIN, tau=np.where(TRAIN.tau > 0, 1.0, -1.0)))
-    (one, _) = found.validations
-    assert one.motion.keep is None or one.motion.keep.all()
-
-
 def test_torques_that_are_all_zero_are_refused() -> None:
     with pytest.raises(InputError, match="all torques of the training are zero"):
         fitted(replace(TRAIN, tau=0 * TRAIN.tau))
@@ -145,19 +138,12 @@ def test_torques_that_are_all_zero_are_refused() -> None:
 @cache
 def two_links(tau2: float | None = None) -> Log:
     """A recording of two joints, of which the second torque may be constant."""
-    arm = two_link_arm()
-    motion = simulate(arm, arm.values, lambda t: [4 * np.sin(2 * t), 3 * np.sin(4 * t)], T)
+    motion = multisine_motion(two_link_arm())
     log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
     return log if tau2 is None else replace(log, tau=np.column_stack([log.tau[:, 0], np.full(len(log), tau2)]))
 
 
-ESTIMATORS = [
-    LeastSquares(),
-    LeastSquares(weights="per_joint"),
-    PhysicallyConsistent(),
-    PhysicallyConsistent(weights="per_joint"),
-    MaximumLikelihood(),
-]
+ESTIMATORS = [LeastSquares(), PhysicallyConsistent(weights="per_joint"), MaximumLikelihood()]
 
 
 @pytest.mark.parametrize("constant", [0.0, 7.5])
@@ -189,7 +175,7 @@ def test_a_joint_that_turns_freely_is_fitted() -> None:
     """Zero is the torque of a passive joint, by which the other joint's determines all parameters of both."""
     arm = two_link_arm()
     passive = np.array([*arm.values[:-1], 0.0])
-    motion = simulate(arm, passive, lambda t: [4 * np.sin(2 * t) + 2 * np.sin(3.1 * t), 0.0], T)
+    motion = simulate(arm, passive, lambda t: [4 * np.sin(2 * t) + 2 * np.sin(3.1 * t), 0.0], T[:600])
     log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
     free = replace(log, tau=log.tau * [1.0, 0.0])
     found = identify(arm, {"a": free}, {}, Recipe(Spline(sigma=1e-4)))

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.estimators import Ridge
-from dynident.identification import Identification, Verdict, judge
+from dynident.identification import Identification, Remedy, Verdict, judge
 from dynident.identification import verdict as why
 from dynident.identification import verdict_rules as rules
 from dynident.identification.links import scaled_covariance
 from dynident.identification.verdict_rules import ConstraintEffect, constraint_effect
-from dynident.identification.verdict_steps import ExcitingMotion, Sharpen
+from dynident.identification.verdict_steps import ExcitingMotion, HoldOutFaster, Sharpen
 from dynident.models import Joint, Model, Parameter, Term
 from dynident.motion.log import stack_states, subsample
 from dynident.runtime import Use
@@ -148,6 +148,7 @@ def test_limits_of_what_physics_may_hold_back(
     arm = replace(arm)  # a verdict is found once
     assert judge(arm).use is use
     assert judge(arm).reasons == (() if use is Use.SIMULATION else (why.HeldBack(growth, apart),))
+    assert (Remedy.CHECK in judge(arm).next) == (use is not Use.SIMULATION)
     free = judge(replace(arm, estimate=replace(arm.estimate, consistency=None)))
     assert free.reasons == (why.InertiasFree(),)
     drawn = judge(replace(arm, recipe=replace(arm.recipe, estimator=Ridge())))
@@ -173,8 +174,9 @@ def test_held_out_motion_must_have_half_the_speed_of_the_training(arm: Identific
     signals = replace(held.signals, motion=replace(held.motion, dq=dq))
     verdict = judge(replace(arm, validations=(train, replace(held, signals=signals))))
     assert verdict.use is use
-    slow = [one.share for one in verdict.reasons if isinstance(one, why.SlowHoldOut)]
-    assert slow == ([] if use is Use.SIMULATION else [pytest.approx(share)])
+    slow = [one for one in verdict.reasons if isinstance(one, why.SlowHoldOut)]
+    assert [one.share for one in slow] == ([] if use is Use.SIMULATION else [pytest.approx(share)])
+    assert all(one.remedy == HoldOutFaster(1.0 / one.share) in verdict.next for one in slow)
 
 
 def test_the_error_announced_on_a_larger_and_faster_motion_is_asked_for(arm: Identification) -> None:

@@ -15,7 +15,6 @@ from dynident.identification import (
     LargestResidual,
     Measure,
     Origin,
-    Remedy,
     Rests,
     SmootherChoice,
     TimeOffset,
@@ -29,7 +28,7 @@ from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros
 from dynident.models.simulation import Singular
 from dynident.motion.smoothers import Difference, Spline
 from dynident.runtime import Finding, Remark, Severity, Use
-from dynident.validation import Driver, FloorOrigin, NoiseFloor, ResidualRipple, Reversals
+from dynident.validation import Driver, FloorOrigin, NoiseFloor
 
 CHOICES = [
     InPieces(100_000_000, 100_000.0, 1000, 6, "elbow", 7.321),
@@ -104,11 +103,6 @@ def test_a_fact_says_its_figures(fact: object, sentence: str) -> None:
     assert str(fact) == sentence
 
 
-@pytest.mark.parametrize("remedy", [*Remedy, *STEPS])
-def test_what_to_do_is_a_sentence(remedy: object) -> None:
-    assert str(remedy).endswith((".", "?"))
-
-
 RUN = WorstRun("fast", "elbow", 2.54)
 
 
@@ -146,37 +140,6 @@ def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None
         "No data can show a factor that all torques share (wrong gains), which masses and friction take up, or a wrong "
         "zero of turn, wrist, or a wrong gear ratio, lead or unit of the position of rail: make sure of that by other "
         "means."
-    )
-
-
-def verdict(use: Use = Use.SIMULATION, *reasons: why.Reason, unfiltered: tuple[float, float] | None = None) -> Verdict:
-    residual = LargestResidual("a", "fast", (Reversals(), ResidualRipple(26.0)))
-    return Verdict(use, reasons, (), HeldOut(4.0, 3.0, unfiltered), WorstRun("fast", "a", 2.5), residual)
-
-
-def test_a_good_model_in_three_sentences() -> None:
-    first, second, third = verdict().sentences()
-    assert first == (
-        "Good for simulation and control on motions like these: on held-out motion it leaves 4 % of the torque "
-        "unexplained, in training 3 %."
-    )
-    assert second == (
-        "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at most "
-        "2.5 % "
-        "of the motion (a, fast)."
-    )
-    assert third == (
-        "The torque residual is largest in a (fast) and points to friction around reversals and a ripple at 26 Hz."
-    )
-
-
-def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
-    given = (why.NoFreeRun(), why.InertiasFree(), why.NegativeValues(("Fv",)))
-    first, second, _ = verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)).sentences()
-    assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
-    assert second == (
-        "Not for simulation: no free simulation was run; the bodies' inertias were not constrained to be physically "
-        "consistent; and 1 more."
     )
 
 

@@ -12,16 +12,16 @@ import pytest
 from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify
 from dynident.identification import cross_validation as smoother_choice
 from dynident.models.lagrangian import slider, two_link_arm
-from dynident.models.simulation import record, simulate
+from dynident.models.simulation import record
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Butterworth, Difference, Spline
 from dynident.runtime import ConfigError, InputError
+from tests.identification.test_time_offset import swing
 
 
 @cache
 def motion() -> Motion:
-    arm = two_link_arm()
-    return simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s)), np.arange(2001) * 0.0025)
+    return swing(2001)[1]
 
 
 def log(seed: int = 0, coloured: bool = False) -> Log:
@@ -50,13 +50,6 @@ def test_coloured_noise_asks_for_more_than_its_differences_show() -> None:
     choice = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
     assert choice.smoother.factor > 1
     assert choice.errors[0] > 1.5 * min(choice.errors)
-
-
-def test_identify_takes_the_chosen_one_and_says_so() -> None:
-    found = identify(two_link_arm(), {"a": log()}, {"b": log(1)}, Recipe(smoother=(Difference(), Spline())))
-    assert found.calibration.smoother is not None
-    assert found.recipe.smoother == found.calibration.smoother.smoother == Spline()
-    np.testing.assert_allclose(found.estimate.value, two_link_arm().values, rtol=0.1)
 
 
 def test_a_candidate_that_cannot_smooth_is_passed_over() -> None:

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 
 from dynident.estimators import LeastSquares
-from dynident.identification import Alignment, Gain, Recipe, align_motion, choose_smoother, find_time_offset, identify
-from dynident.identification import time_offset as module
+from dynident.identification import Alignment, Gain, Recipe, align_motion, find_time_offset, identify
 from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
 from dynident.models import Model
 from dynident.models.lagrangian import slider, two_link_arm
-from dynident.models.simulation import record, simulate
+from dynident.models.simulation import record
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.regression import Selection
-from dynident.runtime import Step, progress_to
 
 
 def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
@@ -43,7 +41,7 @@ def left(motion: Motion) -> float:
     return float(100 * np.linalg.norm(rest) / np.linalg.norm(motion.tau))
 
 
-@pytest.mark.parametrize("late", [-0.031, -0.025, -0.004, -0.0006, 0.0006, 0.0018, 0.025, 0.031])
+@pytest.mark.parametrize("late", [-0.031, -0.004, -0.0006, 0.0018, 0.025])
 def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late: float) -> None:
     motion = sliding(late, 0.2)
     found = find_time_offset(slider(), [motion], LeastSquares())
@@ -53,21 +51,13 @@ def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late
 
 
 @pytest.mark.parametrize("trials", [TRIAL_OFFSETS, TRIAL_OFFSETS[:NEAREST_TRIALS]])
-@pytest.mark.parametrize("least", [-0.0319, -0.004, 0.0, 0.0002, 0.001, 0.0012, 0.02])
+@pytest.mark.parametrize("least", [-0.0319, -0.004, 0.0, 0.0012])
 def test_the_least_error_is_found_to_the_precision_of_the_search(least: float, trials: tuple[float, ...]) -> None:
     best, after, before = _minimise_error(lambda x: float(np.hypot(1.0, 1e3 * (x - least))), trials)
     assert type(best) is float
     assert best == pytest.approx(least, abs=5e-5)
     assert after == pytest.approx(1.0, abs=2e-3)
     assert before == np.hypot(1.0, 1e3 * least)
-
-
-@pytest.mark.parametrize("trials", [TRIAL_OFFSETS, TRIAL_OFFSETS[:NEAREST_TRIALS]])
-@pytest.mark.parametrize("least", [-0.1, 0.04, 0.05])
-def test_the_least_error_beyond_the_range_is_none(least: float, trials: tuple[float, ...]) -> None:
-    best, after, before = _minimise_error(lambda x: 1.0 + (x - least) ** 2, trials)
-    assert np.isnan(best)
-    assert after == before == 1.0 + least**2
 
 
 @pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
@@ -101,7 +91,7 @@ def test_two_hundred_samples_are_enough_for_an_offset() -> None:
     assert enough.seconds == pytest.approx(0.004, abs=1e-4)
 
 
-@pytest.mark.parametrize("late", [-0.09, -0.045, 0.034, 0.06])
+@pytest.mark.parametrize("late", [-0.09, 0.034])
 def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(late: float) -> None:
     found = find_time_offset(slider(), [sliding(late, 0.2)], LeastSquares())
     assert found.seconds == pytest.approx(late, abs=2e-4)
@@ -109,7 +99,7 @@ def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(late: float) -> N
     assert "look for" not in str(replace(found, seconds=0.03))
 
 
-@pytest.mark.parametrize("late", [-0.2, -0.12, 0.12, 0.2])
+@pytest.mark.parametrize("late", [-0.2, 0.12])
 def test_an_offset_beyond_the_range_is_none(late: float) -> None:
     motion = sliding(late, 0.2)
     found = find_time_offset(slider(), [motion], LeastSquares())
@@ -159,39 +149,13 @@ def test_without_torque_there_is_no_error_and_no_offset() -> None:
 
 @cache
 def swing(n: int = 4001, h: float = 0.0025) -> tuple[Model, Motion]:
+    """An arm and a smooth motion, with the torque that it needs."""
     arm, t = two_link_arm(), np.arange(n) * h
-    return arm, simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s + 1)), t)
-
-
-@pytest.mark.parametrize("time_offset", [0.0033, -0.0061, 0.012])
-def test_a_time_offset_is_found(time_offset: float) -> None:
-    arm, motion = swing()
-    rng = np.random.default_rng(3)
-    noisy = record(motion, 1e-5, 1e-2, rng).log
-    moved = replace(noisy, q=noisy.q - motion.q + motion.shift(-time_offset).q).window(0.1, 9.9)
-    found = find_time_offset(arm, [Spline()(moved)], LeastSquares())
-    assert found.seconds == pytest.approx(time_offset, abs=1e-4)
-    assert found.after < 0.9 * found.before
-
-
-def test_no_time_offset_is_left_alone() -> None:
-    arm, motion = swing()
-    noise = 0.03 * np.random.default_rng(0).standard_normal(motion.tau.shape)
-    found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
-    assert found.seconds == 0.0
-    assert found.after == found.before
-
-
-def test_a_misfit_that_grows_to_the_end_of_the_range_is_no_time_offset() -> None:
-    arm, motion = swing()
-    log = replace(record(motion, 1e-5, 1e-2, np.random.default_rng(0)).log, q=motion.shift(-0.2).q)
-    assert find_time_offset(arm, [Spline()(log.window(0.5, 9.5))], LeastSquares()).seconds == 0.0
-
-
-def test_a_log_too_short_for_it_has_no_time_offset() -> None:
-    arm, motion = swing(40)
-    found = find_time_offset(arm, [motion], LeastSquares())
-    assert found.seconds == 0.0
+    rate, size = np.array([[3.0, 4.0], [9.0, 13.0]]), np.array([[1.0, 0.7], [0.3, 0.2]])
+    angle = t[:, None, None] * rate + rate
+    states = [(size * rate**k * np.sin(angle + k * np.pi / 2)).sum(axis=1) for k in range(3)]
+    names = tuple(joint.name for joint in arm.joints)
+    return arm, Motion(t, *states, arm.torque(*states, arm.values), names, np.ones(n, dtype=bool))
 
 
 def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
@@ -213,23 +177,6 @@ def test_a_given_time_offset_is_used_as_it_is() -> None:
     arm, motion = swing()
     log = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
     assert align_motion(arm, [log], [Spline()], 0.004, LeastSquares()) == Alignment(TimeShifted(Spline(), 0.004))
-
-
-def test_each_smoother_is_used_once_on_each_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    arm, motion = swing()
-    late = record(replace(motion, q=motion.shift(-0.004).q), sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(0))
-    used: list[float] = []
-    original = Spline.__call__
-    monkeypatch.setattr(Spline, "__call__", lambda self, log: used.append(self.factor) or original(self, log))
-    candidates = [Spline(factor=factor) for factor in (1.0, 1.5)]
-    monkeypatch.setattr(module, "repeat_recordings", lambda *_: ())  # it smooths other logs
-    found = align_motion(arm, [late.log], candidates, "estimate", LeastSquares())
-    assert found.time_offset is not None
-    assert found.time_offset.seconds
-    assert used == [1.0, 1.5]
-    assert isinstance(found.smoother, TimeShifted)
-    again = choose_smoother(arm, [late.log], found.choice.candidates if found.choice else ())
-    assert again == found.choice
 
 
 def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -344,28 +291,6 @@ def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
 
     for motion in (sliding(0.0, 0.2), sliding(0.004, 6.0, 8000), sliding(0.2, 0.2)):
         assert find_time_offset(slider(), [motion], LeastSquares(), repeat=repeat).seconds == 0.0
-
-
-def test_each_trial_tells_how_much_is_done() -> None:
-    said: list[str] = []
-    with progress_to(said.append):
-        find_time_offset(slider(), [sliding(0.004, 0.2)], LeastSquares())
-    steps = [one for one in said if isinstance(one, Step)]
-    assert [one.completed for one in steps] == list(range(1, len(said) + 1))
-    assert all(one.total is not None and one.total >= one.completed for one in steps)
-
-
-def test_only_trials_that_may_be_the_best_are_fitted() -> None:
-    fitted: list[float] = []
-
-    def error(x: float) -> float:
-        fitted.append(x)
-        return 1.0 + 1e3 * abs(x - 0.0012)
-
-    best = _minimise_error(error, TRIAL_OFFSETS, lambda x: 0.9 * (1.0 + 1e3 * abs(x - 0.0012)))
-    assert best == _minimise_error(lambda x: 1.0 + 1e3 * abs(x - 0.0012))
-    assert {0.0, 0.001, 0.003} <= set(fitted)
-    assert not set(fitted) & {-0.001, -0.003, 0.01, -0.01, 0.032, -0.032, 0.05, -0.05}
 
 
 def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.estimators import Consistency, LeastSquares, PhysicallyConsistent
+from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
 from dynident.identification import verdict as why
 from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros, unknowns
-from dynident.identification.verdict_rules import constraint_effect
-from dynident.identification.verdict_steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
+from dynident.identification.verdict_steps import CheckRipple, Sharpen, SlowReversals
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Offset
 from dynident.models.lagrangian import slider
@@ -154,16 +153,6 @@ def test_the_mean_torque_does_not_make_a_repeat() -> None:
     assert repeat_of(heavy[0], heavy[0]).error == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_slow_motion_holds_little_out(good: Identification) -> None:
-    held = good.validations[1]
-    slow = replace(held.motion, dq=0.3 * held.motion.dq)
-    reasons = with_part(good, 1, signals=Signals(slow, held.predicted_torque)).reasons
-    assert [type(one) for one in reasons] == [why.SlowHoldOut]
-    assert isinstance(reasons[0], why.SlowHoldOut)
-    assert reasons[0].share == pytest.approx(0.3 * 4 / 3, rel=0.02)
-    assert with_part(good, 1, signals=Signals(slow, held.predicted_torque)).use is Use.CONTROL
-
-
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
@@ -205,11 +194,6 @@ def test_a_held_out_error_without_size_is_no_measure_of_the_training(good: Ident
     both = zip(good.validations, (11.0, held), strict=True)
     verdict = judge(replace(good, validations=tuple(with_errors(one, relative_error=x) for one, x in both)))
     assert not any(isinstance(one, why.TrainedWorse) for one in verdict.reasons)
-
-
-def test_a_large_error_of_a_small_torque_does_no_harm(good: Identification) -> None:
-    changes = {"per_joint": {"slider": 40.0}, "effort_share": {"slider": 0.5}}
-    assert with_log(good, 1, **changes).use is Use.SIMULATION
 
 
 def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: Identification) -> None:
@@ -269,17 +253,6 @@ def test_free_simulations_that_go_astray(
     assert verdict.next == (() if remedy is None else (remedy,))
 
 
-def test_parameters_known_badly_are_given_a_motion(good: Identification) -> None:
-    verdict = judge(replace(good, errors=replace(good.errors, std=np.array([4.0, 6.0, 0.01, np.inf]))))
-    steps = {step.parameter: step for step in verdict.next if isinstance(step, Sharpen)}
-    assert {name: step.excitation for name, step in steps.items()} == {
-        "M": ExcitingMotion.ACCELERATE,
-        "Fv": ExcitingMotion.CONSTANT_SPEEDS,
-    }
-    assert {step.joint for step in steps.values()} == {"slider"}
-    assert (steps["M"].value, steps["M"].std) == (good.estimate.value[0], 4.0)
-
-
 def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
     """A ripple and friction at reversals, which the tests of the residuals say by type."""
     test = good.validations[1].residuals["slider"]
@@ -291,45 +264,6 @@ def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
         assert step.joints == ("slider",)
         assert step.gain is not None
         assert 0 < step.gain < good.validations[1].errors.relative_error
-
-
-def test_figures_behind_the_verdict(good: Identification) -> None:
-    """The slider's truth is within its robust errors, its mass matrix is the mass,."""
-    assert good.mass is not None
-    np.testing.assert_array_less(np.abs(good.estimate.value - (M, FV, FC, OFFSET)), 5 * good.errors.std)
-    assert good.mass.smallest == pytest.approx(good.estimate.value[0])
-    assert [run.name for run in good.runs] == ["slow", "fast"]
-    held = good.validations[1]
-    assert held.errors.r2["slider"] == pytest.approx(
-        1 - (held.errors.rmse["slider"] ** 2) / np.var(held.motion.tau), rel=1e-2
-    )
-    assert held.errors.effort_share == {}
-    assert slider().limits == {}
-
-
-def pulled(found: Identification, mass: float) -> Verdict:
-    """Hold the mass elsewhere than the data have it, as constraints may."""
-    value = found.estimate.value.copy()
-    value[0] *= mass
-    estimate = replace(found.estimate, value=value, consistency=Consistency())
-    return judge(replace(found, estimate=estimate))
-
-
-def test_what_physics_holds_far_from_the_data_counts(good: Identification) -> None:
-    assert constraint_effect(good).growth == pytest.approx(0.0, abs=0.5)  # a part of the samples
-    assert pulled(good, 1.0).use is Use.SIMULATION
-    little, much = pulled(good, 1.02), pulled(good, 1.3)
-    for verdict, use in ((little, Use.CONTROL), (much, Use.DO_NOT_USE)):
-        assert verdict.use is use
-        (reason,) = (one for one in verdict.reasons if isinstance(one, why.HeldBack))
-        assert reason.growth > 5
-        assert Remedy.CHECK in verdict.next
-    (apart,) = (one.torque_change for one in much.reasons if isinstance(one, why.HeldBack))
-    t = np.arange(3000) * 0.002
-    x, v = np.sin(3 * t), np.cos(3 * t)
-    wrong = 0.3 * M * 4 * 2.7 * x
-    torque = 1.3 * M * 4 * -2.7 * x + FV * 2 * 0.9 * v + FC * np.sign(v) + OFFSET
-    assert apart == pytest.approx(100 * np.linalg.norm(wrong) / np.linalg.norm(torque), rel=0.03)
 
 
 def test_what_no_data_can_show_is_said_of_a_good_model(good: Identification) -> None:

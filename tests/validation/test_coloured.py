@@ -37,7 +37,7 @@ def fit(one: Regression) -> np.ndarray:
     return solve_least_squares(one.triangular_factors.stack()).value
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.9, 0.995])
+@pytest.mark.parametrize("rho", [0.9, 0.995])
 def test_intervals_hold_what_they_say(rho: float) -> None:
     """Of 200 x 4 intervals of 95 %, 91 to 99 % hold; five deviations of a binomial of 400 are 0.054.
 

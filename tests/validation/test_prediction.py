@@ -52,11 +52,6 @@ def test_errors_by_hand() -> None:
     assert found.motion.source == "morning"
 
 
-def test_name_and_role_can_be_given() -> None:
-    found = validate(MODEL, THETA, motion([[1, 1]] * 2, [[1, 1]] * 2), name="noon", role="train")
-    assert (found.name, found.role) == ("noon", "train")
-
-
 def test_a_joint_without_torque_has_no_relative_error() -> None:
     found = validate(MODEL, THETA, motion([[1, 1]] * 3, [[0, 5]] * 3))
     assert np.isnan(found.errors.per_joint["a"])

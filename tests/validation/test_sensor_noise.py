@@ -24,12 +24,12 @@ def moved(model: Model) -> Motion:
     def torque(t: float) -> list[float]:
         return [np.sin((3.0 + k) * t) for k in range(len(model.joints))]
 
-    return simulate(model, model.values, torque, np.linspace(0.0, 10.0, 5001))
+    return simulate(model, model.values, torque, np.arange(5001 if len(model.joints) == 1 else 2501) * 0.002)
 
 
 @cache
 def recorded(model: Model, sigma_q: float, sigma_tau: float) -> Motion:
-    """A motion of 10 s at 500 Hz, smoothed after noise was added."""
+    """A motion at 500 Hz, smoothed after noise was added."""
     log = record(moved(model), sigma_q=sigma_q, sigma_tau=sigma_tau, rng=np.random.default_rng(0)).log
     return Spline(sigma=sigma_q)(log)
 

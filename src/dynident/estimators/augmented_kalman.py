@@ -78,18 +78,6 @@ class AugmentedKalman(Estimator):
     little. Between passes the parameters are made consistent with physics where a body has mass no longer. Only
     directions that least squares determines are estimated. A filter of the recipe is not applied; torques that are not
     fitted count hardly.
-
-    >>> import numpy as np
-    >>> import dynident as dy
-    >>> from dynident.models.lagrangian import pendulum
-    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
-    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
-    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
-    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.AugmentedKalman())
-    >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
-    ...     print(f"{name} = {value:.4f} +- {std:.5f}")
-    J = 0.0825 +- 0.00007
-    h = 0.2499 +- 0.00021
     """
 
     samples: Annotated[int, Ge(100), Le(MAX_SAMPLES)] = 4000
@@ -181,7 +169,8 @@ class _KalmanRun(Noun):
         rank = start.determined.directions
         if rank is None:
             raise ModelError("the start of the filter does not say what the data determine.")
-        sigma = np.maximum(misfit(problem, start.value), MIN_TORQUE_NOISE * _largest_torque(problem))
+        largest_torque = np.max([np.abs(motion.tau[motion.mask]).max(axis=0) for motion in problem.motions], axis=0)
+        sigma = np.maximum(misfit(problem, start.value), MIN_TORQUE_NOISE * largest_torque)
         model, widths, uncertain = smooth_model(problem, start.value, step)
         series_arguments = problem, settings.samples, sigma, uncertain
         series = series_of(*series_arguments, _torque_residuals(problem, start.value))
@@ -206,7 +195,8 @@ class _KalmanRun(Noun):
         # the torque noise moves the joints within a step: positions must not count as more exact than that
         min_sigma = MIN_POSITION_NOISE * step**2 / 2 * _mobility(dynamics, series) @ series.noise.mean(axis=(0, 1))
         series = replace(series, sigma=np.maximum(series.sigma, min_sigma))
-        notes = (SmoothSigns(widths),) if widths and _has_uncertain_signs(uncertain, sigma) else ()
+        uncertain_share = (np.concatenate(uncertain) > sigma).mean(axis=0).max()  # of the samples, in the sign
+        notes = (SmoothSigns(widths),) if widths and uncertain_share > MAX_UNCERTAIN_SHARE else ()
 
         def mean_residuals(theta: Array) -> Array:
             return series_of(*series_arguments, _torque_residuals(problem, theta)).mean
@@ -277,15 +267,6 @@ class _KalmanRun(Noun):
 def _torque_residuals(problem: Problem, theta: Array) -> tuple[Array, ...]:
     """Return the torque residuals (N, n) of theta (p) for each motion."""
     return tuple(motion.tau - problem.model.torque(**motion.states(), theta=theta) for motion in problem.motions)
-
-
-def _largest_torque(problem: Problem) -> Array:
-    return np.asarray(np.max([np.abs(motion.tau[motion.mask]).max(axis=0) for motion in problem.motions], axis=0))
-
-
-def _has_uncertain_signs(uncertain: tuple[Array, ...], sigma: Array) -> bool:
-    """Return whether the sign of a velocity is uncertain at many samples."""
-    return float((np.concatenate(uncertain) > sigma).mean(axis=0).max()) > MAX_UNCERTAIN_SHARE
 
 
 def _mass_matrices(dynamics: Dynamics, series: FilterSeries, theta: Array) -> Array:

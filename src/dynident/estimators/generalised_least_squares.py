@@ -27,8 +27,7 @@ from dynident.estimators.least_squares import (
 )
 from dynident.estimators.noise import HausmanTest, Residuals, ResidualSeries
 from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
-from dynident.models import Parameter
-from dynident.regression import Rank, Regression, TriangularFactors, Whitening
+from dynident.regression import Rank, TriangularFactors
 from dynident.runtime import ConfigError, Note, Step, report_progress, settings_repr, settings_text
 
 Array = NDArray[np.float64]
@@ -142,7 +141,8 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit
         noise = Residuals.of(regression, value, floor).noise(max_order, unwhitened_rank.rank, orders)
         # changing orders would keep the parameters moving: after a few rounds only the coefficients are estimated anew
         orders = noise.orders if k + 1 >= ORDER_ROUNDS else None
-        factor, rank = _whiten_rows(regression, noise, unwhitened_rank, parameters)
+        whitened = replace(regression, whitening=noise).triangular_factors
+        factor, rank = weight_joints(whitened, np.ones(len(floor)), parameters, unwhitened_rank=unwhitened_rank)
         step, value = _update_parameters(factor, rank, value, triangular.total)
         costly_note = _costly_note(triangular, value, start, floor, names)
         if step < MIN_STEP or costly_note:
@@ -157,16 +157,6 @@ def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit
         *((costly_note,) if costly_note else ()),
     )
     return LinearFit(factor, rank, triangular.total, notes=notes, whitening=noise)
-
-
-def _whiten_rows(
-    regression: Regression,
-    noise: Whitening,
-    unwhitened_rank: Rank,
-    parameters: Sequence[Parameter],
-) -> tuple[Array, Rank]:
-    triangular = replace(regression, whitening=noise).triangular_factors
-    return weight_joints(triangular, np.ones(len(triangular.rows)), parameters, unwhitened_rank=unwhitened_rank)
 
 
 def _update_parameters(factor: Array, rank: Rank, previous: Array, total: int) -> tuple[float, Array]:

@@ -229,7 +229,10 @@ class PhysicallyConsistent(Estimator):
         Raises ConfigError where settings name parameters or bodies that the model does not have, or the constraints
         contradict each other, and ModelError where the program cannot be solved.
         """
-        return self.constrain(problem, self._weighted_rows(problem))
+        linear: Any = self.fit  # checked when it was set
+        if linear is None:
+            linear = LeastSquares(self.threshold, self.weights, self.iterations)
+        return self.constrain(problem, call_part(linear.reduced, problem, LinearFit))
 
     def constrain(self, problem: Problem, rows: LinearFit) -> Estimate:
         """Return the consistent estimate of rows that are at hand; raises as the call does."""
@@ -276,13 +279,6 @@ class PhysicallyConsistent(Estimator):
             consistency=Consistency(smallest_eigenvalues(bodies, value), costs, free),
             information=rows.information,
         )
-
-    def _weighted_rows(self, problem: Problem) -> LinearFit:
-        """Return the weighted rows to fit: those of ``fit``, where it is given."""
-        linear: Any = self.fit  # checked when it was set
-        if linear is None:
-            return LeastSquares(self.threshold, self.weights, self.iterations).reduced(problem)
-        return call_part(linear.reduced, problem, LinearFit)
 
     def quick(self) -> PhysicallyConsistent:
         """Return a fit of the same torque, without the cost of each constraint and with any prior."""

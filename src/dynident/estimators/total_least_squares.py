@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from dynident.estimators.estimator import Problem, check_parameters
 from dynident.estimators.least_squares import LinearEstimator, LinearFit, fit_from_information, rows_by_joint
 from dynident.estimators.notes import ErrorsInRegressor
-from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
 from dynident.regression import Rank, Regression, Selection, one_thread
-from dynident.runtime import ConfigError, InputError, Note, Noun, settings_repr, settings_text
+from dynident.runtime import ConfigError, InputError, Noun, settings_repr, settings_text
 
 Array = NDArray[np.float64]
 MAX_WINDOW = 1024  # samples of a spectrum, at most
@@ -168,7 +167,8 @@ class TotalLeastSquares(LinearEstimator):
         rows = problem.regression.triangular_factors.rows
         torque = None if self.torque is None else float(rows @ np.square(w * self.torque))
         solution = _solve_total(plain.factor, C, rank, plain.total, torque)
-        notes = _error_notes(solution, problem.model)
+        parameter = problem.model.names[int(np.abs(solution.direction).argmax())]
+        notes = (ErrorsInRegressor(parameter, 100.0 * solution.share),) if solution.share > MAX_ERROR_SHARE else ()
         return replace(fit_from_information(solution.value, solution.information, rank, plain.total, notes), weights=w)
 
     def _error_covariance(self, problem: Problem, w: Array) -> Array:
@@ -300,10 +300,3 @@ def _row_difference_gram(regression: Regression, perturbed: Regression, w: Array
     return np.asarray(
         sum(column_map.T @ gram @ column_map for column_map, gram in zip(structure.maps, grams, strict=True))
     )
-
-
-def _error_notes(solution: _Solution, model: Model) -> tuple[Note, ...]:
-    """Return a note where errors are a good part of what one direction shows."""
-    if solution.share <= MAX_ERROR_SHARE:
-        return ()
-    return (ErrorsInRegressor(model.names[int(np.abs(solution.direction).argmax())], 100.0 * solution.share),)

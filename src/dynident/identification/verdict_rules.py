@@ -258,7 +258,9 @@ def _against_simulation(identification: Identification) -> Iterator[Reason]:
     elif failed:
         yield verdict.FreeRunFails(tuple(name for name, _ in failed), failed[0][1])
     else:
-        yield from _free_run_reasons(*_largest_motion_error(identification))
+        run, joint, error = _largest_motion_error(identification)
+        if not error <= (MAX_LOOP_ERROR if run.driver is Driver.CONTROLLER else MAX_WINDOW_ERROR):
+            yield verdict.FreeRunAstray(run.name, joint, error, run.driver, run.restart)
 
 
 def _speed_share(identification: Identification) -> float:
@@ -281,11 +283,6 @@ def _speed_share(identification: Identification) -> float:
     if not len(held_out) or not moving.any():
         return 1.0
     return float(np.sqrt(np.mean((held_out[:, moving] / fastest[moving]) ** 2, axis=1)).max())
-
-
-def _free_run_reasons(run: FreeRun, joint: str, error: float) -> Iterator[Reason]:
-    if not error <= (MAX_LOOP_ERROR if run.driver is Driver.CONTROLLER else MAX_WINDOW_ERROR):
-        yield verdict.FreeRunAstray(run.name, joint, error, run.driver, run.restart)
 
 
 def _largest_motion_error(identification: Identification) -> tuple[FreeRun, str, float]:

@@ -10,8 +10,6 @@ from dynident.estimators.maximum_likelihood import Equations
 from dynident.estimators.maximum_likelihood.equations import RegressorColumns
 from dynident.estimators.maximum_likelihood.newton import Elimination
 from dynident.estimators.maximum_likelihood.trajectory import Arrow
-from dynident.models import Model, RotorInertia
-from dynident.models.lagrangian import two_link_arm
 
 
 def test_columns_of_bodies_follow_from_the_independent_ones(rng: np.random.Generator) -> None:
@@ -23,18 +21,6 @@ def test_columns_of_bodies_follow_from_the_independent_ones(rng: np.random.Gener
     np.testing.assert_allclose(found.select(Y) @ found.combination, Y, rtol=0, atol=1e-11 * np.abs(Y).max())
     friction = [k for k, one in enumerate(model.parameters) if not one.body]
     assert set(friction) <= set(found.indices)
-
-
-def test_without_bodies_all_are_kept() -> None:
-    arm = two_link_arm()
-    model = Model((*arm.terms, RotorInertia(arm.joints)))  # which depends on the inertias
-    assert RegressorColumns.independent(model).indices.tolist() == list(range(len(model.parameters)))
-
-
-def test_none_are_kept_where_only_the_trajectory_is_sought() -> None:
-    Y = np.ones((4, 2, 3))
-    assert RegressorColumns.none(3).select(Y).shape == (4, 2, 0)
-    assert RegressorColumns.all(3).select(Y) is Y
 
 
 M, K, R, W = 12, 2, 3, 4  # unknowns of the trajectory, torques, parameters, width of the band

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from dynident.apps.article import SCENARIOS
 from dynident.estimators import Barrier
 from dynident.estimators.maximum_likelihood import Likelihood, Sigma, newton, plan_segment
 from dynident.estimators.maximum_likelihood.equations import RegressorColumns, SearchPoint
-from dynident.models import Model
 from dynident.models.lagrangian import two_link_arm
 
 
@@ -72,17 +69,6 @@ def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_un
     np.testing.assert_allclose(x, 0.0, atol=1e-12)
 
 
-def test_a_conjugate_step_that_fails_gives_way_to_the_step_itself() -> None:
-    along = Along(lambda x: (x - 1) ** 2)
-    start, step = SearchPoint((), np.zeros(1), 1.0), step_of([1.0], [2.0], 2.0)
-    before = step_of([4.0], [-0.5], 2.0)  # whose share leads too far
-    assert step.conjugate(before).theta[0] != 1.0 or step.conjugate(before) is step
-    taken, found = newton._improve(along, start, step, before)
-    assert taken is step
-    assert found is not None
-    assert found.theta[0] == 1.0
-
-
 def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> None:
     arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
     log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=2.0)
@@ -99,38 +85,3 @@ def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> Non
     np.testing.assert_allclose((rough.theta - limit.theta) / std, 0.0, atol=1e-3)
     for a, b in zip(rough.extrapolate((one,), rough.theta), rough.states, strict=True):
         np.testing.assert_allclose(a.C, b.C, rtol=0, atol=1e-9)
-
-
-def descended(along: Along, decrement: float) -> float | None:
-    """Return where a step of one from zero leads, if it may be shortened."""
-    start = SearchPoint((), np.zeros(1), along.cost(0.0))
-    found = newton._descend(along, start, SimpleNamespace(theta=np.ones(1), moves=(), decrement=decrement))
-    return None if found is None else float(found.theta[0])
-
-
-def test_no_trajectory_is_sought_where_the_step_leaves_the_feasible_set() -> None:
-    along = Along(lambda x: -x, edge=0.3)
-    assert descended(along, 1.0) == pytest.approx(0.16)
-    assert along.trials == pytest.approx([1.0, 0.4, 0.16])
-
-
-def test_a_step_of_the_trajectory_needs_no_regressor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It lowers the cost, and goes where the step of all unknowns goes with theta held."""
-    arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
-    log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=0.5)
-    one, sigma = plan_segment(log, (), 20.0, np.full(2, 0.1), from_rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), RegressorColumns.all(7))
-    states = (one.initial_state(sigma.q, np.full(2, 30.0)),)
-    whole = newton._newton_step(
-        likelihood.equations(states, theta, mixed_hessian=False), theta, likelihood, newton.NewtonSettings(newton=False)
-    )
-    expected = whole.segments[0].step(np.zeros(7))
-
-    def refused(*_: object) -> None:
-        pytest.fail("the regressor was asked for")
-
-    monkeypatch.setattr(Model, "regressor", refused)
-    moves = newton._trajectory_step(likelihood, states, theta)
-    for a, b in zip(moves[0], expected, strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-9 * np.abs(b).max())
-    assert likelihood.cost((one.move(states[0], *moves[0]),), theta) < likelihood.cost(states, theta)

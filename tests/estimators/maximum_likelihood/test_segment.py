@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.apps.article import SCENARIOS
-from dynident.estimators.maximum_likelihood import Hypothesis, Sigma, State, equations, leverage, plan_segment, scores
+from dynident.estimators.maximum_likelihood import Hypothesis, Sigma, equations, leverage, plan_segment, scores
 from dynident.estimators.maximum_likelihood.trajectory import basis
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Log
@@ -114,11 +114,6 @@ class TestSegment:
         _, dq, _ = one.motion(one.initial_state(np.full(2, 1e-3), np.full(2, 30.0)))
         assert one.points[0] == 0.0
         np.testing.assert_allclose(dq[0], 0.0, atol=1e-12)
-
-
-def test_state_is_immutable() -> None:
-    with pytest.raises(AttributeError):
-        State(np.zeros((3, 1)), np.zeros((0, 1))).C = np.ones((3, 1))
 
 
 def test_torque_between_the_samples_after_a_step_is_linear_up_to_the_last_knot() -> None:

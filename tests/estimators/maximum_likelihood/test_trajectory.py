@@ -9,7 +9,6 @@ from scipy.interpolate import BSpline
 from dynident.estimators.maximum_likelihood import SplineTrajectory
 from dynident.estimators.maximum_likelihood.trajectory import (
     DEGREE,
-    MAX_CACHED_TIMES,
     Arrow,
     add_ahead,
     add_rows,
@@ -57,23 +56,6 @@ class TestTrajectory:
 
 
 T = np.linspace(0.0, 1.0, 41)
-
-
-def test_the_same_times_and_knots_share_one_basis() -> None:
-    one = basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=True)
-    assert basis(SplineTrajectory(np.linspace(0, 1, 6)), T.copy(), from_rest=True) is one
-    for other in (
-        basis(SplineTrajectory(np.linspace(0, 1, 7)), T, from_rest=True),
-        basis(SplineTrajectory(np.linspace(0, 1, 6), (0.4,)), T, from_rest=True),
-        basis(SplineTrajectory(np.linspace(0, 1, 6)), T + 1e-12, from_rest=True),
-        basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=False),
-    ):
-        assert other is not one
-
-
-def test_large_ones_are_not_kept() -> None:
-    trajectory, t = SplineTrajectory(np.linspace(0, 1, 6)), np.linspace(0, 1, MAX_CACHED_TIMES + 1)
-    assert basis(trajectory, t, from_rest=False) is not basis(trajectory, t, from_rest=False)
 
 
 @pytest.mark.parametrize("rest", [False, True])

@@ -153,7 +153,9 @@ class LikelihoodSearch:
         residuals = [segment.offset(self._fit_positions(segment)) for segment in segments]
         power = sum(((x**2).sum(axis=0) for x in residuals), np.zeros(len(self.sigma.q))) / sum(map(len, residuals))
         exact = EXACT_RESIDUAL * np.ptp(np.concatenate([log.q for log in self.recordings.logs]), axis=0)
-        return _Knots(segments, power, self._is_white(residuals, segments) or bool((power < exact**2).all()))
+        pairs = zip(residuals, segments, strict=True)
+        whiteness = min(whiteness_probability(x, segment.trajectory.size) for x, segment in pairs)
+        return _Knots(segments, power, whiteness > MIN_WHITENESS or bool((power < exact**2).all()))
 
     def _fit_positions(self, segment: Segment) -> State:
         """Return the motion fitted to a segment's positions alone."""
@@ -183,10 +185,6 @@ class LikelihoodSearch:
         if float((np.concatenate(speed) < 2 * width).mean(axis=0)[~is_still].max(initial=0.0)) < MAX_UNCERTAIN_SHARE:
             return ()
         return tuple(width[~is_still].tolist())
-
-    def _is_white(self, residuals: Sequence[Array], segments: Sequence[Segment]) -> bool:
-        pairs = zip(residuals, segments, strict=True)
-        return min(whiteness_probability(x, segment.trajectory.size) for x, segment in pairs) > MIN_WHITENESS
 
     def run(self, hold: int = 0, loose: float = 1.0) -> LikelihoodFit:
         """Search from the current state, and move to the result."""

@@ -195,9 +195,3 @@ def test_workers_get_the_motion_with_the_scenario(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(article, "_simulate_arm", lambda _: pytest.fail("simulated again"))
     sent = pickle.loads(pickle.dumps(scenario))
     np.testing.assert_array_equal(sent.record(1e-6, np.random.default_rng(0)).log.q, expected.q)
-
-
-def test_every_method_has_its_published_columns() -> None:
-    assert set(PUBLISHED) == {(level, method) for level in LEVELS for method in ("raw", "filtered", "spline")}
-    assert {method for _, method in PUBLISHED} < set(METHODS)
-    assert all(len(row) == 7 for rows in PUBLISHED.values() for row in rows)

@@ -71,7 +71,7 @@ def taken(fit: RecursiveLeastSquares, motion: Motion, size: int = 10**6) -> Recu
 @pytest.mark.parametrize("weighted", [False, True])
 def test_the_end_is_the_fit_to_all_samples(make, weighted: bool) -> None:
     model = make()
-    motion = moving(model)
+    motion = moving(model, 200)
     weights = np.linspace(1.0, 3.0, len(model.joints)) if weighted else None
     all_of = Regression(model, (motion,), weights=() if weights is None else (np.tile(weights, (len(motion), 1)),))
     offline = LeastSquares()(Problem(model, (motion,), all_of))
@@ -174,7 +174,7 @@ def test_a_parameter_that_no_motion_shows_is_not_lost() -> None:
 def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
     """Friction of which half is gone is found again, and the bodies keep what hours have shown of them."""
     model = rusty()
-    motion = moving(model, 1200)
+    motion = moving(model, 800)
     theta = np.array([1.0, 1.0, 0.8, 0.6])
     noise = SIGMA * np.random.default_rng(1).standard_normal(motion.q.shape)
     found = {}
@@ -183,7 +183,7 @@ def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
         for k, less in enumerate((1.0, 1.0, 0.5)):
             now = theta * [1.0, 1.0, less, less]
             tau = model.torque(motion.q, motion.dq, motion.ddq, now) + noise
-            taken(fit, replace(motion, t=motion.t + k * 12.0, tau=tau))
+            taken(fit, replace(motion, t=motion.t + k * 8.0, tau=tau))
         found[name] = fit.estimate().value - now
     assert np.abs(found["all"][2:]).min() > 0.1
     assert np.abs(found["friction"][2:]).max() < 0.03

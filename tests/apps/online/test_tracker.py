@@ -60,7 +60,9 @@ def test_blocks_and_estimate_do_not_depend_on_how_samples_come(make, size: int) 
 def test_a_saved_state_goes_on(make) -> None:
     log, result = recorded(), make()
     known = estimate_smoothing(result, log)
-    whole, first, second = (Tracker(result, known, lag=0.2, memory=5.0) for _ in range(3))
+    whole, first, second = (
+        Tracker(result, known, 0.2, {GroupKind.FRICTION: 2.0, GroupKind.PAYLOAD: 5.0}) for _ in range(3)
+    )
     pushed(whole, log, 100)
     first.push(log.t[:731], log.q[:731], log.tau[:731])
     second.restore({name: np.array(x.tolist()) for name, x in first.state.items()})

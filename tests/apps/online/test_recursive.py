@@ -76,9 +76,18 @@ def test_the_end_is_the_fit_to_all_samples(make, weighted: bool) -> None:
         assert online.determined.rank == offline.determined.rank
         np.testing.assert_allclose(online.value, offline.value, rtol=0, atol=1e-9)
         np.testing.assert_allclose(online.covariance, offline.covariance, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(online.residual.sigma, offline.residual.sigma, rtol=1e-9)
-        assert online.residual.samples == len(motion)
         assert fit.rows == motion.q.size
+
+
+def test_the_residual_is_that_of_each_joint_by_its_weight() -> None:
+    model = arm()
+    motion = moving(model)
+    noisy = np.array([1.0, 3.0, 10.0])
+    rough = motion.tau + SIGMA * np.random.default_rng(0).standard_normal(motion.q.shape) * noisy
+    fit = RecursiveLeastSquares(model, 1.0 / (SIGMA * np.sqrt(1.0 + noisy**2)))
+    found = taken(fit, replace(motion, tau=rough)).estimate().residual
+    np.testing.assert_allclose(found.sigma, SIGMA * np.sqrt(1.0 + noisy**2), rtol=0.1)
+    assert found.samples == len(motion)
 
 
 @pytest.mark.parametrize("size", [1, 7, 400])

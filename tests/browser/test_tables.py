@@ -35,6 +35,7 @@ def test_rows_are_sorted_by_value(browse: Browsing, tmp_path: Path, width: int) 
     column = "[...document.querySelectorAll('table:not([hidden])')][0].tBodies[0].rows"
     shown = f"[...{column}].map((row) => row.cells[1].dataset.value ?? row.cells[1].textContent.replace('\u2212', '-'))"
     assert page.evaluate(shown) == list(VALUES)
+    assert page.get_by_text("1.2\u00a0×\u00a010⁻⁵", exact=True).count() > 0
     page.keyboard.press("Tab")
     head.locator("button").focus()
     page.keyboard.press("Enter")

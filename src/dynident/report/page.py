@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.abc import ResourceLoader
 from importlib.util import find_spec
 from itertools import groupby
@@ -135,7 +135,7 @@ class PageTable:
         runs = tuple((name, len(list(run))) for name, run in groupby(column.group for column in self.columns))
         return runs if any(name for name, _ in runs) else ()
 
-    @property
+    @cached_property
     def short(self) -> dict[str, str]:
         """The long words in the columns of names, each shortened in the middle such that they stay distinct."""
         if not any(column.numeric for column in self.columns):

@@ -9,7 +9,6 @@ from unittest.mock import Mock
 import numpy as np
 import polars as pl
 import pytest
-import yaml
 
 import dynident as dy
 from dynident.apps.demo import compare_with_truth, demo_files, demo_truth
@@ -112,24 +111,11 @@ def test_the_true_model_has_the_terms_that_a_draft_has_and_stands_on_a_tilted_ba
     assert len(model.names) == len(value) == 84
     known = dict(zip(model.names, value, strict=True))
     for joint in JOINTS:
-        for prefix, wanted in (
-            ("Ia", joint.rotor),
-            ("Fv", joint.viscous),
-            ("Fc", joint.coulomb),
-            ("offset", joint.offset),
-        ):
-            assert known[f"{prefix}_{joint.name}"] == wanted
+        values = (known[f"{prefix}_{joint.name}"] for prefix in ("Ia", "Fv", "Fc", "offset"))
+        assert tuple(values) == (joint.rotor, joint.viscous, joint.coulomb, joint.offset)
     (bodies, *_) = model.terms
     down = np.array(bodies.gravity) / 9.81
     assert np.degrees(np.arccos(-down[2])) == pytest.approx(np.degrees(np.hypot(*TILT)), rel=1e-3)
-
-
-def test_the_gains_are_a_part_of_a_configuration() -> None:
-    simulation = yaml.safe_load(controller())["simulation"]
-    assert simulation["kind"] == "cascade"
-    for joint in JOINTS:
-        drive = simulation["joints"][joint.name]
-        assert (drive["kp"], drive["kv"], drive["saturation"]) == (joint.kp, joint.kv, joint.effort)
 
 
 SOME = 0.4  # s of a recording that a test makes anew
@@ -219,18 +205,14 @@ def test_a_second_time_changes_nothing_and_adds_what_is_missing(tmp_path: Path) 
     assert contents(demo_files(tmp_path)) == first | {"mine.txt": b"kept"}
 
 
-def test_files_of_the_user_stay(tmp_path: Path) -> None:
-    (tmp_path / "tuesday.parquet").write_bytes(b"my own")
-    with pytest.raises(InputError, match=r"tuesday\.parquet: exists already"):
+@pytest.mark.parametrize(
+    ("name", "words"), [("tuesday.parquet", "exists already"), ("meshes", "nothing can be written here")]
+)
+def test_files_of_the_user_stay_and_nothing_is_written_beside(tmp_path: Path, name: str, words: str) -> None:
+    (tmp_path / name).write_bytes(b"my own")
+    with pytest.raises(InputError, match=f"{name}: {words}"):
         demo_files(tmp_path)
-    assert contents(tmp_path) == {"tuesday.parquet": b"my own"}
-
-
-def test_nothing_is_written_where_not_all_can_be(tmp_path: Path) -> None:
-    (tmp_path / "meshes").write_text("a file")
-    with pytest.raises(InputError, match="meshes: nothing can be written here"):
-        demo_files(tmp_path)
-    assert contents(tmp_path) == {"meshes": b"a file"}
+    assert contents(tmp_path) == {name: b"my own"}
 
 
 def test_a_link_that_leads_nowhere_is_left(tmp_path: Path) -> None:

@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import binom
 
 from dynident.apps.fleets import ChangeShape, History, find_changes, pool_robots
-from dynident.apps.fleets.changes import course, design
+from dynident.apps.fleets.changes import course
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.result import baseline
-from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, RIPPLE, SIZE, B, E, fleet, robot
+from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, RIPPLE, SIZE, B, fleet, robot
 
 CARRIED = np.array([0.02, 0.0, 0.05])
 
@@ -38,31 +38,38 @@ FAULTS = {1: rubs, 3: carries, 5: slips, 7: wears, 8: both}
 FOUND = {(1, FRICTION_A), (3, PAYLOAD), (5, OFFSET_B), (7, RIPPLE), (8, FRICTION_A), (8, PAYLOAD)}
 
 
-@pytest.mark.parametrize(("robots", "logs", "fleets"), [(10, 10, 15), (10, 3, 15), (2, 12, 25)])
-def test_quiet_robots_are_flagged_no_more_often_than_said(robots: int, logs: int, fleets: int) -> None:
-    """Of 350 robots in all; more than these counts had a probability of 1e-3 at the rate stated."""
+@pytest.mark.parametrize(
+    ("robots", "logs", "fleets", "odd_logs"), [(10, 10, 15, 0.0), (10, 3, 15, 0.0), (2, 12, 25, 0.0), (12, 12, 8, 0.05)]
+)
+def test_quiet_robots_are_flagged_no_more_often_than_said(robots: int, logs: int, fleets: int, odd_logs: float) -> None:
+    """Of 446 robots in all; more than these counts had a probability of 1e-3 at the rate stated. Odd logs have errors
+    five times as large: tails that the fleet shows raise no alarms."""
     rng, chances, flagged, rate = np.random.default_rng(robots * logs), [], 0, 0.05
     for _ in range(fleets):
-        found = find_changes(fleet(rng, robots, logs), GROUPS, rng, rate=rate, draws=100)
+        histories = fleet(rng, robots, logs)
+        for history in histories:
+            mean, odd = history.value.mean(axis=0), rng.random(logs) < odd_logs
+            history.value[odd] = mean + 5 * (history.value[odd] - mean)
+        found = find_changes(histories, GROUPS, rng, rate=rate, draws=100)
         chances += found.p_values.values()
         flagged += len({change.robot for change in found.changes})
     assert len(chances) == robots * fleets
     assert flagged == sum(chance <= rate for chance in chances)
     assert flagged <= binom.ppf(0.999, len(chances), rate)
-    assert sum(chance <= 0.3 for chance in chances) <= binom.ppf(0.999, len(chances), 0.3)
+    assert odd_logs or sum(chance <= 0.3 for chance in chances) <= binom.ppf(0.999, len(chances), 0.3)
 
 
 def test_large_fleets_are_not_judged_too_mildly() -> None:
     """With 190 degrees of freedom the p-values are nearly uniform, so that small changes are found, too."""
     rng = np.random.default_rng(5)
     chances = np.concatenate(
-        [list(find_changes(fleet(rng, 10, 20), GROUPS, rng, draws=200).p_values.values()) for _ in range(12)]
+        [list(find_changes(fleet(rng, 10, 20), GROUPS, rng, draws=100).p_values.values()) for _ in range(8)]
     )
     assert np.mean(chances <= 0.4) > 0.2
 
 
-def test_what_changes_is_found_and_nothing_else() -> None:
-    flagged = set()
+def test_what_changes_is_found_with_its_size_and_nothing_else() -> None:
+    flagged, scores = set(), []
     for seed in range(3):
         rng = np.random.default_rng(seed)
         found = find_changes(fleet(rng, 10, 16, FAULTS), GROUPS, rng, draws=300)
@@ -72,7 +79,8 @@ def test_what_changes_is_found_and_nothing_else() -> None:
         (step,) = found.of("robot3")
         assert (step.shape, step.since, step.day, step.between) == (ChangeShape.STEP, "log10", 70.0, ("log10", "log10"))
         assert step.odds > 1e3
-        assert (np.abs(step.size - CARRIED) < 4 * step.std).all()
+        payloads = [one for one in found.changes if one.group is GROUPS[PAYLOAD]]
+        scores += [(one.size - CARRIED) / one.std for one in payloads]
         assert step.per_day is None
         assert step.p_value == 1 / 301
         wear = next(one for one in found.of("robot7") if one.group is GROUPS[RIPPLE])
@@ -81,15 +89,7 @@ def test_what_changes_is_found_and_nothing_else() -> None:
         assert wear.per_day is not None
         np.testing.assert_allclose(wear.per_day, wear.size / (105.0 - wear.day))
     assert len(flagged) <= 2  # of 15 quiet robots, and further changes of others
-
-
-def test_sizes_are_within_their_standard_errors() -> None:
-    rng, scores = np.random.default_rng(11), []
-    for _ in range(4):
-        found = find_changes(fleet(rng, 10, 16, dict.fromkeys(range(4), carries)), GROUPS, rng, draws=200)
-        steps = [one for one in found.changes if one.group is GROUPS[PAYLOAD]]
-        scores += [(one.size - CARRIED) / one.std for one in steps]
-    assert len(scores) >= 16
+    assert np.abs(scores).max() < 4
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
@@ -138,37 +138,16 @@ def test_what_a_log_does_not_show_changes_nothing() -> None:
     np.testing.assert_allclose(list(one.p_values.values()), list(other.p_values.values()), atol=0.05)
 
 
-def test_heavy_tails_raise_no_alarms_once_the_fleet_shows_them() -> None:
-    """Every twentieth log has errors five times as large."""
-    rng, flagged, robots = np.random.default_rng(12), 0, 0
-    for _ in range(8):
-        histories = fleet(rng, 12, 12)
-        for history in histories:
-            mean = history.value.mean(axis=0)
-            odd = rng.random(len(history.logs)) < 0.05
-            history.value[odd] = mean + 5 * (history.value[odd] - mean)
-        found = find_changes(histories, GROUPS, rng, rate=0.05, draws=100)
-        flagged, robots = flagged + len({one.robot for one in found.changes}), robots + len(histories)
-    assert flagged <= binom.ppf(0.999, robots, 0.05)
-
-
 def test_draws_depend_on_the_generator_alone() -> None:
-    histories = fleet(np.random.default_rng(7), 6, 10, {2: carries})
-    one, other = (find_changes(histories, GROUPS, np.random.default_rng(1), draws=200) for _ in range(2))
+    histories = fleet(np.random.default_rng(7), 4, 8, {2: carries})
+    one, other = (find_changes(histories, GROUPS, np.random.default_rng(1), draws=50) for _ in range(2))
     assert one.p_values == other.p_values
-    assert [x.size.tolist() for x in one.changes] == [x.size.tolist() for x in other.changes]
 
 
-def test_courses_and_design() -> None:
+def test_courses_step_at_a_log_and_drift_from_its_day() -> None:
     days = np.array([0.0, 1.0, 1.0, 5.0])
     assert course(days, ChangeShape.STEP, 2).tolist() == [0.0, 0.0, 1.0, 1.0]
     assert course(days, ChangeShape.DRIFT, 1).tolist() == [0.0, 0.0, 0.0, 1.0]
-    rng = np.random.default_rng(9)
-    (history,) = fleet(rng, 1, 12)
-    changed = find_changes(fleet(rng, 8, 12, {0: carries}), GROUPS, rng, draws=200).of("robot0")
-    columns = design(history, changed)
-    np.testing.assert_array_equal(columns[0], np.hstack([E, 0 * GROUPS[PAYLOAD].directions]))
-    np.testing.assert_array_equal(columns[-1], np.hstack([E, GROUPS[PAYLOAD].directions]))
 
 
 def test_logs_of_one_day_have_no_drift() -> None:

@@ -7,8 +7,6 @@ from scipy.stats import chi2
 from dynident.apps.fleets.components import (
     VarianceComponents,
     blocks_of,
-    pseudo_inverse,
-    robust_weights,
     scatter_of,
     solve_gls,
     variance_components,
@@ -101,27 +99,12 @@ def test_solved_is_generalised_least_squares() -> None:
     np.testing.assert_allclose(run.distance, np.einsum("ki,kij,kj->k", left, W, left), rtol=1e-6)
 
 
-def test_an_odd_vector_weighs_less() -> None:
-    (history,) = fleet(np.random.default_rng(7), 1, 12)
-    value = history.value.copy()
-    value[3] += 3.0 * np.abs(value[3])
-    parts = variance_components([whiten(value, history.information)], tuple(E.nonzero()[1][:, None]), inflate=True)
-    weights = robust_weights(whiten(value, history.information), parts)
-    assert weights[3] < 0.5
-    assert np.delete(weights, 3).min() > weights[3] + 0.3
-
-
 def test_few_vectors_do_not_make_a_variance_zero() -> None:
     y = np.array([[1.0], [1.0], [1.0]])
     one = whiten(y, np.full((3, 1, 1), 100.0))
     block = (np.array([0]),)
     assert variance_components([one], block).covariance[0, 0] < 1e-4
     assert variance_components([one], block, avoid_zero=True).covariance[0, 0] > 1e-3
-
-
-def test_pseudo_inverse_of_nothing_is_zero() -> None:
-    assert not pseudo_inverse(np.zeros((2, 2))).any()
-    np.testing.assert_allclose(pseudo_inverse(np.diag([4.0, 0.0])), np.diag([0.25, 0.0]))
 
 
 def test_parameters_of_a_group_scatter_together() -> None:
@@ -143,24 +126,6 @@ def test_scatter_is_that_of_friction_and_offsets(robots: int, logs: int) -> None
     assert found.covariance[4, 5] > 0.4 * np.sqrt(found.covariance[4, 4] * found.covariance[5, 5])
     assert relative[:4].max() < 0.03
     assert found.dof == robots * logs - (robots if robots > 4 else robots * logs / 3)
-
-
-def test_a_robot_that_changes_does_not_hide_it_in_the_scatter() -> None:
-    def doubled(log: int, value: np.ndarray) -> None:
-        value[:4] *= 1.0 + (log > 6)
-
-    rng = np.random.default_rng(2)
-    for robots in (1, 8):
-        found = scatter_of(fleet(rng, robots, 15, {0: doubled}), GROUPS, rng)
-        assert (np.sqrt(np.diag(found.covariance))[:4] < 0.1 * SIZE[:4]).all()
-
-
-def test_a_fleet_of_single_logs_has_no_scatter() -> None:
-    rng = np.random.default_rng(4)
-    found = scatter_of(fleet(rng, 5, 1), GROUPS, rng)
-    assert found.dof == 0.0
-    assert not found.covariance.any()
-    assert scatter_of([], GROUPS, rng).dof == 0.0
 
 
 def test_robots_of_other_parameters_are_refused() -> None:

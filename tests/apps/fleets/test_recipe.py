@@ -9,7 +9,7 @@ import pytest
 
 import dynident as dy
 from dynident.apps.fleets.config import fleet_logs, read_fleet_settings
-from dynident.apps.fleets.fit import information_of, model_of, pack_triangle, unpack_triangle
+from dynident.apps.fleets.fit import information_of, model_of
 from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe, merge_settings
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Recipe, identify, tilt_base
@@ -70,18 +70,17 @@ def test_a_wrong_recipe_is_named(folder: Path, recipe: str, words: str) -> None:
         recipe_of(folder, recipe=recipe)
 
 
+def test_a_joint_that_is_not_there_is_named_with_its_robot(folder: Path) -> None:
+    with pytest.raises(ConfigError, match=r"robots.arm-1: torque: there is no 'elbw'; did you mean 'elbow'"):
+        recipe_of(folder, FLEET + "robots: { arm-1: { torque: { elbw: { gain: 2 } } } }\n")
+
+
 def test_where_no_log_can_be_read_the_first_reason_is_said(tmp_path: Path) -> None:
     folder = make_fleet(tmp_path).parent
     for log in folder.glob("logs/*/*.csv"):
         log.write_text("t,q1\n0,1\n")
     with pytest.raises(InputError, match=r"no log can be read to choose the recipe: .*2026-01-01"):
         recipe_of(folder)
-
-
-def test_a_joint_that_is_not_there_is_named_with_its_robot(tmp_path: Path) -> None:
-    folder = make_fleet(tmp_path).parent
-    with pytest.raises(ConfigError, match=r"robots.arm-1: torque: there is no 'elbw'; did you mean 'elbow'"):
-        recipe_of(folder, FLEET + "robots: { arm-1: { torque: { elbw: { gain: 2 } } } }\n")
 
 
 SHOULDER = '<parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>'
@@ -115,13 +114,13 @@ def test_errors_are_as_large_as_the_information_says(tmp_path: Path) -> None:
     model = arm(tmp_path)
     basis = structural_base_parameters(model)
     true, distances = basis.to_base(truth(model)), []
-    for seed in range(12):
+    for seed in range(10):
         found = identify(model, [logged(model, seed)], recipe=GCV_RECIPE)
         value, information, residual = information_of(found, basis)
         error = value - true
         distances.append(error @ information @ error)
         np.testing.assert_allclose(residual, list(found.validations[0].errors.rmse.values()), rtol=0.05)
-    assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 120 degrees of freedom, over these
+    assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 100 degrees of freedom, over these
 
 
 def test_what_a_motion_does_not_show_has_no_information(tmp_path: Path) -> None:
@@ -134,10 +133,3 @@ def test_what_a_motion_does_not_show_has_no_information(tmp_path: Path) -> None:
     assert np.abs(information[viscous]).max() < 1e-9 * np.abs(information).max()
     assert np.linalg.eigvalsh(information).min() > -1e-9 * np.abs(information).max()
     assert information[names.index("Fv_shoulder"), names.index("Fv_shoulder")] > 0
-
-
-def test_packed_matrices_are_the_same_again() -> None:
-    rng = np.random.default_rng(0)
-    given = rng.standard_normal((3, 4, 4))
-    given = given + given.transpose(0, 2, 1)
-    np.testing.assert_array_equal(unpack_triangle(np.array([pack_triangle(one) for one in given]), 4), given)

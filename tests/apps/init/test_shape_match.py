@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.apps.init.column_mapping import map_columns
+from dynident.apps.init.column_mapping import ColumnMapping, map_columns
 from dynident.apps.init.match import MovableJoint
 from dynident.apps.init.shape_match import match_by_shape
 from dynident.files.tables import DataTable
@@ -56,6 +56,10 @@ def places(kinds: tuple[str, ...], wanted: str) -> list[str]:
     return [str(1 + 6 * kinds.index(wanted) + j) for j in range(6)]
 
 
+def columns_of(found: ColumnMapping) -> list[str | None]:
+    return [one.column for one in (*found.position.values(), *found.torque.values())]
+
+
 ORDERS = [
     *permutations(("q", "dq", "tau")),
     *permutations(("q", "tau")),
@@ -70,8 +74,7 @@ ORDERS = [
 def test_blocks_are_found_in_any_order(kinds: tuple[str, ...]) -> None:
     found = map_columns(table(*(BLOCKS[kind] for kind in kinds)), JOINTS)
     assert (found.time.column, found.time.unit) == ("0", "s")
-    assert [one.column for one in found.position.values()] == places(kinds, "q")
-    assert [one.column for one in found.torque.values()] == places(kinds, "tau")
+    assert columns_of(found) == [*places(kinds, "q"), *places(kinds, "tau")]
     assert all("is this order right?" in one.question for one in (*found.position.values(), *found.torque.values()))
     if "ddq" not in kinds or "dq" in kinds:  # accelerations without velocities are asked about, too
         assert all(("Why not" in one.question) == ("current" in kinds) for one in found.torque.values())
@@ -83,8 +86,7 @@ def test_headers_that_say_nothing(names) -> None:
     named = DataTable({names(int(key)): x.copy() for key, x in whole.columns.items()}, {}, "a.csv")
     found = map_columns(named, JOINTS)
     assert found.time.column == names(0)
-    assert [one.column for one in found.position.values()] == [names(k) for k in range(1, 7)]
-    assert [one.column for one in found.torque.values()] == [names(k) for k in range(13, 19)]
+    assert columns_of(found) == [names(k) for k in (*range(1, 7), *range(13, 19))]
 
 
 @pytest.mark.parametrize("at", [0, 6, 12, 18], ids="a column more at {}".format)
@@ -93,8 +95,7 @@ def test_a_column_more_shifts_nothing(at: int, more: NDArray) -> None:
     columns = np.insert(np.column_stack([BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"]]), at, more, axis=1)
     expected = [str(1 + k + (k >= at)) for k in range(18)]
     found = map_columns(table(columns), JOINTS)
-    assert [one.column for one in found.position.values()] == expected[:6]
-    assert [one.column for one in found.torque.values()] == expected[12:]
+    assert columns_of(found) == expected[:6] + expected[12:]
 
 
 def test_of_two_clocks_the_one_of_seconds_is_taken_and_asked() -> None:
@@ -117,8 +118,7 @@ def test_commanded_positions_are_a_rival() -> None:
 def test_fingers_may_be_missing() -> None:
     hand = (*JOINTS, MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.0, upper=0.04, effort=20.0)))
     found = map_columns(table(BLOCKS["tau"], BLOCKS["q"], BLOCKS["dq"]), hand)
-    assert [one.column for one in found.position.values()] == [str(k) for k in range(7, 13)]
-    assert [one.column for one in found.torque.values()] == [str(k) for k in range(1, 7)]
+    assert columns_of(found) == [str(k) for k in (*range(7, 13), *range(1, 7))]
     assert set(found.lock) == {"finger"}
 
 
@@ -127,8 +127,7 @@ def test_missing_values_are_left_out() -> None:
     parts[0][[7, 900, 901], 2] = np.nan
     parts[1][40, 5] = np.inf
     found = map_columns(table(*parts, np.full(len(T), np.nan)), JOINTS)
-    assert [one.column for one in found.position.values()] == [str(k) for k in range(7, 13)]
-    assert [one.column for one in found.torque.values()] == [str(k) for k in range(1, 7)]
+    assert columns_of(found) == [str(k) for k in (*range(7, 13), *range(1, 7))]
 
 
 def test_degrees_are_found_and_asked() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.apps.online import FinalMotion, FixedLag, StreamSmoothing
-from dynident.apps.online.fixed_lag import Context, cut_motion, join_motions
+from dynident.apps.online.fixed_lag import Context
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline
 from dynident.motion.splines import Fixed, smooth
@@ -46,33 +46,6 @@ def test_each_sample_is_delivered_once_with_those_around_it(before, after, multi
     assert context.held is None
 
 
-def test_a_saved_context_goes_on() -> None:
-    one, other = Context(5, 4), Context(5, 4)
-    for context in (one, other):
-        context.push(motion(0, 20, 3))
-    other.push(motion(20, 40))
-    other.restore(one.state, motion(0, 2))
-    for context in (one, other):
-        whole, new = context.push(motion(20, 30))
-        assert whole.t[new].tolist() == list(range(16, 26))
-        np.testing.assert_array_equal(whole.mask, whole.t >= 3)
-    other.restore(Context().state, motion(0, 2))
-    assert other.held is None
-    assert other.push(None) is None
-
-
-def test_motions_are_cut_and_joined_with_their_memory() -> None:
-    first, then = motion(0, 10), motion(10, 30)
-    assert join_motions(first, then).memory is None
-    from dataclasses import replace
-
-    both = join_motions(*(replace(one, memory=one.q[:, :1]) for one in (first, then)))
-    np.testing.assert_array_equal(both.t, np.arange(30.0))
-    part = cut_motion(both, slice(5, 12))
-    np.testing.assert_array_equal(part.memory, part.q[:, :1])
-    assert len(part) == 7
-
-
 Array = NDArray[np.float64]
 STEP, WIDTH, NAMES = 0.004, (0.01, 0.016), ("one", "two")
 
@@ -96,8 +69,7 @@ def signal(found: list[FinalMotion], name: str) -> Array:
     return np.concatenate([getattr(one.motion, name) for one in found])
 
 
-@pytest.mark.parametrize("jitter", [0.0, 0.8])
-@pytest.mark.parametrize("start", [0.0, 1.7e9])
+@pytest.mark.parametrize(("jitter", "start"), [(0.0, 0.0), (0.0, 1.7e9), (0.8, 0.0)])
 def test_with_the_whole_lag_it_is_the_spline_of_a_recording(jitter: float, start: float) -> None:
     log = recording(jitter=jitter, start=start)
     sigma = dict(zip(NAMES, (1.0, 1.0), strict=True))
@@ -111,9 +83,10 @@ def test_with_the_whole_lag_it_is_the_spline_of_a_recording(jitter: float, start
     if not jitter:
         np.testing.assert_array_equal(signal(found, "mask"), whole.mask)
     assert [one.ends for one in found] == [False] * (len(found) - 1) + [True]
+    assert all(one.motion.smoothing["bandwidth"] == WIDTH for one in found)
 
 
-@pytest.mark.parametrize("size", [1, 7, 64, 1500])
+@pytest.mark.parametrize("size", [1, 64, 1500])
 def test_it_does_not_matter_how_many_samples_are_given_at_a_time(size: int) -> None:
     log = recording()
     one, other = (streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.1), log, k) for k in (100, size))
@@ -124,7 +97,7 @@ def test_it_does_not_matter_how_many_samples_are_given_at_a_time(size: int) -> N
 
 @pytest.mark.parametrize("jitter", [0.0, 0.8])
 def test_the_lag_leaves_no_more_than_it_says(jitter: float) -> None:
-    log = recording(900, jitter)
+    log = recording(500, jitter)
     rule = Fixed(lam=[width**4 / STEP for width in WIDTH])
     whole = smooth(log.t, log.q, rule, sigma=1.0)
     errors = []
@@ -176,22 +149,14 @@ def test_a_stretch_that_is_too_short_is_left_out() -> None:
     assert FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)).finish() == ()
 
 
-def test_a_saved_state_goes_on() -> None:
-    log = recording()
-    stream = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.2)
-    first = stream.push(log.t[:777], log.q[:777], log.tau[:777])
-    other = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.2)
-    other.restore({name: x.copy() for name, x in stream.state.items()})
-    rest = [*other.push(log.t[777:], log.q[777:], log.tau[777:]), *other.finish()]
-    whole = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.2), log)
-    for name in ("t", "ddq", "mask"):
-        np.testing.assert_array_equal(signal([*first, *rest], name), signal(whole, name))
+def test_a_state_of_other_settings_is_refused() -> None:
+    state = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.2).state
     for other in (
         FixedLag(("one",), StreamSmoothing(STEP, [0.01])),
         FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.1),
     ):
         with pytest.raises(InputError, match="is of another step, bandwidth or lag, or of other joints"):
-            other.restore(stream.state)
+            other.restore(state)
 
 
 def test_bad_samples_are_refused_whole() -> None:
@@ -230,9 +195,3 @@ def test_bad_settings_are_named(settings: dict, words: str) -> None:
     smoothing = StreamSmoothing(settings.get("step", STEP), settings.get("bandwidth", WIDTH))
     with pytest.raises(ConfigError, match=words):
         FixedLag(NAMES, smoothing, settings.get("lag"), settings.get("window"))
-
-
-def test_motion_is_one_that_a_fit_takes() -> None:
-    (one, *_) = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), recording())
-    assert isinstance(one.motion, Motion)
-    assert one.motion.smoothing["bandwidth"] == WIDTH

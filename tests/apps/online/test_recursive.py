@@ -50,13 +50,6 @@ def moving(model: Model, samples: int = 400, moves: int | None = None) -> Motion
     return Motion(t, q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
 
 
-def pseudo_inertia(body: Array) -> float:
-    """The least eigenvalue of the pseudo-inertia of 10 parameters."""
-    m, mx, my, mz, xx, xy, yy, xz, yz, zz = body
-    second = 0.5 * (xx + yy + zz) * np.eye(3) - [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-    return float(np.linalg.eigvalsh(np.block([[second, np.c_[[mx, my, mz]]], [mx, my, mz, m]]))[0])
-
-
 def given(motion: Motion, rows: slice | int = slice(None)) -> tuple[Array, ...]:
     return tuple(getattr(motion, name)[rows] for name in ("t", "q", "dq", "ddq", "tau"))
 
@@ -71,7 +64,7 @@ def taken(fit: RecursiveLeastSquares, motion: Motion, size: int = 10**6) -> Recu
 @pytest.mark.parametrize("weighted", [False, True])
 def test_the_end_is_the_fit_to_all_samples(make, weighted: bool) -> None:
     model = make()
-    motion = moving(model)
+    motion = moving(model, 200)
     weights = np.linspace(1.0, 3.0, len(model.joints)) if weighted else None
     all_of = Regression(model, (motion,), weights=() if weights is None else (np.tile(weights, (len(motion), 1)),))
     offline = LeastSquares()(Problem(model, (motion,), all_of))
@@ -84,23 +77,6 @@ def test_the_end_is_the_fit_to_all_samples(make, weighted: bool) -> None:
         np.testing.assert_allclose(online.value, offline.value, rtol=0, atol=1e-9)
         np.testing.assert_allclose(online.covariance, offline.covariance, rtol=1e-9, atol=1e-12)
         assert fit.rows == motion.q.size
-
-
-def test_the_consistent_projection_is_that_of_the_offline_fit() -> None:
-    model, weights = arm(), np.array([1.0, 2.0, 3.0])
-    motion = moving(model)
-    theta = np.where([one.body != "" for one in model.parameters], [one.value or 0.0 for one in model.parameters], 0.5)
-    noise = 10 * SIGMA * np.random.default_rng(5).standard_normal(motion.q.shape)
-    motion = replace(motion, tau=model.torque(motion.q, motion.dq, motion.ddq, theta) + noise)
-    regression = Regression(model, (motion,), weights=(np.tile(weights, (len(motion), 1)),))
-    consistent = PhysicallyConsistent(costs=False)
-    offline = replace(consistent, weights="equal")(Problem(model, (motion,), regression))
-    fit = taken(RecursiveLeastSquares(model, weights), motion)
-    found, plain = fit.estimate(consistent), fit.estimate()
-    np.testing.assert_allclose(found.value, offline.value, rtol=0, atol=1e-5)  # what the conic solver leaves
-    bodies = [[k for k, one in enumerate(model.parameters) if one.body == name] for name in ("slide", "wrist")]
-    least = [[pseudo_inertia(one.value[body]) for body in bodies] for one in (found, plain)]
-    assert min(least[0]) > 0 > min(least[1])
 
 
 def test_the_residual_is_that_of_each_joint_by_its_weight() -> None:
@@ -174,7 +150,7 @@ def test_a_parameter_that_no_motion_shows_is_not_lost() -> None:
 def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
     """Friction of which half is gone is found again, and the bodies keep what hours have shown of them."""
     model = rusty()
-    motion = moving(model, 1200)
+    motion = moving(model, 800)
     theta = np.array([1.0, 1.0, 0.8, 0.6])
     noise = SIGMA * np.random.default_rng(1).standard_normal(motion.q.shape)
     found = {}
@@ -183,26 +159,11 @@ def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
         for k, less in enumerate((1.0, 1.0, 0.5)):
             now = theta * [1.0, 1.0, less, less]
             tau = model.torque(motion.q, motion.dq, motion.ddq, now) + noise
-            taken(fit, replace(motion, t=motion.t + k * 12.0, tau=tau))
+            taken(fit, replace(motion, t=motion.t + k * 8.0, tau=tau))
         found[name] = fit.estimate().value - now
     assert np.abs(found["all"][2:]).min() > 0.1
     assert np.abs(found["friction"][2:]).max() < 0.03
     assert np.abs(found["friction"][:2]).max() < 0.3 * np.abs(found["fast"]).max() + 0.003
-
-
-def test_a_saved_state_goes_on_as_if_nothing_had_happened() -> None:
-    model = arm()
-    motion = moving(model)
-    whole = taken(RecursiveLeastSquares(model, memory=FRICTION), motion, 11)
-    first = RecursiveLeastSquares(model, memory=FRICTION)
-    for start in range(0, 200, 11):
-        first.update(*given(motion, slice(start, min(start + 11, 200))))
-    saved = {name: x.copy() for name, x in first.state.items()}
-    second = RecursiveLeastSquares(model, memory=FRICTION)
-    second.restore(saved)
-    second.update(*given(motion, slice(200, None)))
-    np.testing.assert_allclose(second.estimate().value, whole.estimate().value, rtol=0, atol=1e-9)
-    assert {name: x.shape for name, x in saved.items()} == {name: x.shape for name, x in whole.state.items()}
 
 
 def test_rows_that_are_not_to_be_used_are_not() -> None:

@@ -7,6 +7,9 @@ import json
 import os
 import sys
 import tracemalloc
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ from dynident.apps.online.stream import MAX_LINE_BYTES, FollowedFile, LineReader
 from dynident.files.text import unit_row
 from dynident.models import Joint
 from dynident.project.config import parse_config
+from dynident.project.settings import Config
 from dynident.runtime import ConfigError, InputError
 
 CONFIG = """\
@@ -31,45 +35,51 @@ train: [ {{ file: {file} }} ]
 JOINTS = (Joint("one"), Joint("two"))
 
 
-def reader(tmp_path: Path, file: str = "log.csv", **changes: str) -> SampleReader:
+@cache
+def config(folder: Path, file: str, **changes: str) -> Config:
     text = CONFIG.format(file=file)
     for old, new in changes.items():
         text = text.replace(f"{old}:", new)
-    return SampleReader(parse_config(text, tmp_path, "arm.yaml"), JOINTS, "arm.csv")
+    return parse_config(text, folder, "arm.yaml")
+
+
+def reader(tmp_path: Path, file: str = "log.csv", **changes: str) -> SampleReader:
+    return SampleReader(config(tmp_path, file, **changes), JOINTS, "arm.csv")
 
 
 HEAD = "t,a,b,m.0,m.1,more"
 ROWS = ["0,180,1.0,1.5,2.0,x", "10,90,1.5,1.0,2.5,"]
 
 
-def check(one: SampleReader, lines: list[str]) -> None:
+def check(one: SampleReader, lines: Iterable[str], bad: int = 0) -> None:
     found = one.push(lines)
     np.testing.assert_allclose(found.t, [0.0, 0.01])
     np.testing.assert_allclose(found.q, [[np.pi, 1.0], [np.pi / 2, 1.5]])
     np.testing.assert_allclose(found.tau, [[3.0, 0.5], [2.0, 1.5]])
-    assert found.bad is None
+    assert (found.bad.count if found.bad else 0) == bad
 
 
-def test_rows_become_samples_in_si(tmp_path: Path) -> None:
-    check(reader(tmp_path), [HEAD, *ROWS])
+NESTED = [{"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]}, {"t": 10, "a": 90, "b": 1.5, "m": [1.0, 2.5], "note": None}]
 
 
-def test_names_that_come_alone_or_again_are_no_samples(tmp_path: Path) -> None:
-    one = reader(tmp_path)
-    assert len(one.push([HEAD]).t) == 0
-    check(one, [ROWS[0], HEAD, ROWS[1]])
-
-
-def test_other_separators_and_decimal_commas(tmp_path: Path) -> None:
-    check(
-        reader(tmp_path),
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [HEAD, *ROWS],
+        [HEAD, ROWS[0], HEAD, ROWS[1]],
         ["# a comment", HEAD.replace(",", ";"), *(row.replace(",", ";").replace(".", ",") for row in ROWS)],
-    )
-
-
-def test_units_below_the_names_are_no_sample(tmp_path: Path) -> None:
-    one = reader(tmp_path, **{"column: t, unit": 'column: "t [ms]", unit:', "column: b, unit": "column: b, unit:"})
-    check(one, [HEAD, "[ms],-,-,[A],A,", *ROWS])
+        [HEAD, "[ms],-,-,[A],A,", *ROWS],
+        [json.dumps(row) for row in NESTED],
+        ['# "a\rb', HEAD, *ROWS],
+        [HEAD, '\x01"\rzz' * 60_000, *ROWS],
+    ],
+    ids=["rows", "names again", "other separators", "units below the names", "objects", "a comment", "a long line"],
+)
+def test_lines_become_samples_in_si(tmp_path: Path, lines: list[str]) -> None:
+    unit = {"column: t, unit": 'column: "t [ms]", unit:'} if lines[1].startswith("[ms]") else {}
+    one = reader(tmp_path, **unit)
+    assert len(one.push([]).t) == 0
+    check(one, lines, bad=lines[1].startswith("\x01"))
 
 
 def test_a_position_goes_on_where_its_column_starts_anew(tmp_path: Path) -> None:
@@ -82,11 +92,6 @@ def test_a_position_goes_on_where_its_column_starts_anew(tmp_path: Path) -> None
     np.testing.assert_allclose(degrees, [350, 365, np.nan, 380, 370])
 
 
-def test_objects_may_be_nested(tmp_path: Path) -> None:
-    rows = [{"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]}, {"t": 10, "a": 90, "b": 1.5, "m": [1.0, 2.5], "note": None}]
-    check(reader(tmp_path), [json.dumps(row) for row in rows])
-
-
 def test_lines_count_once_their_end_is_there() -> None:
     one, text = LineReader(), "".join(f"{row}\r\n" for row in ("\ufeffhead", "grün,1", "last")).encode()
     found = [line for k in range(len(text)) for line in one.push(text[k : k + 1])]
@@ -94,13 +99,6 @@ def test_lines_count_once_their_end_is_there() -> None:
     assert one.tail == b""
     assert one.push(b"half") == []
     assert one.tail == b"half"
-
-
-def test_a_line_without_an_end_does_not_fill_the_memory() -> None:
-    one = LineReader()
-    found = [line for _ in range(300) for line in one.push(b"x" * 10_000)]
-    assert found
-    assert len(one.tail) < 2_000_000
 
 
 def test_what_is_no_number_is_a_sensor_that_says_nothing(tmp_path: Path) -> None:
@@ -164,77 +162,58 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture
+def file(log: Path) -> Iterator[FollowedFile]:
+    """The log, read to its end."""
+    with closing(FollowedFile(log)) as file:
+        assert file.read() == (b"head\n1\n2", True, False)
+        assert file.read() == (b"", False, False)
+        yield file
+
+
 def add(path: Path, text: bytes) -> None:
     with open(path, "ab") as file:
         file.write(text)
 
 
-def test_what_is_added_is_read(log: Path) -> None:
-    one = FollowedFile(log)
-    assert one.read() == (b"head\n1\n2", True, False)
-    assert one.read() == (b"", False, False)
+def test_what_is_added_is_read(log: Path, file: FollowedFile) -> None:
     add(log, b"2\n3\n")
-    assert one.read() == (b"2\n3\n", False, False)
-    one.close()
+    assert file.read() == (b"2\n3\n", False, False)
 
 
-def test_a_rotated_file_is_read_to_its_end_and_then_the_next(log: Path) -> None:
-    one = FollowedFile(log)
-    one.read()
+def test_a_rotated_file_is_read_to_its_end_and_then_the_next(log: Path, file: FollowedFile) -> None:
     log.rename(log.with_name("log.csv.1"))
-    assert one.read() == (b"", False, False)  # between two files
+    assert file.read() == (b"", False, False)  # between two files
     add(log.with_name("log.csv.1"), b"2\n")
     log.write_bytes(b"head\n3\n")
-    assert [one.read() for _ in range(3)] == [(b"2\n", False, False), (b"head\n3\n", True, False), (b"", False, False)]
-    one.close()
+    reads = [file.read() for _ in range(3)]
+    assert reads == [(b"2\n", False, False), (b"head\n3\n", True, False), (b"", False, False)]
 
 
-def test_a_file_that_was_cut_begins_again(log: Path) -> None:
-    one = FollowedFile(log)
-    one.read()
+def test_a_file_that_was_cut_begins_again(log: Path, file: FollowedFile) -> None:
     os.truncate(log, 0)
-    assert one.read()[0] == b""
+    assert file.read()[0] == b""
     add(log, b"3\n")
-    assert one.read() == (b"3\n", True, False)
-    one.close()
+    assert file.read() == (b"3\n", True, False)
 
 
-def test_a_saved_position_is_read_on_from(log: Path) -> None:
-    one = FollowedFile(log)
-    one.read()
-    position = json.loads(json.dumps(one.position(1)))  # the last line has no end
-    one.close()
+@pytest.mark.parametrize("change", ["grown", "rotated", "another"])
+def test_a_saved_position_is_read_on_from_where_the_file_is_found(log: Path, file: FollowedFile, change: str) -> None:
+    position = json.loads(json.dumps(file.position(1)))  # the last line has no end
+    file.close()
     add(log, b"2\n")
-    other = FollowedFile(log, position)
-    assert other.found
-    assert other.read() == (b"22\n", False, False)
-    other.close()
-
-
-def test_a_file_that_was_rotated_meanwhile_is_found_by_what_it_is(log: Path) -> None:
-    one = FollowedFile(log)
-    one.read()
-    position = one.position(0)
-    one.close()
-    add(log, b"2\n")
-    log.rename(log.with_name("log.csv.1"))
-    log.write_bytes(b"head\n3\n")
-    other = FollowedFile(log, position)
-    assert [other.read()[:2] for _ in range(2)] == [(b"2\n", False), (b"head\n3\n", True)]
-    other.close()
-
-
-def test_another_file_is_read_from_its_beginning(log: Path) -> None:
-    one = FollowedFile(log)
-    one.read()
-    position = one.position(0)
-    one.close()
-    log.unlink()
-    log.write_bytes(b"other head\n")
-    other = FollowedFile(log, position)
-    assert not other.found
-    assert other.read() == (b"other head\n", True, False)
-    other.close()
+    reads = [(b"22\n", False, False)]
+    if change == "rotated":
+        log.rename(log.with_name("log.csv.1"))
+        log.write_bytes(b"head\n3\n")
+        reads.append((b"head\n3\n", True, False))
+    elif change == "another":
+        log.unlink()
+        log.write_bytes(b"other head\n")
+        reads = [(b"other head\n", True, False)]
+    with closing(FollowedFile(log, position)) as other:
+        assert other.found == (change != "another")
+        assert [other.read() for _ in reads] == reads
 
 
 def test_a_standard_input_that_is_closed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,7 +255,7 @@ ANY_LINE = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(lines=st.lists(ANY_LINE, max_size=4), cuts=st.lists(st.integers(0, 10_000), max_size=3))
 def test_any_bytes_between_two_rows_are_samples_or_counted(lines: list[bytes], cuts: list[int]) -> None:
     lines = [line.replace(b"\n", b"") for line in lines]
@@ -299,32 +278,27 @@ def is_repetition(text: str) -> bool:
     return text == HEAD or unit_row(text, HEAD.split(","), ",") is not None
 
 
-def test_a_header_that_cannot_be_read_is_no_header(tmp_path: Path) -> None:
-    for head in ('# "a\rb', '\x01"\rzz' * 60_000):
-        lines = [head, HEAD, *ROWS] if head.startswith("#") else [HEAD, head, *ROWS]
-        samples = reader(tmp_path).push(lines)
-        assert samples.t.tolist() == [0.0, 0.01]
-
-
-def test_a_line_of_megabytes_is_counted_once() -> None:
-    stream = LineReader()
-    lines = [line for _ in range(40) for line in stream.push(b"0,1,1,1,1,x" * 10_000)] + stream.push(b"\nlast\n")
-    assert len(lines) == 2
-    assert lines[1] == "last"
+def test_a_line_of_megabytes_is_counted_once_and_does_not_fill_the_memory() -> None:
+    stream, lines = LineReader(), list[str]()
+    for _ in range(40):
+        lines += stream.push(b"0,1,1,1,1,x" * 10_000)
+        assert len(stream.tail) < 2_000_000
+    assert len(lines) == 1
+    assert stream.push(b"\nlast\n") == ["last"]
 
 
 def test_objects_of_another_program_in_the_next_file_are_counted(tmp_path: Path) -> None:
     samples = reader(tmp_path)
-    samples.push([json.dumps({"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]})])
+    samples.push([json.dumps(NESTED[0])])
     samples.new_file()
-    part = samples.push(['{"rotated": true}', json.dumps({"t": 10, "a": 90, "b": 1.5, "m": [1.0, 2.5]})])
+    part = samples.push(['{"rotated": true}', json.dumps(NESTED[1])])
     assert part.t.tolist() == [0.01]
     assert part.bad is not None
     assert part.bad.count == 1
 
 
 def test_names_of_nested_values_do_not_fill_the_memory(tmp_path: Path) -> None:
-    line = json.dumps({"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0], "x" * 100_000: [0] * 50_000})
+    line = json.dumps(NESTED[0] | {"x" * 100_000: [0] * 50_000})
     tracemalloc.start()
     try:
         assert len(reader(tmp_path).push([line]).t) == 1

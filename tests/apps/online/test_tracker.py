@@ -43,8 +43,7 @@ def pushed(tracker: Tracker, log: Log, size: int) -> list[MotionBlock]:
     return [*found, *tracker.finish()]
 
 
-@pytest.mark.parametrize("make", [plain, filtered, remembering])
-@pytest.mark.parametrize("size", [1, 100])
+@pytest.mark.parametrize(("make", "size"), [(plain, 100), (filtered, 1), (remembering, 1)])
 def test_blocks_and_estimate_do_not_depend_on_how_samples_come(make, size: int) -> None:
     log, result = recorded(), make()
     known = estimate_smoothing(result, log)
@@ -61,7 +60,9 @@ def test_blocks_and_estimate_do_not_depend_on_how_samples_come(make, size: int) 
 def test_a_saved_state_goes_on(make) -> None:
     log, result = recorded(), make()
     known = estimate_smoothing(result, log)
-    whole, first, second = (Tracker(result, known, lag=0.2, memory=5.0) for _ in range(3))
+    whole, first, second = (
+        Tracker(result, known, 0.2, {GroupKind.FRICTION: 2.0, GroupKind.PAYLOAD: 5.0}) for _ in range(3)
+    )
     pushed(whole, log, 100)
     first.push(log.t[:731], log.q[:731], log.tau[:731])
     second.restore({name: np.array(x.tolist()) for name, x in first.state.items()})
@@ -111,17 +112,11 @@ def test_rests_have_the_smoothing_of_what_moves() -> None:
         estimate_smoothing(result, Log(log.t, np.full_like(q, 0.3), log.tau, log.joints))
 
 
-def test_what_is_not_shown_keeps_the_value_of_the_result() -> None:
+def test_a_result_read_from_a_file_does_and_what_is_not_shown_keeps_its_value(tmp_path) -> None:
     log, result = recorded(), plain()
-    tracker = Tracker(result, estimate_smoothing(result, log))
-    np.testing.assert_array_equal(tracker.estimate().value, result.estimate.value)
-
-
-def test_a_result_read_from_a_file_does(tmp_path) -> None:
-    log = recorded()
-    known = estimate_smoothing(plain(), log)
-    read = load(plain().save(tmp_path / "result.json"), plain().model)
-    one, other = (Tracker(result, known) for result in (plain(), read))
+    read = load(result.save(tmp_path / "result.json"), result.model)
+    one, other = (Tracker(each, estimate_smoothing(result, log)) for each in (result, read))
+    np.testing.assert_array_equal(one.estimate().value, result.estimate.value)
     for tracker in (one, other):
         pushed(tracker, log, 100)
     np.testing.assert_allclose(one.estimate().value, other.estimate().value, rtol=0, atol=1e-12)

@@ -96,7 +96,10 @@ class ArmScenario:
     @cached_property
     def truth(self) -> Motion:
         """The motion without noise, which is simulated once; workers get it with the scenario."""
-        return _simulate_arm(self.amplitudes)
+        (A1, A2), model = self.amplitudes, two_link_arm()
+        t = np.arange(N_SAMPLES) * SAMPLING_PERIOD
+        theta = np.asarray(model.values, dtype=float)
+        return simulate(model, theta, lambda s: np.array([A1 * np.sin(s), A2 * np.cos(s)]), t)
 
     def bound(self, level: float) -> Array:
         """Return the Cramer-Rao bound (7) of the variances, with a known start from rest."""
@@ -114,14 +117,6 @@ def arm_to_identify() -> Model:
     links, friction = terms
     unknowns = tuple(replace(unknown, value=None) for unknown in links.unknowns)
     return Model((replace(links, unknowns=unknowns), replace(friction, values=None)), two_link_arm().name)
-
-
-def _simulate_arm(amplitudes: tuple[float, float]) -> Motion:
-    model = two_link_arm()
-    amplitude_1, amplitude_2 = amplitudes
-    t = np.arange(N_SAMPLES) * SAMPLING_PERIOD
-    theta = np.asarray(model.values, dtype=float)
-    return simulate(model, theta, lambda s: np.array([amplitude_1 * np.sin(s), amplitude_2 * np.cos(s)]), t)
 
 
 @cache
@@ -267,16 +262,9 @@ class Reproduction(Noun):
             "kernel": self.settings.get("kernel"),
             "true": self.true.tolist(),
             "cases": [
-                {
-                    "sigma_q2": case.sigma_q2,
-                    "method": case.method,
-                    "mean": case.mean.tolist(),
-                    "variance": case.variance.tolist(),
-                    "failed": case.failed,
-                    "unsettled": case.unsettled,
-                    "coverage": case.coverage.tolist(),
-                    "bound": self.bounds[case.sigma_q2].tolist() if case.sigma_q2 in self.bounds else None,
-                }
+                {name: getattr(case, name) for name in ("sigma_q2", "method", "failed", "unsettled")}
+                | {name: getattr(case, name).tolist() for name in ("mean", "variance", "coverage")}
+                | {"bound": self.bounds[case.sigma_q2].tolist() if case.sigma_q2 in self.bounds else None}
                 for case in self.cases
             ],
         }

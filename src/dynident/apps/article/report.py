@@ -167,8 +167,7 @@ def _loss_sentence(reproduction: Reproduction) -> str:
     lost = np.flatnonzero(_is_lost(worst, reproduction.true))
     names, index = [reproduction.names[i] for i in lost], lost[0]
     return (
-        f"Most is lost by {method_name(worst.method)} at sigma_q^2 = {scientific(worst.sigma_q2)}: the "
-        "mean "
+        f"Most is lost by {method_name(worst.method)} at sigma_q^2 = {scientific(worst.sigma_q2)}: the mean "
         f"is off by more than half for {', '.join(names)}; {names[0]} is {number(float(worst.mean[index]))} instead "
         f"of {number(float(reproduction.true[index]))}."
     )

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 KEY = ("scenario", "method", "level", "run", "seed", "version")
+NOTHING: dict[str, list[float]] = {"value": [], "std": [], "interval": []}  # of a fit that failed
 Array = NDArray[np.float64]
 
 
@@ -130,44 +131,26 @@ class _FitRunner:
 
     def failed_rows(self, finished_job: JobResult[_RecordingJob, list[dict[str, Any]]]) -> list[dict[str, Any]]:
         """Return the rows of a job that gave no result."""
-        nothing = {
-            "reason": finished_job.reason,
-            "seconds": finished_job.seconds,
-            "value": [],
-            "std": [],
-            "interval": [],
-        }
-        return [
-            self.key(finished_job.job, name) | {"status": finished_job.status.value} | nothing
-            for name in finished_job.job.methods
-        ]
+        outcome = {
+            "status": finished_job.status.value, "reason": finished_job.reason, "seconds": finished_job.seconds
+        }  # fmt: skip
+        return [self.key(finished_job.job, name) | outcome | NOTHING for name in finished_job.job.methods]
 
 
 def _fit_row(method: Method, record: Recording) -> dict[str, Any]:
-    began = time.perf_counter()
-    value: list[float] = []
-    std: list[float] = []
-    interval: list[float] = []
+    began, numbers = time.perf_counter(), NOTHING
     try:
         estimate = method.estimate(record)
-        value, std = estimate.value.tolist(), estimate.std.tolist()
         interval = [] if estimate.interval is None else estimate.interval.ravel().tolist()
-        outcome = _fit_outcome(estimate)
+        numbers = {"value": estimate.value.tolist(), "std": estimate.std.tolist(), "interval": interval}
+        outcome = FitOutcome.NOTED if estimate.notes else FitOutcome.OK
+        outcome = outcome if estimate.converged else FitOutcome.UNSETTLED
         reason = ", ".join(type(note).__name__ for note in estimate.notes)
     except MemoryError:  # the job as a whole has too little
         raise
     except Exception as error:  # a failed fit is a row, whatever the exception
         outcome, reason = FitOutcome.FAILED, f"{type(error).__name__}: {error}"
-    seconds = time.perf_counter() - began
-    return {
-        "status": outcome.value, "reason": reason, "seconds": seconds, "value": value, "std": std, "interval": interval,
-    }  # fmt: skip
-
-
-def _fit_outcome(estimate: Estimate) -> FitOutcome:
-    if not estimate.converged:
-        return FitOutcome.UNSETTLED
-    return FitOutcome.NOTED if estimate.notes else FitOutcome.OK
+    return {"status": outcome.value, "reason": reason, "seconds": time.perf_counter() - began} | numbers
 
 
 def generator(seed: int, level: float, run: int) -> np.random.Generator:

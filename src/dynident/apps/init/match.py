@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,14 +64,8 @@ def headerless_families(table: DataTable, count: int) -> list[ColumnFamily]:
     # either positions and torques, or velocities in between
     if len(remaining) not in (2 * count, 3 * count):
         return time_family
-    parts = (remaining[:count], remaining[-count:])
-    return [
-        *time_family,
-        *(
-            ColumnFamily(role, 0, dict(enumerate(part)))
-            for role, part in zip(("position", "torque"), parts, strict=True)
-        ),
-    ]
+    parts = {"position": remaining[:count], "torque": remaining[-count:]}
+    return [*time_family, *(ColumnFamily(role, 0, dict(enumerate(part))) for role, part in parts.items())]
 
 
 def best_pair(
@@ -117,14 +112,16 @@ def _ask_about_rivals(table: DataTable, match: Match | None, candidates: Iterabl
     """Return the match with a question where other columns have equivalent names for as many joints."""
     if match is None:
         return None
+
+    def key(candidate: Match) -> tuple[Any, ...]:
+        family, columns = candidate.family, candidate.columns
+        return family.role, family.rank, set(columns), match_length(table, candidate)
+
     # rivals are equal in all that the choice was made by, so that the order of the file decided
-    key = match.family.role, match.family.rank, set(match.columns), match_length(table, match)
     rivals = [
         next(iter(candidate.columns.values()))
         for candidate in candidates
-        if candidate is not match
-        and (candidate.family.role, candidate.family.rank, set(candidate.columns), match_length(table, candidate))
-        == key
+        if candidate is not match and key(candidate) == key(match)
     ]
     rival_question = f"why not {' or '.join(map(repr, rivals))}, whose name has the same meaning?" if rivals else ""
     return replace(match, question="; ".join(filter(None, (match.question, rival_question))))

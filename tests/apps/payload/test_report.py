@@ -26,12 +26,12 @@ from dynident.files.results import json_text
 from dynident.identification import SourceFile, Sources
 from dynident.models import RigidBodies
 from dynident.runtime import InputError, ModelError, Note
-from tests.apps.payload.arms import CARRIED, SIX, recorded, result
+from tests.apps.payload.arms import SIX, loaded_result, result
 
 
 @cache
 def weighed() -> Payload:
-    return find_payload(result(), {"loaded": recorded("loaded", CARRIED)}, request=PayloadRequest(known_mass=3.0))
+    return find_payload(result(), loaded_result(), request=PayloadRequest(known_mass=3.0))
 
 
 def written(folder: Path, **changes: Any) -> Path:

@@ -261,11 +261,10 @@ def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, 
     again = compare(project, out, **FEW)
     assert again.computed == 1
     assert numbers(again) == numbers(found)
-    assert compare(project, out, **FEW).computed == 0
+    for _ in range(2):  # those that fail are tried again
+        more = compare(project, out, **{**FEW, "estimators": ["least_squares", Raising()]})
+        assert more.computed == 2
     assert compare(project, out, **FEW, rerun=True).computed == 4
-    other = compare(project, out, **{**FEW, "estimators": ["least_squares", Halved(), Raising()]})
-    assert other.computed == 2
-    assert compare(project, out, **{**FEW, "estimators": ["least_squares", Raising()]}).computed == 2
 
 
 def test_any_executor_gives_the_same_rows(project: Path, found: Ranking) -> None:

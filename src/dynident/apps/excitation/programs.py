@@ -230,18 +230,13 @@ def select_informative_poses(feasible: Feasibility, poses: Array, weights: Array
     return indices
 
 
-def gravity_program(
-    feasible: Feasibility, request: MotionRequest, rng: np.random.Generator, hold: float = HOLD_TIME
-) -> tuple[Piece, ...]:
-    """Return as many poses, each for ``hold`` (s), as a request has time for, with the ways between them, from and to
-    its start (none: the first of them).
-
-    The paths between them are included, from and to the pose ``start`` (n; None: the first of them). Raises
-    ConfigError where the time does not suffice for one.
+def gravity_program(feasible: Feasibility, request: MotionRequest, rng: np.random.Generator) -> tuple[Piece, ...]:
+    """Return as many poses, each for 2 s, as a request has time for, with the ways between them, from and to its start
+    (none: the first of them). Raises ConfigError where the time does not suffice for one.
     """
     duration, start, weights = request.duration, request.start, np.asarray(1 / np.square(request.sigma))
-    count = max(1, min(MAX_POSES, int(duration / hold)))
-    visits = _plan_visits(feasible, weights, count, hold, rng)
+    count = max(1, min(MAX_POSES, int(duration / HOLD_TIME)))
+    visits = _plan_visits(feasible, weights, count, rng)
     tour = _Tour(feasible, visits, visits[0][0].pose if start is None else start, rng)
     stops = list(range(1, len(visits) + 1))
     while stops:
@@ -252,7 +247,7 @@ def gravity_program(
         # the time is too long: drop the least informative stops, about half of the excess at once
         stops = stops[: -max(1, int(len(stops) * (1 - duration / total_time) / 2))] if stops else []
     raise ConfigError(
-        f"the gravity program has {duration:.1f} s, too little to reach a pose, stay for {hold:g} s and return; "
+        f"the gravity program has {duration:.1f} s, too little to reach a pose, stay for {HOLD_TIME:g} s and return; "
         "give it more time."
     )
 
@@ -260,20 +255,16 @@ def gravity_program(
 Visit = tuple[Hold] | tuple[Sweep, Sweep]  # what the arm does in a pose, from a place at rest back to it
 
 
-def _plan_visits(
-    feasible: Feasibility, weights: Array, count: int, hold: float, rng: np.random.Generator
-) -> tuple[Visit, ...]:
+def _plan_visits(feasible: Feasibility, weights: Array, count: int, rng: np.random.Generator) -> tuple[Visit, ...]:
     """Return at most ``count`` visits of poses that may be driven, the most informative first."""
     poses = feasible.random_poses(CANDIDATE_POSES, rng)
     velocity = (
         PASS_SPEED_FACTOR * min_fit_speeds(feasible.model, feasible.limits) * rng.choice((-1.0, 1.0), poses.shape)
     )
     if not velocity.any():
-        rest = float(round_up(np.array(hold), feasible.step))
+        rest = float(round_up(np.array(HOLD_TIME), feasible.step))
         return tuple((Hold(rest, poses[k]),) for k in select_informative_poses(feasible, poses, weights, count))
-    sweeps = [
-        _sweep_to_and_fro(feasible, *pose_and_velocity, hold) for pose_and_velocity in zip(poses, velocity, strict=True)
-    ]
+    sweeps = [_sweep_to_and_fro(feasible, *pair) for pair in zip(poses, velocity, strict=True)]
     ends = np.array([(forward.pose, forward.end) for forward, _ in sweeps])
     free = np.flatnonzero(feasible.can_stand(ends[:, 0]) & feasible.can_stand(ends[:, 1]))
     allowed = [k for k in free if all(map(feasible.allows, sweeps[k]))]
@@ -285,8 +276,8 @@ def _plan_visits(
     return tuple(sweeps[allowed[k]] for k in select_informative_poses(feasible, poses[allowed], weights, count))
 
 
-def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array, hold: float) -> tuple[Sweep, Sweep]:
-    """Return sweeps through a pose (n) and back at a constant velocity (n), which take ``hold`` (s) or longer."""
+def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array) -> tuple[Sweep, Sweep]:
+    """Return sweeps through a pose (n) and back at a constant velocity (n), which take ``HOLD_TIME`` or longer."""
     speeds = np.abs(velocity)
     with np.errstate(divide="ignore"):
         bounds = (feasible.limits.sizes[2:] / speeds).min(axis=1)
@@ -294,7 +285,7 @@ def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array, hold:
     acceleration, jerk = min(1 / JERK_DURATION, float(bounds[0])), min(1 / JERK_DURATION**2, float(bounds[1]))
     ramp, full = ramp_times(1.0, acceleration, jerk, feasible.step)
     ramp_time = 2 * ramp + full
-    distance = max(hold / 2 - ramp_time, 2 * ramp_time)
+    distance = max(HOLD_TIME / 2 - ramp_time, 2 * ramp_time)
     forward = Sweep(pose - distance / 2 * velocity, velocity, distance, 1.0, acceleration, jerk, feasible.step)
     return forward, replace(forward, pose=forward.end, distance=-distance)
 

@@ -233,7 +233,9 @@ def test_the_start_is_saved_with_all_that_was_chosen(project: Project, bench: Be
 
 def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(folder: Path) -> None:
     train = [{"file": "monday.npz", "window": [[None, 4.0], [4.5, 7.5]]}]
-    project = project_of(folder, settings(train=train, time_offset=0, estimator={"kind": "least_squares"}), "parts.yaml")
+    project = project_of(
+        folder, settings(train=train, time_offset=0, estimator={"kind": "least_squares"}), "parts.yaml"
+    )
     bench = bench_of(project)
     first, second = bench.logs["train"]
     tuning = bench.start.exclude(first, 2.0, float(bench.logs["train"][second].t[0]) + 1.0)

@@ -87,8 +87,7 @@ def estimator_candidates(
 ) -> tuple[Candidate, ...]:
     """Return the configured estimator, then those that are ``requested``, as ``smoother_candidates`` does.
 
-    By default these are all estimators; where the ``model`` has bodies, each linear one also consistent with
-    physics.
+    By default these are all estimators; where the ``model`` has bodies, each linear one also consistent with physics.
     """
     listed = None if config.compare is None else config.compare.estimators
     selection = requested if requested is not None else listed

@@ -31,7 +31,7 @@ from dynident.apps.excitation.report import (
     excitation_findings,
     excitation_heading,
     excitation_page,
-    excitation_tables,
+    limit_use_table,
     obstacle_mesh,
     scene_section,
 )
@@ -260,7 +260,7 @@ def test_names_of_joints_and_links_cannot_act_on_the_page() -> None:
 
 
 def test_the_table_gives_shares_of_both_motions() -> None:
-    (table,) = excitation_tables(designed()[1])
+    table = limit_use_table(designed()[1])
     assert table.rows[0] == ("lift", *["90.0"] * 10)
     assert [name for name, _ in table.groups if name] == ["motion, % of the limit", "validation, % of the limit"]
 

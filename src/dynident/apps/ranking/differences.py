@@ -141,13 +141,8 @@ def differences(
     error = mean_error(squares.sum(axis=1), torque.sum(axis=0))
     best, log_numbers = int(np.argmin(error)), np.asarray(log)
     length = _required_block_length(squares, torque, error, best)
-    lengths = [min(length, count) for count in np.bincount(log_numbers) if count]
-    drawn_blocks = float(
-        sum(
-            count / block_length
-            for count, block_length in zip(np.bincount(log_numbers)[np.bincount(log_numbers) > 0], lengths, strict=True)
-        )
-    )
+    counts = np.unique(log_numbers, return_counts=True)[1]
+    drawn_blocks = float(np.sum(counts / np.minimum(length, counts)))
     untested = Differences(error, np.full((len(error), 2), np.nan), np.full(len(error), np.nan), length, drawn_blocks)
     if not untested.has_enough_blocks:
         return untested
@@ -245,12 +240,10 @@ def _best_p_values(error: Array, drawn_errors: Array, blocks: float) -> Array:
         is_comparable = (std > 1e-9) & (np.arange(len(error)) != k)
         # the largest of all standardised differences is compared, so that the level holds for all of them together
         if is_comparable.any():
-            max_statistic = _student_quantiles(
-                ((drawn_difference - difference)[:, is_comparable] / std[is_comparable]).max(axis=1), blocks
-            )
-            p_values[k] = (1 + np.sum(max_statistic >= (difference[is_comparable] / std[is_comparable]).max())) / (
-                1 + len(max_statistic)
-            )
+            scatter = (drawn_difference - difference)[:, is_comparable] / std[is_comparable]
+            by_chance = _student_quantiles(scatter.max(axis=1), blocks)
+            largest = (difference[is_comparable] / std[is_comparable]).max()
+            p_values[k] = (1 + np.sum(by_chance >= largest)) / (1 + len(by_chance))
     return p_values
 
 

@@ -124,7 +124,7 @@ def test_a_joint_without_a_residual_has_the_noise_of_the_rule() -> None:
 
 
 def test_the_information_of_a_result_gives_its_standard_errors() -> None:
-    joints, rng, t = MODEL.joints[:1], np.random.default_rng(1), np.arange(501) * 0.01
+    joints, rng, t = MODEL.joints[:1], np.random.default_rng(6), np.arange(501) * 0.01
     arm = Model((Viscous(joints), Offset(joints)))
     q, dq, ddq = (5.0**k * np.sin(5 * t + k * np.pi / 2)[:, None] for k in range(3))
     tau = arm.torque(q, dq, ddq, np.ones(2)) + 1e-2 * rng.standard_normal(q.shape)

@@ -29,7 +29,6 @@ from dynident.apps.excitation.expected_report import (
 )
 from dynident.apps.excitation.report import (
     excitation_findings,
-    excitation_heading,
     excitation_page,
     limit_use_table,
     obstacle_mesh,
@@ -274,10 +273,6 @@ def test_notes_are_said() -> None:
     page = excitation_page(project, replace(found, notes=(open_one,)))
     assert "What stays open, and why" in page
     assert "it takes motion of lift" in page
-
-
-def test_the_heading_says_how_long_both_take() -> None:
-    assert excitation_heading(designed()[1]) == "An optimised motion, 4.00 s, and another of 4.00 s for validation."
 
 
 def test_a_joint_without_a_limit_of_torque() -> None:

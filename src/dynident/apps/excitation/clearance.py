@@ -270,8 +270,8 @@ class CapsuleSpace(Noun):
 
     def _segments(self, placements: Placements) -> tuple[Array, Array]:
         """Return the starts of the capsules' axes (N, C, 3), and the vectors to their ends."""
-        axis_ends = np.array([(capsule.start, capsule.end) for capsule in self.capsules]).reshape(-1, 2, 3)
-        starts, ends = (placements.points(self._capsule_bodies, axis_ends[:, k]) for k in (0, 1))
+        axes = ([capsule.start for capsule in self.capsules], [capsule.end for capsule in self.capsules])
+        starts, ends = (placements.points(self._capsule_bodies, np.array(end).reshape(-1, 3)) for end in axes)
         return starts, ends - starts
 
     def _meeting_distances(self, starts: Array, along: Array) -> PairDistances:

@@ -73,7 +73,7 @@ def read_compared(path: Path, name: str) -> ComparedResult:
 
 
 def _compared_logs(file: ResultTables) -> list[ComparedLog]:
-    logs = [(validation.name, validation.role) for validation in file.validations]
+    logs: list[tuple[str, str]] = [(validation.name, validation.role) for validation in file.validations]
     recordings = _recording_digests(file.provenance, logs)
     errors = (validation.errors for validation in file.validations)
     return [ComparedLog(*log, error, recordings.get(log, "")) for log, error in zip(logs, errors, strict=True)]

@@ -87,7 +87,7 @@ def excite(
         TRIAL,
         excitation_findings,
         excitation_heading,
-        excitation_tables,
+        limit_use_table,
     )
     from dynident.apps.excitation.robot import read_excitation
     from dynident.apps.excitation.run import CONFIG as DRAFT
@@ -107,8 +107,7 @@ def excite(
         written = write_design(folder, project, design)
     screen = console()
     screen.say(excitation_heading(design), "bold")
-    for table in excitation_tables(design):
-        screen.show(table)
+    screen.show(limit_use_table(design))
     for line in excitation_findings(project, design):
         screen.say(f"* {line}")
     if not any(path.name.startswith(f"{TRIAL}.") for path in written):

@@ -120,32 +120,26 @@ def test_distances_to_a_box_are_those_to_its_faces() -> None:
     assert near**2 == pytest.approx(distance**2, abs=1.1e-4)  # the grid is 15 mm wide
 
 
+POST, ENDLESS = Cylinder("post", (0.0, 0.0), 0.3, 0.0, 1.0), Cylinder("post", (1.0, 0.0), 0.3)
+
+
 @pytest.mark.parametrize(
-    ("point", "distance", "away"),
+    ("body", "point", "distance", "away"),
     [
-        ((1.0, 0.0, 0.5), 0.7, (1, 0, 0)),
-        ((0.0, 0.1, 1.2), 0.2, (0, 0, 1)),
-        ((0.0, 0.0, -0.5), 0.5, (0, 0, -1)),
-        ((0.0, 0.7, 1.3), 0.5, (0, 0.8, 0.6)),
-        ((0.0, 0.25, 0.5), -0.05, (0, 1, 0)),
+        (POST, (1.0, 0.0, 0.5), 0.7, (1, 0, 0)),
+        (POST, (0.0, 0.1, 1.2), 0.2, (0, 0, 1)),
+        (POST, (0.0, 0.0, -0.5), 0.5, (0, 0, -1)),
+        (POST, (0.0, 0.7, 1.3), 0.5, (0, 0.8, 0.6)),
+        (POST, (0.0, 0.25, 0.5), -0.05, (0, 1, 0)),
+        (ENDLESS, (1.0, 0.1, 9.0), -0.2, (0, 1, 0)),
+        (ENDLESS, (0.0, 0.0, -9.0), 0.7, (-1, 0, 0)),
+        (Floor(0.2), (3.0, 1.0, 0.5), 0.3, (0, 0, 1)),
     ],
 )
-def test_distances_to_a_cylinder(point, distance, away) -> None:
-    found, normal = signed_distance(Cylinder("post", (0.0, 0.0), 0.3, 0.0, 1.0))(np.array([point]))
+def test_distances_to_obstacles_are_signed_and_point_away(body, point, distance, away) -> None:
+    found, normal = signed_distance(body)(np.array([point]))
     assert found[0] == pytest.approx(distance)
     assert normal[0] == pytest.approx(away)
-
-
-def test_a_cylinder_without_ends_has_no_top() -> None:
-    found, normal = signed_distance(Cylinder("post", (1.0, 0.0), 0.3))(np.array([[1.0, 0.0, 9.0], [0.0, 0.0, -9.0]]))
-    assert found == pytest.approx([-0.3, 0.7])
-    assert normal[1] == pytest.approx([-1, 0, 0])
-
-
-def test_the_floor_is_a_height() -> None:
-    found, normal = signed_distance(Floor(0.2))(np.array([[3.0, 1.0, 0.5]]))
-    assert found == pytest.approx([0.3])
-    assert normal.tolist() == [[0, 0, 1]]
 
 
 AROUND = (Floor(-0.3), Box("table", (0.6, 0.0, 0.2), (0.4, 0.4, 0.4)), Cylinder("post", (-0.4, 0.3), 0.1))

@@ -20,8 +20,7 @@ from dynident.apps.excitation.config import (
     torque_noise,
 )
 from dynident.models import Model, RigidBodies
-from dynident.models.friction import Coulomb, Viscous
-from dynident.models.lagrangian import pendulum
+from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.project.config import parse_config
 from dynident.runtime import ConfigError, ModelError
 from tests.apps.excitation.arms import LIMITS, MODEL, THETA, TWO
@@ -125,10 +124,11 @@ def test_a_joint_without_a_residual_has_the_noise_of_the_rule() -> None:
 
 
 def test_the_information_of_a_result_gives_its_standard_errors() -> None:
-    arm = pendulum()
-    motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], np.arange(501) * 0.01)
-    log = dy.record(motion, sigma_q=1e-4, sigma_tau=1e-2, rng=np.random.default_rng(0)).log
-    found = dy.identify(arm, log)
+    joints, rng, t = MODEL.joints[:1], np.random.default_rng(6), np.arange(501) * 0.01
+    arm = Model((Viscous(joints), Offset(joints)))
+    q, dq, ddq = (5.0**k * np.sin(5 * t + k * np.pi / 2)[:, None] for k in range(3))
+    tau = arm.torque(q, dq, ddq, np.ones(2)) + 1e-2 * rng.standard_normal(q.shape)
+    found = dy.identify(arm, dy.Log(t, q + 1e-6 * rng.standard_normal(q.shape), tau, ("lift",)))
     known = knowledge_of_result(found)
     assert known.information is not None
     covariance = np.linalg.inv(known.information)

@@ -25,7 +25,7 @@ def test_values_repeat_and_each_is_the_derivative_of_the_one_before(seed, harmon
 def test_what_is_within_the_share_on_the_grid_is_within_the_limits_everywhere(seed, harmonics, density):
     family, rng = Fourier(7.0, harmonics), np.random.default_rng(seed)
     guard = family.guard(int(np.ceil(2 * harmonics * density)) + 1)
-    fine = family.values(np.linspace(0, 7.0, 5000))
+    fine = family.values(np.linspace(0, 7.0, 1500))
     x = rng.normal(size=family.size) * rng.uniform(0, 1, family.size) ** 3
     for d in range(4):
         middle = float(rng.normal())
@@ -75,7 +75,7 @@ def test_each_is_the_derivative_of_the_one_before(seed, spans):
 @given(seeds, st.integers(2, 15), st.integers(1, 200))
 def test_control_points_within_limits_keep_the_motion_within_them_everywhere(seed, spans, points):
     family, rng = ClampedSpline(7.0, spans), np.random.default_rng(seed)
-    guard, fine = family.guard(points), family.values(np.linspace(0, 7.0, 4000))
+    guard, fine = family.guard(points), family.values(np.linspace(0, 7.0, 1000))
     x = rng.normal(size=spans)
     for d in range(4):
         middle = float(rng.normal())

@@ -68,7 +68,7 @@ def folder(tmp_path: Path) -> Path:
     for name, text in ROS.items():
         (tmp_path / "ros" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "ros" / name).write_text(text)
-    for name, content in (trajectory_files(motion(NAMES, 30.0), "motion", 250.0, WIDE) | {PLAYER: player()}).items():
+    for name, content in (trajectory_files(motion(NAMES, 6.0), "motion", 250.0, WIDE) | {PLAYER: player()}).items():
         (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     return tmp_path
 
@@ -77,7 +77,7 @@ def play(folder: Path, answer: str = "reach", **state: object) -> subprocess.Com
     """Type what the file of a motion says, with the controller giving an answer."""
     lines = (folder / "motion.trajectory.yaml").read_text().splitlines()
     (command,) = [line.removeprefix("#   ") for line in lines if line.startswith("#   ")]
-    start = motion(NAMES, 30.0).states(np.zeros(1))[0, 0].tolist()
+    start = motion(NAMES, 6.0).states(np.zeros(1))[0, 0].tolist()
     joint_state = {"name": [*NAMES, "gripper"], "position": [*start, 0.0], **state}
     variables = {"ANSWER": answer, "STATE": json.dumps(joint_state), "PYTHONPATH": str(folder / "ros")}
     # the interpreter of the tests has PyYAML, as that of ROS 2 has
@@ -98,7 +98,7 @@ def test_the_printed_command_sends_the_motion(folder: Path) -> None:
     t = np.array([point[3] for point in points])
     np.testing.assert_allclose(np.diff(t), 0.012, atol=1e-8)
     states = np.array([point[:3] for point in points]).transpose(1, 0, 2)
-    np.testing.assert_allclose(states, motion(NAMES, 30.0).states(t)[:3], atol=1e-8)
+    np.testing.assert_allclose(states, motion(NAMES, 6.0).states(t)[:3], atol=1e-8)
 
 
 @pytest.mark.parametrize(

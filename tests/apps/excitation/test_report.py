@@ -29,9 +29,8 @@ from dynident.apps.excitation.expected_report import (
 )
 from dynident.apps.excitation.report import (
     excitation_findings,
-    excitation_heading,
     excitation_page,
-    excitation_tables,
+    limit_use_table,
     obstacle_mesh,
     scene_section,
 )
@@ -260,7 +259,7 @@ def test_names_of_joints_and_links_cannot_act_on_the_page() -> None:
 
 
 def test_the_table_gives_shares_of_both_motions() -> None:
-    (table,) = excitation_tables(designed()[1])
+    table = limit_use_table(designed()[1])
     assert table.rows[0] == ("lift", *["90.0"] * 10)
     assert [name for name, _ in table.groups if name] == ["motion, % of the limit", "validation, % of the limit"]
 
@@ -274,10 +273,6 @@ def test_notes_are_said() -> None:
     page = excitation_page(project, replace(found, notes=(open_one,)))
     assert "What stays open, and why" in page
     assert "it takes motion of lift" in page
-
-
-def test_the_heading_says_how_long_both_take() -> None:
-    assert excitation_heading(designed()[1]) == "An optimised motion, 4.00 s, and another of 4.00 s for validation."
 
 
 def test_a_joint_without_a_limit_of_torque() -> None:

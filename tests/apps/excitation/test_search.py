@@ -35,12 +35,6 @@ def test_random_motions_keep_to_all_limits_and_use_them(family):
     assert np.abs(found[0] - found[1]).max() > 0.1
 
 
-def test_the_generator_alone_decides():
-    one = interior()
-    twice = [random_motion(one, np.random.default_rng(3)) for _ in range(2)]
-    np.testing.assert_array_equal(*twice)
-
-
 def test_where_only_standing_is_possible_it_is_said():
     one = interior(space=OPEN)
     heavy = one.with_reserve(replace(one.spare, torque=np.ones(2)))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dynident.apps.excitation import MotionLimits, Piece, Purpose, Trajectory, verify
 from dynident.apps.excitation.family import ClampedSpline, Fourier
 from dynident.apps.excitation.limits import Feasibility
-from dynident.apps.excitation.trajectory import Hold, Sweep, ramp_times
+from dynident.apps.excitation.trajectory import Sweep, ramp_times
 from dynident.apps.excitation.way import (
     RAMP_IN,
     RAMP_OUT,
@@ -125,12 +125,6 @@ def test_each_is_the_derivative_of_the_one_before():
     t, h = np.linspace(0.01, sweep.duration - 0.01, 57), 1e-6
     slope = (sweep.states(t + h) - sweep.states(t - h))[:3] / (2 * h)
     np.testing.assert_allclose(slope, sweep.states(t)[1:], atol=1e-4)
-
-
-def test_an_arm_that_holds_stands():
-    q, *rest = Hold(2.0, np.array([1.0, 2.0])).states(np.array([0.0, 1.0]))
-    assert q.tolist() == [[1.0, 2.0]] * 2
-    assert not np.any(rest)
 
 
 @given(seeds, st.integers(1, 3), st.booleans())

@@ -61,7 +61,7 @@ def recorded(
     theta = theta if more is None else theta + more
     theta = theta if payload is None else theta + mount_of(model).transform @ payload
     rng, n = np.random.default_rng(list(map(ord, name))), len(model.joints)
-    t = np.arange(1600) * 0.005
+    t = np.arange(1600) * 0.005 if still else np.arange(800) * 0.01  # to see what noise is where nothing moves
     rate = 2 * np.pi / 8 * np.arange(1, 6)[:, None, None]
     phase, size = rng.uniform(0, 2 * np.pi, (5, 1, n)), rng.uniform(0.3, 1.0, (5, 1, n))
     size *= 1.4 / size.sum(axis=0)
@@ -76,10 +76,21 @@ def recorded(
     return Log(t, q + 1e-6 * rng.standard_normal(q.shape), tau, tuple(one.name for one in model.joints), name)
 
 
+def fit(log: Log) -> Identification:
+    """The arm identified from a recording alone."""
+    return identify(arm()[0], {log.source: log}, recipe=RECIPE)
+
+
 @cache
 def result(gain: float = 1.0) -> Identification:
     """The arm without a payload, identified from torques that are ``gain`` times the true ones."""
-    return identify(arm()[0], {"arm": recorded("arm", gains=gain)}, recipe=RECIPE)
+    return fit(recorded("arm", gains=gain))
+
+
+@cache
+def loaded_result(name: str = "loaded", gain: float = 1.0) -> Identification:
+    """The arm with the payload, identified from a recording of this name."""
+    return fit(recorded(name, CARRIED, gain))
 
 
 def damaged(found: Identification) -> Identification:

@@ -29,7 +29,7 @@ from dynident.models import smallest_eigenvalue
 from dynident.models.friction import LoadCoulomb
 from dynident.project.saved import load
 from dynident.runtime import ConfigError, InputError, ModelError
-from tests.apps.payload.arms import CARRIED, RECIPE, arm, damaged, recorded, result
+from tests.apps.payload.arms import CARRIED, RECIPE, arm, damaged, fit, loaded_result, recorded, result
 
 GAINS = DriveGains(("a",), np.array([1.1]), np.array([[1e-4]]), 2.0)
 
@@ -97,9 +97,7 @@ def found() -> Payload:
 
 @cache
 def weighed() -> Payload:
-    return find_payload(
-        result(GAIN), {"weighed": recorded("weighed", CARRIED, GAIN)}, request=PayloadRequest(known_mass=3.0)
-    )
+    return find_payload(result(GAIN), loaded_result("weighed", GAIN), request=PayloadRequest(known_mass=3.0))
 
 
 def distance(one: Payload) -> float:
@@ -128,14 +126,13 @@ def test_the_shares_of_the_sources_make_the_whole_variance() -> None:
 
 
 def test_two_results_are_compared_as_recordings_are() -> None:
-    loaded = identify(arm()[0], {"loaded": recorded("loaded", CARRIED)}, recipe=RECIPE)
-    one = find_payload(result(), loaded, request=KNOWN)
+    one = find_payload(result(), loaded_result(), request=KNOWN)
     assert one.body.values == pytest.approx(found().body.values, rel=1e-9)
     assert one.body.std == pytest.approx(found().body.std, rel=1e-9)
 
 
 def test_a_tool_that_was_removed_is_found_the_other_way_round() -> None:
-    with_it = identify(arm()[0], {"loaded": recorded("loaded", CARRIED)}, recipe=RECIPE)
+    with_it = loaded_result()
     one = find_payload(with_it, result(), request=replace(KNOWN, removed=True))
     assert distance(one) < 4
     with pytest.raises(InputError, match=r"less than when it was identified.*--removed"):
@@ -145,7 +142,7 @@ def test_a_tool_that_was_removed_is_found_the_other_way_round() -> None:
 
 
 def test_a_common_gain_error_scales_the_payload_and_is_counted() -> None:
-    one = find_payload(result(GAIN), {"loaded": recorded("loaded", CARRIED, GAIN)})
+    one = find_payload(result(GAIN), loaded_result(gain=GAIN))
     assert one.body.mass == pytest.approx(GAIN * 3.0, rel=0.02)  # nothing tells it
     assert distance(one) < 3
     assert one.body.std[0] == pytest.approx(0.03 * 3.0, rel=0.5)
@@ -187,7 +184,7 @@ def test_gains_that_change_from_day_to_day_count_unless_a_recording_of_the_day_t
 def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
     gains = weighed().gains
     turned = DriveGains(gains.joints[::-1], gains.factor[::-1], gains.covariance[::-1, ::-1], 3.0)
-    loaded = identify(arm()[0], {"loaded": recorded("loaded", CARRIED, GAIN)}, recipe=RECIPE)
+    loaded = loaded_result(gain=GAIN)
     one, other = (find_payload(result(GAIN), loaded, request=PayloadRequest(gains=each)) for each in (gains, turned))
     assert one.body.values == pytest.approx(other.body.values, rel=1e-9)
     strange = replace(gains, joints=("a", *gains.joints[1:]))
@@ -197,7 +194,7 @@ def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
 
 def test_a_known_centre_tells_the_gains_of_the_wrist() -> None:
     placed = PayloadRequest(known_mass=3.0, known_centre=tuple(TRUTH[1:4].tolist()), gain_change=0.0)
-    one = find_payload(result(GAIN), {"weighed": recorded("weighed", CARRIED, GAIN)}, request=placed)
+    one = find_payload(result(GAIN), loaded_result("weighed", GAIN), request=placed)
     assert one.body.centre == pytest.approx(TRUTH[1:4], abs=1e-3)
     assert one.gains.std[4] < 0.8 * weighed().gains.std[4]
     assert abs(one.gains.factor[4] - GAIN) < 4 * one.gains.std[4]
@@ -214,7 +211,7 @@ def drifted(scale: float = 0.2) -> np.ndarray:
 
 
 def test_drift_is_told_from_the_payload_and_recordings_without_it_help() -> None:
-    loaded = {"loaded": recorded("loaded", CARRIED, more=drifted())}
+    loaded = fit(recorded("loaded", CARRIED, more=drifted()))
     alone = find_payload(result(), loaded, request=KNOWN)
     both = find_payload(result(), loaded, {"unloaded": recorded("unloaded", more=drifted())}, KNOWN)
     assert distance(alone) < 4
@@ -241,7 +238,7 @@ def test_what_one_joint_does_not_show_is_said_with_the_motion_that_would_show_it
 
 def test_what_a_turning_wrist_does_not_tell_from_drift_is_said() -> None:
     wrist, request = (0, 1, 2, 3), replace(KNOWN, friction_change=100.0)
-    loaded = {"loaded": recorded("loaded", CARRIED, more=drifted(), still=wrist)}
+    loaded = fit(recorded("loaded", CARRIED, more=drifted(), still=wrist))
     alone = find_payload(result(), loaded, request=request)
     notes = [note for note in alone.notes if isinstance(note, PayloadOrDrift)]
     assert {note.component for note in notes} >= {"mass", "z"}
@@ -270,11 +267,11 @@ def test_friction_by_the_load_sees_that_of_the_payload() -> None:
     one = find_payload(by_load, loaded, request=KNOWN)
     assert one.body.mass == pytest.approx(3.0, rel=0.01)
     assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
-    blind = identify(arm()[0], {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
-    other = find_payload(blind, loaded, request=KNOWN)
+    blind, blind_loaded = fit(recorded("arm", by_load=0.1)), fit(loaded["loaded"])
+    other = find_payload(blind, blind_loaded, request=KNOWN)
     assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) > np.linalg.norm(one.body.values[:4] - TRUTH[:4])
     assert other.shares[ErrorSource.FRICTION].max() > 0.3  # it is an unknown there
-    without = find_payload(blind, loaded, request=replace(KNOWN, load_friction=0.0))
+    without = find_payload(blind, blind_loaded, request=replace(KNOWN, load_friction=0.0))
     assert distance(other) < 2 < distance(without)
     assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) < np.linalg.norm(without.body.values[:4] - TRUTH[:4])
 
@@ -293,7 +290,7 @@ def test_recordings_of_another_arm_and_old_results_are_refused() -> None:
     with pytest.raises(InputError, match=r"other: the arm of the result with any payload leaves .* of another arm"):
         find_payload(result(), {"other": other})
     with pytest.raises(InputError, match=r"does not hold the covariance .* identify again"):
-        find_payload(damaged(result()), {"loaded": recorded("loaded", CARRIED)})
+        find_payload(damaged(result()), loaded_result())
     renamed = replace(log, joints=("a", "b", "c", "d", "e", "f"))
     with pytest.raises(InputError, match="no joint 'j1'"):
         find_payload(result(), {"renamed": renamed})
@@ -309,7 +306,6 @@ def test_results_of_other_terms_are_refused() -> None:
 
 
 def test_a_known_mass_far_beyond_the_arm_is_refused() -> None:
-    loaded = identify(arm()[0], {"weighed": recorded("weighed", CARRIED, GAIN)}, recipe=RECIPE)
     for mass in (30.0, 1e5, 1e9):
         with pytest.raises(InputError, match="known mass is"):
-            find_payload(result(GAIN), loaded, request=PayloadRequest(known_mass=mass))
+            find_payload(result(GAIN), loaded_result("weighed", GAIN), request=PayloadRequest(known_mass=mass))

@@ -26,12 +26,12 @@ from dynident.files.results import json_text
 from dynident.identification import SourceFile, Sources
 from dynident.models import RigidBodies
 from dynident.runtime import InputError, ModelError, Note
-from tests.apps.payload.arms import CARRIED, SIX, recorded, result
+from tests.apps.payload.arms import SIX, loaded_result, result
 
 
 @cache
 def weighed() -> Payload:
-    return find_payload(result(), {"loaded": recorded("loaded", CARRIED)}, request=PayloadRequest(known_mass=3.0))
+    return find_payload(result(), loaded_result(), request=PayloadRequest(known_mass=3.0))
 
 
 def written(folder: Path, **changes: Any) -> Path:
@@ -84,8 +84,14 @@ def test_the_data_hold_the_payload_and_its_notes() -> None:
     assert data["notes"] == ["said"]
 
 
-def test_of_no_payload_the_mass_alone_is_written(tmp_path: Path) -> None:
+def test_of_no_payload_the_mass_alone_is_written_and_shown(tmp_path: Path) -> None:
     none = replace(weighed(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
+    assert [row[0] for row in payload_table(none).rows] == ["mass"]
+    assert {len(row) for row in shares_table(none).rows} == {2}
+    page = payload_page(none, result())
+    assert "centre of mass" not in page.partition("</style>")[2]
+    assert payload_words(none) == "No payload is seen on arm_tool0: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg."
+    assert "No payload is seen" in page
     data = payload_data(none, result().provenance, [])
     assert [data["seen"], data["payload"][0]["value"], data["payload"][1]["value"]] == [False, 0.1, None]
     with pytest.raises(ModelError, match="no payload is seen"):
@@ -132,16 +138,6 @@ def test_the_page_holds_all_of_it_and_escapes_names() -> None:
     assert "no payload is seen: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg." in page
     assert "Gains of the drives" in page
     assert payload_page(replace(weighed(), logs=()), result()).count("Two results are compared") == 1
-
-
-def test_of_no_payload_the_mass_alone_is_shown() -> None:
-    none = replace(weighed(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
-    assert payload_words(none) == "No payload is seen on arm_tool0: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg."
-    assert [row[0] for row in payload_table(none).rows] == ["mass"]
-    assert {len(row) for row in shares_table(none).rows} == {2}
-    page = payload_page(none, result())
-    assert "centre of mass" not in page.partition("</style>")[2]
-    assert "No payload is seen" in page
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ import dynident as dy
 from dynident.apps.ranking import CombinationOutcome, Ranking, compare
 from dynident.apps.ranking.config import estimator_candidates, smoother_candidates
 from dynident.apps.ranking.report import ranking_findings
-from dynident.apps.ranking.task import empty_row, pack_masks, row_schema, unpack_masks
 from dynident.estimators import LinearEstimator
 from dynident.models.lagrangian import slider
 from dynident.project.config import parse_config
@@ -89,19 +88,6 @@ def test_what_is_not_linear_cannot_be_made_consistent() -> None:
         estimator_candidates(config(), BODIES, ["consistent+maximum_likelihood"])
     with pytest.raises(ConfigError, match=r"compare.estimators\[0\]"):
         config("compare: { estimators: [nothing] }\n")
-
-
-def test_masks_come_back_as_they_were() -> None:
-    rng = np.random.default_rng(0)
-    masks = {"train": {"a": rng.random(13) > 0.5, "b": rng.random(5) > 0.5}, "validation": {"c": rng.random(9) > 0.5}}
-    again = unpack_masks(pack_masks(masks), masks)
-    assert {role: {name: one.tolist() for name, one in some.items()} for role, some in again.items()} == {
-        role: {name: one.tolist() for name, one in some.items()} for role, some in masks.items()
-    }
-
-
-def test_an_empty_row_has_all_columns() -> None:
-    assert set(empty_row(("a", "b", "c"), CombinationOutcome.FAILED)) == set(row_schema())
 
 
 TIMES = ("seconds",)
@@ -261,11 +247,10 @@ def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, 
     again = compare(project, out, **FEW)
     assert again.computed == 1
     assert numbers(again) == numbers(found)
-    assert compare(project, out, **FEW).computed == 0
+    for _ in range(2):  # those that fail are tried again
+        more = compare(project, out, **{**FEW, "estimators": ["least_squares", Raising()]})
+        assert more.computed == 2
     assert compare(project, out, **FEW, rerun=True).computed == 4
-    other = compare(project, out, **{**FEW, "estimators": ["least_squares", Halved(), Raising()]})
-    assert other.computed == 2
-    assert compare(project, out, **{**FEW, "estimators": ["least_squares", Raising()]}).computed == 2
 
 
 def test_any_executor_gives_the_same_rows(project: Path, found: Ranking) -> None:

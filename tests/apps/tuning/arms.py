@@ -22,7 +22,7 @@ THETA = np.array([0.4 if one.value is None else one.value for one in MODEL.param
 RATE = 200.0
 
 
-def recording(seed: int, seconds: float = 8.0, name: str = "", model: Model = MODEL, theta: np.ndarray = THETA) -> Log:
+def recording(seed: int, seconds: float = 5.0, name: str = "", model: Model = MODEL, theta: np.ndarray = THETA) -> Log:
     """Sums of sines with noise of positions and torques."""
     rng, n = np.random.default_rng(seed), len(model.joints)
     t = np.arange(round(seconds * RATE)) / RATE

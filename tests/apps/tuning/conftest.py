@@ -16,4 +16,4 @@ def arm() -> Bench:
 @pytest.fixture(scope="package")
 def validated_arm() -> Bench:
     """A small arm with a recording and a held-out one."""
-    return bench(logs(recording(0, name="monday"), held=(recording(1, name="tuesday"),)))
+    return bench(logs(recording(0, 8.0, "monday"), held=(recording(1, name="tuesday"),)))

@@ -17,12 +17,6 @@ from dynident.runtime import ConfigError
 START = Tuning((0.0, 0.0), (("viscous",), ("viscous", "coulomb")), (0.0, 0.0), "least_squares")
 
 
-def test_it_is_a_value() -> None:
-    assert hash(START.with_degree(1.0)) == hash(replace(START, degree=(1.0, 1.0)))
-    assert START.with_degree(1.0, 0).degree == (1.0, 0.0)
-    assert START.with_terms(1, ["stribeck"]).terms == (("viscous",), ("stribeck",))
-
-
 def test_windows_that_meet_are_one() -> None:
     tuning = START.exclude("a", 1.0, 2.0).exclude("b", 0.0, 1.0).exclude("a", 4.0, 5.0).exclude("a", 2.0, 3.0)
     assert tuning.windows("a") == ((1.0, 3.0), (4.0, 5.0))
@@ -47,17 +41,11 @@ def test_numbers_out_of_range_are_refused(change: dict[str, Any], words: str) ->
         replace(START, **change)
 
 
-def test_nothing_changed() -> None:
+def test_the_same_of_all_joints_is_said_once_and_what_is_not_changed_is_not() -> None:
     assert setting_changes(START, START, ("a", "b")) == []
-
-
-def test_the_same_of_all_joints_is_said_once() -> None:
-    assert setting_changes(START, START.with_degree(1.0), ("a", "b")) == [
-        ("smoothing of all joints", "S/n = 1.00", "S/n = 10.0")
-    ]
-    assert setting_changes(START, START.with_degree(1.0, 1), ("a", "b")) == [
-        ("smoothing of b", "S/n = 1.00", "S/n = 10.0")
-    ]
+    for joint, words in ((None, "all joints"), (1, "b")):
+        changes = setting_changes(START, START.with_degree(1.0, joint), ("a", "b"))
+        assert changes == [(f"smoothing of {words}", "S/n = 1.00", "S/n = 10.0")]
 
 
 def test_each_setting_is_said() -> None:

@@ -184,7 +184,7 @@ def project_of(folder: Path, data: dict[str, Any], name: str = "robot.yaml") -> 
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("tuned")
     (path / "arm.urdf").write_text(ARM)
-    written(recording(1), path, "monday")
+    written(recording(1, 8.0), path, "monday")
     written(recording(2, 5.0), path, "tuesday")
     return path
 
@@ -233,7 +233,9 @@ def test_the_start_is_saved_with_all_that_was_chosen(project: Project, bench: Be
 
 def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(folder: Path) -> None:
     train = [{"file": "monday.npz", "window": [[None, 4.0], [4.5, 7.5]]}]
-    project = project_of(folder, settings(train=train), "parts.yaml")
+    project = project_of(
+        folder, settings(train=train, time_offset=0, estimator={"kind": "least_squares"}), "parts.yaml"
+    )
     bench = bench_of(project)
     first, second = bench.logs["train"]
     tuning = bench.start.exclude(first, 2.0, float(bench.logs["train"][second].t[0]) + 1.0)
@@ -242,19 +244,18 @@ def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(fol
     assert 3.9 < stop < 4.1
 
 
-def test_a_tuning_of_another_bench_is_refused(project: Project, bench: Bench) -> None:
+def test_a_bench_names_what_there_is_to_choose_from_and_refuses_a_tuning_of_another(
+    project: Project, bench: Bench
+) -> None:
+    assert bench.estimators == ("consistent", "least_squares")
+    assert bench.log_names == ("monday", "tuesday")
+    assert {"viscous", "stribeck", "dahl"} <= set(bench.kinds)
     with pytest.raises(ConfigError, match="degree has 1 entries for 3 joints"):
         tuned_text(project, bench, replace(bench.start, degree=(1.0,)), project.path)
 
 
-def test_what_there_is_to_choose_from(bench: Bench) -> None:
-    assert bench.estimators == ("consistent", "least_squares")
-    assert bench.log_names == ("monday", "tuesday")
-    assert {"viscous", "stribeck", "dahl"} <= set(bench.kinds)
-
-
 def test_an_estimator_goes_by_the_kind_of_the_configuration(folder: Path) -> None:
-    data = settings(estimator={"kind": "robust", "loss": "tukey"}, validation=[])
+    data = settings(estimator={"kind": "robust", "loss": "tukey"}, validation=[], time_offset=0)
     data["train"] = [{"file": "monday.npz", "window": [2, 4]}]
     on = bench_of(project_of(folder, data, "robust.yaml"))
     assert on.estimators == ("robust", "least_squares", "consistent")

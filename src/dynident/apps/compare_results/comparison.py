@@ -112,10 +112,9 @@ class LogDifference:
 class ResultComparison:
     """Comparison of a result, ``second``, with a reference, ``first``.
 
-    ``base`` are the base parameters of the first that the second determines too, ordered by significance;
-    ``alone`` are the names of its others. ``chi_squared`` and ``p_value`` test all of them together, None where a
-    covariance is not known. ``level`` is that of both tests, ``tolerance`` (%) the accepted growth of the torque
-    error.
+    ``base`` are the base parameters of the first that the second determines too, ordered by significance; ``alone`` are
+    the names of its others. ``chi_squared`` and ``p_value`` test all of them together, None where a covariance is not
+    known. ``level`` is that of both tests, ``tolerance`` (%) the accepted growth of the torque error.
     """
 
     first: ComparedResult
@@ -196,16 +195,11 @@ def compare_results(
     """
     rows, change = _common_base_parameters(first, second)
     first_value, second_value = first.combination[rows] @ first.value, change @ (second.combination @ second.value)
-    sizes = (
-        np.abs(first.combination[rows]) @ np.abs(first.value),
-        np.abs(change @ second.combination) @ abs(second.value),
-    )
+    size = np.abs(first.combination[rows]) @ np.abs(first.value)
+    size += np.abs(change @ second.combination) @ np.abs(second.value)
     # Differences at rounding level are exactly zero: their z would otherwise be noise over a tiny standard error.
-    d = np.where(
-        np.abs(second_value - first_value) > MIN_RELATIVE_DIFFERENCE * (sizes[0] + sizes[1]),
-        second_value - first_value,
-        0.0,
-    )
+    d = second_value - first_value
+    d = np.where(np.abs(d) > MIN_RELATIVE_DIFFERENCE * size, d, 0.0)
     first_covariance = first.covariance[np.ix_(rows, rows)]
     second_covariance = _transform_covariance(second.covariance, change)
     stds = [np.sqrt(np.diag(part).clip(min=0.0)) for part in (first_covariance, second_covariance)]
@@ -219,11 +213,8 @@ def compare_results(
     labels = [(first.base_names[k], first.base_units[k]) for k in rows[finite]]
     base = [BaseDifference(*names, *row) for names, row in zip(labels, rows_known, strict=True)]
     together = first.together and second.together and finite.any()
-    squared, freedom = (
-        _chi_squared(d[finite], (first_covariance + second_covariance)[np.ix_(finite, finite)])
-        if together
-        else (None, 0)
-    )
+    covariance = (first_covariance + second_covariance)[np.ix_(finite, finite)]
+    squared, freedom = _chi_squared(d[finite], covariance) if together else (None, 0)
     compared = {name for name, _ in labels}
     return ResultComparison(
         first,
@@ -252,15 +243,13 @@ def _common_base_parameters(first: ComparedResult, second: ComparedResult) -> tu
     """Return the base parameters of the first that the second determines, and the map (k, r2) to them."""
     # Both combinations in the union of the parameter names; a result lacks columns for terms that it does not have.
     index = {name: k for k, name in enumerate(dict.fromkeys((*first.names, *second.names)))}
-    first_rows, second_rows = (
-        np.zeros((len(first.combination), len(index))),
-        np.zeros((len(second.combination), len(index))),
-    )
-    first_rows[:, [index[name] for name in first.names]] = first.combination
-    second_rows[:, [index[name] for name in second.names]] = second.combination
-    scale = np.ones(len(index))
+    scale, combinations = np.ones(len(index)), list[Array]()
     for result in (second, first):
-        scale[[index[name] for name in result.names]] = np.where(result.scale > 0, result.scale, 1.0)
+        columns = [index[name] for name in result.names]
+        scale[columns] = np.where(result.scale > 0, result.scale, 1.0)
+        combinations.append(np.zeros((len(result.combination), len(index))))
+        combinations[-1][:, columns] = result.combination
+    second_rows, first_rows = combinations
     if not second_rows.size or not first_rows.size:
         return np.zeros(0, dtype=np.intp), np.zeros((0, len(second_rows)))
     # In scaled units the residual of the projection does not depend on the units of the parameters.

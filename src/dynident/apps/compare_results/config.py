@@ -73,23 +73,16 @@ def read_compared(path: Path, name: str) -> ComparedResult:
 
 
 def _compared_logs(file: ResultTables) -> list[ComparedLog]:
-    recordings = _recording_digests(
-        file.provenance, [(validation.name, validation.role) for validation in file.validations]
-    )
-    return [
-        ComparedLog(
-            validation.name, validation.role, validation.errors, recordings.get((validation.name, validation.role), "")
-        )
-        for validation in file.validations
-    ]
+    logs: list[tuple[str, str]] = [(validation.name, validation.role) for validation in file.validations]
+    recordings = _recording_digests(file.provenance, logs)
+    errors = (validation.errors for validation in file.validations)
+    return [ComparedLog(*log, error, recordings.get(log, "")) for log, error in zip(logs, errors, strict=True)]
 
 
 def _recording_digests(sources: Sources, logs: list[tuple[str, str]]) -> dict[tuple[str, str], str]:
     """Return digests that identify the recordings of logs: the hashes of their files and the parts that are used."""
-    configuration, hashes = (
-        sources.configuration,
-        {source_file.path: source_file.sha256 for source_file in sources.logs},
-    )
+    configuration = sources.configuration
+    hashes = {source_file.path: source_file.sha256 for source_file in sources.logs}
     if configuration is None:
         return {}
     try:

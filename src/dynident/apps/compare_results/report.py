@@ -131,17 +131,13 @@ def _parameter_lines(diff: ResultComparison) -> Iterator[str]:
     else:
         yield "They are not tested all together: how their errors go together is not in an older result."
     if diff.alone:
-        alone = count(len(diff.alone), "base parameter")
-        yield f"{alone} of {reference.name} cannot be compared: {other.name} does not determine {_them(diff.alone)}."
+        alone, them = count(len(diff.alone), "base parameter"), "it" if len(diff.alone) == 1 else "them"
+        yield f"{alone} of {reference.name} cannot be compared: {other.name} does not determine {them}."
     if diff.shared_training:
         yield (
             f"Both were fitted to {join_names(diff.shared_training, 3)}: their errors are not independent, so that "
             "differences are known better than is tested here."
         )
-
-
-def _them(names: Sequence[str]) -> str:
-    return "it" if len(names) == 1 else "them"
 
 
 def _log_lines(diff: ResultComparison) -> Iterator[str]:
@@ -166,11 +162,8 @@ def _log_lines(diff: ResultComparison) -> Iterator[str]:
 def _use_lines(diff: ResultComparison) -> Iterator[str]:
     reference_use, use = diff.first.use, diff.second.use
     if reference_use is not None and use is not None and reference_use is not use:
-        yield f"Verdict: {use.value}, where {diff.first.name} is {_use_words(reference_use)}."
-
-
-def _use_words(use: Use) -> str:
-    return use.value if use is not Use.DO_NOT_USE else "not to be used"
+        words = "not to be used" if reference_use is Use.DO_NOT_USE else reference_use.value
+        yield f"Verdict: {use.value}, where {diff.first.name} is {words}."
 
 
 def _export_lines(diff: ResultComparison) -> Iterator[str]:

@@ -85,9 +85,7 @@ def body_distance(p: Array, u: Array, signed_distance: SignedDistance) -> tuple[
 
 
 def _value_and_slope(p: Array, u: Array, s: Array, signed_distance: SignedDistance) -> tuple[Array, Array, Array]:
-    """Return distance and preference at the parts s, the derivative of the distance, and the slope of both by
-    s.
-    """
+    """Return distance and preference at the parts s, the derivative of the distance, and the slope of both by s."""
     distance, normal = signed_distance(p + s[..., None] * u)
     return (
         distance + LINEAR_PREFERENCE * ((s - 0.5) ** 2 - 0.25),
@@ -107,8 +105,7 @@ def obstacle_name(obstacle: Floor | Box | Cylinder) -> str:
 
 @singledispatch
 def signed_distance(obstacle: object) -> SignedDistance:
-    """Return the function from points (..., 3) to their signed distance (...) from an obstacle, negative
-    inside.
+    """Return the function from points (..., 3) to their signed distance (...) from an obstacle, negative inside.
 
     The function also returns the derivative (..., 3): a unit vector away from the obstacle.
     """
@@ -167,8 +164,7 @@ def _corner_distance(excess: Array) -> tuple[Array, Array]:
 
 
 def reach_bounds(bodies: RigidBodies, body: int, radius: float) -> Array:
-    """Return by how much (m/rad, m/m) points within ``radius`` (m) of a body's origin move at most with each
-    body (B).
+    """Return by how much (m/rad, m/m) points within ``radius`` (m) of a body's origin move at most with each body (B).
 
     The bodies are those on which it stands, itself included; the bound is 0 for others. A point moves with a
     revolute joint by its distance from the axis, which is bounded by the lengths of the links between and
@@ -189,8 +185,7 @@ def reach_bounds(bodies: RigidBodies, body: int, radius: float) -> Array:
 def distance_rate_bounds(bodies: RigidBodies, part_reaches: Array, pairs: Sequence[tuple[int, int]]) -> Array:
     """Return by how much (P, n) the distances of ``pairs`` (P) of parts change at most with the joints.
 
-    ``part_reaches`` (parts, B) are the ``reach_bounds`` of the parts. A body that carries both moves them
-    alike.
+    ``part_reaches`` (parts, B) are the ``reach_bounds`` of the parts. A body that carries both moves them alike.
     """
     first, second = (part_reaches[[pair[k] for pair in pairs]].reshape(-1, part_reaches.shape[1]) for k in (0, 1))
     # a joint that carries both parts moves them alike and does not change their distance
@@ -209,11 +204,10 @@ def _max_travel(bodies: RigidBodies) -> Array:
 class CapsuleSpace(Noun):
     """The ``capsules`` around the links of an arm, and ``obstacles``.
 
-    Watched are ``meetings``, pairs of capsules (K, 2), and ``encounters`` (M, 2) of a capsule with an
-    obstacle, both by index: P = K + M pairs, in this order. A pair of links with several capsules has
-    several. ``unwatched`` are the meetings and encounters that are left out because they touch in nearly
-    every pose. Distances are smooth, and less than the true ones by at most 1 mm where that is not below 50
-    mm (``segment_distance``).
+    Watched are ``meetings``, pairs of capsules (K, 2), and ``encounters`` (M, 2) of a capsule with an obstacle, both by
+    index: P = K + M pairs, in this order. A pair of links with several capsules has several. ``unwatched`` are the
+    meetings and encounters that are left out because they touch in nearly every pose. Distances are smooth, and less
+    than the true ones by at most 1 mm where that is not below 50 mm (``segment_distance``).
     """
 
     bodies: RigidBodies
@@ -252,17 +246,13 @@ class CapsuleSpace(Noun):
         """Return the distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
         # in blocks of samples, as the placements of all bodies take much memory
         blocks = [q[k : k + BLOCK] for k in range(0, len(q), BLOCK)]
-        block_distances = [self._distances(self.bodies.placements(block)) for block in blocks]
+        block_distances = [self._all_pairs(self.bodies.placements(block))[0] for block in blocks]
         return np.concatenate([np.empty((0, len(self.pairs))), *block_distances])
 
     def gradients(self, q: Array, /) -> tuple[Array, Array]:
         """Return ``distances`` and their derivatives (N, P, n) by q."""
         placements = self.bodies.placements(q)
-        starts, along = self._segments(placements)
-        meetings, encounters = self._meeting_distances(starts, along), self._encounter_distances(starts, along)
-        distances, points, directions = (
-            np.concatenate(pair, axis=1) for pair in zip(meetings, encounters, strict=True)
-        )
+        distances, points, directions = self._all_pairs(placements)
         # a point and the one nearest to it are on one line along the direction, so that both have one moment
         first_bodies = self._capsule_bodies[np.concatenate((self.meetings[:, 0], self.encounters[:, 0]))]
         second_bodies = np.concatenate((self._capsule_bodies[self.meetings[:, 1]], np.full(len(self.encounters), -1)))
@@ -270,20 +260,18 @@ class CapsuleSpace(Noun):
             second_bodies, points, directions
         )
 
-    def _distances(self, placements: Placements) -> Array:
+    def _all_pairs(self, placements: Placements) -> PairDistances:
         starts, along = self._segments(placements)
-        return np.concatenate(
-            (self._meeting_distances(starts, along)[0], self._encounter_distances(starts, along)[0]), axis=1
+        meetings, encounters = self._meeting_distances(starts, along), self._encounter_distances(starts, along)
+        distances, points, directions = (
+            np.concatenate(both, axis=1) for both in zip(meetings, encounters, strict=True)
         )
+        return distances, points, directions
 
     def _segments(self, placements: Placements) -> tuple[Array, Array]:
         """Return the starts of the capsules' axes (N, C, 3), and the vectors to their ends."""
-        starts = placements.points(
-            self._capsule_bodies, np.array([capsule.start for capsule in self.capsules]).reshape(-1, 3)
-        )
-        ends = placements.points(
-            self._capsule_bodies, np.array([capsule.end for capsule in self.capsules]).reshape(-1, 3)
-        )
+        axes = ([capsule.start for capsule in self.capsules], [capsule.end for capsule in self.capsules])
+        starts, ends = (placements.points(self._capsule_bodies, np.array(end).reshape(-1, 3)) for end in axes)
         return starts, ends - starts
 
     def _meeting_distances(self, starts: Array, along: Array) -> PairDistances:
@@ -306,12 +294,9 @@ class CapsuleSpace(Noun):
         return distances, points, direction
 
     def _pair_names(self, meetings: Integers, encounters: Integers) -> tuple[tuple[str, str], ...]:
-        links, names = (
-            [element.link for element in self.capsules],
-            [obstacle_name(element) for element in self.obstacles],
-        )
-        link_pairs = [(links[element], links[partner]) for element, partner in meetings]
-        return (*link_pairs, *((links[element], names[partner]) for element, partner in encounters))
+        links, names = [capsule.link for capsule in self.capsules], list(map(obstacle_name, self.obstacles))
+        link_pairs = [(links[first], links[second]) for first, second in meetings]
+        return (*link_pairs, *((links[capsule], names[obstacle]) for capsule, obstacle in encounters))
 
     @cached_property
     def _capsule_bodies(self) -> Integers:

@@ -187,8 +187,7 @@ class NoiseOrigin(StrEnum):
 
 
 class PriorKnowledge(Noun):
-    """What is known of a robot before it moves: its ``model`` and the parameters ``theta`` (p), nominal or
-    identified.
+    """What is known of a robot before it moves: its ``model`` and the parameters ``theta`` (p), nominal or identified.
 
     ``identification`` is the result behind them, None for nominal ones, and ``origin`` says where it is from;
     ``information`` (p, p) is what recordings have told of the parameters; ``loss_reason`` says why information
@@ -243,10 +242,9 @@ def torque_noise(
     """Return the origin of the torque noise, and its standard deviation (n) as for independent samples at ``rate``
     (Hz).
 
-    Independent samples with this noise tell as much as the real, correlated ones: a residual is larger by the
-    root of the number of samples in the time over which it decorrelates. Where nothing is known the noise is 1 %
-    of the torque limit, else 1 N m or N. ``override`` replaces it, for all joints or by joint. Raises ConfigError
-    for unknown joints.
+    Independent samples with this noise tell as much as the real, correlated ones: a residual is larger by the root of
+    the number of samples in the time over which it decorrelates. Where nothing is known the noise is 1 % of the torque
+    limit, else 1 N m or N. ``override`` replaces it, for all joints or by joint. Raises ConfigError for unknown joints.
     """
     joints = limits.joints
     # the limits are already reduced by the margin, the rule refers to the full torque

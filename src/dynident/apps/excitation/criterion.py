@@ -1,11 +1,10 @@
 """Optimality criteria of a motion, with their exact derivatives by the motion.
 
-Along samples i of a motion the torque holds the information M = sum_i Y_i' W Y_i + P on the base
-parameters, with Y_i the independent columns of the regressor, W the samples divided by the variance and
-P the prior information. A function f of M changes by df = <F, dM> = 2 sum_i <W Y_i F, dY_i>, F = df /
-dM. This is a weighted sum of the regressor, of which ``Model.weighted_gradient`` returns the derivatives
-without forming those of the regressor. The criteria are those of optimal design (Pukelsheim 2006,
-"Optimal design of experiments", ch. 6).
+Along samples i of a motion the torque holds the information M = sum_i Y_i' W Y_i + P on the base parameters, with Y_i
+the independent columns of the regressor, W the samples divided by the variance and P the prior information. A function
+f of M changes by df = <F, dM> = 2 sum_i <W Y_i F, dY_i>, F = df / dM. This is a weighted sum of the regressor, of which
+``Model.weighted_gradient`` returns the derivatives without forming those of the regressor. The criteria are those of
+optimal design (Pukelsheim 2006, "Optimal design of experiments", ch. 6).
 """
 
 from __future__ import annotations
@@ -46,12 +45,10 @@ class Criterion(StrEnum):
 
 
 class InformationCriterion(Noun):
-    """Criterion to minimise along a motion of ``model``, from its r independent ``columns``
-    (``BaseParameters``).
+    """Criterion to minimise along a motion of ``model``, from its r independent ``columns`` (``BaseParameters``).
 
-    ``weights``, (n) or (N, n), are the samples that each point stands for, divided by the variance of a
-    joint's torque. ``prior`` (r, r) is information on the base parameters, in SI units, that is added. The
-    value depends on ``kind``:
+    ``weights``, (n) or (N, n), are the samples that each point stands for, divided by the variance of a joint's torque.
+    ``prior`` (r, r) is information on the base parameters, in SI units, that is added. The value depends on ``kind``:
 
     * D: -log det of the information, in units of the size of each column at random states of the arm;
     * A: log of the sum of the variances of ``named`` (k, r) @ (base parameters), each row divided by the size

@@ -46,8 +46,7 @@ QUICK = Plan(2, (Stage(1.0, 40), Stage(0.1, 40)))
 
 
 def slow_pieces(feasible: Feasibility, request: MotionRequest, rng: np.random.Generator) -> tuple[Piece, ...]:
-    """Return the pieces of a request's program that are not the optimised motion, from rest to rest in one
-    pose.
+    """Return the pieces of a request's program that are not the optimised motion, from rest to rest in one pose.
 
     There are none for ``Program.MOTION``. Raises ConfigError where the time does not suffice.
     """
@@ -117,8 +116,7 @@ class ExpectedAccuracy(Noun):
 
 
 def torque_information(model: Model, states: Array, weights: Array, min_speed: Array | None = None) -> Array:
-    """Return the information (p, p) of the torque along states (at least 3, N, n): the sum of Y' W Y over
-    samples.
+    """Return the information (p, p) of the torque along states (at least 3, N, n): the sum of Y' W Y over samples.
 
     ``weights`` (n) are one over the variance of each joint's torque. The torque of a joint does not count
     where it is slower than its ``min_speed`` (n).
@@ -138,8 +136,7 @@ def torque_information(model: Model, states: Array, weights: Array, min_speed: A
 def expected_accuracy(
     model: Model, theta: Array, information: Array, basis: BaseParameters | None = None, prior: Array | None = None
 ) -> ExpectedAccuracy:
-    """Return the accuracy that the information (p, p) of a motion gives together with a ``prior`` (p, p), at
-    theta (p).
+    """Return the accuracy that the information (p, p) of a motion gives together with a ``prior`` (p, p), at theta (p).
 
     ``basis`` are the base parameters that any motion could show; None computes them.
     """
@@ -225,7 +222,6 @@ def design(
     report_progress("finding base parameters")
     basis = structural_base_parameters(model)
     feasible = Feasibility(model, theta, limits, space, request.clearance, request.step)
-    # fails early, with the reason, where the arm can stand in no pose
     feasible.random_poses(1, np.random.default_rng(0))  # says what is in the way where the arm can stand nowhere
     first_pieces = slow_pieces(feasible, request, rng)
     has_motion, interrupted = request.program in (Program.MOTION, Program.ALL), False
@@ -269,10 +265,8 @@ def _validation(
 ) -> Trajectory:
     """Return a second motion at other speeds: one period, from other starts, with a short search."""
     # other frequencies and speeds: validation on the same motion would not reveal an overfit
-    period, harmonics = (
-        VALIDATION_PERIOD_FACTOR * min(request.period, request.duration),
-        math.ceil(VALIDATION_PERIOD_FACTOR * request.harmonics),
-    )
+    period = VALIDATION_PERIOD_FACTOR * min(request.period, request.duration)
+    harmonics = math.ceil(VALIDATION_PERIOD_FACTOR * request.harmonics)
     validation_request = replace(
         request, family="fourier", period=period, harmonics=harmonics, duration=UNLIMITED_DURATION, max_periods=1
     )
@@ -282,8 +276,6 @@ def _validation(
 
 
 def _recorded_information(model: Model, limits: MotionLimits, trajectory: Trajectory, request: MotionRequest) -> Array:
-    """Return the information (p, p) of a recording of a motion, without the slow samples that the fit leaves
-    out.
-    """
+    """Return the information (p, p) of a recording of a motion, without the slow samples that the fit leaves out."""
     states = trajectory.states(trajectory.times(request.rate))
     return torque_information(model, states, 1 / np.square(request.sigma), min_fit_speeds(model, limits))

@@ -1,5 +1,4 @@
-"""Distances of the real shapes of an arm by Pinocchio and Coal, to check a motion that was designed with
-capsules.
+"""Distances of the real shapes of an arm by Pinocchio and Coal, to check a motion that was designed with capsules.
 
 Nothing of ``clearance.py`` is used: Pinocchio moves the bodies, Coal computes the distances.
 """
@@ -48,15 +47,13 @@ def build_capsule_space(
 ) -> CapsuleSpace:
     """Return the distances of an arm whose links have these capsules, with the pairs to be watched.
 
-    These are all pairs of links, but not a body and the next one (of those that have capsules), and all
-    pairs of a moving link and an obstacle. Left out, and named, are links that in at least 90 % of 600 poses
-    are nearer than the ``clearance`` (m) and 10 mm, because they are parts of a wrist, and links that are
-    nearer to an obstacle than the clearance in all poses, because they stand there. The poses are spread
-    evenly between ``lower`` and ``upper`` (n; None: those of the file). ``own_boxes`` are parts of links
-    that stand still.
+    These are all pairs of links, but not a body and the next one (of those that have capsules), and all pairs of a
+    moving link and an obstacle. Left out, and named, are links that in at least 90 % of 600 poses are nearer than the
+    ``clearance`` (m) and 10 mm, because they are parts of a wrist, and links that are nearer to an obstacle than the
+    clearance in all poses, because they stand there. The poses are spread evenly between ``lower`` and ``upper`` (n;
+    None: those of the file). ``own_boxes`` are parts of links that stand still.
 
-    Raises ConfigError for an obstacle that the end of the arm is at in all poses, or another link 150 mm
-    inside it.
+    Raises ConfigError for an obstacle that the end of the arm is at in all poses, or another link 150 mm inside it.
     """
     capsules, obstacles = tuple(capsules), (*own_boxes, *obstacles)
     # boxes of its own count as parts of the root link here
@@ -86,8 +83,7 @@ def build_capsule_space(
 
 
 def _refuse_within(space: CapsuleSpace, largest_distances: Array, watched: NDArray[np.bool_], own_count: int) -> None:
-    """Raise ConfigError where a link at the end of the arm is at an obstacle in every pose, or another deep
-    inside it.
+    """Raise ConfigError where a link at the end of the arm is at an obstacle in every pose, or another deep inside it.
 
     ``largest_distances`` (M) are those of the encounters, of which the ``watched`` ones are kept. The first
     ``own_count`` obstacles belong to the arm.

@@ -166,16 +166,13 @@ def design_figure(t: Array, quantities: Sequence[LimitedQuantity], points: int =
             if np.isfinite(limit):
                 figure.add(_limit_line(t, limit, RED, "limit"), row=row)
         # The panel holds the curve and its finite limits, with a margin
-        ends = [x for x in (quantity.lower, quantity.upper, *_extremes(quantity.values)) if np.isfinite(x)]
+        extremes = float(quantity.values.min()), float(quantity.values.max())
+        ends = [x for x in (quantity.lower, quantity.upper, *extremes) if np.isfinite(x)]
         room = RANGE_MARGIN * (max(ends) - min(ends) or 1.0)
         axis = figure.layout[f"yaxis{row}" if row > 1 else "yaxis"]
         axis["range"] = [min(ends) - room, max(ends) + room]
     figure.layout.update(showlegend=False, margin={"t": 15})
     return figure
-
-
-def _extremes(values: Array) -> tuple[float, float]:
-    return float(values.min()), float(values.max())
 
 
 def _limit_line(t: Array, value: float, colour: str, name: str) -> Trace:

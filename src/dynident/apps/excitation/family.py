@@ -19,9 +19,8 @@ REST_POINTS = 3  # equal control points at either end: there dq and ddq are zero
 class LimitConstraints(Noun):
     """Finitely many linear constraints that keep a motion within its limits at all times.
 
-    ``rows`` are four matrices (R, K), for q, dq, ddq and jerk. Where ``rows[d] @ x`` stays within middle +-
-    ``share`` * half, the derivative d of the motion with coefficients x stays within middle +- half at all
-    times.
+    ``rows`` are four matrices (R, K), for q, dq, ddq and jerk. Where ``rows[d] @ x`` stays within middle +- ``share`` *
+    half, the derivative d of the motion with coefficients x stays within middle +- half at all times.
     """
 
     rows: tuple[Array, Array, Array, Array]
@@ -47,9 +46,7 @@ class Family(Protocol):
         """Return the functions and their first three derivatives, shape (4, N, K), at times t (N)."""
 
     def guard(self, points: int, /) -> LimitConstraints:
-        """Return the constraints that keep a motion within its limits; more ``points`` leave less of the limits
-        unused.
-        """
+        """Return the constraints that keep a motion within its limits; more ``points`` leave less of them unused."""
 
     def course(self, x: Array, /) -> LinearCourse:
         """Return the motion with coefficients x (n, K), once through."""

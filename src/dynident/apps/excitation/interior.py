@@ -58,9 +58,8 @@ class BarrierPoint(Noun):
 class Interior(Noun):
     """Barrier problem for motions of a ``family`` on a ``grid`` (N), with coefficients x (n, K).
 
-    ``information`` gives the criterion to minimise, and its derivatives (3, N, n) by q, dq and ddq (N, n);
-    ``unit`` is the amount of it that weighs as much as the barrier with a weight of one. ``spare`` is kept
-    free on the grid.
+    ``information`` gives the criterion to minimise, and its derivatives (3, N, n) by q, dq and ddq (N, n); ``unit`` is
+    the amount of it that weighs as much as the barrier with a weight of one. ``spare`` is kept free on the grid.
     """
 
     feasible: Feasibility
@@ -95,8 +94,7 @@ class Interior(Noun):
         return np.asarray(self.functions @ x.T)
 
     def range_slack(self, x: Array) -> Array:
-        """Return the slack of the ranges of q, dq, ddq and jerk on either side, as shares (2, R, n) of half a
-        range.
+        """Return the slack of the ranges of q, dq, ddq and jerk on either side, as shares (2, R, n) of half a range.
 
         The R rows are those of the constraints, one derivative below the other.
         """
@@ -136,9 +134,7 @@ class Interior(Noun):
         return self.space.distances(q) - self.feasible.clearance - self.spare.distance
 
     def at(self, x: Array, weight: float) -> BarrierPoint | None:
-        """Evaluate the criterion and a barrier of this ``weight`` at coefficients x; None where a limit is not
-        kept.
-        """
+        """Evaluate the criterion and a barrier of this ``weight`` at coefficients x; None where a limit is not kept."""
         room = self.range_slack(x)
         # check the limits from the cheapest to the most expensive: most trial points fail early
         if not (room > 0).all():
@@ -183,44 +179,28 @@ class Interior(Noun):
         return np.asarray(np.einsum("rk,rn,rl->nkl", B, weights, B, optimize=True) / len(self.grid))
 
     def between(self, x: Array, model: Model) -> GridReserve | None:
-        """Return the reserve that keeps the torque of ``model`` and the distances also between the points of the
-        grid.
+        """Return the reserve that keeps the torque of ``model`` and the distances also between the points of the grid.
 
         They are computed on a grid that is ``REFINEMENT`` times as fine. None where the limits are kept there.
         """
         times = np.linspace(0.0, self.family.duration, REFINEMENT * len(self.grid) + 1)
         # what the grid misses shows on a grid eight times as fine
         tau, gaps = self._extremes(np.asarray(self.family.values(times) @ x.T), model)
-        torque_excess, missing_distance = (
-            np.maximum(tau - 1.0 + TORQUE_RESERVE / 2, 0.0),
-            np.maximum(DISTANCE_RESERVE / 2 - gaps, 0.0),
-        )
+        torque_excess = np.maximum(tau - 1.0 + TORQUE_RESERVE / 2, 0.0)
+        missing_distance = np.maximum(DISTANCE_RESERVE / 2 - gaps, 0.0)
         if not (torque_excess.any() or missing_distance.any()):
             return None
         grid_torque, grid_gaps = self._extremes(self.states(x), model)
         # keep free what was exceeded, or what the finer grid found beyond the coarse one, with some more
-        torque = np.where(
-            torque_excess > 0,
-            np.maximum(
-                self.spare.torque + RESERVE_FACTOR * torque_excess,
-                RESERVE_FACTOR * (tau - grid_torque) + TORQUE_RESERVE,
-            ),
-            0.0,
-        )
-        distance = np.where(
-            missing_distance > 0,
-            np.maximum(
-                self.spare.distance + RESERVE_FACTOR * missing_distance,
-                RESERVE_FACTOR * (grid_gaps - gaps) + DISTANCE_RESERVE,
-            ),
-            0.0,
-        )
-        return self.spare.maximum(GridReserve(torque, distance))
+        more_torque = self.spare.torque + RESERVE_FACTOR * torque_excess
+        torque = np.maximum(more_torque, RESERVE_FACTOR * (tau - grid_torque) + TORQUE_RESERVE)
+        more_distance = self.spare.distance + RESERVE_FACTOR * missing_distance
+        distance = np.maximum(more_distance, RESERVE_FACTOR * (grid_gaps - gaps) + DISTANCE_RESERVE)
+        reserve = GridReserve(torque * (torque_excess > 0), distance * (missing_distance > 0))
+        return self.spare.maximum(reserve)
 
     def _extremes(self, states: Array, model: Model) -> tuple[Array, Array]:
-        """Return the largest torques (n) as shares of the limits, and the smallest distances (P) beyond the
-        clearance.
-        """
+        """Return the largest torques (n) as shares of the limits, and the least distances (P) beyond the clearance."""
         tau = np.abs(model.torque(states[0], states[1], states[2], self.feasible.theta) / self.limits.torque)
         distances = self.space.distances(states[0]).min(axis=0, initial=np.inf)
         return tau.max(axis=0), distances - self.feasible.clearance

@@ -40,9 +40,7 @@ BATCH_POSES, MAX_BATCHES = 500, 10  # random poses
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits that a user gives for one joint, None where the robot file or a rule gives them: rad, rad/s, ...
-    or m.
-    """
+    """Limits that a user gives for one joint, None where the robot file or a rule gives them: rad, rad/s, ... or m."""
 
     lower: float | None = None
     upper: float | None = None
@@ -55,10 +53,9 @@ class JointLimits:
 class MotionLimits(Noun):
     """Limits of n joints less the margin, each (n), infinite where there is none.
 
-    These are ``lower`` and ``upper`` (rad, m), ``velocity``, ``acceleration``, ``jerk`` (per s, s^2, s^3)
-    and ``torque`` (N m, N). ``by_rule`` names the quantities of each joint that neither the file nor the
-    user gives, so that a stated rule does; ``beyond`` those that the user gives, and that exceed the limit
-    of the file.
+    These are ``lower`` and ``upper`` (rad, m), ``velocity``, ``acceleration``, ``jerk`` (per s, s^2, s^3) and
+    ``torque`` (N m, N). ``by_rule`` names the quantities of each joint that neither the file nor the user gives, so
+    that a stated rule does; ``beyond`` those that the user gives, and that exceed the limit of the file.
     """
 
     joints: tuple[str, ...]
@@ -199,10 +196,10 @@ def _check_range(joint: Joint, values: Mapping[str, float | None], given_names: 
         ends = [
             f"{name} {values[name]:g} ({'given' if name in given_names else 'file'})" for name in ("lower", "upper")
         ]
-        raise _error_class(given_names & {"lower", "upper"})(
-            f"limits of joint {joint.name!r}: {' and '.join(ends)} leave no position in {joint.unit}; "
-            f"correct them{_correction_place(given_names & {'lower', 'upper'}, model)}."
-        )
+        is_given = bool(given_names & {"lower", "upper"})
+        place = "" if is_given else f" in {model.name}, or give both"
+        words = f"{' and '.join(ends)} leave no position in {joint.unit}; correct them{place}."
+        raise (ConfigError if is_given else ModelError)(f"limits of joint {joint.name!r}: {words}")
     for name in ("velocity", "torque"):
         value = values[name]
         if value is not None and value <= 0:  # of the file
@@ -211,14 +208,6 @@ def _check_range(joint: Joint, values: Mapping[str, float | None], given_names: 
                 f"give the true one in the settings, such as `limits: {{{joint.name!r}: {{{name}: 1.0}}}}`, or lock "
                 "the joint."
             )
-
-
-def _error_class(given_names: set[str]) -> type[ConfigError] | type[ModelError]:
-    return ConfigError if given_names else ModelError
-
-
-def _correction_place(given_names: set[str], model: Model) -> str:
-    return "" if given_names else f" in {model.name}, or give both"
 
 
 def _default_range(lower: float | None, upper: float | None) -> tuple[float, float]:
@@ -277,8 +266,7 @@ def min_fit_speeds(model: Model, limits: MotionLimits) -> Array:
 
 
 class Feasibility(Noun):
-    """Limits of a model with parameters ``theta`` (p): ``limits`` of its joints, and ``clearance`` (m) in
-    ``space``.
+    """Limits of a model with parameters ``theta`` (p): ``limits`` of its joints, and ``clearance`` (m) in ``space``.
 
     Without ``space`` nothing is in the way. Pieces take whole multiples of ``step`` (s), 0 for any duration.
     """
@@ -337,8 +325,7 @@ class Feasibility(Noun):
 
         Raises ConfigError where none is found, with what is in the way.
         """
-        feasible_batches: list[Array] = []
-        batches: list[Array] = []
+        batches, feasible_batches = list[Array](), list[Array]()
         for _ in range(MAX_BATCHES):
             drawn = rng.uniform(self.limits.lower, self.limits.upper, (BATCH_POSES, len(self.limits.joints)))
             batches.append(drawn)
@@ -355,10 +342,8 @@ class Feasibility(Noun):
         shares = self._creep_shares(q)
         # the joint that fails in most poses is the one to name
         joint = int(np.argmax((shares > 1 - TORQUE_RESERVE).sum(axis=0)))
-        heavy_count, too_near = (
-            int((shares > 1 - TORQUE_RESERVE).any(axis=1).sum()),
-            self.min_gaps(q) < DISTANCE_RESERVE,
-        )
+        heavy_count = int((shares > 1 - TORQUE_RESERVE).any(axis=1).sum())
+        too_near = self.min_gaps(q) < DISTANCE_RESERVE
         sentences = [f"of {len(q)} random poses the arm can stand in none."]
         if heavy_count:
             name, limit = self.limits.joints[joint], self.limits.torque[joint]

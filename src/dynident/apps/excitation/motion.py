@@ -38,8 +38,7 @@ MOTION_SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which ar
 
 class Program(StrEnum):
     """Pieces that the arm drives: the optimised motion, each joint at constant speeds, poses for gravity, or
-    all of these.
-    """
+    all of these."""
 
     MOTION = "motion"
     FRICTION = "friction"
@@ -166,9 +165,7 @@ class NoPathError(InputError):
 
 
 def build_interior(feasible: Feasibility, space: Space, request: MotionRequest, basis: BaseParameters) -> Interior:
-    """Build the barrier problem of a request, on its grid and with its criterion; signs of friction are
-    smoothed.
-    """
+    """Build the barrier problem of a request, on its grid and with its criterion; signs of friction are smoothed."""
     # the search needs derivatives, which the sign of Coulomb friction does not have at rest
     smooth = replace(feasible, model=with_smooth_signs(feasible.model, SIGN_WIDTH * feasible.limits.velocity))
     family = _make_family(request)
@@ -244,8 +241,7 @@ def motion_pieces(
     request: MotionRequest,
     rng: np.random.Generator,
 ) -> tuple[Piece, ...]:
-    """Return the motion with coefficients x (n, K) from rest to rest, with as many periods as there is time
-    for.
+    """Return the motion with coefficients x (n, K) from rest to rest, with as many periods as there is time for.
 
     Raises ``NoPathError`` where there is no path into the motion and
     back, and InputError where the time does not suffice.

@@ -54,9 +54,7 @@ class _JointSweeps:
     step: float
 
     def sweeps(self, steady_time: float) -> Iterator[Sweep]:
-        """Yield a sweep there and one back for each speed, which is kept for ``steady_time`` (s) where there is
-        room.
-        """
+        """Yield a sweep there and one back for each speed, which is kept for ``steady_time`` (s) if there is room."""
         direction = np.eye(len(self.pose))[self.joint]
         for speed in self.speeds.tolist():
             ramp, full = ramp_times(speed, self.acceleration, self.jerk, self.step)
@@ -76,10 +74,9 @@ def friction_program(
 ) -> tuple[Piece, ...]:
     """Return each joint moving alone at as many ``speeds``, in both directions, within ``duration`` (s).
 
-    The arm begins and ends in the pose ``start`` (n; None: chosen). The speeds of a joint are spread evenly
-    in the logarithm, from a twentieth of the greatest that it can keep for a while, but from above the
-    speeds that a fit leaves out as too slow. Raises ConfigError where the time does not suffice, or a joint
-    cannot move.
+    The arm begins and ends in the pose ``start`` (n; None: chosen). The speeds of a joint are spread evenly in the
+    logarithm, from a twentieth of the greatest that it can keep for a while, but from above the speeds that a fit
+    leaves out as too slow. Raises ConfigError where the time does not suffice, or a joint cannot move.
     """
     pose, free_ranges = _roomiest_pose(feasible, start, rng)
     home = pose if start is None else start
@@ -95,20 +92,15 @@ def friction_program(
     pieces = list(first_path)
     for run, path_there, path_back in zip(runs, paths_there, paths_back, strict=True):
         name = feasible.limits.joints[run.joint]
-        pieces += [
-            *path_there,
-            *(Piece(sweep, Purpose.FRICTION, name) for sweep in run.sweeps(steady_time)),
-            *path_back,
-        ]
+        sweeps = (Piece(sweep, Purpose.FRICTION, name) for sweep in run.sweeps(steady_time))
+        pieces += [*path_there, *sweeps, *path_back]
     return (*pieces, *last_path)
 
 
 def _roomiest_pose(
     feasible: Feasibility, start: Array | None, rng: np.random.Generator
 ) -> tuple[Array, list[tuple[float, float]]]:
-    """Return the pose (n) in which the joint with the least room of its range has most, and the free range of
-    each.
-    """
+    """Return the pose (n) in which the joint with the least room of its range has most, and the free range of each."""
     poses = feasible.random_poses(POSE_TRIALS, rng)
     if start is not None:
         poses = np.concatenate([[start], poses])
@@ -128,10 +120,8 @@ def _free_range(feasible: Feasibility, pose: Array, joint: int) -> tuple[float, 
     blocked = np.flatnonzero(~feasible.can_stand(poses))
     current = int(np.searchsorted(positions, pose[joint]))
     # nearest blocked position on either side of the joint's own
-    low, high = (
-        blocked[blocked < current].max(initial=-1) + 1,
-        blocked[blocked > current].min(initial=len(positions)) - 1,
-    )
+    low = blocked[blocked < current].max(initial=-1) + 1
+    high = blocked[blocked > current].min(initial=len(positions)) - 1
     return float(positions[min(low, current)]), float(positions[max(high, current)])
 
 
@@ -152,11 +142,8 @@ def _plan_sweeps(
         # the last two sweeps are the fastest, there and back: slower ones need less torque
         if room > 0 and all(map(feasible.allows, list(run.sweeps(np.inf))[-2:])):
             return run
-        acceleration, jerk, speed_limit = (
-            ACCELERATION_FACTOR * acceleration,
-            ACCELERATION_FACTOR * jerk,
-            SPEED_FACTOR * speed_limit,
-        )
+        acceleration, jerk = ACCELERATION_FACTOR * acceleration, ACCELERATION_FACTOR * jerk
+        speed_limit *= SPEED_FACTOR
     raise ConfigError(
         f"joint {limits.joints[joint]!r} cannot sweep alone between {low:.4g} and {high:.4g}, where it is free in the "
         "best of the poses that were tried: its torque or the clearance does not allow it."
@@ -183,15 +170,14 @@ def _steady_time(runs: list[_JointSweeps], duration: float, path_time: float) ->
             f"but has {duration:.1f} s; give it more time, or choose another program."
         )
     low, high = MIN_STEADY_TIME, duration
+    # bisection: the total time grows with the time at constant speed
     for _ in range(SEARCH_STEPS):
         middle = (low + high) / 2
-        low, high = (
-            (middle, high) if path_time + sum(run.total_time(middle) for run in runs) <= duration else (low, middle)
-        )
+        is_in_time = path_time + sum(run.total_time(middle) for run in runs) <= duration
+        low, high = (middle, high) if is_in_time else (low, middle)
     return low
 
 
-# bisection: the total time grows with the time at constant speed
 def _path_pieces(feasible: Feasibility, start: Array, end: Array, rng: np.random.Generator) -> tuple[Piece, ...]:
     path = find_path(feasible, start, end, rng)
     if path is None:
@@ -230,18 +216,12 @@ def select_informative_poses(feasible: Feasibility, poses: Array, weights: Array
     return indices
 
 
-def gravity_program(
-    feasible: Feasibility, request: MotionRequest, rng: np.random.Generator, hold: float = HOLD_TIME
-) -> tuple[Piece, ...]:
-    """Return as many poses, each for ``hold`` (s), as a request has time for, with the ways between them, from and to
-    its start (none: the first of them).
-
-    The paths between them are included, from and to the pose ``start`` (n; None: the first of them). Raises
-    ConfigError where the time does not suffice for one.
-    """
+def gravity_program(feasible: Feasibility, request: MotionRequest, rng: np.random.Generator) -> tuple[Piece, ...]:
+    """Return as many poses, each for 2 s, as a request has time for, with the ways between them, from and to its start
+    (none: the first of them). Raises ConfigError where the time does not suffice for one."""
     duration, start, weights = request.duration, request.start, np.asarray(1 / np.square(request.sigma))
-    count = max(1, min(MAX_POSES, int(duration / hold)))
-    visits = _plan_visits(feasible, weights, count, hold, rng)
+    count = max(1, min(MAX_POSES, int(duration / HOLD_TIME)))
+    visits = _plan_visits(feasible, weights, count, rng)
     tour = _Tour(feasible, visits, visits[0][0].pose if start is None else start, rng)
     stops = list(range(1, len(visits) + 1))
     while stops:
@@ -252,7 +232,7 @@ def gravity_program(
         # the time is too long: drop the least informative stops, about half of the excess at once
         stops = stops[: -max(1, int(len(stops) * (1 - duration / total_time) / 2))] if stops else []
     raise ConfigError(
-        f"the gravity program has {duration:.1f} s, too little to reach a pose, stay for {hold:g} s and return; "
+        f"the gravity program has {duration:.1f} s, too little to reach a pose, stay for {HOLD_TIME:g} s and return; "
         "give it more time."
     )
 
@@ -260,20 +240,16 @@ def gravity_program(
 Visit = tuple[Hold] | tuple[Sweep, Sweep]  # what the arm does in a pose, from a place at rest back to it
 
 
-def _plan_visits(
-    feasible: Feasibility, weights: Array, count: int, hold: float, rng: np.random.Generator
-) -> tuple[Visit, ...]:
+def _plan_visits(feasible: Feasibility, weights: Array, count: int, rng: np.random.Generator) -> tuple[Visit, ...]:
     """Return at most ``count`` visits of poses that may be driven, the most informative first."""
     poses = feasible.random_poses(CANDIDATE_POSES, rng)
     velocity = (
         PASS_SPEED_FACTOR * min_fit_speeds(feasible.model, feasible.limits) * rng.choice((-1.0, 1.0), poses.shape)
     )
     if not velocity.any():
-        rest = float(round_up(np.array(hold), feasible.step))
+        rest = float(round_up(np.array(HOLD_TIME), feasible.step))
         return tuple((Hold(rest, poses[k]),) for k in select_informative_poses(feasible, poses, weights, count))
-    sweeps = [
-        _sweep_to_and_fro(feasible, *pose_and_velocity, hold) for pose_and_velocity in zip(poses, velocity, strict=True)
-    ]
+    sweeps = [_sweep_to_and_fro(feasible, *pair) for pair in zip(poses, velocity, strict=True)]
     ends = np.array([(forward.pose, forward.end) for forward, _ in sweeps])
     free = np.flatnonzero(feasible.can_stand(ends[:, 0]) & feasible.can_stand(ends[:, 1]))
     allowed = [k for k in free if all(map(feasible.allows, sweeps[k]))]
@@ -285,8 +261,8 @@ def _plan_visits(
     return tuple(sweeps[allowed[k]] for k in select_informative_poses(feasible, poses[allowed], weights, count))
 
 
-def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array, hold: float) -> tuple[Sweep, Sweep]:
-    """Return sweeps through a pose (n) and back at a constant velocity (n), which take ``hold`` (s) or longer."""
+def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array) -> tuple[Sweep, Sweep]:
+    """Return sweeps through a pose (n) and back at a constant velocity (n), which take ``HOLD_TIME`` or longer."""
     speeds = np.abs(velocity)
     with np.errstate(divide="ignore"):
         bounds = (feasible.limits.sizes[2:] / speeds).min(axis=1)
@@ -294,7 +270,7 @@ def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array, hold:
     acceleration, jerk = min(1 / JERK_DURATION, float(bounds[0])), min(1 / JERK_DURATION**2, float(bounds[1]))
     ramp, full = ramp_times(1.0, acceleration, jerk, feasible.step)
     ramp_time = 2 * ramp + full
-    distance = max(hold / 2 - ramp_time, 2 * ramp_time)
+    distance = max(HOLD_TIME / 2 - ramp_time, 2 * ramp_time)
     forward = Sweep(pose - distance / 2 * velocity, velocity, distance, 1.0, acceleration, jerk, feasible.step)
     return forward, replace(forward, pose=forward.end, distance=-distance)
 
@@ -310,8 +286,7 @@ class _Tour:
     paths: dict[tuple[int, int], tuple[Quintic, ...] | None] = field(default_factory=dict)
 
     def pieces(self, stops: list[int]) -> tuple[tuple[Piece, ...], list[int]]:
-        """Return the pieces from home by the stops back to it, always to the nearest one, and the stops that are
-        left.
+        """Return the pieces from home by the stops back to it, always to the nearest one, and the stops that are left.
 
         Stops that no path leads to are left out; those that remain are in their order of importance.
         """

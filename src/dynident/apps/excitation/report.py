@@ -218,11 +218,6 @@ def excitation_findings(project: ExcitationProject, design: Design) -> list[str]
     return [*expected_findings(design), *around, *noise_words(project), *limit_words(design), *notes]
 
 
-def excitation_tables(design: Design) -> list[PageTable]:
-    """Return the tables for a terminal: how much of the limits both motions use."""
-    return [_limit_use_table(design)]
-
-
 def excitation_page(project: ExcitationProject, design: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
     first_step = _SLOWLY if any(name.startswith(f"{TRIAL}.") for name, _ in files) else NO_TRIAL
@@ -231,7 +226,7 @@ def excitation_page(project: ExcitationProject, design: Design, files: Sequence[
         PageSection("What it will tell", (_design_facts(design), tuple(excitation_findings(project, design)))),
         *([PageSection("What to do with it", steps)] if files else []),
         scene_section(project, design),
-        PageSection("Motion and torque", (_limit_use_table(design), _gallery(design))),
+        PageSection("Motion and torque", (limit_use_table(design), _gallery(design))),
         expected_section(design),
         PageSection("Limits", tuple(_limit_blocks(design))),
         PageSection("Settings and versions", tuple(_settings_tables(project))),
@@ -278,7 +273,7 @@ def drawing_times(trajectory: Trajectory) -> Array:
     return trajectory.times(min(DRAWING_RATE, MAX_DRAWN_SAMPLES / trajectory.duration))
 
 
-def _limit_use_table(design: Design) -> PageTable:
+def limit_use_table(design: Design) -> PageTable:
     """Return how much of each limit the motions use, as found by their last check."""
     heads = ("position", "velocity", "acceleration", "jerk", "torque")
     columns = [Column("joint", numeric=False)]
@@ -290,17 +285,12 @@ def _limit_use_table(design: Design) -> PageTable:
     return PageTable(tuple(columns), rows, title)
 
 
-def _required_torque(design: Design, states: Array) -> Array:
-    q, dq, ddq = states[:3]
-    return design.model.torque(q, dq, ddq, design.theta)
-
-
 def _gallery(design: Design) -> Gallery:
     views = []
     for name, trajectory in motions_of(design).items():
         t = drawing_times(trajectory)
         states = trajectory.states(t)
-        torque = _required_torque(design, states)
+        torque = design.model.torque(states[0], states[1], states[2], design.theta)
         for k, joint in enumerate(design.model.joints):
             caption = f"Joint {joint.name}: the {name} between its limits (dashed), and the torque that it needs."
             figure = design_figure(t, list(_quantities(design, k, [*states, torque])), CURVE_POINTS)

@@ -82,11 +82,8 @@ def _shrink_to_feasible(interior: Interior, centre: Array, candidate: Array) -> 
     feasible_size, infeasible_size = size, min(size / SHRINK_FACTOR, 1.0)
     for _ in range(5):
         middle = (feasible_size + infeasible_size) / 2
-        feasible_size, infeasible_size = (
-            (middle, infeasible_size)
-            if interior.is_inside(centre + middle * (candidate - centre))
-            else (feasible_size, middle)
-        )
+        is_inside = interior.is_inside(centre + middle * (candidate - centre))
+        feasible_size, infeasible_size = (middle, infeasible_size) if is_inside else (feasible_size, middle)
     return centre + SIZE_SHARE * feasible_size * (candidate - centre)
 
 
@@ -159,12 +156,8 @@ def _slack_jacobian(interior: Interior, x: Array) -> Array:
     )
     torque_jacobian = torque_jacobian / interior.limits.torque[:, None, None]
     gap_jacobian = np.einsum("ipk,il->ipkl", interior.space.gradients(states[0])[1], functions[0])
-    return np.concatenate(
-        [
-            jacobian.reshape(-1, n * K)
-            for jacobian in (-range_jacobian, range_jacobian, -torque_jacobian, torque_jacobian, gap_jacobian)
-        ]
-    )
+    jacobians = -range_jacobian, range_jacobian, -torque_jacobian, torque_jacobian, gap_jacobian
+    return np.concatenate([jacobian.reshape(-1, n * K) for jacobian in jacobians])
 
 
 @dataclass(frozen=True)
@@ -192,8 +185,7 @@ class Plan(NamedTuple):
 
 class SearchResult(Noun):
     """Best coefficients ``x`` (n, K) of a search with their ``criterion``, the number of ``starts``, and
-    whether it was ``interrupted``.
-    """
+    whether it was ``interrupted``."""
 
     x: Array
     criterion: float
@@ -231,8 +223,8 @@ def search(
     ]
     count, best, interrupted = len(motions), list[_SearchMotion](), False
     job_counts = [count]
+    # each stage goes on with the best share of the motions, so that the expensive ones are few
     for stage in stages[1:]:
-        # each stage goes on with the best share of the motions, so that the expensive ones are few
         job_counts.append(max(1, int(np.ceil(job_counts[-1] * stage.kept_share))))
     total, completed = sum(job_counts), 0
     try:
@@ -300,11 +292,8 @@ def improve_motion(interior: Interior, x: Array, stage: Stage) -> tuple[Array, f
     point = interior.at(x, stage.weight)
     if point is None:
         raise InputError("the motion that a search begins with does not keep to the limits, or shows nothing.")
-    best, history, values = (
-        (x, point.criterion),
-        deque[tuple[Array, Array, float]](maxlen=HISTORY_LENGTH),
-        [point.value],
-    )
+    best, values = (x, point.criterion), [point.value]
+    history = deque[tuple[Array, Array, float]](maxlen=HISTORY_LENGTH)
     metric = interior.barrier_curvature(x, stage.weight, CENTRE_WEIGHT)
     for _ in range(stage.steps):
         step = _direction(metric, history, point.gradient)
@@ -323,9 +312,8 @@ def improve_motion(interior: Interior, x: Array, stage: Stage) -> tuple[Array, f
         next_x, next_point = accepted
         change, gradient_change = next_x - x, next_point.gradient - point.gradient
         # pairs with little curvature would make the quasi-Newton matrix indefinite
-        if (curvature := float((change * gradient_change).sum())) > 1e-10 * np.linalg.norm(change) * np.linalg.norm(
-            gradient_change
-        ):
+        size = np.linalg.norm(change) * np.linalg.norm(gradient_change)
+        if (curvature := float((change * gradient_change).sum())) > 1e-10 * size:
             history.append((change, gradient_change, 1.0 / curvature))
         x, point = next_x, next_point
         if point.criterion < best[1]:
@@ -352,9 +340,7 @@ def _direction(metric: Array, history: Sequence[tuple[Array, Array, float]], gra
 def _line_search(
     interior: Interior, x: Array, step: Array, point: BarrierPoint, weight: float
 ) -> tuple[Array, BarrierPoint] | None:
-    """Return the first motion along a step at which the value is low enough, and its point; None where there is
-    none.
-    """
+    """Return the first motion along a step at which the value is low enough, and its point; None without one."""
     slope = float((step * point.gradient).sum())
     # stop short of the ranges, beyond which the barrier does not exist; torques and distances are tried
     size = min(1.0, _free_step(interior, x, step))

@@ -88,10 +88,9 @@ class Trajectory(Noun):
 
     def first_time(self, t: float) -> float:
         """Return the first time (s) at which the arm is where ``without_repeats`` is at t."""
-        k = int(
-            np.clip(np.searchsorted(self.without_repeats.edges, t, side="right") - 1, 0, len(self.first_indices) - 1)
-        )
-        return float(self.edges[self.first_indices[k]] + t - self.without_repeats.edges[k])
+        edges = self.without_repeats.edges
+        k = int(np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(self.first_indices) - 1))
+        return float(self.edges[self.first_indices[k]] + t - edges[k])
 
     def times(self, rate: float) -> Array:
         """Return times in s, at ``rate`` (Hz) from 0, and the end."""
@@ -99,8 +98,7 @@ class Trajectory(Noun):
         return t if self.duration - t[-1] <= TIME_TOLERANCE * self.duration else np.append(t, self.duration)
 
     def states(self, t: Array) -> Array:
-        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N); at rest before it begins and after it
-        ends.
+        """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N); at rest before it begins and after it ends.
 
         Where two pieces meet, the later one counts.
         """
@@ -119,9 +117,7 @@ class Trajectory(Noun):
 
 @dataclass(frozen=True)
 class SlowedCourse:
-    """A ``course`` that takes ``times`` as long: dq, ddq and the jerk are divided by times, its square and its
-    cube.
-    """
+    """A ``course`` that takes ``times`` as long: dq, ddq and the jerk are divided by times, its square and its cube."""
 
     course: Course
     times: float
@@ -140,10 +136,8 @@ class SlowedCourse:
 
 def slow_down(trajectory: Trajectory, times: float) -> Trajectory:
     """Return the same path, ``times`` as long."""
-    return replace(
-        trajectory,
-        pieces=tuple(replace(piece, course=SlowedCourse(piece.course, times)) for piece in trajectory.pieces),
-    )
+    pieces = (replace(piece, course=SlowedCourse(piece.course, times)) for piece in trajectory.pieces)
+    return replace(trajectory, pieces=tuple(pieces))
 
 
 @dataclass(frozen=True)
@@ -170,11 +164,10 @@ def closest_approach(space: Distances, trajectory: Trajectory, clearance: float)
     states = trajectory.states(times)
     distances = space.distances(states[0])
     best = _closest_sample(space, times, distances)
-    speed = (
-        _speed_bounds(space, states, step)
-        if isinstance(space, LipschitzDistances)
-        else _observed_speeds(distances, step)
-    )
+    if isinstance(space, LipschitzDistances):
+        speed = _speed_bounds(space, states, step)
+    else:
+        speed = _observed_speeds(distances, step)
     starts, lower = times[:-1], np.minimum(distances[:-1], distances[1:])
     for level in range(MAX_LEVELS):
         # first look for the smallest distance itself, then only prove the clearance
@@ -189,10 +182,8 @@ def closest_approach(space: Distances, trajectory: Trajectory, clearance: float)
             best, _closest_sample(space, fine_times.ravel(), distances.reshape(fine_times.size, -1)), key=_distance
         )
         step, speed = step / SUBDIVISIONS, np.repeat(speed[may_be_near], SUBDIVISIONS, axis=0)
-        starts, lower = (
-            fine_times[:, :-1].ravel(),
-            np.minimum(distances[:, :-1], distances[:, 1:]).reshape(-1, distances.shape[2]),
-        )
+        starts = fine_times[:, :-1].ravel()
+        lower = np.minimum(distances[:, :-1], distances[:, 1:]).reshape(-1, distances.shape[2])
     # the smallest distance found is refined around its time
     last_times = np.clip(best.time + step * np.linspace(-1.0, 1.0, 2 * FINAL_POINTS + 1), 0.0, trajectory.duration)
     return min(

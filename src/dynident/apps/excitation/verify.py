@@ -1,10 +1,8 @@
-"""Last check of a finished trajectory, by other means than those that made it: nothing that fails it is
-written.
+"""Last check of a finished trajectory, by other means than those that made it: nothing that fails it is written.
 
-All is sampled at 1 kHz or more, and forty times finer around the extremes. Derivatives are compared with
-differences. Torques come from the regressor, and from Pinocchio where it is installed; distances come
-also from the real shapes where these are known. Nothing is used that the design uses to keep within
-limits (bounds, working sets, reserves).
+All is sampled at 1 kHz or more, and forty times finer around the extremes. Derivatives are compared with differences.
+Torques come from the regressor, and from Pinocchio where it is installed; distances come also from the real shapes
+where these are known. Nothing is used that the design uses to keep within limits (bounds, working sets, reserves).
 """
 
 from __future__ import annotations
@@ -190,8 +188,7 @@ def _check_continuity(before: Array, after: Array, t: float, limits: MotionLimit
 
 
 def _check_derivatives(states: Array, t: Array, start: float, limits: MotionLimits) -> None:
-    """Raise LimitError where q, dq or ddq are not the integrals of their derivatives: they jump, or these are
-    wrong.
+    """Raise LimitError where q, dq or ddq are not the integrals of their derivatives: they jump, or these are wrong.
 
     Over a step h the error of the trapezoidal rule is at most h^3 / 12 times the largest second derivative
     of the integrand, and h^2 / 4 times its largest slope; ddq changes by at most h times the largest jerk.
@@ -224,9 +221,7 @@ def _check_rest(ends: Array, duration: float, limits: MotionLimits) -> None:
 
 
 def _select_samples(states: Array, tau: Array) -> tuple[Array, Array]:
-    """Return a selection of the states (3, K, n) with their torques: spread evenly, and those of the largest
-    torques.
-    """
+    """Return some of the states (3, K, n) with their torques: spread evenly, and those of the largest torques."""
     # a sample of both: all torques would take a long time by the second route
     rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), max(1, len(tau) // 100)))
     return states[:3, rows], tau[rows]
@@ -234,10 +229,8 @@ def _select_samples(states: Array, tau: Array) -> tuple[Array, Array]:
 
 def _second_route(model: Model, theta: Array, torque_samples: Sequence[tuple[Array, Array]]) -> tuple[str, ...]:
     """Return the routes to the torque; InputError where Pinocchio's differs from the regressor's."""
-    states, tau = (
-        np.concatenate([block for block, _ in torque_samples], axis=1),
-        np.concatenate([block for _, block in torque_samples]),
-    )
+    states = np.concatenate([block for block, _ in torque_samples], axis=1)
+    tau = np.concatenate([block for _, block in torque_samples])
     # again the largest torques, and about SECOND_ROUTE_SAMPLES spread evenly
     rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), -(-len(tau) // SECOND_ROUTE_SAMPLES)))
     pinocchio = pinocchio_torque(model, theta, *states[:, rows])

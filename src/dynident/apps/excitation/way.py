@@ -57,9 +57,7 @@ def rest_state(q: Array) -> Array:
 
 
 def coefficients(start: Array, end: Array, duration: Array) -> Array:
-    """Return the polynomials (D, 6, n) in t / T for each duration T (D) in s, between states (3, n) or (D, 3,
-    n).
-    """
+    """Return the polynomials (D, 6, n) in t / T for each duration T (D) in s, between states (3, n) or (D, 3, n)."""
     # polynomials in t / T have well-scaled coefficients: derivatives are multiplied by powers of T
     scale = duration[:, None, None] ** np.arange(3.0)[:, None]
     ends = np.concatenate([start * scale, end * scale], axis=1)
@@ -81,8 +79,7 @@ def quintic_bounds(start: Array, end: Array, duration: Array) -> tuple[Array, Ar
 
 
 def feasible_durations(limits: MotionLimits, start: Array, end: Array, step: float = 0.0) -> Iterator[float]:
-    """Yield the durations (s) with which a quintic from a state to another (3, n) keeps the limits, shortest
-    first.
+    """Yield the durations (s) with which a quintic from a state to another (3, n) keeps the limits, shortest first.
 
     These are the limits of position, velocity, acceleration and jerk. Durations from ``MIN_DURATION`` to
     ``MAX_DURATION`` are tried in steps of a twentieth, in whole multiples of ``step`` (s).
@@ -106,8 +103,7 @@ def _power_derivatives(s: Array, d: int) -> Array:
 @cache
 def _bernstein_matrix(d: int) -> Array:
     """Return the Bernstein coefficients (R, 6) of the derivative of order ``d`` of 1, s, ... s^5 on the parts
-    of 0 to 1.
-    """
+    of 0 to 1."""
     degree = DEGREE - d
     nodes = np.linspace(0, 1, degree + 1)
     at_nodes = _bernstein_polynomials(nodes, degree)
@@ -149,8 +145,7 @@ def _path_is_free(feasible: Feasibility, start: Array, end: Array) -> bool:
 
 
 def find_path(feasible: Feasibility, start: Array, end: Array, rng: np.random.Generator) -> tuple[Quintic, ...] | None:
-    """Return courses from a pose at rest to another (n), by way of other poses where the straight path is not
-    free.
+    """Return courses from a pose at rest to another (n), by way of other poses where the straight path is not free.
 
     There are none where the poses are the same. None where no path is found. The other poses come from a
     probabilistic roadmap whose edges are checked in full only when they are on a route: R. Bohlin and L. E.
@@ -199,9 +194,7 @@ def _travel_costs(feasible: Feasibility, poses: Array) -> Array:
 
 
 def _cheapest_path(feasible: Feasibility, poses: Array, cost: Array) -> tuple[Quintic, ...] | None:
-    """Return courses from the first of the poses (K, n) to the second along the cheapest edges that prove to be
-    free.
-    """
+    """Return courses from the first of the poses (K, n) to the second along the cheapest edges that are free."""
     from scipy.sparse.csgraph import dijkstra
 
     courses: dict[tuple[int, int], Quintic] = {}
@@ -231,9 +224,8 @@ def from_rest(
 ) -> tuple[Piece, ...] | None:
     """Return ``periods`` of a motion, given once through, between paths from and to the pose ``start`` (n).
 
-    A series begins at the phase with the shortest ramps. Where ``start`` is None the motion begins and ends
-    in the pose in which its own ramp begins. None where no ramp or no path is allowed. The motion itself is
-    not checked.
+    A series begins at the phase with the shortest ramps. Where ``start`` is None the motion begins and ends in the pose
+    in which its own ramp begins. None where no ramp or no path is allowed. The motion itself is not checked.
     """
     family, x = course.family, course.x
     if not isinstance(family, Fourier):

@@ -216,9 +216,8 @@ def best_turning(several: Sequence[Turning], component: int) -> Turning:
 def _speed_and_reach(model: Model, j: int) -> tuple[float, float]:
     """Return speed and reach of a joint's motion, within its limits where these are known."""
     joint, limit = model.joints[j], model.limits.get(model.joints[j].name)
-    reach, speed = (
-        (SLIDE_FACTOR * MAX_REACH, SLIDE_FACTOR * MAX_SPEED) if joint.kind == "prismatic" else (MAX_REACH, MAX_SPEED)
-    )
+    factor = SLIDE_FACTOR if joint.kind == "prismatic" else 1.0
+    reach, speed = factor * MAX_REACH, factor * MAX_SPEED
     if limit is not None and limit.velocity:
         speed = min(speed, SPEED_LIMIT_SHARE * limit.velocity)
     return speed, reach

@@ -1,11 +1,10 @@
 """The payload, drift, friction and gains by generalised least squares, from what identifications say of the arm.
 
-Each identification i measures base parameters b_i = B_i theta_i + H_i e + n_i, of covariance C_i
-(``ArmEvidence``). All have one theta; recordings after the result have changes d of friction and offsets,
-which are the same in all of them; those with the payload have its parameters phi in the columns T of its
-body, and changes l of friction, by the load. e are the errors of the gains, which since the result have changed by g,
-k what friction grows by with the load, as K_i k, in all of them. d, l, k, e and g have expected sizes, by which they
-count as measured to be zero.
+Each identification i measures base parameters b_i = B_i theta_i + H_i e + n_i, of covariance C_i (``ArmEvidence``). All
+have one theta; recordings after the result have changes d of friction and offsets, which are the same in all of them;
+those with the payload have its parameters phi in the columns T of its body, and changes l of friction, by the load. e
+are the errors of the gains, which since the result have changed by g, k what friction grows by with the load, as K_i k,
+in all of them. d, l, k, e and g have expected sizes, by which they count as measured to be zero.
 """
 
 from __future__ import annotations
@@ -59,16 +58,15 @@ class DriveGains(Noun):
 class PayloadRequest:
     """How to look for a payload.
 
-    ``frame`` is the link that carries it (None: the flange). ``removed`` tells that the arm carried it when it
-    was identified and no longer does. ``known_mass`` (kg) is its mass where it was weighed, ``known_centre`` (3)
-    in m in the frame its centre of mass, where that is known to half a millimetre too: it determines the gains of
-    the wrist. ``gain_error`` (%) is the standard deviation of the gains of the drives, common to all and of each,
-    where ``gains`` of an earlier payload of known mass are not given; ``gain_change`` (%) that by which the gain of a
-    drive may differ between the result and the recordings. ``friction_change`` (%) is the standard
-    deviation by which friction and offset of a joint may differ between the result and the recordings, and
-    friction again by the load, in % of the joint's largest friction parameter. ``load_friction`` (%) is friction
-    of a joint that grows with its load, by about this much of the load, which the model does not know. Raises
-    ConfigError for a number out of range.
+    ``frame`` is the link that carries it (None: the flange). ``removed`` tells that the arm carried it when it was
+    identified and no longer does. ``known_mass`` (kg) is its mass where it was weighed, ``known_centre`` (3) in m in
+    the frame its centre of mass, where that is known to half a millimetre too: it determines the gains of the wrist.
+    ``gain_error`` (%) is the standard deviation of the gains of the drives, common to all and of each, where ``gains``
+    of an earlier payload of known mass are not given; ``gain_change`` (%) that by which the gain of a drive may differ
+    between the result and the recordings. ``friction_change`` (%) is the standard deviation by which friction and
+    offset of a joint may differ between the result and the recordings, and friction again by the load, in % of the
+    joint's largest friction parameter. ``load_friction`` (%) is friction of a joint that grows with its load, by about
+    this much of the load, which the model does not know. Raises ConfigError for a number out of range.
     """
 
     frame: str | None = None
@@ -88,12 +86,12 @@ class PayloadRequest:
             raise ConfigError("the known centre of mass needs the known mass, and three numbers in m.")
         if self.known_centre is not None and max(map(abs, self.known_centre)) > MAX_DISTANCE:
             raise ConfigError(f"the known centre of mass is {max(map(abs, self.known_centre)):g} m away; give it in m.")
-        percentages = {
-            "gain error": self.gain_error,
-            "gain change": self.gain_change,
-            "friction change": self.friction_change,
-        }
-        for name, value in (percentages | {"friction by the load": self.load_friction}).items():
+        for name, value in (
+            ("gain error", self.gain_error),
+            ("gain change", self.gain_change),
+            ("friction change", self.friction_change),
+            ("friction by the load", self.load_friction),
+        ):
             if not 0 <= value <= MAX_PERCENT:
                 raise ConfigError(f"the {name} is {value:g} %; give a number from 0 to {MAX_PERCENT:g}.")
         if self.gains is not None and self.known_mass is not None:
@@ -119,13 +117,10 @@ class ArmEvidence(Noun):
     @classmethod
     def of(cls, identification: Identification, name: str = "the result") -> ArmEvidence:
         """Return the evidence of a result, before constraints; InputError where it does not know its covariance."""
-        errors, base, consistency = (
-            identification.errors,
-            identification.base.on_data,
-            identification.estimate.consistency,
-        )
+        errors, base = identification.errors, identification.base.on_data
         if errors.base_covariance is None or errors.base_by_joint is None or errors.base_shares is None:
             raise InputError(f"{name}: does not hold the covariance of its base parameters; identify again.")
+        consistency = identification.estimate.consistency
         free = None if consistency is None else consistency.unconstrained
         theta = identification.estimate.value if free is None else free
         B = np.eye(len(theta)) if base is None else base.combination
@@ -357,11 +352,8 @@ def _body_prior(place: _UnknownSlices, size: int, mass: float, request: PayloadR
         known_values = np.array([1.0, *(request.known_centre or ())])
         error = weight * np.array([MASS_ERROR, CENTRE_ERROR, CENTRE_ERROR, CENTRE_ERROR])[: len(known_values)]
         part = slice(place.phi.start, place.phi.start + len(known_values))
-        blocks.append(
-            _Measurements(
-                ErrorSource.PRIOR, _diagonal_rows(size, part, 1.0 / error), weight * known_values / error, weak=True
-            )
-        )
+        rows = _diagonal_rows(size, part, 1.0 / error)
+        blocks.append(_Measurements(ErrorSource.PRIOR, rows, weight * known_values / error, weak=True))
     return blocks
 
 

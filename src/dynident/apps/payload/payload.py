@@ -142,11 +142,9 @@ def find_payload(
     mount = mount_of(identification.model, request.frame)
     if request.gains is not None:
         request = replace(request, gains=_match_gains(request.gains, identification.model))
-    loaded_result = (
-        loaded
-        if isinstance(loaded, Identification)
-        else _identify_recordings(identification, loaded, "with the payload")
-    )
+    loaded_result = loaded
+    if not isinstance(loaded_result, Identification):
+        loaded_result = _identify_recordings(identification, loaded_result, "with the payload")
     _check_same(identification, loaded_result)
     evidence = {
         ErrorSource.ARM: [ArmEvidence.of(identification)],
@@ -325,13 +323,10 @@ def _not_shown_notes(
     logs = [validation for validation in loaded_result.validations if validation.signals is not None]
     turnings_found: tuple[Turning, ...] = ()
     if hidden and logs:
-        poses, variance = (
-            stack_states([validation.motion for validation in logs])["q"],
-            _variance_per_second(identification.model, loaded_result, logs),
-        )
-        turnings_found = turnings(
-            identification.model, payload.mount, BodyEstimate(payload.value, information), variance, poses
-        )
+        poses = stack_states([validation.motion for validation in logs])["q"]
+        variance = _variance_per_second(identification.model, loaded_result, logs)
+        body_estimate = BodyEstimate(payload.value, information)
+        turnings_found = turnings(identification.model, payload.mount, body_estimate, variance, poses)
     # Components that the same motion would show share one note.
     groups: dict[Turning | None, list[int]] = {}
     for k in hidden:

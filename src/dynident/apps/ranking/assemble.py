@@ -214,7 +214,7 @@ def assemble_ranking(name: str, task: Task, rows: ComparisonRows, rng: np.random
     column = "held" if task.held_out else "cross"
     torque = task.torque_squares(rows.common.masks, basis, fitted_only=not task.held_out)
     # only combinations with finite errors on all blocks take part in the test of differences
-    block_squares = {key: _reshape_blocks(row[column], torque) for key, row in rows.fits.items() if len(row[column])}
+    block_squares = {key: np.reshape(row[column], torque.shape) for key, row in rows.fits.items() if len(row[column])}
     block_squares = {key: squares for key, squares in block_squares.items() if np.isfinite(squares).all()}
     combinations = {key: _read_row(task, rows, key, row) for key, row in rows.fits.items()}
     difference_test: Differences | None = None
@@ -272,7 +272,7 @@ def _add_cross_p_values(
     # cross-validation is on the training logs, with other blocks than the held-out logs
     torque = task.torque_squares(rows.common.masks, "train", fitted_only=True)
     ranked = (key for key, entry in combinations.items() if math.isfinite(entry.error) and len(rows.fits[key]["cross"]))
-    block_squares = {key: _reshape_blocks(rows.fits[key]["cross"], torque) for key in ranked} if task.held_out else {}
+    block_squares = {key: np.reshape(rows.fits[key]["cross"], torque.shape) for key in ranked} if task.held_out else {}
     block_squares = {key: squares for key, squares in block_squares.items() if np.isfinite(squares).all()}
     if block_squares:
         difference_test = differences(np.stack(list(block_squares.values())), torque, task.blocks["train"].log, rng)
@@ -294,11 +294,6 @@ def _time_offsets(task: Task, rows: ComparisonRows) -> dict[str, float]:
         for smoother, row in pairs
         if row["status"] == CombinationOutcome.OK
     }
-
-
-def _reshape_blocks(values: list[float], torque: Array) -> Array:
-    """Return sums of squares (K, n)."""
-    return np.array(values, dtype=float).reshape(torque.shape)
 
 
 def _read_row(task: Task, rows: ComparisonRows, key: tuple[int, int], row: Row) -> RankedCombination:
@@ -333,7 +328,7 @@ def _read_row(task: Task, rows: ComparisonRows, key: tuple[int, int], row: Row) 
 def _block_errors(task: Task, values: list[float], torque: Array) -> dict[str, float]:
     if not len(values):
         return {}
-    return _errors_by_joint(task, _reshape_blocks(values, torque).sum(axis=0), torque.sum(axis=0))
+    return _errors_by_joint(task, np.reshape(values, torque.shape).sum(axis=0), torque.sum(axis=0))
 
 
 def _errors_by_joint(task: Task, squares: list[float] | Array, torque: Array) -> dict[str, float]:

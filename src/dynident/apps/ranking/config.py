@@ -87,8 +87,7 @@ def estimator_candidates(
 ) -> tuple[Candidate, ...]:
     """Return the configured estimator, then those that are ``requested``, as ``smoother_candidates`` does.
 
-    By default these are all estimators; where the ``model`` has bodies, each linear one also consistent with
-    physics.
+    By default these are all estimators; where the ``model`` has bodies, each linear one also consistent with physics.
     """
     listed = None if config.compare is None else config.compare.estimators
     selection = requested if requested is not None else listed
@@ -98,7 +97,8 @@ def estimator_candidates(
         )
     specs: list[Any] = list(_default_parts(ESTIMATORS))
     if any(parameter.body for parameter in model.parameters):
-        specs += [_make_consistent(estimator) for estimator in tuple(specs) if isinstance(estimator, LinearEstimator)]
+        linear = [estimator for estimator in specs if isinstance(estimator, LinearEstimator)]
+        specs += [PhysicallyConsistent(fit=estimator) for estimator in linear]
     else:
         specs = [estimator for estimator in specs if not isinstance(estimator, PhysicallyConsistent)]
     return _distinct_candidates(ESTIMATORS, config.estimator, specs)
@@ -137,10 +137,6 @@ def _resolve_part(family: PartFamily, spec: Any, default_part: Any = None) -> An
     if not isinstance(fit, LinearEstimator):
         linear = [kind for kind in family.kinds() if issubclass(family.get(kind), LinearEstimator)]
         raise ConfigError(f"estimators: {inner!r} is not linear in the parameters; {choices(inner, linear)}")
-    return _make_consistent(fit)
-
-
-def _make_consistent(fit: Any) -> PhysicallyConsistent:
     return PhysicallyConsistent(fit=fit)
 
 

@@ -1,18 +1,16 @@
 """Whether one combination predicts better than others by more than chance: a paired block bootstrap.
 
-Errors of neighbouring samples are correlated, and all combinations are judged on the same samples. Therefore
-whole blocks of time are resampled (circular block bootstrap; Politis and Romano, 1992), the same ones for all
-combinations; their length follows from the correlation of the differences (Politis and White, 2004, corrected
-by Patton, Politis and White, 2009). The best combination is chosen by the data, too: a combination is called
-worse only where it is worse than any other by more than the maximum of all its differences is by chance (Hsu,
-1981, "Simultaneous confidence intervals for all distances from the best"). Those not called worse contain the
-truly best one with a probability of 95 %.
+Errors of neighbouring samples are correlated, and all combinations are judged on the same samples. Therefore whole
+blocks of time are resampled (circular block bootstrap; Politis and Romano, 1992), the same ones for all combinations;
+their length follows from the correlation of the differences (Politis and White, 2004, corrected by Patton, Politis and
+White, 2009). The best combination is chosen by the data, too: a combination is called worse only where it is worse than
+any other by more than the maximum of all its differences is by chance (Hsu, 1981, "Simultaneous confidence intervals
+for all distances from the best"). Those not called worse contain the truly best one with a probability of 95 %.
 
-The error of a combination is the geometric mean over joints of their relative errors. Its logarithm is, up to
-a term common to all, the negative log-likelihood of Gaussian residuals whose size is each joint's own: one
-percent less in any joint counts the same, and neither units, gains nor the size of a joint's torque change
-the order. An arithmetic mean would be dominated by the joints with hardly any torque, the error of all
-torques together by the strongest joint.
+The error of a combination is the geometric mean over joints of their relative errors. Its logarithm is, up to a term
+common to all, the negative log-likelihood of Gaussian residuals whose size is each joint's own: one percent less in any
+joint counts the same, and neither units, gains nor the size of a joint's torque change the order. An arithmetic mean
+would be dominated by the joints with hardly any torque, the error of all torques together by the strongest joint.
 
 Few blocks understate the scatter: differences by chance are taken from Student's distribution instead of the
 normal one, with N / 2 - 1 degrees of freedom for N blocks, as long blocks are not independent either, and
@@ -98,10 +96,9 @@ def time_blocks(logs: Mapping[str, Log]) -> TimeBlocks:
 class Differences(Noun):
     """Errors of R combinations: the ``error`` (R) in % (geometric mean over joints), and how far they differ.
 
-    ``interval`` (R, 2) are the ends of the 95 % interval of the difference to the best (percentage points),
-    ``p_value`` (R) is that of being as good as any other. ``length`` is the number of blocks that are drawn
-    together, ``drawn_blocks`` how many such there are in the data. With fewer than 12 of them interval and
-    p-value are nan.
+    ``interval`` (R, 2) are the ends of the 95 % interval of the difference to the best (percentage points), ``p_value``
+    (R) is that of being as good as any other. ``length`` is the number of blocks that are drawn together,
+    ``drawn_blocks`` how many such there are in the data. With fewer than 12 of them interval and p-value are nan.
     """
 
     error: Array
@@ -144,13 +141,8 @@ def differences(
     error = mean_error(squares.sum(axis=1), torque.sum(axis=0))
     best, log_numbers = int(np.argmin(error)), np.asarray(log)
     length = _required_block_length(squares, torque, error, best)
-    lengths = [min(length, count) for count in np.bincount(log_numbers) if count]
-    drawn_blocks = float(
-        sum(
-            count / block_length
-            for count, block_length in zip(np.bincount(log_numbers)[np.bincount(log_numbers) > 0], lengths, strict=True)
-        )
-    )
+    counts = np.unique(log_numbers, return_counts=True)[1]
+    drawn_blocks = float(np.sum(counts / np.minimum(length, counts)))
     untested = Differences(error, np.full((len(error), 2), np.nan), np.full(len(error), np.nan), length, drawn_blocks)
     if not untested.has_enough_blocks:
         return untested
@@ -248,12 +240,10 @@ def _best_p_values(error: Array, drawn_errors: Array, blocks: float) -> Array:
         is_comparable = (std > 1e-9) & (np.arange(len(error)) != k)
         # the largest of all standardised differences is compared, so that the level holds for all of them together
         if is_comparable.any():
-            max_statistic = _student_quantiles(
-                ((drawn_difference - difference)[:, is_comparable] / std[is_comparable]).max(axis=1), blocks
-            )
-            p_values[k] = (1 + np.sum(max_statistic >= (difference[is_comparable] / std[is_comparable]).max())) / (
-                1 + len(max_statistic)
-            )
+            scatter = (drawn_difference - difference)[:, is_comparable] / std[is_comparable]
+            by_chance = _student_quantiles(scatter.max(axis=1), blocks)
+            largest = (difference[is_comparable] / std[is_comparable]).max()
+            p_values[k] = (1 + np.sum(by_chance >= largest)) / (1 + len(by_chance))
     return p_values
 
 
@@ -292,10 +282,9 @@ class TrueParameters(Noun):
 def read_truth(source: str | Path | Mapping[str, float], folder: Path, spec: str | RobotSettings) -> dict[str, float]:
     """Return true values by the names of parameters, from a mapping or a file in the ``folder``.
 
-    The file is YAML of values by name, the ``parameters.yaml`` or ``result.json`` of an identification, or a
-    robot file with the true values, read with the settings of the model, in which zeros are no truth of friction,
-    rotor inertia and offset. Raises ConfigError and InputError for
-    any other.
+    The file is YAML of values by name, the ``parameters.yaml`` or ``result.json`` of an identification, or a robot file
+    with the true values, read with the settings of the model, in which zeros are no truth of friction, rotor inertia
+    and offset. Raises ConfigError and InputError for any other.
     """
     if isinstance(source, Mapping):
         return {str(name): float(value) for name, value in source.items()}

@@ -295,8 +295,7 @@ class Ranking:
     def frame(self) -> pl.DataFrame:
         """Return a table of the ``numbers``, one row per combination, null where not known: errors by joint as
         geometric means, those held out also by joint (``held_out.JOINT``), the interval by its ends ``lower`` and
-        ``upper``, the seconds of smoothing and estimate, and the notes as one text.
-        """
+        ``upper``, the seconds of smoothing and estimate, and the notes as one text."""
         import polars as pl
 
         rows = []

@@ -52,9 +52,8 @@ def row_schema() -> dict[str, Any]:
     ``notes``: types of the notes. ``seconds`` of the smoothing of all logs or of the estimate, ``cv_seconds`` of
     the cross-validation, None without.
 
-    Of a smoother: ``masks``, which samples it keeps, packed, the number in ``parts`` of the ``chosen`` one, and
-    the time offset that was estimated, ``shift``: seconds, errors without and with it (%), its standard error, if
-    known.
+    Of a smoother: ``masks``, which samples it keeps, packed, the number in ``parts`` of the ``chosen`` one, and the
+    time offset that was estimated, ``shift``: seconds, errors without and with it (%), its standard error, if known.
 
     Of a combination: sums of squares (N m, N)^2 of the residual torque on the ``held`` out logs (K n), on all of
     these by the motions of the configured smoother, ``alike`` (n), on the ``train``ing logs (n) and in the

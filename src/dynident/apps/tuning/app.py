@@ -1,6 +1,4 @@
-"""The Dash application of the page: which change of it calls which function, of the server or of its own
-scripts.
-"""
+"""The Dash application of the page: which change of it calls which function, of the server or of its own scripts."""
 
 from __future__ import annotations
 

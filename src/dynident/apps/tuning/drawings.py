@@ -1,6 +1,4 @@
-"""Figures of the page, as plain data; curves are thinned, extremes kept, and finest where the user has
-zoomed.
-"""
+"""Figures of the page, as plain data; curves are thinned, extremes kept, and finest where the user has zoomed."""
 
 from __future__ import annotations
 

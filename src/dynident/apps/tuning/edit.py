@@ -131,9 +131,7 @@ def _parse_number(quantity: str, value: Any) -> float:
 
 
 def setting_changes(before: Tuning, now: Tuning, joints: Sequence[str]) -> list[Change]:
-    """Return the differences between two settings: the quantity, its old and its new value; those of all joints
-    once.
-    """
+    """Return the differences between two settings: the quantity, its old and new value; those of all joints once."""
     differences = [
         *_joint_changes("smoothing", before.degree, now.degree, joints, degree_words),
         *_joint_changes("minimum speed", before.min_speed, now.min_speed, joints, lambda value: number(value, 3)),

@@ -40,10 +40,9 @@ LOOPBACK, LOCAL_NAMES = "127.0.0.1", ("127.0.0.1", "localhost")
 def guard(app: Flask, address: Address, content_policy: str) -> None:
     """Let an application answer nobody but its own page, at an address of the loopback.
 
-    Refused with 403 and a sentence are: another Host than the loopback at this port, by which a page of a
-    rebound name would ask; another Origin; a request that the browser marks as of another site; a path
-    without the token. Every answer says by ``content_policy`` that it loads and requests nothing from
-    elsewhere, and stands in no frame.
+    Refused with 403 and a sentence are: another Host than the loopback at this port, by which a page of a rebound name
+    would ask; another Origin; a request that the browser marks as of another site; a path without the token. Every
+    answer says by ``content_policy`` that it loads and requests nothing from elsewhere, and stands in no frame.
     """
     from flask import Response, request
 

@@ -104,10 +104,11 @@ class ColumnRule(Rule):
 
 def _spline_of_joint(spline: Spline, column: int, joint: str) -> Spline:
     """Return the spline of all joints as it smooths the one in a ``column``."""
-    sigma, factor = (
-        {name: value for name, value in setting.items() if name == joint} if isinstance(setting, Mapping) else setting
-        for setting in (spline.sigma, spline.factor)
-    )
+    sigma, factor = spline.sigma, spline.factor
+    if isinstance(sigma, Mapping):
+        sigma = {name: value for name, value in sigma.items() if name == joint}
+    if isinstance(factor, Mapping):
+        factor = {name: value for name, value in factor.items() if name == joint}
     rule = ColumnRule(spline.rule, column, spline.rule.needs_sigma)
     return replace(spline, rule=rule, sigma=sigma, factor=factor)
 

@@ -307,18 +307,18 @@ class Watcher:
     def _work_off(self) -> list[Event]:
         """Work off a portion of the held samples: a step of the estimate of the smoothing, then window by window."""
         if self._tracker is not None:
-            window = max(2, round(WINDOW_TIME / self._tracker.smoother.step))
-            self._score_blocks(self._tracker.push(*self._take_held(window)))
+            count = max(2, round(WINDOW_TIME / self._tracker.smoother.step))
+            self._score_blocks(self._tracker.push(*self._take_held(count)))
             return []
-        count = int(np.searchsorted(self._held[0], self._held[0][0] + SMOOTHING_TIME)) + 1
+        t, q, tau = self._held
+        count = int(np.searchsorted(t, t[0] + SMOOTHING_TIME)) + 1
         try:
             if self._estimation is None:
-                log = Log(*(x[:count] for x in self._held), self.joints, "the first seconds of the stream")
+                log = Log(t[:count], q[:count], tau[:count], self.joints, "the first seconds of the stream")
                 self._estimation = smoothing_steps(self._found, log)
             next(self._estimation)
         except StopIteration as end:
-            self._smoothing, self._estimation = end.value, None
-            self._tracker = self._make_tracker(end.value)
+            self._smoothing, self._estimation, self._tracker = end.value, None, self._make_tracker(end.value)
         # no joint moves yet, or the log cannot be smoothed: say why once, and wait for more
         except (ConfigError, InputError, np.linalg.LinAlgError) as error:
             (t, *_), self._estimation = self._take_held(count), None

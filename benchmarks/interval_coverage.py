@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -30,13 +31,15 @@ from unittest.mock import patch
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
+from arm import LINKS, urdf
 from closed_loop import arm, fourier
 from scipy.signal import lfilter
 
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import Identification, Recipe, choose_smoother, find_time_offset, identify
-from dynident.models import Model
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Viscous
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline
 from dynident.motion.smoothers.spline import NOISE_FACTORS
@@ -49,6 +52,7 @@ ESTIMATORS: dict[str, Estimator] = {
     "consistent": PhysicallyConsistent(),
     "maximum likelihood": MaximumLikelihood(),
 }
+FRICTION: tuple[tuple[Any, float, dict[str, float]], ...] = ((Viscous, 0.5, {}), (Coulomb, 0.4, {"width": 0.02}))
 TORQUE = 0.1  # N m, standard deviation of the torque's noise in every cell
 LEAD = 2000  # samples in which coloured noise forgets its start
 
@@ -84,6 +88,8 @@ CELLS: dict[str, tuple[Callable[[np.ndarray, Rng], np.ndarray], float]] = {
     "position AR .9": (noisy(1e-4, 0.9), 0.0),
     "torque AR .95": (noisy(1e-5), 0.95),
     "torque AR .995": (noisy(1e-5), 0.995),
+    "17 bit": (encoder(17), 0.0),
+    "17 bit, torque AR .9": (encoder(17), 0.9),
 }
 
 
@@ -95,6 +101,24 @@ def robot(joints: int) -> tuple[Model, np.ndarray, np.ndarray, np.ndarray]:
     return model, t, q, model.torque(q, dq, ddq, np.asarray(model.values))
 
 
+@cache
+def nominal(joints: int, error: float) -> Model:
+    """The arm as its file has it: masses, centres and inertias a share ``error`` too large or too small."""
+    if not error:
+        return robot(joints)[0]
+    rng = np.random.default_rng([5, joints])
+    text = urdf(LINKS[6 - joints : 6], turn=1)
+    for pattern in (r'(<mass value=")([^"]+)', r'(<inertial><origin xyz=")([^"]+)', r'(i(?:xx|yy|zz)=")([^"]+)'):
+        text = re.sub(pattern, lambda match: match[1] + scaled(match[2], 1 + error * rng.choice([-1, 1])), text)
+    bodies = RigidBodies(text)
+    friction = [(term(bodies.joints, values=((1 + error) * size,) * joints, **width)) for term, size, width in FRICTION]
+    return Model((bodies, *friction))
+
+
+def scaled(numbers: str, factor: float) -> str:
+    return " ".join(f"{factor * float(x):.9g}" for x in numbers.split())
+
+
 def recording(joints: int, cell: str, seed: int, run: int) -> Log:
     rng = np.random.default_rng([seed, joints, list(CELLS).index(cell), run])
     model, t, q, tau = robot(joints)
@@ -103,7 +127,7 @@ def recording(joints: int, cell: str, seed: int, run: int) -> Log:
     return Log(t, seen(q, rng), tau + noise, tuple(joint.name for joint in model.joints))
 
 
-def one_run(joints: int, cell: str, seed: int, run: int, names: tuple[str, ...]) -> list[Row]:
+def one_run(joints: int, cell: str, seed: int, run: int, names: tuple[str, ...], error: float) -> list[Row]:
     """A row for each estimator; what is found before the fit in the same way is found once."""
     log, rows = recording(joints, cell, seed, run), []
     shared: dict[str, Any] = {
@@ -114,9 +138,9 @@ def one_run(joints: int, cell: str, seed: int, run: int, names: tuple[str, ...])
         recipe = Recipe(tuple(Spline(factor=one) for one in NOISE_FACTORS), ESTIMATORS[name], time_offset="estimate")
         began = time.process_time()
         with patch.multiple("dynident.identification.time_offset", **shared):
-            found = identify(robot(joints)[0], [log], recipe=recipe)
+            found = identify(nominal(joints, error), [log], recipe=recipe)
         took = {"seconds": round(time.process_time() - began, 2)}
-        key = {"joints": joints, "cell": cell, "estimator": name, "seed": seed, "run": run}
+        key = {"joints": joints, "cell": cell, "estimator": name, "seed": seed, "run": run, "file": error}
         rows.append(key | took | judged(found, np.asarray(robot(joints)[0].values)))
     return rows
 
@@ -158,13 +182,14 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200, help="of each cell, those in FILE included; 0: only print")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--file-error", type=float, default=0.0, help="share by which the robot file is wrong")
     given = parser.parse_args()
-    known = {(r["joints"], r["cell"], r["estimator"], r["seed"], r["run"]) for r in read(given.file)}
+    known = {(r["joints"], r["cell"], r["estimator"], r["seed"], r["run"], r.get("file", 0)) for r in read(given.file)}
     jobs = []
     for run, joints, cell in product(range(given.runs), given.joints or (3, 6), given.cell or CELLS):
         wanted = given.estimator or ESTIMATORS
-        names = tuple(one for one in wanted if (joints, cell, one, given.seed, run) not in known)
-        jobs += [(joints, cell, given.seed, run, names)] if names else []
+        names = tuple(one for one in wanted if (joints, cell, one, given.seed, run, given.file_error) not in known)
+        jobs += [(joints, cell, given.seed, run, names, given.file_error)] if names else []
     with ProcessPoolExecutor(given.workers) as pool, given.file.open("a") as out:
         for rows in pool.map(one_run, *zip(*jobs, strict=True)) if jobs else ():
             out.writelines(json.dumps(one) + "\n" for one in rows)
@@ -182,12 +207,15 @@ def read(path: Path) -> Iterator[Row]:
 
 
 def tell(rows: Iterable[Row]) -> None:
-    cells: dict[tuple[int, int, int], list[Row]] = defaultdict(list)
+    cells: dict[tuple[int, float, int, int], list[Row]] = defaultdict(list)
     for one in rows:
         place = list(CELLS).index(one["cell"]), list(ESTIMATORS).index(one["estimator"])
-        cells[one["joints"], *place].append(one)
-    for (joints, cell, estimator), some in sorted(cells.items()):
-        told = f"{joints} joints, {list(CELLS)[cell]:14s}, {list(ESTIMATORS)[estimator]:18s}: {len(some):3d} runs, "
+        cells[one["joints"], one.get("file", 0.0), *place].append(one)
+    for (joints, error, cell, estimator), some in sorted(cells.items()):
+        wrong = f", file {100 * error:.0f} % wrong" if error else ""
+        told = (
+            f"{joints} joints{wrong}, {list(CELLS)[cell]:14s}, {list(ESTIMATORS)[estimator]:18s}: {len(some):3d} runs, "
+        )
         print(told + summary(some), flush=True)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from dynident.apps.online import MotionBlock, StreamSmoothing, Tracker, estimate_smoothing
 from dynident.identification import Identification
 from dynident.motion.log import Log
-from dynident.motion.smoothers import Butterworth
+from dynident.motion.smoothers import Butterworth, Spline, smooth_log
+from dynident.motion.splines import GCV, Constraint
 from dynident.project.saved import load
 from dynident.regression import GroupKind, ParallelFilter
 from dynident.runtime import ConfigError, InputError
@@ -41,6 +43,22 @@ def pushed(tracker: Tracker, log: Log, size: int) -> list[MotionBlock]:
         part = slice(start, start + size)
         found += tracker.push(log.t[part], log.q[part], log.tau[part])
     return [*found, *tracker.finish()]
+
+
+@pytest.mark.parametrize(
+    "smoother",
+    [
+        Spline(),
+        Spline(GCV()),
+        Spline(Constraint((900.0, 1000.0, 1100.0)), sigma={"rail": 1e-4}, factor={"shoulder": 2.0}),
+    ],
+)
+def test_each_joint_is_smoothed_alone_as_beside_the_others(smoother: Spline) -> None:
+    result, log = plain(), recorded()
+    recipe = replace(result.recipe, smoother=smoother)
+    smoothing = estimate_smoothing(replace(result, recipe=recipe), log)
+    expected = smooth_log(smoother, recipe.repair(log)).smoothing["bandwidth"]
+    np.testing.assert_allclose(smoothing.bandwidth, np.array(expected), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("make", "size"), [(plain, 100), (filtered, 1), (remembering, 1)])

@@ -26,9 +26,12 @@ from dynident.apps.online import (
     Unreadable,
     Watcher,
     WatchSettings,
+    tracker,
 )
+from dynident.apps.online.fixed_lag import FinalMotion, FixedLag
 from dynident.identification import Identification
 from dynident.models.lagrangian import MODELS
+from dynident.motion.smoothers import Smoother
 from dynident.runtime import ConfigError, InputError
 
 Array = NDArray[np.float64]
@@ -151,6 +154,71 @@ def test_a_robot_that_does_not_move_at_first_is_waited_for() -> None:
     t, q, tau = samples(0, 12)
     assert types(one.push(t, np.zeros_like(q), tau)) == [Unreadable]
     assert types(one.push(*samples(12, 50))) == [BaselineKnown]
+
+
+def test_no_push_waits_for_the_first_seconds_to_be_worked_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    worked = [0]  # samples that were smoothed, times joints, in each push
+    smooth_window, smooth_log = FixedLag._smooth_window, tracker.smooth_log
+
+    def count_window(self: FixedLag, stop: int, *, ended: bool = False) -> tuple[FinalMotion, ...]:
+        worked[-1] += len(self.joints) * self._filled
+        return smooth_window(self, stop, ended=ended)
+
+    def count_log(smoother: Smoother, log: dy.Log) -> dy.Motion:
+        worked[-1] += log.q.size
+        return smooth_log(smoother, log)
+
+    monkeypatch.setattr(FixedLag, "_smooth_window", count_window)
+    monkeypatch.setattr(tracker, "smooth_log", count_log)
+    watch, (t, q, tau) = Watcher(arm(), np.random.default_rng(0), HOW), arm_samples(14.0)
+    for k in range(len(t)):
+        worked.append(0)
+        watch.push(t[k : k + 1], q[k : k + 1], tau[k : k + 1])
+    first_seconds = round(10 * RATE) + 1
+    assert max(worked) == first_seconds  # of one joint
+    assert sum(worked) > 5 * first_seconds
+    assert max(worked[round(12 * RATE) :]) < first_seconds
+    assert not len(watch.state["held"][0])
+
+
+@pytest.mark.parametrize("portion", [1e-6, 0.5])
+def test_it_does_not_matter_how_fast_the_first_seconds_are_worked_off(
+    portion: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t, q, tau = arm_samples(42.0)
+    q[1055:1300, 1] = q[1055, 1]  # an encoder dies while samples wait
+    keep = np.ones(len(t), dtype=bool)
+    keep[1600:1800] = False  # a gap
+
+    def watched() -> tuple[tuple[Event, ...], Watcher]:
+        watch = Watcher(arm(), np.random.default_rng(0), HOW)
+        events = watch.push(t[keep], q[keep], tau[keep])
+        assert watch.push([100.0], q[:1], tau[:1])
+        return events, watch
+
+    expected_events, expected = watched()
+    monkeypatch.setattr("dynident.apps.online.watcher.PORTION_TIME", portion)
+    events, watch = watched()
+    assert events == expected_events
+    assert types(events)[:3] == [Fault, Back, Gap]
+    assert BaselineKnown in types(events)
+    assert len(watch.knowledge.windows) == len(expected.knowledge.windows) > 0
+    for a, b in zip(watch.knowledge.windows, expected.knowledge.windows, strict=True):
+        np.testing.assert_array_equal(a.score, b.score)
+
+
+def test_a_watch_that_was_saved_while_samples_wait_goes_on_the_same() -> None:
+    t, q, tau = arm_samples(20.0)
+    whole, watch = (Watcher(arm(), np.random.default_rng(0), HOW) for _ in range(2))
+    whole.push(t, q, tau)
+    for rows in (slice(0, 1004), slice(1004, 1020), slice(1020, None)):  # within the estimate, within the windows
+        watch.push(t[rows], q[rows], tau[rows])
+        state = watch.state
+        watch = Watcher(arm(), np.random.default_rng(0), HOW)
+        watch.restore(state)
+    assert len(watch.knowledge.blocks) == len(whole.knowledge.blocks) > 0
+    for a, b in zip(watch.knowledge.blocks, whole.knowledge.blocks, strict=True):
+        np.testing.assert_array_equal(a.score, b.score)
 
 
 def test_shapes_and_settings_are_checked() -> None:

@@ -9,7 +9,8 @@ these are waited for or kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +29,10 @@ from dynident.estimators import Estimate, Estimator
 from dynident.identification import Identification
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, TimeShifted, smooth_log, strip_time_offset
-from dynident.regression import EntryBlock, GroupKind, Regression, RegressorBlock, Selection
+from dynident.motion.splines import Rule
+from dynident.motion.splines.search import SplineSearch
+from dynident.motion.splines.series import ScaledSeries
+from dynident.regression import EntryBlock, GroupKind, Regression, RegressorBlock, Selection, one_thread
 from dynident.runtime import ConfigError, Noun
 
 Array = NDArray[np.float64]
@@ -53,17 +57,60 @@ def estimate_smoothing(result: Identification, log: Log) -> StreamSmoothing:
     A joint that rests, or moves in a straight line, has the bandwidth of the others. Raises ConfigError
     where the result has another smoother, or no joint moves, and the InputError of the smoother.
     """
+    steps = smoothing_steps(result, log)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            smoothing: StreamSmoothing = end.value
+            return smoothing
+
+
+def smoothing_steps(result: Identification, log: Log) -> Generator[None, None, StreamSmoothing]:
+    """Estimate the smoothing in steps, two a joint, so that a stream need not wait for all of them."""
     spline, _ = _result_smoother(result)
-    names = tuple(joint.name for joint in result.model.joints)
-    motion = smooth_log(spline, result.recipe.repair(log.select(names)))
-    bandwidth = np.array(motion.smoothing["bandwidth"], dtype=float)
-    moves = np.isfinite(bandwidth) & (motion.dq != 0).any(axis=0)
+    bandwidth = np.full(len(result.model.joints), np.nan)
+    for j, joint in enumerate(result.model.joints):
+        position = log.select((joint.name,))
+        # torques say nothing about the smoothing, and would be searched for spikes
+        repaired = result.recipe.repair(replace(position, tau=np.zeros_like(position.tau)))
+        yield
+        motion = smooth_log(_spline_of_joint(spline, j, joint.name), repaired)
+        (width,) = np.array(motion.smoothing["bandwidth"], dtype=float)
+        if np.isfinite(width) and motion.dq.any():
+            bandwidth[j] = width
+        yield
+    moves = np.isfinite(bandwidth)
     if not moves.any():
         raise ConfigError(
             f"{log.source}: no joint moves, so that the smoothing cannot be found; take a log of a motion."
         )
     step = float(log.t[-1] - log.t[0]) / (len(log) - 1)
     return StreamSmoothing(step, np.where(moves, bandwidth, np.median(bandwidth[moves])))
+
+
+@dataclass(frozen=True)
+class ColumnRule(Rule):
+    """A ``rule`` as it smooths one ``column`` of several."""
+
+    rule: Rule
+    column: int
+    needs_sigma: bool  # type: ignore[misc]  # a constant of other rules
+
+    def choose(self, series: ScaledSeries, column: int) -> SplineSearch:  # noqa: ARG002
+        """Search as the rule does for this column."""
+        return self.rule.choose(series, self.column)
+
+
+def _spline_of_joint(spline: Spline, column: int, joint: str) -> Spline:
+    """Return the spline of all joints as it smooths the one in a ``column``."""
+    sigma, factor = spline.sigma, spline.factor
+    if isinstance(sigma, Mapping):
+        sigma = {name: value for name, value in sigma.items() if name == joint}
+    if isinstance(factor, Mapping):
+        factor = {name: value for name, value in factor.items() if name == joint}
+    rule = ColumnRule(spline.rule, column, spline.rule.needs_sigma)
+    return replace(spline, rule=rule, sigma=sigma, factor=factor)
 
 
 class Tracker:
@@ -74,7 +121,7 @@ class Tracker:
     ``memory`` that of ``RecursiveLeastSquares``, which starts without any knowledge of the parameters: what
     no sample has shown keeps the value of the result. Without forgetting, the estimate at the end is that of
     the least-squares fit to the whole recording, smoothed with these bandwidths, up to rounding and what the
-    lag leaves.
+    lag leaves. Without ``fits``, only the blocks are computed, in half the time, and the estimate stays as it is.
 
     Raises ConfigError where the result has another smoother than a spline, and the errors of those two.
     """
@@ -86,8 +133,11 @@ class Tracker:
         lag: float | None = None,
         memory: float | Mapping[GroupKind, float] = math.inf,
         window: int | None = None,
+        *,
+        fits: bool = True,
     ) -> None:
         spline, self._late = _result_smoother(result)
+        self._fits = fits
         self.model, self._filter = result.model, result.recipe.filter
         joints = tuple(joint.name for joint in self.model.joints)
         self._speeds = result.recipe.min_speeds(joints)
@@ -196,12 +246,17 @@ class Tracker:
     def _make_block(self, buffered: Motion, delivered: slice) -> MotionBlock:
         """Return the block of these samples, once the fit has taken it."""
         regression = Regression(self.model, (buffered,), Selection(self._filter, self._speeds))
-        entries = tuple(regression.entries(within=(0, delivered)))
+        with one_thread():  # several would wait for each other in products this small
+            entries = tuple(regression.entries(within=(0, delivered)))
+            if self._fits:
+                self._update_fit(entries, delivered.stop - delivered.start)
+        return MotionBlock(cut_motion(buffered, delivered), entries)
+
+    def _update_fit(self, entries: Iterable[EntryBlock], samples: int) -> None:
         # forgetting goes by the time of the samples, usable or not
-        self.fit.forget((delivered.stop - delivered.start) * self.smoother.step)
+        self.fit.forget(samples * self.smoother.step)
         for entry in entries:
             self.fit.add(RegressorBlock(entry.regressor(), entry.tau.T, None if entry.keep is None else entry.keep.T))
-        return MotionBlock(cut_motion(buffered, delivered), entries)
 
 
 def _result_smoother(result: Identification) -> tuple[Spline, float]:

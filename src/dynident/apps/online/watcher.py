@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,10 +27,10 @@ from dynident.apps.online.detector import (
 from dynident.apps.online.fixed_lag import StreamSmoothing
 from dynident.apps.online.scores import Gram, Scorer
 from dynident.apps.online.sensors import Sensors
-from dynident.apps.online.tracker import MotionBlock, Tracker, estimate_smoothing
+from dynident.apps.online.tracker import MotionBlock, Tracker, smoothing_steps
 from dynident.identification import Identification
 from dynident.motion.log import Log
-from dynident.regression import GroupKind, ParameterGroup, groups_of
+from dynident.regression import GroupKind, ParameterGroup, groups_of, one_thread
 from dynident.runtime import ConfigError, InputError
 
 Array = NDArray[np.float64]
@@ -38,6 +38,7 @@ WaitingBlock = tuple[Gram, float, float, int]
 SMOOTHING_TIME = 10.0  # s of motion that show how much is to be smoothed
 LAG_BANDWIDTHS = 12.0  # bandwidths: exp(-12 / sqrt 2) = 2e-4 is left of the error at a cut
 WINDOW_TIME = 0.5  # s of samples that are smoothed together
+PORTION_TIME = 0.02  # s of samples after which a portion of the first seconds is worked off
 MIN_SPEED = 0.01  # rad/s, m/s: below, Coulomb friction has no known sign
 MIN_MOVING_SHARE = 0.2  # share of a block's rows in which joints move: with less, it says nothing
 CLOCK_RESET_SAMPLES = 10  # samples in a row of an earlier time: the clock was set back
@@ -104,7 +105,8 @@ class Watcher:
         self._tracker: Tracker | None = None
         self._smoothing: StreamSmoothing | None = None
         self._known: Knowledge = self._detector.start()
-        self._held = self._empty_samples()  # samples of the first seconds
+        self._held = self._empty_samples()  # samples that wait: of the first seconds, until they are worked off
+        self._estimation: Generator[None, None, StreamSmoothing] | None = None  # of the smoothing; begun anew if lost
         self._gram, self._span = self._scorer.empty_gram, (math.nan, math.nan, 0)
         self._waiting = tuple[WaitingBlock, ...]()  # complete blocks of which a sensor may still be doubted
         self._deaf = dict[int, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
@@ -174,9 +176,8 @@ class Watcher:
                     continue
             # a gap or a new clock ends the motion: what is before it is used, unless the clock is new
             if self._back >= CLOCK_RESET_SAMPLES or step > MAX_STEP_RATIO * self._step:
-                events += self._take_checked(
-                    t[start:k][keep[start:k]], q[start:k][keep[start:k]], tau[start:k][keep[start:k]]
-                )
+                before = np.flatnonzero(keep[:k])[np.count_nonzero(keep[:start]) :]
+                events += [*self._take_checked(t[before], q[before], tau[before]), *self._catch_up()]
                 if self._back >= CLOCK_RESET_SAMPLES:
                     events.append(ClockReset(time, self._last))
                 elif step > MIN_REPORTED_GAP:
@@ -209,6 +210,8 @@ class Watcher:
             for stop in (*check.cuts, n):
                 rows = start + np.flatnonzero(check.rows[start:stop])
                 events += self._take_motion(t[rows], q[rows], torque[rows])
+                if sensor_events:  # what is dropped or not used because of them goes by the blocks before
+                    events += self._catch_up()
                 # a position that failed has spoiled what was not used yet, unless the torques show that the joint only
                 # rests
                 for event in [
@@ -262,9 +265,9 @@ class Watcher:
             if gram.rows.max() < MIN_MOVING_SHARE * samples:
                 continue
             self._moved = stop
-            self._known, block_events = self._detector.step(
-                self._known, self._scorer.scores(gram, start, stop, samples)
-            )
+            with one_thread():
+                scores = self._scorer.scores(gram, start, stop, samples)
+                self._known, block_events = self._detector.step(self._known, scores)
             events += block_events
         return events
 
@@ -276,49 +279,71 @@ class Watcher:
         return [Resting(since + MIN_REPORTED_REST, since)]
 
     def _take_motion(self, t: Array, q: Array, tau: Array) -> list[Event]:
-        """Smooth samples, and reduce what is final to blocks."""
-        if not len(t):
-            return []
-        if self._tracker is not None:
-            self._score_blocks(self._tracker.push(t, q, tau))
-            return []
-        # independent of the size of the batches: the first seconds end at the same sample
-        first_time = float(self._held[0][0]) if len(self._held[0]) else float(t[0])
-        count = int(np.searchsorted(t, first_time + SMOOTHING_TIME)) + 1  # whatever comes at a time
-        taken, remaining = ([x[:count] for x in (t, q, tau)], [x[count:] for x in (t, q, tau)])
-        self._held = tuple(np.concatenate(pair) for pair in zip(self._held, taken, strict=True))
-        if len(t) < count:
-            return []
-        return self._begin_tracking() + self._take_motion(*remaining)
+        """Smooth samples, and reduce what is final to blocks; hold them until the first seconds are worked off."""
+        events = list[Event]()
+        while len(t):
+            if self._tracker is not None and not self._held[0].size:
+                self._score_blocks(self._tracker.push(t, q, tau))
+                break
+            # by their stamps, so that nothing depends on the size of the batches
+            first_time, last_time = (float(self._held[0][k] if self._held[0].size else t[0]) for k in (0, -1))
+            is_due = np.diff(np.floor(t / PORTION_TIME), prepend=np.floor(last_time / PORTION_TIME)) > 0
+            if self._tracker is None:
+                is_due &= t >= first_time + SMOOTHING_TIME
+            count = int(np.argmax(is_due)) + 1 if is_due.any() else len(t)
+            self._held = tuple(np.concatenate([a, x[:count]]) for a, x in zip(self._held, (t, q, tau), strict=True))
+            t, q, tau = t[count:], q[count:], tau[count:]
+            if is_due.any():
+                events += self._work_off()
+        return events
 
-    def _begin_tracking(self) -> list[Event]:
-        """Estimate the smoothing from the first seconds; wait for more where no joint moves in them."""
-        (t, q, tau), self._held = self._held, self._empty_samples()
+    def _catch_up(self) -> list[Event]:
+        """Work off all held samples, unless the first seconds are not over."""
+        events = list[Event]()
+        while (held := self._held[0]).size and (self._tracker or held[-1] >= held[0] + SMOOTHING_TIME):
+            events += self._work_off()
+        return events
+
+    def _work_off(self) -> list[Event]:
+        """Work off a portion of the held samples: a step of the estimate of the smoothing, then window by window."""
+        if self._tracker is not None:
+            count = max(2, round(WINDOW_TIME / self._tracker.smoother.step))
+            self._score_blocks(self._tracker.push(*self._take_held(count)))
+            return []
+        t, q, tau = self._held
+        count = int(np.searchsorted(t, t[0] + SMOOTHING_TIME)) + 1
         try:
-            log = Log(t, q, tau, self.joints, "the first seconds of the stream")
-            self._smoothing = estimate_smoothing(self._found, log)
+            if self._estimation is None:
+                log = Log(t[:count], q[:count], tau[:count], self.joints, "the first seconds of the stream")
+                self._estimation = smoothing_steps(self._found, log)
+            next(self._estimation)
+        except StopIteration as end:
+            self._smoothing, self._estimation, self._tracker = end.value, None, self._make_tracker(end.value)
         # no joint moves yet, or the log cannot be smoothed: say why once, and wait for more
         except (ConfigError, InputError, np.linalg.LinAlgError) as error:
+            (t, *_), self._estimation = self._take_held(count), None
             last_reason, self._refused = self._refused, str(error)
             return [] if last_reason == str(error) else [Unreadable(float(t[-1]), len(t), str(error))]
-        self._tracker = self._make_tracker(self._smoothing)
-        self._score_blocks(self._tracker.push(t, q, tau))
         return []
+
+    def _take_held(self, count: int) -> tuple[Array, ...]:
+        """Return the first of the held samples, which are held no longer."""
+        taken, self._held = tuple(x[:count] for x in self._held), tuple(x[count:] for x in self._held)
+        return taken
 
     def _make_tracker(self, smoothing: StreamSmoothing) -> Tracker:
         lag = LAG_BANDWIDTHS * float(smoothing.bandwidth.max()) + 2 * smoothing.step
-        return Tracker(self._found, smoothing, lag, window=max(2, round(WINDOW_TIME / smoothing.step)))
+        return Tracker(self._found, smoothing, lag, window=max(2, round(WINDOW_TIME / smoothing.step)), fits=False)
 
     def _score_blocks(self, blocks: tuple[MotionBlock, ...]) -> None:
         """Add to the current block, and to the waiting ones when it is complete."""
         for block in blocks:
-            gram, t = self._scorer.gram(block.entries), block.motion.t
+            with one_thread():
+                gram, t = self._scorer.gram(block.entries), block.motion.t
             start, _, samples = self._span
             first_time = float(t[0]) if math.isnan(start) else start
-            self._gram, self._span = (
-                self._gram + gram,
-                (first_time, float(t[-1]), samples + int(block.motion.mask.sum())),
-            )
+            self._gram = self._gram + gram
+            self._span = first_time, float(t[-1]), samples + int(block.motion.mask.sum())
             # blocks end with a window of the smoother, so half a window may be missing
             if t[-1] - first_time >= self.settings.block - WINDOW_TIME / 2:
                 if self._span[2]:
@@ -364,6 +389,7 @@ class Watcher:
         """Continue from a saved state of a watcher of the same result and settings."""
         self._known, self._gram, self._span = state["known"], state["gram"], tuple(state["span"])
         self._held, self._smoothing, self.threshold = tuple(state["held"]), state["smoothing"], state["threshold"]
+        self._estimation = None
         self._detector = replace(self._detector, threshold=self.threshold.evidence)
         self._sensors.restore(state["sensors"])
         self._last, self._step, self._back, self._replay = state["clock"]

@@ -168,6 +168,8 @@ def _value_and_slope(t: Array, x: Array, at: float) -> tuple[float, float]:
 def _spikes_of_series(t: Array, x: Array, clear: float) -> Mask:
     """Return the spikes of one series, the small ones after the large ones are bridged."""
     mask, cleaned = np.zeros(len(t), dtype=bool), np.array(x)
+    if np.ptp(x) == 0:
+        return mask
     # each round bridges the spikes found so far, which would hide smaller ones in their neighbourhood
     for _ in range(MAX_ROUNDS):
         new = _visible_spikes(t, cleaned, clear) & ~mask
@@ -186,8 +188,13 @@ def _visible_spikes(t: Array, x: Array, clear: float) -> Mask:
     even, steps = np.arange(len(t), dtype=float), np.diff(t)
     axes = [even] if np.ptp(steps) < MAX_STEP_VARIATION * float(steps.mean()) else [even, t]
     usual = [cache(partial(_usual_deviation, axis, x)) for axis in axes]  # seldom needed: most signals have no spike
+    # a spike of any width begins with an edge, which few candidates have
+    starts = starts[(starts >= SIDE_SAMPLES) & (starts < len(t))]
+    for axis in axes:
+        edge = _edge_deviations(axis, x, starts, starts[:, None] - np.arange(1, SIDE_SAMPLES + 1))
+        starts = starts[np.abs(edge) > MIN_EDGE_DEVIATION * nearby[starts]]
     for width in range(1, LONGEST_SPIKE + 1):
-        candidates = starts[(starts >= SIDE_SAMPLES) & (starts + width + SIDE_SAMPLES <= len(t))]
+        candidates = starts[starts + width + SIDE_SAMPLES <= len(t)]
         for axis, deviation in zip(axes, usual, strict=True):
             # the local noise first, which is at hand; the deviation in the whole log only where something remains
             candidates = _confirm_spikes(axis, x, candidates, width, nearby[candidates], clear, largest_steps)
@@ -208,7 +215,9 @@ def _confirm_spikes(
 
     ``usual`` (K) is the usual deviation there.
     """
-    jump_before, jump_after = _edge_deviations(t, x, starts, width)
+    reach, last = np.arange(1, SIDE_SAMPLES + 1), starts + width - 1
+    jump_before = _edge_deviations(t, x, starts, starts[:, None] - reach)
+    jump_after = _edge_deviations(t, x, last, last[:, None] + reach)
     jump = np.minimum(np.abs(jump_before), np.abs(jump_after))
     has_edges = (jump > MIN_EDGE_DEVIATION * usual) & (jump_before * jump_after > 0)
     starts, jump_before, jump, usual = starts[has_edges], jump_before[has_edges], jump[has_edges], usual[has_edges]
@@ -283,12 +292,9 @@ def _candidates(t: Array, x: Array) -> tuple[Index, Array]:
     return np.unique(np.concatenate((rows, rows + 1))), np.repeat(LOCAL_NOISE_FACTOR * around, sizes)
 
 
-def _edge_deviations(t: Array, x: Array, starts: Index, width: int) -> tuple[Array, Array]:
-    """Return the deviations of a spike's first and last sample from parabolas through the samples on their side."""
-    reach = np.arange(1, SIDE_SAMPLES + 1)
-    deviation_before = _polynomial_deviations(t, x, starts[:, None] - reach, starts[:, None], 2)
-    last = starts[:, None] + width - 1
-    return deviation_before[:, 0], _polynomial_deviations(t, x, last + reach, last, 2)[:, 0]
+def _edge_deviations(t: Array, x: Array, samples: Index, neighbours: Index) -> Array:
+    """Return the deviations of samples (K) from parabolas through ``neighbours`` (K, 8) on one side."""
+    return _polynomial_deviations(t, x, neighbours, samples[:, None], 2)[:, 0]
 
 
 def _inner_deviations(t: Array, x: Array, starts: Index, width: int) -> tuple[Array, Array]:

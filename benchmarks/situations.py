@@ -41,14 +41,14 @@ CONTROL = {"three": "right", "six": "right-six"}  # what a right robot's finding
 Row = dict[str, Any]
 
 
-def run(situation: Situation, estimator: str) -> Row:
+def run(situation: Situation, estimator: str, seed: int = 0) -> Row:
     """Return what check, identify and its verdict say of one situation, by one estimator."""
     began = time.perf_counter()
-    row: Row = {"name": situation.name, "estimator": estimator, "arm": situation.setup.arm}
+    row: Row = {"name": situation.name, "estimator": estimator, "arm": situation.setup.arm, "seed": seed}
     row |= {"shown": situation.shown.name.lower(), "wrong": situation.wrong}
     with TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        built = build(situation.setup, Path(folder), estimator)
+        built = build(situation.setup, Path(folder), estimator, seed)
         try:
             project = read_project(built.config)
             row |= _checked(project)
@@ -119,12 +119,12 @@ def _rounded(x: float | None) -> float | None:
     return None if x is None or not np.isfinite(x) else float(f"{x:.4g}")
 
 
-def known(file: Path | None) -> dict[tuple[str, str], Row]:
-    """Return the rows of a file by situation and estimator."""
+def known(file: Path | None, seed: int = 0) -> dict[tuple[str, str], Row]:
+    """Return the rows of a file with this seed by situation and estimator."""
     if file is None or not file.exists():
         return {}
     rows = map(json.loads, file.read_text().splitlines())
-    return {(row["name"], row["estimator"]): row for row in rows}
+    return {(row["name"], row["estimator"]): row for row in rows if row.get("seed", 0) == seed}
 
 
 def table(done: dict[tuple[str, str], Row]) -> Iterator[str]:
@@ -184,25 +184,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="situations to run (default: all)")
     parser.add_argument("--estimator", nargs="*", choices=ESTIMATORS, default=list(ESTIMATORS))
+    parser.add_argument("--seed", type=int, default=0, help="of bodies, noise and paths (default: 0)")
     parser.add_argument("--out", type=Path, help="file of JSON lines; runs that are in it are not run again")
     parser.add_argument("--table", type=Path, nargs="*", default=[], help="print the tables of such files, run nothing")
     parser.add_argument("--keep", type=Path, help="write the projects of --only into this folder, run nothing")
     args = parser.parse_args()
     for file in args.table:
-        print("\n".join([f"{file}:", *table(known(file))]))
+        print("\n".join([f"{file}:", *table(known(file, args.seed))]))
     if args.table:
         return
     if args.keep:
         for one in chosen(args.only):
             (args.keep / one.name).mkdir(parents=True, exist_ok=True)
-            print(build(one.setup, args.keep / one.name, args.estimator[0]).config)
+            print(build(one.setup, args.keep / one.name, args.estimator[0], args.seed).config)
         return
-    done = known(args.out)
+    done = known(args.out, args.seed)
     for situation in chosen(args.only):
         for estimator in args.estimator:
             if (situation.name, estimator) in done:
                 continue
-            row = run(situation, estimator)
+            row = run(situation, estimator, args.seed)
             row = json.loads(json.dumps(row))
             done[situation.name, estimator] = row
             if args.out:

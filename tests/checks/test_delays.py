@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from dynident.checks.explain import delay_findings
+from dynident.checks.low_pass import low_pass_findings
 from dynident.checks.misfit import fit_case, misfit
+from dynident.checks.motion_notes import LowPassed
 from dynident.checks.robot_notes import MissingTerm, TermKind
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity
@@ -54,3 +56,26 @@ def test_recordings_too_short_to_be_shifted_say_nothing() -> None:
     fit = misfit(fit_case(arm(), [late]))
     assert list(delay_findings(fit, [late])) != []
     assert list(delay_findings(fit, [replace(late, mask=MOVED.t < 0.05)])) == []
+
+
+def low_passed(cutoff: float) -> Motion:
+    """The motion with torques after a causal filter of first order (Hz), aligned by an offset as identify finds it."""
+    share, tau = 1.0 - np.exp(-2 * np.pi * cutoff * (MOVED.t[1] - MOVED.t[0])), MOVED.tau.copy()
+    for k in range(1, len(tau)):
+        tau[k] = tau[k - 1] + share * (tau[k] - tau[k - 1])
+    return replace(MOVED, tau=tau).shift(-0.7 / (2 * np.pi * cutoff))
+
+
+@pytest.mark.parametrize("cutoff", [3.0, 5.0, 8.0])
+def test_torques_after_a_low_pass_are_not_named_as_late(cutoff: float) -> None:
+    (finding,) = low_pass_findings(arm(), [low_passed(cutoff)])
+    assert isinstance(finding.message, LowPassed)
+    assert finding.joint is None
+    assert finding.message.cutoff == pytest.approx(cutoff, rel=0.35)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.005, 0.02, 0.06])
+def test_late_torques_are_not_named_as_low_passed(late: float) -> None:
+    tau = np.column_stack([np.interp(MOVED.t - late, MOVED.t, x) for x in MOVED.tau.T])
+    for offset in (late, 0.9 * late, 1.1 * late):
+        assert list(low_pass_findings(arm(), [replace(MOVED, tau=tau).shift(-offset)])) == []

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.alternatives import better_alternative
+from dynident.checks.low_pass import low_pass_findings
 from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, fit_cases, measured_case, misfit
 from dynident.checks.missing import (
     Cost,
@@ -184,13 +185,16 @@ def robot_findings(
     findings = list(explain_residual(case, tilt))
     remaining = [finding for finding in findings if isinstance(finding.message, Unexplained)]
     yield from (finding for finding in findings if finding not in remaining)
-    # a delay explains what is left at reversals, so that such joints are not reported twice
-    delayed_joints = _joints_with(findings, TermKind.DELAY)
+    # a delay explains what is left at reversals, so that such joints are not reported twice; a filter explains both
+    low_passed = list(low_pass_findings(model, motions, min_speed))
+    yield from low_passed
+    filtered_joints = {joint.name for joint in model.joints} if low_passed else set[str]()
+    delayed_joints = _joints_with(findings, TermKind.DELAY) | filtered_joints
     delays = [
         finding for finding in delay_findings(misfit(case), motions, min_speed) if finding.joint not in delayed_joints
     ]
     yield from delays
-    explained_joints = _joints_with([*findings, *delays], *REVERSAL_TERMS)
+    explained_joints = _joints_with([*findings, *delays], *REVERSAL_TERMS) | filtered_joints
     yield from (
         finding for finding in reversal_findings(model, motions, min_speed) if finding.joint not in explained_joints
     )

@@ -19,7 +19,7 @@ from dynident.runtime import Finding, Severity
 
 Array = NDArray[np.float64]
 MIN_OFFSET, MAX_OFFSET = 4e-3, 0.1  # s: filters that lag by less do no harm, longer ones are buffers
-MIN_STEPS = 1.5  # of the sampling: what is faster lies between two samples
+MIN_STEPS = 1.0  # of the sampling: what is faster lies between two samples
 LAG_RATIOS = (1.0, 1.2, 1.44)  # time constants over the offset, which is log(2) of one where friction jumps
 QUANTILES = -np.log(1.0 - (np.arange(16) + 0.5) / 16)  # times of equal weight in the response, in time constants
 MIN_SHARE, MIN_WARNING_SHARE = 0.1, 0.4  # share of the squared residual that the filter must explain

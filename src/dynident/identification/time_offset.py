@@ -81,7 +81,8 @@ class TimeOffset(Note):
         lagging, leading = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
         size = f"{short(1e3 * abs(self.seconds), 2)}" + (f" +- {short(error, 1)}" if has_error else "")
         is_usual = abs(self.seconds) <= MAX_USUAL_OFFSET
-        cause = self._filter if is_usual else ", which is more than filters and buses take: look for two clocks or a buffer"
+        late = ", which is more than filters and buses take: look for two clocks or a buffer"
+        cause = self._filter if is_usual else late
         return (
             f"{lagging} are stamped {size} ms later than {leading}{cause}; with it, the training error is "
             f"{percent(self.after)} instead of {percent(self.before)}"

@@ -28,9 +28,11 @@ from situation_arm import RATE, Built, build
 from situation_list import CAUSES, SITUATIONS, Situation
 
 from dynident.checks import CheckResult
+from dynident.checks.missing import TRIED_KINDS
 from dynident.checks.robot_notes import MissingTerm
 from dynident.identification import Identification, judge
-from dynident.identification.verdict import ForbiddingFindings
+from dynident.identification.terms import TrialOutcome
+from dynident.identification.verdict import ForbiddingFindings, Verdict
 from dynident.identification.verdict_steps import SetRight
 from dynident.motion.log import Motion
 from dynident.project.project import Project, read_project
@@ -78,12 +80,28 @@ def _identified(project: Project, built: Built) -> Row:
         "warnings": sorted({_kind(one) for one in noted}),
         "notes": sorted({_kind(one) for one in moved}),
         "causes": sorted({*map(_cause, [*found.findings, *found.notes]), *map(_kind, verdict.reasons)}),
-        "first": next((_cause(one.finding) for one in verdict.next if isinstance(one, SetRight)), None),
+        "first": next(iter(_named_causes(verdict)), None),
+        "settled": sorted(_settled(found)),
         "training": _rounded(max(one.errors.relative_error for one in found.validations if one.role == "train")),
         "held_out": _rounded(held),
         "faster": _rounded(_error(found, built, built.torque)),
         "as_shown": _rounded(_error(found, built, built.seen)),
     }
+
+
+def _named_causes(verdict: Verdict) -> Iterator[str]:
+    """Yield the causes that a verdict names: those that forbid a use, then what it says to set right."""
+    yield from (_cause(one.findings[0]) for one in verdict.reasons if isinstance(one, ForbiddingFindings))
+    yield from (_cause(one.finding) for one in verdict.next if isinstance(one, SetRight))
+
+
+def _settled(found: Identification) -> Iterator[str]:
+    """Yield the causes that an identification has set right by itself."""
+    offset, tilt, terms = (getattr(found.calibration, name) for name in ("time_offset", "base_tilt", "terms"))
+    yield from ["TimeOffset"] * bool(offset and offset.seconds)
+    yield from ["TiltedBase"] * bool(tilt and (tilt.x or tilt.y))
+    entered = {x.kind.split()[0] for x in (terms.trials if terms else ()) if x.outcome is TrialOutcome.ENTERED}
+    yield from (effect.value for effect, kinds in TRIED_KINDS.items() if kinds & entered)
 
 
 def _error(found: Identification, built: Built, torque: np.ndarray) -> float:
@@ -108,11 +126,13 @@ def _cause(said: object) -> str:
 
 
 def _named(row: Row) -> str:
-    """Return whether the cause is named: first among what to set right, or at all; empty where it has no name."""
+    """Return whether the cause is named: first, set right unasked, or at all; empty where it has no name."""
     cause = CAUSES.get(row["name"])
     if cause is None or "causes" not in row:
         return ""
-    return "first" if row["first"] == cause else "yes" if cause in row["causes"] else "no"
+    if row["first"] == cause:
+        return "first"
+    return "itself" if cause in row.get("settled", ()) else "yes" if cause in row["causes"] else "no"
 
 
 def _rounded(x: float | None) -> float | None:

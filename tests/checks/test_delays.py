@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.explain import delay_findings
+from dynident.checks.explain import delay_findings, robot_findings
 from dynident.checks.low_pass import low_pass_findings
 from dynident.checks.misfit import fit_case, misfit
 from dynident.checks.motion_notes import LowPassed
-from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, TermKind
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity
 from tests.checks.moving_arm import VALUES, arm, motion
@@ -72,6 +72,14 @@ def test_torques_after_a_low_pass_are_not_named_as_late(cutoff: float) -> None:
     assert isinstance(finding.message, LowPassed)
     assert finding.joint is None
     assert finding.message.cutoff == pytest.approx(cutoff, rel=0.35)
+
+
+def test_no_joint_is_late_where_all_torques_are_low_passed() -> None:
+    findings = list(robot_findings(arm(), [low_passed(5.0)], {}))
+    assert [finding for finding in findings if isinstance(finding.message, LowPassed)]
+    effects = {finding.message.effect for finding in findings if isinstance(finding.message, MissingTerm)}
+    assert TermKind.DELAY not in effects
+    assert not [finding for finding in findings if isinstance(finding.message, LeftAtReversals)]
 
 
 @pytest.mark.parametrize("late", [0.0, 0.005, 0.02, 0.06])

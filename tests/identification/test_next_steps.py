@@ -162,6 +162,10 @@ def test_what_the_checks_find_gains_what_it_removes() -> None:
     assert steps[1].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 1.5 / 4)))
     assert steps[2].gain is None
     assert next_steps(replace(found, warnings=tuple(findings[::-1])))[:2] == tuple(steps[:2])
+    # what is warned of stands first, though another step may gain more
+    warned = replace(findings[0], severity=Severity.WARNING)
+    ordered = next_steps(replace(found, warnings=(warned, *findings[1:])))
+    assert [step.finding for step in ordered[:2] if isinstance(step, SetRight)] == [warned, findings[2]]
 
 
 def test_no_step_gains_what_is_the_sensors_noise() -> None:

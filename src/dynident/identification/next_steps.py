@@ -25,7 +25,7 @@ from dynident.identification.verdict_steps import (
 )
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import UnexcitedParameters, fitted_mask
-from dynident.runtime import Noun
+from dynident.runtime import Noun, Severity
 from dynident.validation import SLOW_SPEED_SHARE, Cause, LogValidation, ResidualRipple, Reversals
 
 Array = NDArray[np.float64]
@@ -39,8 +39,8 @@ RANK_TOLERANCE_GAINS = 1e-6  # share of the largest singular value below which t
 def next_steps(identification: Identification) -> tuple[UnexcitedParameters | NextStep, ...]:
     """Return what to record or change next, beyond the remedies of the reasons.
 
-    Steps are ordered by their gain. Those of unknown gain come last, parameters that are not excited before the
-    others.
+    What the checks warn of comes first, as it spoils what is recorded next, too; then steps are ordered by their gain.
+    Those of unknown gain come last, parameters that are not excited before the others.
     """
     steps = (
         *_correction_steps(identification),
@@ -48,8 +48,13 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
         *_sharpening_steps(identification),
         *_residual_steps(identification),
     )
-    ranked = sorted((step for step in steps if step.gain is not None), key=lambda step: -(step.gain or 0.0))
+    ranked = sorted((step for step in steps if step.gain is not None), key=_place)
     return (*ranked, *identification.base.unexcited, *(step for step in steps if step.gain is None))
+
+
+def _place(step: NextStep) -> tuple[bool, float]:
+    is_warning = isinstance(step, SetRight) and step.finding.severity is not Severity.INFO
+    return not is_warning, -(step.gain or 0.0)
 
 
 def _correction_steps(identification: Identification) -> Iterator[SetRight]:

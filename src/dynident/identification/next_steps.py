@@ -39,8 +39,8 @@ RANK_TOLERANCE_GAINS = 1e-6  # share of the largest singular value below which t
 def next_steps(identification: Identification) -> tuple[UnexcitedParameters | NextStep, ...]:
     """Return what to record or change next, beyond the remedies of the reasons.
 
-    What the checks warn of comes first, as it spoils what is recorded next, too; then steps are ordered by their gain.
-    Those of unknown gain come last, parameters that are not excited before the others.
+    What the checks warn of comes first, as it spoils the next recording, too; the others are ordered by their gain,
+    those of unknown gain last, parameters that are not excited before the others.
     """
     steps = (
         *_correction_steps(identification),
@@ -53,8 +53,7 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
 
 
 def _place(step: NextStep) -> tuple[bool, float]:
-    is_warning = isinstance(step, SetRight) and step.finding.severity is not Severity.INFO
-    return not is_warning, -(step.gain or 0.0)
+    return not (isinstance(step, SetRight) and step.finding.severity is not Severity.INFO), -(step.gain or 0.0)
 
 
 def _correction_steps(identification: Identification) -> Iterator[SetRight]:

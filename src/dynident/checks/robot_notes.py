@@ -178,7 +178,7 @@ class SuspectedValue(WrongValue):
     @property
     def remedy(self) -> str:
         """What to do about it, in short, with the likeliest of the others that may be wrong instead."""
-        return self._short_advice() + (f" Or it is {self.others[0]}." if self.others else "")
+        return self._short_advice() + (f" Or as likely: {self.others[0]}." if self.others else "")
 
     def _short_advice(self) -> str:
         raise NotImplementedError

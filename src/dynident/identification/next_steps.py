@@ -25,7 +25,7 @@ from dynident.identification.verdict_steps import (
 )
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import UnexcitedParameters, fitted_mask
-from dynident.runtime import Noun, Severity
+from dynident.runtime import Noun
 from dynident.validation import SLOW_SPEED_SHARE, Cause, LogValidation, ResidualRipple, Reversals
 
 Array = NDArray[np.float64]
@@ -39,8 +39,8 @@ RANK_TOLERANCE_GAINS = 1e-6  # share of the largest singular value below which t
 def next_steps(identification: Identification) -> tuple[UnexcitedParameters | NextStep, ...]:
     """Return what to record or change next, beyond the remedies of the reasons.
 
-    What the checks warn of comes first, as it spoils the next recording, too; the others are ordered by their gain,
-    those of unknown gain last, parameters that are not excited before the others.
+    What the checks found comes first, as it spoils the next recording, too; each are ordered by their gain. Those of
+    unknown gain come last, parameters that are not excited before the others.
     """
     steps = (
         *_correction_steps(identification),
@@ -53,7 +53,7 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
 
 
 def _place(step: NextStep) -> tuple[bool, float]:
-    return not (isinstance(step, SetRight) and step.finding.severity is not Severity.INFO), -(step.gain or 0.0)
+    return not isinstance(step, SetRight), -(step.gain or 0.0)
 
 
 def _correction_steps(identification: Identification) -> Iterator[SetRight]:

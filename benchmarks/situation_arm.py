@@ -122,6 +122,26 @@ class Course:
     still: tuple[int, ...] = ()
 
 
+def drawn(robot: Robot, nominal: tuple[float, ...], seed: int) -> tuple[Robot, tuple[float, ...]]:
+    """Return another arm of that kind and other errors of its file, by a seed; seed 0 is the robot as it is."""
+    if not seed:
+        return robot, nominal
+    rng = np.random.default_rng([11, seed])
+
+    def like(x: Any, share: float) -> Any:
+        return tuple(np.array(x) * rng.uniform(1.0 - share, 1.0 + share, np.shape(x)))
+
+    links = []
+    for link in robot.links:
+        mass, size = rng.uniform(0.7, 1.4), rng.uniform(0.8, 1.25)
+        moments = tuple(mass * size**2 * np.array(link.moments))
+        centre, xyz = tuple(size * np.array(like(link.centre, 0.3))), like(link.xyz, 0.2)
+        links.append(replace(link, mass=link.mass * mass, centre=centre, moments=moments, xyz=xyz))
+    friction = tuple(Friction(*like((x.rotor, x.viscous, x.coulomb, x.offset), 0.4)) for x in robot.friction)
+    errors = tuple(rng.uniform(0.88, 1.14, len(nominal)).tolist())
+    return replace(robot, links=tuple(links), friction=friction), errors
+
+
 PATHS: Mapping[str, Course] = {"train": Course(1), "validation": Course(2), "faster": Course(3, 2.0)}
 
 
@@ -183,21 +203,26 @@ def moved(path: Course, n: int) -> tuple[Array, Array, Array, Array]:
     return t, q, (size * rate * np.cos(angle)).sum(axis=0), -(size * rate**2 * np.sin(angle)).sum(axis=0)
 
 
-def build(setup: Setup, folder: Path, estimator: str) -> Built:
-    """Write a project into a folder, and return it with the motion that is kept from it."""
-    robot = setup.robot(Robot(ARMS[setup.arm]))
+def build(setup: Setup, folder: Path, estimator: str, seed: int = 0) -> Built:
+    """Write a project into a folder, and return it with the motion that is kept from it.
+
+    Another ``seed`` draws other bodies, friction, noise, paths and errors of the robot file.
+    """
+    arm, errors = drawn(Robot(ARMS[setup.arm]), NOMINAL, seed)
+    robot = setup.robot(arm)
     model, theta = robot.model()
-    n, paths = len(robot.links), setup.paths(PATHS)
+    n = len(robot.links)
+    paths = {role: replace(path, seed=path.seed + 100 * seed) for role, path in setup.paths(PATHS).items()}
     truths = {role: _truth(setup, robot, model, theta, path, role) for role, path in paths.items()}
     for number, role in enumerate(one for one in paths if one != "faster"):
-        rng = np.random.default_rng([7, number])
+        rng = np.random.default_rng([7, number, *[seed] * bool(seed)])
         one = truths[role]
         q, tau = setup.convention(one.q, one.tau)
         size = np.sqrt(np.mean(one.tau**2, axis=0))
         noisy = tau + NOISE_TAU * size * rng.standard_normal(tau.shape)
         raw = Raw(one.t, q + NOISE_Q * rng.standard_normal(q.shape), noisy)
         _write(setup.fault(raw, rng, role), folder / f"{role}.csv")
-    nominal = tuple(replace(link, mass=link.mass * by) for link, by in zip(ARMS[setup.arm], NOMINAL, strict=False))
+    nominal = tuple(replace(link, mass=link.mass * by) for link, by in zip(arm.links, errors, strict=False))
     (folder / "arm.urdf").write_text(setup.text(urdf(setup.links(nominal))))
     config = setup.config(_config(n, estimator))
     (folder / "robot.yaml").write_text(yaml.safe_dump(config, sort_keys=False))

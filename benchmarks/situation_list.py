@@ -109,7 +109,8 @@ CAUSES = {
     "gain-hundred": "OddScale", "drifting": "gain that drifts", "late-long": "TimeOffset", "milli": "OddScale",
     "repeated-samples": "RepeatedPositions", "temperature-one-log": "OddLog", "backlash": "LeftAtReversals",
     "elastic": "LeftAtReversals", "held-out-scaled": "Repeats", "held-out-slowed": "Repeats",
-    "small-motion": "Uncertain",
+    "small-motion": "Uncertain", "torque-low-passed": "LowPassed", "position-low-passed": "TimeOffset",
+    "commanded": "TimeOffset",
 }  # fmt: skip
 MIDDLE, SECOND = np.s_[800:1200, 1], np.s_[:, 1]
 YES, SMALL, NO, RIGHT = Shown.YES, Shown.SMALL, Shown.NO, Shown.RIGHT

@@ -28,9 +28,11 @@ from situation_arm import RATE, Built, build
 from situation_list import CAUSES, SITUATIONS, Situation
 
 from dynident.checks import CheckResult
+from dynident.checks.missing import TRIED_KINDS
 from dynident.checks.robot_notes import MissingTerm
 from dynident.identification import Identification, judge
-from dynident.identification.verdict import ForbiddingFindings
+from dynident.identification.terms import TrialOutcome
+from dynident.identification.verdict import ForbiddingFindings, Verdict
 from dynident.identification.verdict_steps import SetRight
 from dynident.motion.log import Motion
 from dynident.project.project import Project, read_project
@@ -41,14 +43,14 @@ CONTROL = {"three": "right", "six": "right-six"}  # what a right robot's finding
 Row = dict[str, Any]
 
 
-def run(situation: Situation, estimator: str) -> Row:
+def run(situation: Situation, estimator: str, seed: int = 0) -> Row:
     """Return what check, identify and its verdict say of one situation, by one estimator."""
     began = time.perf_counter()
-    row: Row = {"name": situation.name, "estimator": estimator, "arm": situation.setup.arm}
+    row: Row = {"name": situation.name, "estimator": estimator, "arm": situation.setup.arm, "seed": seed}
     row |= {"shown": situation.shown.name.lower(), "wrong": situation.wrong}
     with TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        built = build(situation.setup, Path(folder), estimator)
+        built = build(situation.setup, Path(folder), estimator, seed)
         try:
             project = read_project(built.config)
             row |= _checked(project)
@@ -78,12 +80,28 @@ def _identified(project: Project, built: Built) -> Row:
         "warnings": sorted({_kind(one) for one in noted}),
         "notes": sorted({_kind(one) for one in moved}),
         "causes": sorted({*map(_cause, [*found.findings, *found.notes]), *map(_kind, verdict.reasons)}),
-        "first": next((_cause(one.finding) for one in verdict.next if isinstance(one, SetRight)), None),
+        "first": next(iter(_named_causes(verdict)), None),
+        "settled": sorted(_settled(found)),
         "training": _rounded(max(one.errors.relative_error for one in found.validations if one.role == "train")),
         "held_out": _rounded(held),
         "faster": _rounded(_error(found, built, built.torque)),
         "as_shown": _rounded(_error(found, built, built.seen)),
     }
+
+
+def _named_causes(verdict: Verdict) -> Iterator[str]:
+    """Yield the causes that a verdict names: those that forbid a use, then what it says to set right."""
+    yield from (_cause(one.findings[0]) for one in verdict.reasons if isinstance(one, ForbiddingFindings))
+    yield from (_cause(one.finding) for one in verdict.next if isinstance(one, SetRight))
+
+
+def _settled(found: Identification) -> Iterator[str]:
+    """Yield the causes that an identification has set right by itself."""
+    offset, tilt, terms = (getattr(found.calibration, name) for name in ("time_offset", "base_tilt", "terms"))
+    yield from ["TimeOffset"] * bool(offset and offset.seconds)
+    yield from ["TiltedBase"] * bool(tilt and (tilt.x or tilt.y))
+    entered = {x.kind.split()[0] for x in (terms.trials if terms else ()) if x.outcome is TrialOutcome.ENTERED}
+    yield from (effect.value for effect, kinds in TRIED_KINDS.items() if kinds & entered)
 
 
 def _error(found: Identification, built: Built, torque: np.ndarray) -> float:
@@ -108,23 +126,25 @@ def _cause(said: object) -> str:
 
 
 def _named(row: Row) -> str:
-    """Return whether the cause is named: first among what to set right, or at all; empty where it has no name."""
+    """Return whether the cause is named: first, set right unasked, or at all; empty where it has no name."""
     cause = CAUSES.get(row["name"])
     if cause is None or "causes" not in row:
         return ""
-    return "first" if row["first"] == cause else "yes" if cause in row["causes"] else "no"
+    if row["first"] == cause:
+        return "first"
+    return "itself" if cause in row.get("settled", ()) else "yes" if cause in row["causes"] else "no"
 
 
 def _rounded(x: float | None) -> float | None:
     return None if x is None or not np.isfinite(x) else float(f"{x:.4g}")
 
 
-def known(file: Path | None) -> dict[tuple[str, str], Row]:
-    """Return the rows of a file by situation and estimator."""
+def known(file: Path | None, seed: int = 0) -> dict[tuple[str, str], Row]:
+    """Return the rows of a file with this seed by situation and estimator."""
     if file is None or not file.exists():
         return {}
     rows = map(json.loads, file.read_text().splitlines())
-    return {(row["name"], row["estimator"]): row for row in rows}
+    return {(row["name"], row["estimator"]): row for row in rows if row.get("seed", 0) == seed}
 
 
 def table(done: dict[tuple[str, str], Row]) -> Iterator[str]:
@@ -184,25 +204,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="situations to run (default: all)")
     parser.add_argument("--estimator", nargs="*", choices=ESTIMATORS, default=list(ESTIMATORS))
+    parser.add_argument("--seed", type=int, default=0, help="of bodies, noise and paths (default: 0)")
     parser.add_argument("--out", type=Path, help="file of JSON lines; runs that are in it are not run again")
     parser.add_argument("--table", type=Path, nargs="*", default=[], help="print the tables of such files, run nothing")
     parser.add_argument("--keep", type=Path, help="write the projects of --only into this folder, run nothing")
     args = parser.parse_args()
     for file in args.table:
-        print("\n".join([f"{file}:", *table(known(file))]))
+        print("\n".join([f"{file}:", *table(known(file, args.seed))]))
     if args.table:
         return
     if args.keep:
         for one in chosen(args.only):
             (args.keep / one.name).mkdir(parents=True, exist_ok=True)
-            print(build(one.setup, args.keep / one.name, args.estimator[0]).config)
+            print(build(one.setup, args.keep / one.name, args.estimator[0], args.seed).config)
         return
-    done = known(args.out)
+    done = known(args.out, args.seed)
     for situation in chosen(args.only):
         for estimator in args.estimator:
             if (situation.name, estimator) in done:
                 continue
-            row = run(situation, estimator)
+            row = run(situation, estimator, args.seed)
             row = json.loads(json.dumps(row))
             done[situation.name, estimator] = row
             if args.out:

@@ -79,6 +79,7 @@ NOTES = [
     motion_notes.LoopVelocity(1, 2, 0.0324, 0.00264),
     motion_notes.LoopVelocity(1, 0, 0.094, 0.0054),
     motion_notes.LoopGain(0.8, 0.25, 0.01),
+    motion_notes.LowPassed(5.3, 0.02, 0.4),
     motion_notes.LoopUnused(("q1_ref", "q2_ref", "q3_ref")),
     motion_notes.LoopDiffers(0.75),
     motion_notes.HardlyMoves(0.0016, 4.4, 0.70012, "rad"),

@@ -11,7 +11,7 @@ import pytest
 
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, NextStep, Recipe, identify
-from dynident.identification.next_steps import TrainingParts, _odd_parts, next_steps, parts_of
+from dynident.identification.next_steps import TrainingParts, _odd_parts, _place, next_steps, parts_of
 from dynident.identification.verdict_steps import (
     Cover,
     ExcitingMotion,
@@ -160,6 +160,13 @@ def test_what_the_checks_find_gains_what_it_removes() -> None:
     assert steps[1].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 1.5 / 4)))
     assert steps[2].gain is None
     assert next_steps(replace(found, warnings=tuple(findings[::-1])))[:2] == tuple(steps[:2])
+
+
+def test_what_the_checks_find_comes_before_other_steps() -> None:
+    """A fault spoils the next recording, too, though leaving samples out may gain more."""
+    fault, larger_fault = (SetRight(Finding(Removing(), "slider"), gain=gain) for gain in (0.1, 0.2))
+    leave_out = LeaveOut("a", 1.0, 2.0, 5.0, gain=0.9)
+    assert sorted([leave_out, fault, larger_fault], key=_place) == [larger_fault, fault, leave_out]
 
 
 def test_no_step_gains_what_is_the_sensors_noise() -> None:

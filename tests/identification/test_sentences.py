@@ -37,6 +37,8 @@ CHOICES = [
     TimeOffset(0.0, 4.0, 4.0),
     TimeOffset(0.0, 4.0, 4.0, 1e-4),
     TimeOffset(0.0021, 4.0, 2.0, 2e-4),
+    TimeOffset(0.032, 4.0, 2.0, 2e-4),
+    TimeOffset(-0.02, 4.0, 2.0, 2e-4),
     BaseTilt(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0),
     BaseTilt(0.0, 0.0, (1e-3, 2e-3), 4.0, 4.0, Gain(31.2, 4.1), (1.57, 0.0)),
     TimeOffset(0.0, 2.0, 2.0, 1e-3, Gain(-9.94, 12.2)),

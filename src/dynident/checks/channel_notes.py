@@ -88,8 +88,8 @@ class PerhapsDegrees(Note):
     def __str__(self) -> str:
         return (
             f"the position spans {self.span:.4g} rad at up to {self.speed:.4g} rad/s, more than a robot arm does; is "
-            "it in degrees? Set `unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn "
-            "that far."
+            "it in degrees, in counts, or that of the motor before the gear? Set `unit: deg` or `gain` in the joint's "
+            "position channel, or `multi_turn: true` if it does turn that far."
         )
 
 

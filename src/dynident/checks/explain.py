@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.alternatives import better_alternative
+from dynident.checks.low_pass import low_pass_findings
 from dynident.checks.misfit import (
     CASE_SAMPLES,
     FitCase,
@@ -41,6 +42,7 @@ from dynident.checks.suspects import (
     gain_suspects,
     gear_suspects,
     geometry_suspects,
+    is_beyond_own_effects,
     promising_suspects,
 )
 from dynident.identification import BaseTilt, tilt_base
@@ -156,7 +158,7 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
-MAX_LIKELIHOOD_GAP = 2.0  # of the logarithm of the likelihood: less says nothing of which suspect it is
+MIN_TELLING_ERRORS = 2.0  # standard errors of the difference of two fits: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
 
 
@@ -185,13 +187,17 @@ def robot_findings(
     if large:
         return
     findings = list(explain_residual(case, tilt))
+    # a delay explains what is left at reversals, so that such joints are not reported twice; a filter explains both
+    low_passed = list(low_pass_findings(model, motions, min_speed))
+    findings = [x for x in findings if not (low_passed and _is_effect(x, TermKind.DELAY))]
     remaining = [finding for finding in findings if isinstance(finding.message, Unexplained)]
+    yield from low_passed
     yield from (finding for finding in findings if finding not in remaining)
-    # a delay explains what is left at reversals, so that such joints are not reported twice
-    delayed_joints = _joints_with(findings, TermKind.DELAY)
+    filtered_joints = {joint.name for joint in model.joints} if low_passed else set[str]()
+    delayed_joints = _joints_with(findings, TermKind.DELAY) | filtered_joints
     delays = [x for x in delay_findings(misfit(case), motions, min_speed) if x.joint not in delayed_joints]
     yield from delays
-    explained_joints = _joints_with([*findings, *delays], *REVERSAL_TERMS)
+    explained_joints = _joints_with([*findings, *delays], *REVERSAL_TERMS) | filtered_joints
     yield from (x for x in reversal_findings(model, motions, min_speed) if x.joint not in explained_joints)
     payloads = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
     yield from payloads
@@ -202,11 +208,11 @@ def robot_findings(
 
 
 def _joints_with(findings: Sequence[Finding], *effects: TermKind) -> set[str | None]:
-    return {
-        finding.joint
-        for finding in findings
-        if isinstance(finding.message, MissingTerm) and finding.message.effect in effects
-    }
+    return {finding.joint for finding in findings if _is_effect(finding, *effects)}
+
+
+def _is_effect(finding: Finding, *effects: TermKind) -> bool:
+    return isinstance(finding.message, MissingTerm) and finding.message.effect in effects
 
 
 def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Finding]:
@@ -285,18 +291,29 @@ def _likeliest_suspect(
     # a small gain looks like large ones of the others at first
     if any(suspect.quantity is SuspectQuantity.GAIN for suspect in candidates):
         candidates += [x for x in suspects if x.quantity is SuspectQuantity.GAIN and x not in candidates]
-    estimates = [estimate for suspect in candidates if (estimate := estimate_suspect(fit, suspect)) is not None]
+    tried = (estimate_suspect(fit, suspect) for suspect in candidates)
+    estimates = [x for x in tried if x is not None and is_beyond_own_effects(fit, x)]
     if not estimates:
         return None, []
-    max_share, n_equations = max(candidate.share for candidate in estimates), np.count_nonzero(fit.weight)
-
-    def place(candidate: SuspectEstimate) -> tuple[bool, tuple[bool, float]]:
-        gap = n_equations / 2 * np.log((1.0 - candidate.share) / max(1.0 - max_share, 1e-12))
-        return bool(gap > MAX_LIKELIHOOD_GAP), candidate.order
-
+    likeliest = max(estimates, key=lambda candidate: candidate.share)
+    alike = [x for x in estimates if x.share > MIN_TIE_RATIO * likeliest.share]
     # the likeliest by the data comes first, by its kind where the data say nothing
-    alike = sorted((x for x in estimates if x.share > MIN_TIE_RATIO * max_share), key=place)
+    alike.sort(key=lambda candidate: (_is_clearly_worse(fit, candidate, likeliest), candidate.order))
     return alike[0], alike[1:]
+
+
+def _is_clearly_worse(fit: Misfit, candidate: SuspectEstimate, likeliest: SuspectEstimate) -> bool:
+    """Return whether a candidate fits worse by more than the error of the difference, whose samples are correlated.
+
+    This is the test of Vuong (1989) for models of which none contains the other.
+    """
+    if candidate is likeliest:
+        return False
+    weight = fit.weight.max(axis=0)
+    squares = [np.square(misfit(x.case, weight).residual).sum(axis=1) for x in (candidate, likeliest)]
+    excess = squares[0] - squares[1]
+    parts = np.split((excess - excess.mean())[:, None], np.cumsum(fit.case.lengths)[:-1])
+    return bool(excess.sum() > MIN_TELLING_ERRORS * np.sqrt(long_run(parts)[0, 0]))
 
 
 def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:

@@ -283,3 +283,33 @@ class OddLog(Note):
             "zero, the mounting or the temperature changed in between, or are columns, signs or units others in this "
             "file? Correct it, or leave it out."
         )
+
+
+class LowPassed(Note):
+    """All torques were low-passed, at ``cutoff`` (Hz), rather than stamped late by ``lag`` (s).
+
+    ``share`` is the share of the squared training residual that a filter of first order explains beyond late stamps;
+    ``removed`` is that share by joint.
+    """
+
+    topic = "time offset"
+    cutoff: float
+    lag: float
+    share: float
+    removed: tuple[tuple[str, float], ...] = ()
+
+    def __str__(self) -> str:
+        return (
+            f"the torques seem to be low-passed at about {short(self.cutoff, 2)} Hz rather than stamped late by "
+            f"{short(1e3 * self.lag, 2)} ms: such a filter explains {100 * self.share:.0f} % of the squared training "
+            f"residual that the delay leaves. {self._advice}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short."""
+        return f"the torques seem to be low-passed at about {short(self.cutoff, 2)} Hz. {self._advice}"
+
+    @property
+    def _advice(self) -> str:
+        return "Log them before the filter of the drive, or raise its cut-off; `min_speed` leaves reversals out."

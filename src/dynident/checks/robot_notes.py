@@ -175,6 +175,14 @@ class SuspectedValue(WrongValue):
             f"{advice}{doubt * bool(rivals)}"
         )
 
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in short, with the likeliest of the others that may be wrong instead."""
+        return self._short_advice() + (f" Or as likely: {self.others[0]}." if self.others else "")
+
+    def _short_advice(self) -> str:
+        raise NotImplementedError
+
 
 class TorqueGain(SuspectedValue):
     """The torque of a joint is ``value`` times what the other joints require."""
@@ -188,9 +196,7 @@ class TorqueGain(SuspectedValue):
             "Check its `gain`: gear ratio, torque constant, unit.",
         )
 
-    @property
-    def remedy(self) -> str:
-        """What to do about it, in short."""
+    def _short_advice(self) -> str:
         return f"check its `gain`: the torque is {short(self.value)} times what the other joints ask for."
 
 
@@ -205,9 +211,7 @@ class PositionGear(SuspectedValue):
             "Check the `gain` of its position: gear ratio, counts of the encoder, unit.",
         )
 
-    @property
-    def remedy(self) -> str:
-        """What to do about it, in short."""
+    def _short_advice(self) -> str:
         return f"check the `gain` of its position: the joint seems to move {short(self.value)} times as far as logged."
 
 
@@ -222,9 +226,7 @@ class ClockWrong(SuspectedValue):
             "Check the sampling rate, and the unit of the time.",
         )
 
-    @property
-    def remedy(self) -> str:
-        """What to do about it, in short."""
+    def _short_advice(self) -> str:
         return f"check the sampling rate and the unit of the time: a second seems to be {short(self.value)} s."
 
 
@@ -240,9 +242,7 @@ class ZeroOff(SuspectedValue):
             "Set `zero`, or correct the robot file.",
         )
 
-    @property
-    def remedy(self) -> str:
-        """What to do about it, in short."""
+    def _short_advice(self) -> str:
         return f"set `zero`: the joint seems to be at the logged position {self.value:+.3g} (rad or m)."
 
 
@@ -260,9 +260,7 @@ class LengthWrong(SuspectedValue):
             "Measure the link, and correct the file.",
         )
 
-    @property
-    def remedy(self) -> str:
-        """What to do about it, in short."""
+    def _short_advice(self) -> str:
         lengths = f"{short(self.value, 4)} m fit better than {short(self.given, 4)} m"
         return f"measure {self.component} of its origin: {lengths}."
 
@@ -285,9 +283,7 @@ class AxisTilted(SuspectedValue):
     def _part(self) -> str:
         return "axis" if self.alone else "frame"
 
-    @property
-    def remedy(self) -> str:
-        """What to do about it, in short."""
+    def _short_advice(self) -> str:
         return f"check its {self._part} in the robot file, which seems to be turned by {short(self.value, 2)} rad."
 
 

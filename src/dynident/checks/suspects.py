@@ -113,6 +113,43 @@ def estimate_suspect(fit: Misfit, suspect: Suspect) -> SuspectEstimate | None:
     return SuspectEstimate(suspect, value, std, share, case) if is_clear else None
 
 
+MIN_BEYOND_OWN = 0.6  # share of what a gear or clock explains that must remain beside effects of single joints
+MAX_WORSENING = 0.02  # share by which it may raise a joint's squared residual there
+SIGN_WIDTH, STRIBECK_SPEED = 0.05, 0.2  # of the rms speed: widths of a smooth sign, and of friction that falls
+
+
+def is_beyond_own_effects(fit: Misfit, estimate: SuspectEstimate) -> bool:
+    """Return whether a gear or a clock explains what effects of single joints would not; True for other suspects.
+
+    They scale also friction, springs and rotors, so that they take up a part of what these lack: only the coupling
+    of the joints and gravity tell what they are.
+    """
+    names = [joint.name for joint in fit.case.model.joints]
+    affected = names if estimate.suspect.joint is None else [estimate.suspect.joint]
+    if estimate.suspect.quantity not in (SuspectQuantity.GEAR, SuspectQuantity.CLOCK):
+        return True
+    columns = [column for name in affected for column in _own_effects(fit, names.index(name))]
+    weight = fit.weight.max(axis=0)
+    before, after = (
+        np.square(misfit(replace(case, extra=(*case.extra, *columns)), weight).residual).sum(axis=0)
+        for case in (fit.case, estimate.case)
+    )
+    explains = before.sum() - after.sum() > MIN_BEYOND_OWN * estimate.share * before.sum()
+    return bool(explains and (after <= (1.0 + MAX_WORSENING) * before).all())
+
+
+def _own_effects(fit: Misfit, j: int) -> tuple[Array, ...]:
+    """Return the columns (M, n) of friction, spring, rotor and ripple of a joint."""
+    case, ripple = fit.case, find_ripple(fit, j)
+    q, dq = case.q[:, j], case.dq[:, j]
+    speed = max(float(np.sqrt(np.mean(dq**2))), 1e-12)
+    sign, fall = np.tanh(dq / (SIGN_WIDTH * speed)), np.exp(-np.abs(dq) / (STRIBECK_SPEED * speed))
+    shapes = [np.ones_like(q), q, dq, case.ddq[:, j], np.abs(dq), np.abs(dq) * dq, sign, sign * fall]
+    if ripple is not None:
+        shapes += [wave(2 * np.pi / ripple[0] * q) for wave in (np.sin, np.cos)]
+    return tuple(np.where(np.arange(case.q.shape[1]) == j, x[:, None], 0.0) for x in shapes)
+
+
 MAX_LOG_GAIN = 3.0  # natural logarithm of a gain: a factor of 20
 GAIN_ORDER = 1
 
@@ -147,7 +184,7 @@ def _note_of_logarithm(kind: type[SuspectedValue]) -> Note:
 
 MAX_LOG_FACTOR = 1.0  # natural logarithm of the factor
 CLOCK_ORDER = 5  # stamps are wrong less often than robot files
-MIN_LOG_GEAR = 0.02  # of the logarithm: smaller ones are no other gear, but an offset that is small, too
+MIN_LOG_GEAR = 0.03  # of the logarithm: smaller ones are no other gear, but an offset that is small, too
 GEAR_ORDER = 1.5  # positions share their gear with the torque, where it is wrong more often
 
 

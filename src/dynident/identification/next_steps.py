@@ -39,8 +39,8 @@ RANK_TOLERANCE_GAINS = 1e-6  # share of the largest singular value below which t
 def next_steps(identification: Identification) -> tuple[UnexcitedParameters | NextStep, ...]:
     """Return what to record or change next, beyond the remedies of the reasons.
 
-    Steps are ordered by their gain. Those of unknown gain come last, parameters that are not excited before the
-    others.
+    What the checks found comes first, as it spoils the next recording, too; each are ordered by their gain. Those of
+    unknown gain come last, parameters that are not excited before the others.
     """
     steps = (
         *_correction_steps(identification),
@@ -48,8 +48,12 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
         *_sharpening_steps(identification),
         *_residual_steps(identification),
     )
-    ranked = sorted((step for step in steps if step.gain is not None), key=lambda step: -(step.gain or 0.0))
+    ranked = sorted((step for step in steps if step.gain is not None), key=_place)
     return (*ranked, *identification.base.unexcited, *(step for step in steps if step.gain is None))
+
+
+def _place(step: NextStep) -> tuple[bool, float]:
+    return not isinstance(step, SetRight), -(step.gain or 0.0)
 
 
 def _correction_steps(identification: Identification) -> Iterator[SetRight]:

@@ -45,6 +45,7 @@ TRIAL_OFFSETS = (
 )  # s, of either sign; the search refines the best up to the last but one
 WIDE_OFFSETS = (*TRIAL_OFFSETS, 0.1, 0.15)  # s: those of a search beyond the usual range
 MAX_USUAL_OFFSET = TRIAL_OFFSETS[-2]  # s: what is later has another cause than filters and buses
+MIN_FILTER_LAG = 0.01  # s: shorter ones are of buses
 FLOOR_SHARE = 0.999  # share of the least error that rounding and the rank leave of it
 SEARCH_STEP, SLOPE_STEP = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 5, 0.1  # steps that refine the search, and in standard errors the last one
@@ -80,11 +81,20 @@ class TimeOffset(Note):
         lagging, leading = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
         size = f"{short(1e3 * abs(self.seconds), 2)}" + (f" +- {short(error, 1)}" if has_error else "")
         is_usual = abs(self.seconds) <= MAX_USUAL_OFFSET
-        cause = "" if is_usual else ", which is more than filters and buses take: look for two clocks or a buffer"
+        late = ", which is more than filters and buses take: look for two clocks or a buffer"
+        cause = self._filter if is_usual else late
         return (
             f"{lagging} are stamped {size} ms later than {leading}{cause}; with it, the training error is "
             f"{percent(self.after)} instead of {percent(self.before)}"
         )
+
+    @property
+    def _filter(self) -> str:
+        """What else delays by so much: in slow motion a filter of first order cannot be told from late stamps."""
+        if abs(self.seconds) < MIN_FILTER_LAG:
+            return ""
+        commanded = " (or the positions are commanded ones)" if self.seconds < 0 else ""
+        return f", or low-passed at about {short(1.0 / (2 * np.pi * abs(self.seconds)), 2)} Hz{commanded}"
 
 
 @dataclass(frozen=True)

@@ -191,3 +191,21 @@ def test_gravity_turns_the_other_way() -> None:
     model, _ = tilted(0.0, 0.0)
     turned = tilt_base(model, 0.1, 0.0)
     np.testing.assert_allclose(turned.terms[0].gravity, 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]), atol=1e-12)
+
+
+@pytest.mark.parametrize("mounting", [(0.5, 0.0), (0.0, -0.5), (1.0, 0.0)], ids=["x", "y", "over"])
+def test_a_base_that_is_mounted_on_a_wall_or_a_ceiling_is_turned(mounting: tuple[float, float]) -> None:
+    x, y = np.pi * mounting[0] + 0.03, np.pi * mounting[1]
+    model, motion = tilted(float(x), float(y))
+    found = find_base_tilt(model, [motion], PhysicallyConsistent())
+    true, turned = (tilt_base(model, *angles).terms[0].gravity for angles in ((x, y), (found.x, found.y)))
+    assert turned == pytest.approx(true, abs=0.1)
+    assert found.after < 0.5 * found.before
+    assert "mounted" in str(found)
+
+
+def test_a_gravity_that_was_set_is_kept() -> None:
+    model, motion = tilted(np.pi / 2, 0.0)
+    side = model.with_gravity(lambda _: (0.0, 9.81, 0.0))
+    found = find_base_tilt(side, [motion], PhysicallyConsistent())
+    assert max(abs(found.x), abs(found.y)) < 0.2

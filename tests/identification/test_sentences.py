@@ -65,6 +65,7 @@ REASONS = [
     why.DrawnBack(25.0, 12.3),
     why.NegativeValues(tuple("abcdefg")),
     why.JointErrorsTooLarge("fast", (("a", 40.0), ("b", 26.4)), 25.0),
+    why.WeakJoints("fast", (("a", 38.2, 1.06),)),
     why.UnfilteredErrorTooLarge("fast", 26.0, 25.0),
     why.TorqueErrorTooLarge("fast", 11.0, 10.0),
     why.NotCarriedOver("fast", 2.51),
@@ -86,6 +87,8 @@ STEPS = [
     steps.LeaveOut("tuesday", 8.0, 9.96, 12.3, gain=1.24),
     steps.Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
     steps.HoldOutFaster(2.52),
+    steps.MoreRecordings(1, gain=0.31),
+    steps.MoreRecordings(2),
     steps.SetRight(
         Finding(robot_notes.MissingTerm(robot_notes.TermKind.VISCOUS, 1.0, 0.1, 0.3), "a", severity=Severity.INFO),
         gain=0.5,

@@ -8,13 +8,16 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify
 from dynident.identification import cross_validation as smoother_choice
+from dynident.identification.cross_validation import choose_by_joint
 from dynident.models.lagrangian import slider, two_link_arm
-from dynident.models.simulation import record
+from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import Butterworth, Difference, Spline
+from dynident.motion.smoothers import Butterworth, Difference, Spline, smooth_log
+from dynident.motion.smoothers.spline import SplineSettings
 from dynident.runtime import ConfigError, InputError
 from tests.identification.test_time_offset import swing
 
@@ -132,3 +135,39 @@ def test_torques_of_zero_choose_nothing_and_are_named() -> None:
     silent = Log(t, np.sin(t)[:, None], np.zeros((1001, 1)), ("slider",), "silent")
     with pytest.raises(InputError, match="silent: the torque is zero"):
         choose_smoother(slider(), [silent], [Spline(sigma=1e-3), Spline(sigma=1e-2)])
+
+
+@cache
+def unlike_noise(seed: int) -> Log:
+    """A fast joint with white noise, and a slow one whose noise is far from white, so that it is taken as less."""
+    arm, t, rng = two_link_arm(), np.arange(4000) * 0.005, np.random.default_rng(seed)
+    motion = simulate(
+        arm,
+        arm.values,
+        lambda s: (0.3 * np.sin(14 * s) + 0.3 * np.sin(9.7 * s), 1.2 * np.sin(2.1 * s) + 0.4 * np.sin(2.9 * s)),
+        t,
+    )
+    coloured = lfilter([1.0], [1.0, -0.9], rng.standard_normal(len(t)))
+    noise = np.column_stack([2e-5 * rng.standard_normal(len(t)), 1e-2 * coloured / coloured.std()])
+    tau = motion.tau + 0.002 * motion.tau.std(axis=0) * rng.standard_normal(motion.tau.shape)
+    return Log(t, motion.q + noise, tau, motion.joints)
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_each_joint_takes_the_smoothing_that_it_needs(seed: int) -> None:
+    arm, log = two_link_arm(), unlike_noise(seed)
+    cache_of_motions: dict = {}
+    splines = SplineSettings(rule="torque").build()
+    common = choose_smoother(arm, [log], splines, motion_cache=cache_of_motions)
+    choice = choose_by_joint(arm, [log], common, cache_of_motions)
+    factor = choice.smoother.factor
+    assert factor["joint1"] < common.smoother.factor <= factor["joint2"]
+    errors = [cross_validated_error(arm, [smooth_log(x.smoother, log)]) for x in (common, choice)]
+    assert errors[1] < errors[0]
+
+
+def test_smoothers_that_differ_in_more_than_a_factor_stay_as_they_are() -> None:
+    arm, log = two_link_arm(), unlike_noise(1)
+    cache_of_motions: dict = {}
+    common = choose_smoother(arm, [log], (Spline(factor=4.0), Butterworth()), motion_cache=cache_of_motions)
+    assert choose_by_joint(arm, [log], common, cache_of_motions) == common

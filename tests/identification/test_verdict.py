@@ -158,7 +158,6 @@ def test_the_mean_torque_does_not_make_a_repeat() -> None:
     [
         ({"relative_error": 11.0}, why.TorqueErrorTooLarge("fast", 11.0, 10.0)),
         ({"relative_error": 26.0, "relative_error_filtered": 3.0}, why.UnfilteredErrorTooLarge("fast", 26.0, 25.0)),
-        ({"per_joint": {"slider": 40.0}}, why.JointErrorsTooLarge("fast", (("slider", 40.0),), 25.0)),
     ],
 )
 def test_held_out_errors(good: Identification, changes: dict[str, Any], reason: why.Reason) -> None:

@@ -257,9 +257,10 @@ class _CheckRun:
         regression = Regression(model, motions, selection)
         rank = excited_rank(model, regression, recipe.unfitted)  # an error where few are usable
         excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
-        agreements = agreement(model, motions)
+        mounted_model = model if not isinstance(recipe.base_tilt, tuple) else tilt_base(model, *recipe.base_tilt)
+        agreements = agreement(mounted_model, motions)
         findings += hardly_moving_findings(excitations, model)
-        findings += _motion_findings(model, motions, excitations, agreements)
+        findings += _motion_findings(mounted_model, motions, excitations, agreements)
         # a few samples are enough for checks that only compare fits
         sample_regression = thin_regression(model, motions, selection.min_speed)
         for find in (radian_findings, compensation_findings, friction_findings, slow_findings):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dynident.estimators import Estimator, Problem
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.identification.cross_validation import FOLDS, Gain, factors_by_fold, gain_from_errors, prediction_errors
+from dynident.identification.mounting import find_mounting, tilt_base
 from dynident.identification.time_offset import trial_samples
 from dynident.models import Model, common_structure
 from dynident.motion.log import Motion, thin_motions
@@ -31,7 +32,7 @@ from dynident.regression import (
     rank_of,
 )
 from dynident.regression.whitening import long_run
-from dynident.runtime import ConfigError, Note, Severity, angles, percent
+from dynident.runtime import Note, Severity, angles, percent
 
 Array = NDArray[np.float64]
 MAX_TILT = 0.2  # rad: a larger tilt is intended mounting
@@ -68,6 +69,8 @@ class BaseTilt(Note):
             uncertainty = f" (+- {dx:.2f} and {dy:.2f} deg about x and y)" if np.isfinite(dx + dy) else ""
             return f"the base is taken as level{uncertainty}{why}"
         change = f"with it, the training error is {percent(self.after)} instead of {percent(self.before)}"
+        if max(abs(self.x), abs(self.y)) > MAX_TILT and self.gain is None:
+            return f"the base is mounted turned by {angles(self.x, self.y, 2)} (+- {dx:.2f} and {dy:.2f}); {change}"
         return f"the base is tilted by {angles(self.x, self.y, 2)} (+- {dx:.2f} and {dy:.2f}); {change}"
 
 
@@ -85,24 +88,6 @@ class SteepBase(Note):
         )
 
 
-def tilt_base(model: Model, x: float, y: float) -> Model:
-    """Return the model on a base that is tilted by x and y (rad) about the axes of its root link.
-
-    Raises ConfigError where no term of the model has gravity.
-    """
-    from scipy.spatial.transform import Rotation
-
-    rotation = Rotation.from_rotvec((-x, -y, 0.0))
-    if not any(term.gravity is not None for term in model.terms):
-        raise ConfigError(f"{model.name}: no term has a gravity that could be rotated; only robot files have one.")
-    return model.with_gravity(rotation.apply)
-
-
-def has_gravity(model: Model) -> bool:
-    """Return whether any term has a gravity that a tilt would rotate."""
-    return any(any(term.gravity or ()) for term in model.terms)
-
-
 def find_base_tilt(
     model: Model, motions: Sequence[Motion], estimator: Estimator, selection: Selection = EVERYTHING
 ) -> BaseTilt:
@@ -114,6 +99,11 @@ def find_base_tilt(
     of ``tilt_base``, ``Regression`` and the estimator.
     """
     trial_motions = thin_motions(motions, trial_samples(model))
+    mounting = find_mounting(model, trial_motions, estimator, selection)
+    if mounting is not None:
+        (x, y), std, error = _search_tilt(model, trial_motions, estimator, selection, mounting)
+        if max(abs(x - mounting[0]), abs(y - mounting[1])) <= MAX_TILT:
+            return BaseTilt(x, y, std, error(0.0, 0.0), error(x, y))
     linear = _TiltGain.linearise(model, trial_motions, selection, (0.0, 0.0))
     # A linear estimate costs one fit; the search below costs many and is not worth it where nothing can be gained.
     if linear.gain.share < 0.5 * MIN_GAIN:
@@ -133,11 +123,15 @@ def find_base_tilt(
 
 
 def _search_tilt(
-    model: Model, thin: tuple[Motion, ...], estimator: Estimator, selection: Selection
+    model: Model,
+    thin: tuple[Motion, ...],
+    estimator: Estimator,
+    selection: Selection,
+    mounting: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[tuple[float, float], tuple[float, float], Callable[[float, float], float]]:
     """Return the best tilt (rad), its standard errors, and a function giving the training error (%) at a tilt.
 
-    A component within two standard errors of zero is set to zero.
+    The search begins at ``mounting``; a component within two standard errors of it is set to it.
     """
     from scipy.optimize import least_squares
 
@@ -157,15 +151,14 @@ def _search_tilt(
 
     torque = float(np.sqrt(sum(float(np.sum(motion.tau[motion.mask] ** 2)) for motion in thin)))
     # The start is off zero and the steps are coarse: the residual is that of a full fit and not smooth to rounding.
-    solution = least_squares(
-        residual, np.full(2, START_TILT), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20
-    )
+    settings = {"diff_step": 0.1, "x_scale": 0.01, "xtol": 1e-3, "ftol": 1e-4, "max_nfev": 20}
+    solution = least_squares(lambda tilt: residual(tilt + mounting), np.full(2, START_TILT), **settings)
     # rows of both are by joint; the samples of a motion follow each other
     n = len(model.joints)
     lines, e = solution.jac.reshape(n, -1, 2), solution.fun.reshape(n, -1)
     ends = np.cumsum([len(motion) for motion in thin])[:-1]
     std = _correlated_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1))
-    x, y = (float(v) for v in solution.x * (np.abs(solution.x) > 2.0 * std))
+    x, y = (float(v) for v in mounting + solution.x * (np.abs(solution.x) > 2.0 * std))
 
     def error(x: float, y: float) -> float:
         return 100.0 * float(np.linalg.norm(residual(np.array([x, y])))) / torque if torque > 0 else 0.0

@@ -10,9 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem
-from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, tilt_base
-from dynident.identification.cross_validation import Gain, SmootherChoice, factors_by_fold, gain_from_errors
+from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt
+from dynident.identification.cross_validation import (
+    Gain,
+    SmootherChoice,
+    factors_by_fold,
+    gain_from_errors,
+    gain_without_best,
+    motion_gain,
+)
 from dynident.identification.dataset import Dataset, RoleMotions
+from dynident.identification.mounting import has_gravity, tilt_base
 from dynident.identification.recipe import Recipe
 from dynident.identification.terms import (
     JointExcitation,
@@ -27,7 +35,8 @@ from dynident.identification.terms.candidates import TooFewSamplesError
 from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, trial_samples
 from dynident.models import Model, RotorInertia, drop_load_dependence
 from dynident.models.friction import Coulomb, Offset, Viscous
-from dynident.motion.log import Motion, thin_motions
+from dynident.motion.log import Motion, subsample, thin_motions
+from dynident.motion.smoothers import strip_time_offset
 from dynident.regression import EVERYTHING, Regression, Selection, merge_factors
 from dynident.runtime import Note, Severity, brief, call_part, report_progress
 
@@ -87,9 +96,9 @@ def find_prior_strength(
 ) -> PriorStrength | None:
     """Find the strength of the prior with the least cross-validated error.
 
-    It is 0 unless the gain exceeds one standard error and 1 %. Stretches of time are predicted from the others by
-    the estimator. None where it has no strength to choose, there is no inertia in the robot file, or there are
-    too few samples. Raises the errors of ``Regression`` and the estimator.
+    It is 0 unless the gain exceeds one standard error, and 1 % without the stretch that gains the most. Stretches of
+    time are predicted from the others by the estimator. None where it has no strength to choose, there is no inertia
+    in the robot file, or there are too few samples. Raises the errors of ``Regression`` and the estimator.
     """
     if not isinstance(estimator, PhysicallyConsistent) or estimator.strength != "auto" or not estimator.inertia:
         return None
@@ -116,9 +125,12 @@ def find_prior_strength(
 
     # The plain error is shared by all gains: without a prior, least squares with constraints.
     plain = errors(0.0)
-    gains = {strength: gain_from_errors(plain, errors(strength)) for strength in STRENGTHS}
+    errors_by_strength = {strength: errors(strength) for strength in STRENGTHS}
+    gains = {strength: gain_from_errors(plain, with_prior) for strength, with_prior in errors_by_strength.items()}
     best = max(gains, key=lambda candidate: gains[candidate].share)
-    return PriorStrength(best if gains[best].sure and gains[best].share > MIN_GAIN else 0.0, gains[best])
+    # a single stretch, where the others excite little, is no evidence
+    holds = gain_without_best(plain, errors_by_strength[best]) > MIN_GAIN
+    return PriorStrength(best if gains[best].sure and holds else 0.0, gains[best])
 
 
 def with_strength(estimator: Estimator, prior: PriorStrength | None) -> Estimator:
@@ -182,15 +194,57 @@ class Preparation:
     tilt: BaseTilt | None = None
     angles: tuple[float, float] | None = None
 
+    def is_near(self, other: Preparation) -> bool:
+        """Return whether another one smooths alike, with nearly the same time offset and tilt."""
+        ends = [(x.motions.train[0].time_offset, x.angles or (0.0, 0.0)) for x in (self, other)]
+        (offset, tilt), (other_offset, other_tilt) = ends
+        has_same_smoother = strip_time_offset(self.alignment.smoother) == strip_time_offset(other.alignment.smoother)
+        has_same_tilt = np.abs(np.subtract(tilt, other_tilt)).max() < MAX_SAME_TILT
+        return has_same_smoother and bool(has_same_tilt) and abs(offset - other_offset) < MAX_SAME_OFFSET
 
-def prepare(model: Model, data: Dataset, recipe: Recipe, executor: Executor | None = None) -> Preparation:
-    """Align torque and motion, smooth all logs, and level the base, with the model as it is before a fit."""
+    def is_better(self, other: Preparation) -> bool:
+        """Return whether its motions predict left-out stretches better than another's, beyond chance."""
+        pairs = list(zip(other.motions.train, self.motions.train, strict=True))
+        common = [replace(new, mask=old.mask & new.mask) for old, new in pairs]
+        rows = subsample(common, trial_samples(self.model))
+        before, after = (
+            [
+                self.model.remembering(pair[k]).shift(0.0, at)
+                for pair, at in zip(pairs, rows, strict=True)
+                if len(at) > 1
+            ]
+            for k in range(2)
+        )
+        gain = motion_gain(self.model, before, after)
+        return gain.sure and gain.share > MIN_GAIN
+
+    def forget_load(self) -> Preparation:
+        """Return it without the terms that need a load, which a fit is to find."""
+        if not self.model.needs_load:
+            return self
+        model = drop_load_dependence(replace(self.model, load=None))
+        estimator = self.estimator.among(model.names)
+        return replace(self, model=model, estimator=estimator, motions=self.motions.remember(model))
+
+
+def prepare(
+    model: Model,
+    data: Dataset,
+    recipe: Recipe,
+    executor: Executor | None = None,
+    cache: dict[int, tuple[Motion, ...]] | None = None,
+) -> Preparation:
+    """Align torque and motion, smooth all logs, and level the base, with the model as it is before a fit.
+
+    ``cache`` keeps the motions by each smoother that is tried, for another call with other terms.
+    """
     selection = recipe.selection(model.joints)
     model, estimator = preliminary_setup(model, recipe)
     # Smoother and time offset come first: everything else depends on the smoothed motion.
     alignment = align_motion(
-        model, data.train_logs, recipe.smoothers, recipe.time_offset, estimator, selection, executor=executor
-    )
+        model, data.train_logs, recipe.smoothers, recipe.time_offset, estimator, selection, executor=executor,
+        cache=cache, by_joint=recipe.terms is None,
+    )  # fmt: skip
     motions = data.motions(model, alignment.smoother, recipe)
     if recipe.base_tilt is None:
         return Preparation(model, estimator, motions, alignment)
@@ -260,6 +314,7 @@ class ChosenTerms:
     preliminary: Calibration
     time_offset: float
     absent: tuple[NotChosen, ...]
+    choice: TermChoice
 
     def complete(self, calibration: Calibration) -> Calibration:
         """Return a calibration with these terms, and with what was found before they were chosen and not after."""
@@ -268,6 +323,15 @@ class ChosenTerms:
             offset = before.time_offset
         tilt = before.base_tilt if calibration.base_tilt is None else calibration.base_tilt
         return replace(calibration, smoother=before.smoother, time_offset=offset, base_tilt=tilt, terms=before.terms)
+
+    def aligned_as(self, preparation: Preparation) -> ChosenTerms:
+        """Return these terms with the smoothing, time offset and base tilt of a preparation with them."""
+        alignment = preparation.alignment
+        calibration = replace(
+            self.preliminary, smoother=alignment.choice, time_offset=alignment.time_offset, base_tilt=preparation.tilt
+        )
+        recipe = replace(self.recipe, smoother=alignment.smoother, base_tilt=preparation.angles)
+        return replace(self, recipe=recipe, preliminary=calibration)
 
     def notes(self, calibration: Calibration) -> tuple[Note, ...]:
         """Return what is to be said of the choice, beside a calibration with the chosen terms."""
@@ -291,7 +355,37 @@ def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> 
     )  # fmt: skip
     alignment = preparation.alignment
     preliminary = Calibration(alignment.choice, alignment.time_offset, preparation.tilt, terms=choice)
-    return ChosenTerms(model, chosen_recipe, preliminary, motions[0].time_offset, absent)
+    return ChosenTerms(model, chosen_recipe, preliminary, motions[0].time_offset, absent, choice)
+
+
+MAX_ROUNDS = 2  # of terms and alignment in turn, after the first
+MAX_SAME_OFFSET, MAX_SAME_TILT = 2e-4, 5e-3  # s, rad: a smaller change of the alignment does not change the terms
+
+
+def choose_in_rounds(
+    model: Model, data: Dataset, recipe: Recipe, executor: Executor | None = None
+) -> tuple[ChosenTerms, Preparation]:
+    """Choose terms, smoothing, time offset and base tilt in turn, until none of them gains; return what was found.
+
+    The plain set comes first: what it lacks may ask for another smoothing or offset than the terms chosen then.
+    """
+    cache: dict[int, tuple[Motion, ...]] = {}
+    preparation = prepare(model, data, recipe, executor, cache)
+    terms = add_chosen_terms(model, recipe, preparation)
+    settings = {name: getattr(recipe, name) for name in ("smoother", "time_offset", "base_tilt")}
+    for _ in range(MAX_ROUNDS):
+        # All is aligned anew by the terms that were chosen, with their load, and what no longer gains is dropped.
+        load = terms.choice.load if terms.model.needs_load else None
+        aligned = prepare(replace(terms.model, load=load), data, replace(terms.recipe, **settings), executor, cache)
+        if aligned.is_near(preparation):
+            return terms.aligned_as(aligned), aligned.forget_load()
+        if not aligned.is_better(preparation):
+            break
+        other_terms = add_chosen_terms(model, recipe, aligned)
+        if not other_terms.choice.error < terms.choice.error:
+            break
+        preparation, terms = aligned, other_terms
+    return terms, prepare(terms.model, data, terms.recipe, executor, cache)
 
 
 def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model, Recipe, tuple[NotChosen, ...]]:
@@ -312,7 +406,7 @@ def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model
 def _eligible_names(model: Model) -> set[str]:
     """Return the names of the parameters of all terms that might be chosen."""
     # Sizes do not matter here: any excitation gives the names of the parameters.
-    excitations = [JointExcitation(model.joints, joint, 1.0, 1.0, 1.0) for joint in model.joints]
+    excitations = [JointExcitation(model.joints, joint, 1.0, 1.0, 100.0) for joint in model.joints]
     terms = [kind.sizes(excitation)[0] for excitation in excitations for kind in library_kinds()]
     return {parameter.name for term in terms for parameter in term.parameters}
 

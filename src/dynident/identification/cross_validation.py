@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,13 @@ def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion],
         for motions in (before, after)
     )
     return gain_from_errors(old, new)
+
+
+def gain_without_best(old: Array, new: Array) -> float:
+    """Return the gain (%) of ``gain_from_errors`` without the stretch of time that gains the most."""
+    size = np.where(old.sum(axis=0) > 0, old.sum(axis=0), np.inf)
+    blocks = 100.0 * ((old - new) / size).mean(axis=1)
+    return float(blocks.sum() - blocks.max())
 
 
 def gain_from_errors(old: Array, new: Array) -> Gain:
@@ -196,6 +204,81 @@ def choose_smoother(
             "it; look whether the right torque column is named, and was recorded."
         )
     return SmootherChoice(candidates[int(best_candidates[0])], tuple(candidates), tuple(errors))
+
+
+JOINT_STEPS = (-4, -2, -1, 1, 2, 4)  # from the candidate of all joints to one that is tried on a single joint
+JOINT_SAMPLES = 4_000  # of the regressions by which the smoothing of single joints is chosen
+# % of the squared error, and its standard errors, that another smoothing of one joint must gain
+MIN_JOINT_GAIN, MIN_JOINT_GAIN_ERRORS = 1.0, 2.0
+
+
+def choose_by_joint(
+    model: Model,
+    logs: Sequence[Log],
+    choice: SmootherChoice,
+    motion_cache: dict[int, tuple[Motion, ...]],
+    folds: int = FOLDS,
+) -> SmootherChoice:
+    """Return the choice, with another of the ``factor`` of its candidates for joints that gain by it.
+
+    Joint by joint the smoothing of other candidates is tried, and taken where left-out stretches of time are predicted
+    better by more than two standard errors, each joint relative to its own torque. Candidates that differ in
+    more than their ``factor`` leave the choice as it is. ``motion_cache`` has the motions by the candidates.
+    """
+    candidates: list[Any] = [strip_time_offset(candidate) for candidate in choice.candidates]
+    factors = [getattr(candidate, "factor", None) for candidate in candidates]
+    usable = np.isfinite(choice.errors)
+    if len(model.joints) == 1 or not usable.all() or not _differ_by_factor(candidates, factors):
+        return choice
+    excerpt_logs = cut_excerpts(logs)
+    all_motions = [_motions(candidate, excerpt_logs, motion_cache) for candidate in choice.candidates]
+    masks = _common_masks(all_motions, 10 * folds)
+
+    def errors(index: Sequence[int]) -> Array:
+        """Return the squared errors (folds, n) with the candidate of each joint, by its index."""
+        motions = [
+            _mix_joints([candidate[k] for candidate in all_motions], index, mask) for k, mask in enumerate(masks)
+        ]
+        rows = subsample(motions, JOINT_SAMPLES)
+        thin = [model.remembering(motion).shift(0.0, at) for motion, at in zip(motions, rows, strict=True)]
+        return left_out_errors(model, thin, folds=folds)
+
+    index = [choice.candidates.index(choice.smoother)] * len(model.joints)
+    best = errors(index)
+    for j in range(len(model.joints)):
+        report_progress(Step("choosing the smoothing of the joints", j, len(model.joints)))
+        trials = {}
+        for i in {index[j] + step for step in JOINT_STEPS if 0 <= index[j] + step < len(candidates)}:
+            trials[i] = errors([*index[:j], i, *index[j + 1 :]])
+        # of all others the best one is judged: neighbours differ by too little to be sure of each step on the way
+        gains = {i: gain_from_errors(best, trial) for i, trial in trials.items()}
+        most = max(gains, key=lambda i: gains[i].share)
+        if gains[most].share >= max(MIN_JOINT_GAIN, MIN_JOINT_GAIN_ERRORS * gains[most].std):
+            index[j], best = most, trials[most]
+    if len(set(index)) == 1:
+        return replace(choice, smoother=choice.candidates[index[0]])
+    factor = {joint.name: factors[i] for joint, i in zip(model.joints, index, strict=True)}
+    smoother = replace(candidates[0], factor=factor)
+    shifted = choice.smoother
+    return replace(
+        choice, smoother=TimeShifted(smoother, shifted.time_offset) if isinstance(shifted, TimeShifted) else smoother
+    )
+
+
+def _differ_by_factor(candidates: Sequence[Any], factors: Sequence[object]) -> bool:
+    """Return whether smoothers have factors, and are the same but for these."""
+    if not all(isinstance(factor, int | float) for factor in factors) or len(candidates) < 2:
+        return False
+    return all(replace(candidate, factor=factors[0]) == candidates[0] for candidate in candidates)
+
+
+def _mix_joints(candidates: Sequence[Motion], index: Sequence[int], mask: NDArray[np.bool_]) -> Motion:
+    """Return the motion of which each joint is that of its candidate."""
+    q, dq, ddq = (
+        np.stack([getattr(candidates[i], name)[:, j] for j, i in enumerate(index)], axis=1)
+        for name in ("q", "dq", "ddq")
+    )
+    return replace(candidates[index[0]], q=q, dq=dq, ddq=ddq, mask=mask, memory=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
-from dynident.identification.calibration import Calibration, ChosenTerms, add_chosen_terms, calibrate, prepare
+from dynident.identification.calibration import Calibration, ChosenTerms, calibrate, choose_in_rounds, prepare
 from dynident.identification.dataset import (
     Dataset,
     NotFitted,
@@ -67,11 +67,12 @@ def identify(
     with one_thread():
         data = Dataset.of(train, validation, recipe, tuple(joint.name for joint in model.joints))
         terms: ChosenTerms | None = None
-        if recipe.terms is not None:
-            # Terms are chosen on motions that the plain set has aligned; with them all is aligned once more.
-            terms = add_chosen_terms(model, recipe, prepare(model, data, recipe, executor))
+        if recipe.terms is None:
+            preparation = prepare(model, data, recipe, executor)
+        else:
+            terms, preparation = choose_in_rounds(model, data, recipe, executor)
             model, recipe = terms.model, terms.recipe
-        setup = calibrate(prepare(model, data, recipe, executor), model, recipe)
+        setup = calibrate(preparation, model, recipe)
         regression = Regression(setup.model, setup.motions.train, setup.recipe.selection(setup.model.joints))
         report_progress("reducing the regression to triangular factors")
         problem = Problem(

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.identification.links import scaled_covariance
 from dynident.identification.result import Identification
 from dynident.identification.verdict_steps import (
     MIN_GAIN_SHARE,
@@ -15,6 +16,7 @@ from dynident.identification.verdict_steps import (
     Cover,
     ExcitingMotion,
     LeaveOut,
+    MoreRecordings,
     NextStep,
     SetRight,
     Sharpen,
@@ -47,6 +49,7 @@ def next_steps(identification: Identification) -> tuple[UnexcitedParameters | Ne
         *window_steps(identification),
         *_sharpening_steps(identification),
         *_residual_steps(identification),
+        *_recording_steps(identification),
     )
     ranked = sorted((step for step in steps if step.gain is not None), key=_place)
     return (*ranked, *identification.base.unexcited, *(step for step in steps if step.gain is None))
@@ -82,6 +85,21 @@ def _residual_steps(identification: Identification) -> Iterator[NextStep]:
     if joints := _joints_with(causes, ResidualRipple):
         excess = {joint: size * max(test.peak_share, 0.0) for joint, (test, size) in tests.items()}
         yield CheckRipple(joints, gain=_gain_of_joints(log, excess, joints))
+
+
+def _recording_steps(identification: Identification) -> Iterator[MoreRecordings]:
+    """Yield the advice to fit more recordings, where errors of the parameters are a noticeable part of the error."""
+    covariance, basis = scaled_covariance(identification), identification.base.on_data
+    if covariance is None or not identification.of_role("validation"):
+        return
+    log = judged_log(identification)
+    (rows,) = subsample([log.motion], MAX_SAMPLES)
+    Y = identification.model.regressor(**log.motion.states(rows))
+    columns = Y if basis is None else Y[:, :, list(basis.independent)]
+    variance = np.einsum("tji,ik,tjk->j", columns, covariance, columns) / len(rows)
+    gain = gain_points(log, dict(zip(log.motion.joints, (0.5 * variance).tolist(), strict=True)))
+    if gain is not None and gain > MIN_GAIN_SHARE * log.errors.relative_error:
+        yield MoreRecordings(len(identification.of_role("train")), gain=gain)
 
 
 def _gain_of_joints(log: LogValidation, removed: Mapping[str, float], joints: Sequence[str]) -> float | None:

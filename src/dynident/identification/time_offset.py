@@ -20,6 +20,7 @@ from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.identification.cross_validation import (
     Gain,
     SmootherChoice,
+    choose_by_joint,
     choose_smoother,
     cut_excerpts,
     motion_gain,
@@ -115,20 +116,24 @@ def align_motion(
     selection: Selection = EVERYTHING,
     *,
     executor: Executor | None = None,
+    cache: dict[int, tuple[Motion, ...]] | None = None,
+    by_joint: bool = False,
 ) -> Alignment:
     """Return the smoother, chosen among ``smoothers`` and shifted in time, that aligns torque and motion.
 
     Of several smoothers ``choose_smoother`` takes one, on the ``executor``, before the time offset is known and
-    again with it. One with a time offset of its own keeps it where no other predicts better.
+    again with it, with ``by_joint`` then for each joint. One with a time offset of its own keeps it where no other
+    predicts better. ``cache`` keeps the motions by each smoother, for another call.
     """
     choice: SmootherChoice | None = None
-    known: dict[int, tuple[Motion, ...]] = {}
+    known: dict[int, tuple[Motion, ...]] = {} if cache is None else cache
 
     def choose(candidates: Sequence[Smoother]) -> Smoother:
         if len(candidates) == 1:
             return candidates[0]
         nonlocal choice
         choice = choose_smoother(model, logs, candidates, motion_cache=known, executor=executor)
+        choice = choose_by_joint(model, logs, choice, known) if by_joint else choice
         return choice.smoother
 
     if time_offset != "estimate":
@@ -213,9 +218,9 @@ def _find_within(
         def error(time_offset: float) -> float:
             fit_number = next(fits)
             report_progress(Step("estimating the time offset", fit_number, max(fit_number, EXPECTED_FITS)))
-            return _relative_error(at(time_offset), quick_estimator)
+            return training_error(at(time_offset), quick_estimator)
 
-        return error, lambda time_offset: FLOOR_SHARE * _relative_error(at(time_offset), LeastSquares())
+        return error, lambda time_offset: FLOOR_SHARE * training_error(at(time_offset), LeastSquares())
 
     error, floor = errors_of(motions)
     best, after, before = _minimise_error(error, trials, floor, trials)
@@ -367,7 +372,7 @@ def _squared_residuals(model: Model, motions: tuple[Motion, ...], estimator: Est
     return [np.square(e * fitted_mask(motion)).sum(axis=1) for e, motion in zip(residuals, motions, strict=True)]
 
 
-def _relative_error(regression: Regression, estimator: Estimator) -> float:
+def training_error(regression: Regression, estimator: Estimator) -> float:
     """Return the relative error (%) of the fit to the regression's own rows."""
     triangular = regression.triangular_factors
     value = call_part(estimator, Problem(regression.model, regression.motions, regression), Estimate).value

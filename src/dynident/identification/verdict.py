@@ -9,7 +9,7 @@ from dynident.identification.unobservable import Unobservable
 from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
 from dynident.models.simulation import Failure
 from dynident.regression import UnexcitedParameters
-from dynident.runtime import Finding, Statement, Use, join_names, number, percent, place_and_text, rough, shorten
+from dynident.runtime import Finding, Statement, Use, join_names, number, percent, place_and_text, rough, short, shorten
 from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
@@ -116,6 +116,20 @@ class JointErrorsTooLarge(Reason):
     def __str__(self) -> str:
         bad = ", ".join(f"{joint} {percent(size)}" for joint, size in self.errors)
         return f"on {self.log} some joints have a torque error above {self.limit:g} %: {bad}"
+
+
+class WeakJoints(Reason):
+    """Joints that hardly exert torque on a ``log`` have a large relative error: names, error (%) and rms (N m, N)."""
+
+    usual_remedy = Remedy.LONGER_TRAINING
+    log: str
+    joints: tuple[tuple[str, float, float], ...]
+
+    def __str__(self) -> str:
+        joints = join_names(
+            (f"{joint} ({percent(error)}, {short(rms, 2)} N m)" for joint, error, rms in self.joints), MAX_NAMES
+        )
+        return f"not for force estimation where the torque is as small as on {self.log}: {joints}"
 
 
 class NotCarriedOver(Reason):

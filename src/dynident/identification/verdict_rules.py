@@ -105,7 +105,8 @@ def announced_error(identification: Identification) -> float | None:
 MAX_TORQUE_ERROR = 10.0  # %, held-out torque error up to which a feedforward helps
 MAX_UNFILTERED_ERROR = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
 MAX_JOINT_ERROR = 25.0  # %, the same of one joint
-HARMLESS_EFFORT_SHARE = 1.0  # %, of a joint's effort limit: errors below it are harmless, however small its torque
+# %, of a joint's effort limit, or of its largest torque: errors below it are harmless, however small its torque
+HARMLESS_EFFORT_SHARE, HARMLESS_TORQUE_SHARE = 3.0, 5.0
 MAX_FLOOR_RATIO, MAX_EXCESS_ERROR = 1.5, 3.0  # times what the sensors allow, and %: a joint's error beside its noise
 MAX_ERROR_RATIO = 2.0  # held-out error over training error, or the other way round
 MAX_UNEXCITED_SHARE = 0.25  # share of the base parameters that the data may leave out
@@ -203,6 +204,9 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
         yield verdict.SilentTorque(tuple(silent))
     for log in held_out:
         yield from _log_reasons(log, max(map(_judged_error, train)))
+        if bad := [joint for joint in _imprecise_joints(log) if _is_harmful(identification, log, joint)]:
+            errors = tuple((joint, _joint_errors(log)[joint]) for joint in bad)
+            yield verdict.JointErrorsTooLarge(log.name, errors, MAX_JOINT_ERROR)
     worst, largest = max(train, key=_judged_error), max(map(_judged_error, held_out), default=0.0)
     if (
         _judged_error(worst) > MAX_TORQUE_ERROR and _judged_error(worst) > MAX_ERROR_RATIO * largest > 0
@@ -222,18 +226,25 @@ def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
         yield verdict.TorqueErrorTooLarge(log.name, error, MAX_TORQUE_ERROR)
     if error != log.errors.relative_error and not log.errors.relative_error <= MAX_UNFILTERED_ERROR:
         yield verdict.UnfilteredErrorTooLarge(log.name, log.errors.relative_error, MAX_UNFILTERED_ERROR)
-    if bad := tuple((joint, size) for joint, size in _joint_errors(log).items() if _is_harmful(log, joint, size)):
-        yield verdict.JointErrorsTooLarge(log.name, bad, MAX_JOINT_ERROR)
     if error > MAX_ERROR_RATIO * trained and error > MAX_TORQUE_ERROR / 2:
         yield verdict.NotCarriedOver(log.name, error / trained)
 
 
-def _against_simulation(identification: Identification) -> Iterator[Reason]:
-    """Yield the reasons against a simulation, which turns small physical faults into growing errors."""
+def _joint_reasons(identification: Identification) -> Iterator[Reason]:
+    """Yield the reasons in single joints of the held-out logs, which do no harm to control."""
     # a free simulation that was run judges that itself
     for log in identification.of_role("validation") if not identification.runs else ():
         if joints := tuple((joint, floor) for joint, floor in log.floors.items() if _is_above_floor(log, joint, floor)):
             yield verdict.AboveFloor(log.name, joints)
+    for log in identification.of_role("validation"):
+        if weak := [joint for joint in _imprecise_joints(log) if not _is_harmful(identification, log, joint)]:
+            sizes = tuple((joint, _joint_errors(log)[joint], log.errors.rmse[joint]) for joint in weak)
+            yield verdict.WeakJoints(log.name, sizes)
+
+
+def _against_simulation(identification: Identification) -> Iterator[Reason]:
+    """Yield the reasons against a simulation, which turns small physical faults into growing errors."""
+    yield from _joint_reasons(identification)
     error = identification.fact("announced error", lambda: announced_error(identification))
     if error is not None and error > MAX_ANNOUNCED_ERROR:
         yield verdict.Uncertain(error)
@@ -337,8 +348,19 @@ def _joint_errors(log: LogValidation) -> dict[str, float]:
     return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
 
-def _is_harmful(log: LogValidation, joint: str, error: float) -> bool:
-    return error > MAX_JOINT_ERROR and not log.errors.effort_share.get(joint, np.inf) < HARMLESS_EFFORT_SHARE
+def _imprecise_joints(log: LogValidation) -> list[str]:
+    return [joint for joint, error in _joint_errors(log).items() if error > MAX_JOINT_ERROR]
+
+
+def _is_harmful(identification: Identification, log: LogValidation, joint: str) -> bool:
+    """Return whether a joint's error matters beside what it can exert, and is more than the noise of its sensor."""
+    if joint in log.floors and log.floors[joint].is_reached:
+        return False
+    if joint in log.errors.effort_share:
+        return log.errors.effort_share[joint] >= HARMLESS_EFFORT_SHARE
+    column = [x.name for x in identification.model.joints].index(joint)
+    largest = max(float(np.abs(other.motion.tau[:, column]).max(initial=0.0)) for other in identification.validations)
+    return 100.0 * log.errors.rmse[joint] >= HARMLESS_TORQUE_SHARE * largest
 
 
 def _is_above_floor(log: LogValidation, joint: str, floor: NoiseFloor) -> bool:

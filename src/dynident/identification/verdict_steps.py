@@ -199,6 +199,23 @@ class Cover(NextStep):
         )
 
 
+@dataclass(frozen=True)
+class MoreRecordings(NextStep):
+    """Record further motions and fit all together: ``logs`` are fitted now, and twice as many have half the variance.
+
+    The gain is that of half the variance which the errors of the parameters have in the torque of the log judged.
+    """
+
+    logs: int
+
+    def __str__(self) -> str:
+        now = "one recording is" if self.logs == 1 else f"{self.logs} recordings are"
+        return (
+            f"Record {self.logs} more of other motions, as fast, and fit all together (`train`): {now} fitted, and "
+            f"twice as many halve the variance of the parameters.{self.gain_text()}"
+        )
+
+
 def _stretch(step: LeaveOut | Cover) -> str:
     return f"{number(step.start, 3)} to {number(step.stop, 3)} s"
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dynident.identification.terms import (
+    JointExcitation,
     TermChoice,
     TermTrial,
     TrialOutcome,
@@ -103,8 +104,17 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
         "offset",
         "viscous",
         "rotor",
+        "drift",  # the recordings are short
     }
     assert all(after < before for before, after in zip(choice.before, choice.after, strict=True))
+
+
+def test_drift_is_tried_on_long_recordings_alone() -> None:
+    (drift,) = (kind for kind in library_kinds() if kind.name == "drift")
+    joint = Joint("j1")
+    short, long = (JointExcitation((joint,), joint, 1.0, 1.0, seconds) for seconds in (59.0, 60.0))
+    assert drift.sizes(short) == ()
+    assert len(drift.sizes(long)) == 3
 
 
 def test_the_minimum_speed_is_left_to_terms_that_describe_reversals() -> None:

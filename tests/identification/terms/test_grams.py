@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.grams import Folds, JointGrams, eliminate_columns, try_groups
+from dynident.identification.terms.grams import Folds, JointGrams, eliminate_columns, transfer_gains, try_groups
 
 Array = NDArray[np.float64]
 F, N = 4, 400
@@ -45,6 +45,18 @@ def test_errors_are_those_of_least_squares_on_the_rows() -> None:
     assert (found.best[:, 3] == 1).all()
     assert found.values[1] == pytest.approx(np.full((F, 1), 0.8), abs=0.05)
     assert found.independent.all()
+
+
+def test_columns_with_known_coefficients_are_judged_beside_a_fit_of_all_else() -> None:
+    X, y, grams = problem()
+    known = np.array([[0.8], [0.5], [0.0], [-1.0]])  # of column 4, whose true coefficient is 0.8
+    gains, before = transfer_gains(grams, folds(), folds().test, NONE, [0], ([[2]] * F, known), weight=2.0)
+    for fold in range(F):
+        other = y - X[:, 4] * known[fold]
+        assert before[fold] == pytest.approx(error(X[:, [0, 1, 2]], y, fold), rel=1e-5)
+        assert before[fold] - gains[fold] == pytest.approx(error(X[:, [0, 1, 2]], other, fold), rel=1e-5)
+    assert gains[0] > gains[1] > gains[2] == pytest.approx(0.0, abs=1e-9)
+    assert gains[3] < 0
 
 
 def test_others_count_as_rows() -> None:

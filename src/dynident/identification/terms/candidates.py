@@ -37,6 +37,7 @@ WIDE_WIDTHS = tuple((0.1 * 1.25 ** np.arange(12)).tolist())
 VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
 LENGTHS = tuple((1e-4 * 1.25 ** np.arange(28)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
+MIN_DRIFT_DURATION = 60.0  # s: of a recording that could show that friction changes as a robot warms up
 STRIBECK_WIDTHS = (0.01, 0.02, 0.03, 0.045)  # of the rms speed: widths of the sign of Stribeck friction
 
 
@@ -117,6 +118,12 @@ def _power_terms(excitation: JointExcitation) -> Sequence[Term]:
     return tuple(Power(excitation.joints, on=(excitation.joint.name,), exponent=exponent) for exponent in EXPONENTS)
 
 
+def _drift_terms(excitation: JointExcitation) -> Sequence[Term]:
+    if excitation.duration < MIN_DRIFT_DURATION:
+        return ()
+    return _sized_terms(Drift, "time", "duration", (0.3, 1.0, 3.0), excitation)
+
+
 def _spring_terms(order: int, excitation: JointExcitation) -> Sequence[Term]:
     return (Spring(excitation.joints, on=(excitation.joint.name,), order=order),)
 
@@ -143,7 +150,7 @@ KINDS = (
     CandidateKind("wide_coulomb", partial(_sized_terms, WideCoulomb, "width", "speed", WIDE_WIDTHS), strict=True),
     CandidateKind("spring", partial(_spring_terms, 1), strict=True, reaches=True),
     CandidateKind("spring", partial(_spring_terms, 2), strict=True, reaches=True),
-    CandidateKind("drift", partial(_sized_terms, Drift, "time", "duration", (0.3, 1.0, 3.0)), strict=True),
+    CandidateKind("drift", _drift_terms, strict=True),
 )
 PLAIN_KINDS = ("offset", "rotor", "viscous", "coulomb")
 
@@ -237,6 +244,11 @@ class TermChoice:
     load: tuple[float, ...] | None = field(default=None, repr=False)
 
     __repr__ = brief
+
+    @property
+    def error(self) -> float:
+        """The geometric mean of the joints' cross-validated errors (%) with the terms chosen, nan without trials."""
+        return float(np.exp(np.mean(np.log(np.maximum(self.after, np.finfo(float).tiny)))))
 
     def trials_of(self, joint: str) -> tuple[TermTrial, ...]:
         """Return the trials of a joint."""

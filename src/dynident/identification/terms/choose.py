@@ -59,7 +59,7 @@ from dynident.runtime import Step, brief, report_progress
 
 Array = NDArray[np.float64]
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
-TRIAL_SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
+TRIAL_SPEEDS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)  # of the rms speed, tried as minimum speed
 PRESLIDING_KINDS = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
 # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
 MAX_STILL_SHARE = 1e-4
@@ -110,6 +110,7 @@ class _TermSelection:
     # found at each joint, and friction of motors coupled to it
     ripples: list[list[CandidateKind]] = field(default_factory=list)
     trials: list[dict[str, TermTrial]] = field(default_factory=list)  # of these
+    shares: dict[int, dict[str, float]] = field(default_factory=dict)  # of the other joints that have a kind
     _cached_columns: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
 
     __repr__ = brief
@@ -223,6 +224,7 @@ class _TermSelection:
                 search.exchange(other_normals)
                 normals[j] = search.normal
             entered = [[(search.groups.index(x.group), x.size) for x in search.entered] for search in searches]
+            self._pool(searches)
             residuals = self._update_weights(searches, columns)
             for j in range(n if turn == PASSES - 2 else 0):
                 report_progress(Step("choosing the terms", (turn + 1) * n + j, (PASSES + 1) * n))
@@ -241,6 +243,15 @@ class _TermSelection:
             tuple(self._min_speed(searches, columns, j) for j in range(n)),
             load,
         )
+
+    def _pool(self, searches: Sequence[JointSearch]) -> None:
+        """Keep on what share of the other moving joints each kind has entered, for the next pass."""
+        moving = [j for j in range(len(searches)) if not self._is_still(j)]
+        kinds = {j: {x.group.kind.name for x in searches[j].entered} for j in moving}
+        for j in moving if len(moving) > 2 else ():
+            others = [kinds[i] for i in moving if i != j]
+            names = {group.kind.name for group in searches[j].groups}
+            self.shares[j] = {name: float(np.mean([name in entered for entered in others])) for name in names}
 
     def _ripples_of(self, j: int, search: JointSearch) -> list[TermEntry]:
         """Return the groups of the ripples that were found at a joint."""
@@ -285,7 +296,9 @@ class _TermSelection:
             columns.append(np.concatenate(group_columns) if group_columns else np.zeros((0, len(self.samples))))
             grams = self._grams(rows, columns[-1])
             name = self.samples.model.joints[j].name
-            searches.append(JointSearch(name, grams, tuple(groups), self.division, float(self.weights[j])))
+            searches.append(
+                JointSearch(name, grams, tuple(groups), self.division, float(self.weights[j]), self.shares.get(j, {}))
+            )
         return searches, columns
 
     def _group(
@@ -376,8 +389,7 @@ class _TermSelection:
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out because this predicts all samples better."""
         joint_search, rows = searches[j], self.rows[j]
-        has_presliding = any(entry.group.kind.name in PRESLIDING_KINDS for entry in joint_search.entered)
-        if self.given_speed or self._is_still(j) or has_presliding:
+        if self.given_speed or self._is_still(j):
             return 0.0
         speed = np.abs(self.samples.states["dq"][:, j]) / self.excitations[j].speed
         # Samples fall into classes by speed, so that every trial speed is a choice of Gram matrices.

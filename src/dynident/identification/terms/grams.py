@@ -209,6 +209,41 @@ class _CandidateFit(Noun):
         return error[fold_index, best], best, gamma[fold_index, best], independent[fold_index, best]
 
 
+def transfer_gains(
+    joint_grams: JointGrams,
+    folds: Folds,
+    test: Array,
+    other_normals: tuple[Array, Array],
+    columns: Sequence[int],
+    known: tuple[Sequence[Sequence[int]], Array],
+    weight: float,
+) -> tuple[Array, Array]:
+    """Return by how much columns with known coefficients lower the squared errors (T), and these errors without them.
+
+    All else is fitted to the training rows of ``folds``, with them and without; ``test`` (T, F, C) weighs the rows that
+    are judged. ``known`` are the columns of each fold, and their coefficients (T, w), found elsewhere.
+    """
+    k, y = len(joint_grams.acts), joint_grams.parameter_grams.shape[-1] - 1
+    base = [*range(k), *(k + i for i in columns)]
+    G, _ = joint_grams.fold_sums(folds)
+    H = weighted_sums(test, joint_grams.parameter_grams)
+    gains, before = np.zeros(len(G)), np.zeros(len(G))
+    for t, (fold_columns, coefficients) in enumerate(zip(*known, strict=True)):
+        added = [k + i for i in fold_columns]
+        M, right = G[t][np.ix_(base, base)].copy(), G[t][np.ix_(base, [y, *added])]
+        M[:k, :k] += other_normals[0][folds.other_joints[t]] / weight
+        right[:k, 0] += other_normals[1][folds.other_joints[t]] / weight
+        solved = np.linalg.solve(add_ridge(M), right)
+        errors = []
+        for gamma in (np.zeros(len(added)), coefficients):
+            residual = np.zeros(len(H[t]))
+            residual[y], residual[added] = 1.0, -gamma
+            residual[base] = -(solved[:, 0] - solved[:, 1:] @ gamma)
+            errors.append(residual @ H[t] @ residual)
+        before[t], gains[t] = errors[0], errors[0] - errors[1]
+    return gains, before
+
+
 def _products(A: Array, B: Array) -> Array:
     """Return products (T, S, w, w) of the columns of each size of a group, for A and B (T, k, S, w)."""
     return np.asarray(np.einsum("tksi,tksj->tsij", A, B))

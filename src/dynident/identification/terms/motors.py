@@ -85,7 +85,7 @@ def motor_search(samples: TermSamples, motor: CoupledMotor, equations: MotorEqua
         tuple(groups),
         SearchFolds.of(samples.of_block),
         1.0,
-        [TermEntry(joint_group, 0)],
+        entered=[TermEntry(joint_group, 0)],
     )
 
 

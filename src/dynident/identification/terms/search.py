@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
@@ -16,6 +16,7 @@ from dynident.identification.terms.grams import (
     Normal,
     TrialFits,
     normal_matrices,
+    transfer_gains,
     try_groups,
 )
 from dynident.models import Term
@@ -28,6 +29,7 @@ MIN_GAIN = 1.0  # %, of the squared error: what a term must remove
 NEGLIGIBLE_GAIN, MAX_IDLE_GAIN = 0.5, 2.0
 # standard errors that a gain must exceed: about ten kinds are tried on each joint
 MIN_GAIN_ERRORS, MIN_STRICT_GAIN_ERRORS = 1.5, 2.0
+MIN_POOL, MAX_POOL = 0.3, 1.2  # of these: for a kind that all other joints have, and one that none has
 STAY_FACTOR = 0.5  # of the standard errors with which a term enters, that it needs to stay
 NONNEGATIVE_ROLES = ("viscous", "coulomb", "rotor")  # roles that are never negative
 PERMANENT_KINDS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
@@ -127,6 +129,7 @@ class _TrialResult:
 class JointSearch:
     """The search on one ``joint``: its ``grams``, ``groups``, ``division`` of samples and ``weight``.
 
+    ``shares`` is on what share of the other joints a kind has entered before: joints of an arm have like friction.
     ``entered`` is what has entered so far. Methods take the normal matrices ``other_normals`` from all other
     joints.
     """
@@ -136,6 +139,7 @@ class JointSearch:
     groups: tuple[TermGroup, ...]
     division: SearchFolds
     weight: float
+    shares: Mapping[str, float] = field(default_factory=dict)
     entered: list[TermEntry] = field(default_factory=list)
     trials: dict[str, TermTrial] = field(default_factory=dict)
 
@@ -308,10 +312,15 @@ class JointSearch:
             return TrialOutcome.ENTERED if gain > 0 or gain + std > MIN_GAIN else TrialOutcome.TOO_SMALL
         if gain < MIN_GAIN:
             return TrialOutcome.TOO_SMALL
+        return TrialOutcome.ENTERED if gain > std * self._min_gain_errors(group.kind) else TrialOutcome.WITHIN_ERROR
+
+    def _min_gain_errors(self, kind: CandidateKind) -> float:
+        """Return the standard errors that a gain must exceed: fewer where most other joints have the kind."""
+        errors = MIN_STRICT_GAIN_ERRORS if kind.strict else MIN_GAIN_ERRORS
         return (
-            TrialOutcome.ENTERED
-            if gain > std * (MIN_STRICT_GAIN_ERRORS if group.kind.strict else MIN_GAIN_ERRORS)
-            else TrialOutcome.WITHIN_ERROR
+            errors
+            if kind.name not in self.shares
+            else errors * (MAX_POOL - (MAX_POOL - MIN_POOL) * self.shares[kind.name])
         )
 
     def _refute_elsewhere(self, other_normals: Normal, results: list[_TrialResult]) -> list[_TrialResult]:
@@ -321,11 +330,17 @@ class JointSearch:
             return results
         at = [results[k].entered.group.at for k in good]
         division = self.division
-        beyond = [division.faster, division.further, *([] if division.logs is None else [division.logs])]
+        beyond = [division.further, *([] if division.logs is None else [division.logs])]
         fits = [try_groups(self.grams, folds, other_normals, self.columns, at, self.weight) for folds in beyond]
+        slow = try_groups(self.grams, division.faster, other_normals, self.columns, at, self.weight)
         for g, k in enumerate(good):
             kind, outcome = results[k].entered.group.kind, TrialOutcome.ENTERED
-            faster, *elsewhere = (gain_share(fit.before - fit.after[:, g], fit.before) for fit in fits)
+            elsewhere = [gain_share(fit.before - fit.after[:, g], fit.before) for fit in fits]
+            chosen = [at[g][size] for size in slow.best[:, g].tolist()]
+            faster = gain_share(*transfer_gains(
+                self.grams, division.blocks, division.faster.test, other_normals, self.columns,
+                (chosen, slow.values[g]), self.weight,
+            ))  # fmt: skip
             if not _is_presumed(kind, self.entered):
                 outcome = _outcome_elsewhere(kind, faster, elsewhere)
             trial = replace(results[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])
@@ -338,8 +353,8 @@ def _outcome_elsewhere(
 ) -> TrialOutcome:
     """Return whether a kind holds on faster motion, further out and in other recordings, by its gains there."""
     further, *logs = elsewhere
-    # Loss beyond its standard errors refutes; strict kinds already at one of them.
-    if faster[0] < -(MAX_FASTER_LOSS if not kind.strict else 1.0) * faster[1]:
+    # Loss beyond its standard errors refutes, strict kinds already at one of them; so does a lack of fast samples.
+    if faster == (0.0, 0.0) or faster[0] < -(MAX_FASTER_LOSS if not kind.strict else 1.0) * faster[1]:
         return TrialOutcome.REFUTED_FASTER
     if kind.reaches and further[0] < max(MIN_GAIN, further[1]):
         return TrialOutcome.REFUTED_FURTHER

@@ -60,7 +60,6 @@ from dynident.runtime import Step, brief, report_progress
 Array = NDArray[np.float64]
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
 TRIAL_SPEEDS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)  # of the rms speed, tried as minimum speed
-PRESLIDING_KINDS = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
 # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
 MAX_STILL_SHARE = 1e-4
 # rad, m: range of a joint that never moves; rad/s, m/s: of an arm at rest
@@ -80,12 +79,12 @@ def choose_terms(
     Forward selection among ``kinds``, by blocked cross-validation: the blocks are contiguous in time, with gaps
     of the residual's correlation length between them. A kind enters where it removes at least 1 % of the squared
     error of its joint, and more than ``MIN_GAIN_ERRORS`` of its standard errors over the blocks, a strict one
-    ``MIN_STRICT_GAIN_ERRORS``; where it does not fail on the fast samples when the slow ones are fitted, or on
-    another recording; and where no coefficient is negative that must not be. Offset and rotor inertia always stay,
-    viscous and Coulomb friction unless they have demonstrably no effect.
+    ``MIN_STRICT_GAIN_ERRORS``, fewer where most other joints have it, too (``MIN_POOL``); where it does not fail on
+    the fast samples with its coefficients from the slow ones, or on another recording; and where no coefficient is
+    negative that must not be. Offset and rotor inertia always stay, viscous and Coulomb friction unless they have
+    demonstrably no effect.
 
-    ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds, except where a
-    presliding term was chosen.
+    ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds.
 
     Raises TooFewSamplesError where there are too few samples, and the errors of the terms.
     """

@@ -1,4 +1,4 @@
-"""Defaults on many pairs of a training and a held-out recording: python3 benchmarks/pairs.py [ROBOT ...] --out pairs.jsonl.
+"""Defaults on many pairs of training and held-out recording: python3 benchmarks/pairs.py [ROBOT ...] --out pairs.jsonl.
 
 The measured robots of defaults_robots.py, in both directions, in halves and from one log to another. Each pair is
 identified with nothing set, and by an oracle: the same terms, smoothing and offset fitted to the held-out log itself.

@@ -127,7 +127,8 @@ class WeakJoints(Reason):
 
     def __str__(self) -> str:
         joints = join_names(
-            (f"{joint} ({percent(error)}, {short(rms, 2)} N m)" for joint, error, rms in self.joints), MAX_NAMES
+            (f"{joint} ({percent(error)}, rms {short(rms, 2)} N m or N)" for joint, error, rms in self.joints),
+            MAX_NAMES,
         )
         return f"not for force estimation where the torque is as small as on {self.log}: {joints}"
 

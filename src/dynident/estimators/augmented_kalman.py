@@ -78,6 +78,18 @@ class AugmentedKalman(Estimator):
     little. Between passes the parameters are made consistent with physics where a body has mass no longer. Only
     directions that least squares determines are estimated. A filter of the recipe is not applied; torques that are not
     fitted count hardly.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.lagrangian import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
+    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
+    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.AugmentedKalman())
+    >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
+    ...     print(f"{name} = {value:.4f} +- {std:.5f}")
+    J = 0.0825 +- 0.00007
+    h = 0.2499 +- 0.00021
     """
 
     samples: Annotated[int, Ge(100), Le(MAX_SAMPLES)] = 4000

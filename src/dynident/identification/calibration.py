@@ -23,6 +23,7 @@ from dynident.identification.dataset import Dataset, RoleMotions
 from dynident.identification.mounting import has_gravity, tilt_base
 from dynident.identification.recipe import Recipe
 from dynident.identification.terms import (
+    MIN_DRIFT_DURATION,
     JointExcitation,
     NotChosen,
     PlainTerms,
@@ -406,7 +407,7 @@ def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model
 def _eligible_names(model: Model) -> set[str]:
     """Return the names of the parameters of all terms that might be chosen."""
     # Sizes do not matter here: any excitation gives the names of the parameters.
-    excitations = [JointExcitation(model.joints, joint, 1.0, 1.0, 100.0) for joint in model.joints]
+    excitations = [JointExcitation(model.joints, joint, 1.0, 1.0, MIN_DRIFT_DURATION) for joint in model.joints]
     terms = [kind.sizes(excitation)[0] for excitation in excitations for kind in library_kinds()]
     return {parameter.name for term in terms for parameter in term.parameters}
 

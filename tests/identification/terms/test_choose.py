@@ -112,7 +112,7 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
 def test_drift_is_tried_on_long_recordings_alone() -> None:
     (drift,) = (kind for kind in library_kinds() if kind.name == "drift")
     joint = Joint("j1")
-    short, long = (JointExcitation((joint,), joint, 1.0, 1.0, seconds) for seconds in (59.0, 60.0))
+    short, long = (JointExcitation((joint,), joint, 1.0, 1.0, seconds) for seconds in (17.9, 18.0))
     assert drift.sizes(short) == ()
     assert len(drift.sizes(long)) == 3
 

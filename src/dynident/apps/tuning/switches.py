@@ -14,7 +14,7 @@ from dynident.apps.tuning.curve import degree_of
 from dynident.apps.tuning.tuning import MAX_DEGREE, MIN_DEGREE, Tuning, Window
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.identification import Identification
-from dynident.identification.terms import JointExcitation, library_kinds
+from dynident.identification.terms import MIN_DRIFT_DURATION, JointExcitation, library_kinds
 from dynident.identification.terms.candidates import combine_terms
 from dynident.identification.terms.samples import TermSamples, columns_of, select_samples
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
@@ -144,9 +144,9 @@ class Offers(Noun):
     def _excitation(self, joint: Joint, j: int) -> JointExcitation:
         q, dq = (self.samples.states[name][:, j] for name in ("q", "dq"))
         speed, reach = (max(float(x), MIN_REACH) for x in (np.sqrt(np.mean(dq**2)), np.ptp(q)))
-        return JointExcitation(
-            self.model.joints, joint, speed, reach, max(float(np.ptp(motion.t)) for motion in self.samples.motions)
-        )
+        # who asks for drift on a short recording gets it
+        duration = max([MIN_DRIFT_DURATION, *(float(np.ptp(motion.t)) for motion in self.samples.motions)])
+        return JointExcitation(self.model.joints, joint, speed, reach, duration)
 
     def _gain(self, term: Term, j: int, rows: NDArray[np.bool_], basis: Array) -> float:
         """Return by how much a term lowers the squared residual of a joint, beside its other terms."""
@@ -173,7 +173,10 @@ def kind_of(term: Term) -> str:
 
 def _names() -> dict[type, str]:
     joint = Joint("joint")
-    return {type(kind.sizes(JointExcitation((joint,), joint, 1.0, 1.0, 1.0))[0]): kind.name for kind in library_kinds()}
+    return {
+        type(kind.sizes(JointExcitation((joint,), joint, 1.0, 1.0, MIN_DRIFT_DURATION))[0]): kind.name
+        for kind in library_kinds()
+    }
 
 
 _NAMES = _names()

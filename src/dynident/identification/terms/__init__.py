@@ -1,6 +1,7 @@
 """The choice of the terms beside the bodies, joint by joint, by what they predict of motion that was not fitted."""
 
 from dynident.identification.terms.candidates import (
+    MIN_DRIFT_DURATION,
     CandidateKind,
     JointExcitation,
     NotChosen,

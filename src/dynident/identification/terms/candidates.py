@@ -37,7 +37,7 @@ WIDE_WIDTHS = tuple((0.1 * 1.25 ** np.arange(12)).tolist())
 VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
 LENGTHS = tuple((1e-4 * 1.25 ** np.arange(28)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
-MIN_DRIFT_DURATION = 60.0  # s: of a recording that could show that friction changes as a robot warms up
+MIN_DRIFT_DURATION = 18.0  # s: of a recording that could show that friction changes as a robot warms up
 STRIBECK_WIDTHS = (0.01, 0.02, 0.03, 0.045)  # of the rms speed: widths of the sign of Stribeck friction
 
 

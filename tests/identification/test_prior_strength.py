@@ -9,7 +9,7 @@ import pytest
 
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem, bodies_of, parameter_scales
 from dynident.identification import find_prior_strength
-from dynident.identification.calibration import with_strength
+from dynident.identification.prior_strength import with_strength
 from dynident.regression import Regression
 from tests.estimators.arms import arm, error, problem
 

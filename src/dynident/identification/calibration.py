@@ -9,18 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem
+from dynident.estimators import Estimate, Estimator, Problem
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt
 from dynident.identification.cross_validation import (
-    Gain,
     SmootherChoice,
-    factors_by_fold,
-    gain_from_errors,
-    gain_without_best,
     motion_gain,
 )
 from dynident.identification.dataset import Dataset, RoleMotions
 from dynident.identification.mounting import has_gravity, tilt_base
+from dynident.identification.prior_strength import PriorStrength, find_prior_strength, with_strength
 from dynident.identification.recipe import Recipe
 from dynident.identification.terms import (
     MIN_DRIFT_DURATION,
@@ -36,10 +33,10 @@ from dynident.identification.terms.candidates import TooFewSamplesError
 from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, trial_samples
 from dynident.models import Model, RotorInertia, drop_load_dependence
 from dynident.models.friction import Coulomb, Offset, Viscous
-from dynident.motion.log import Motion, subsample, thin_motions
+from dynident.motion.log import Motion, subsample
 from dynident.motion.smoothers import strip_time_offset
-from dynident.regression import EVERYTHING, Regression, Selection, merge_factors
-from dynident.runtime import Note, Severity, brief, call_part, report_progress
+from dynident.regression import EVERYTHING, Regression, Selection
+from dynident.runtime import Note, brief, call_part, report_progress
 
 ROUNDS = 2  # the bodies make up for friction that grows with the load while it is left out
 
@@ -73,74 +70,6 @@ def with_load(
 
 
 Array = NDArray[np.float64]
-FOLDS = 6
-MIN_ROWS_PER_PARAMETER = 3  # times the parameters: with fewer there is nothing to predict
-STRENGTHS = (1e-2, 1e-1)  # of the squared residual, where a parameter is one usual size away
-MIN_GAIN = 1.0  # % of the squared cross-validated error that a strength must remove
-
-
-class PriorStrength(Note):
-    """The ``strength`` of the prior that is used, and the ``gain`` of the best one in cross-validation."""
-
-    severity = Severity.INFO
-    strength: float
-    gain: Gain
-
-    def __str__(self) -> str:
-        if not self.strength:
-            return f"the robot file's inertias count only where the data show nothing: else {self.gain} gained"
-        return f"the robot file's inertias count with a strength of {self.strength:g}, which gains {self.gain}"
-
-
-def find_prior_strength(
-    model: Model, motions: Sequence[Motion], estimator: Estimator, selection: Selection = EVERYTHING
-) -> PriorStrength | None:
-    """Find the strength of the prior with the least cross-validated error.
-
-    It is 0 unless the gain exceeds one standard error, and 1 % without the stretch that gains the most. Stretches of
-    time are predicted from the others by the estimator. None where it has no strength to choose, there is no inertia
-    in the robot file, or there are too few samples. Raises the errors of ``Regression`` and the estimator.
-    """
-    if not isinstance(estimator, PhysicallyConsistent) or estimator.strength != "auto" or not estimator.inertia:
-        return None
-    has_nominal_mass = any(parameter.role == "mass" and (parameter.value or 0.0) > 0 for parameter in model.parameters)
-    if estimator.prior != "nominal" or not has_nominal_mass:
-        return None
-    report_progress("choosing the strength of the prior")
-    thin = thin_motions(motions, trial_samples(model))
-    parts = factors_by_fold(model, thin, FOLDS, selection)
-    if sum(fold.total for fold in parts) < MIN_ROWS_PER_PARAMETER * len(model.parameters):
-        return None
-
-    # The costs and a slow inner fit do not change which strength predicts best.
-    rows = None if estimator.fit is None else estimator.fit.quick()
-
-    def errors(strength: float) -> Array:
-        """Return the squared errors (folds, n) of each fold, predicted from the others."""
-        fit, fold_errors = replace(estimator, strength=strength, costs=False, fit=rows), []
-        for k, part in enumerate(parts):
-            train_factors = merge_factors([*parts[:k], *parts[k + 1 :]])
-            regression = Regression(model, thin, selection.unfiltered).with_factors(train_factors)
-            fold_errors.append(part.residual(fit(Problem(model, thin, regression)).value))
-        return np.stack(fold_errors)
-
-    # The plain error is shared by all gains: without a prior, least squares with constraints.
-    plain = errors(0.0)
-    errors_by_strength = {strength: errors(strength) for strength in STRENGTHS}
-    gains = {strength: gain_from_errors(plain, with_prior) for strength, with_prior in errors_by_strength.items()}
-    best = max(gains, key=lambda candidate: gains[candidate].share)
-    # a single stretch, where the others excite little, is no evidence
-    holds = gain_without_best(plain, errors_by_strength[best]) > MIN_GAIN
-    return PriorStrength(best if gains[best].sure and holds else 0.0, gains[best])
-
-
-def with_strength(estimator: Estimator, prior: PriorStrength | None) -> Estimator:
-    """Return the estimator with the strength that was found."""
-    if prior is None or not isinstance(estimator, PhysicallyConsistent):
-        return estimator
-    return replace(estimator, strength=prior.strength)
-
-
 PLAIN_TERMS = (RotorInertia, Viscous, Coulomb, Offset)
 
 
@@ -359,6 +288,7 @@ def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> 
     return ChosenTerms(model, chosen_recipe, preliminary, motions[0].time_offset, absent, choice)
 
 
+MIN_GAIN = 1.0  # % of the squared cross-validated error that another alignment must remove
 MAX_ROUNDS = 2  # of terms and alignment in turn, after the first
 MAX_SAME_OFFSET, MAX_SAME_TILT = 2e-4, 5e-3  # s, rad: a smaller change of the alignment does not change the terms
 

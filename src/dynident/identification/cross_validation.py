@@ -59,19 +59,18 @@ def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion],
     return gain_from_errors(old, new)
 
 
-def gain_without_best(old: Array, new: Array) -> float:
-    """Return the gain (%) of ``gain_from_errors`` without the stretch of time that gains the most."""
+def gains_by_stretch(old: Array, new: Array) -> Array:
+    """Return what each stretch (folds) adds to the gain (%) where squared errors (folds, n) fall from old to new."""
     size = np.where(old.sum(axis=0) > 0, old.sum(axis=0), np.inf)
-    blocks = 100.0 * ((old - new) / size).mean(axis=1)
-    return float(blocks.sum() - blocks.max())
+    # Each joint relative to its own error.
+    return np.asarray(100.0 * ((old - new) / size).mean(axis=1))
 
 
 def gain_from_errors(old: Array, new: Array) -> Gain:
     """Return the gain where the squared errors (folds, n) of left-out stretches fall from ``old`` to ``new``."""
-    size = np.where(old.sum(axis=0) > 0, old.sum(axis=0), np.inf)
-    # Each joint relative to its own error; the spread over folds gives the standard error of the sum.
-    blocks = 100.0 * ((old - new) / size).mean(axis=1)
-    return Gain(float(blocks.sum()), float(np.sqrt(len(blocks)) * np.std(blocks, ddof=1)))
+    stretches = gains_by_stretch(old, new)
+    # The spread over the stretches gives the standard error of the sum.
+    return Gain(float(stretches.sum()), float(np.sqrt(len(stretches)) * np.std(stretches, ddof=1)))
 
 
 def left_out_errors(
@@ -252,9 +251,9 @@ def choose_by_joint(
             trials[i] = errors([*index[:j], i, *index[j + 1 :]])
         # of all others the best one is judged: neighbours differ by too little to be sure of each step on the way
         gains = {i: gain_from_errors(best, trial) for i, trial in trials.items()}
-        most = max(gains, key=lambda i: gains[i].share)
-        if gains[most].share >= max(MIN_JOINT_GAIN, MIN_JOINT_GAIN_ERRORS * gains[most].std):
-            index[j], best = most, trials[most]
+        i, gain = max(gains.items(), key=lambda entry: entry[1].share)
+        if gain.share >= max(MIN_JOINT_GAIN, MIN_JOINT_GAIN_ERRORS * gain.std):
+            index[j], best = i, trials[i]
     if len(set(index)) == 1:
         return replace(choice, smoother=choice.candidates[index[0]])
     factor = {joint.name: factors[i] for joint, i in zip(model.joints, index, strict=True)}

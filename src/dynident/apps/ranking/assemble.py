@@ -33,9 +33,9 @@ from dynident.apps.ranking.task import (
 )
 from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem, bodies_of, estimate_sizes
 from dynident.identification import SubstituteUsed, estimate_parameters, find_prior_strength
-from dynident.identification.calibration import with_strength
 from dynident.identification.cross_validation import keep_fold
 from dynident.identification.dataset import RoleMotions
+from dynident.identification.prior_strength import with_strength
 from dynident.identification.uncertainty import identifiability_of
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import SUBSTITUTE

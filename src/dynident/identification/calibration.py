@@ -289,7 +289,7 @@ def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> 
 
 
 MIN_GAIN = 1.0  # % of the squared cross-validated error that another alignment must remove
-MAX_ROUNDS = 2  # of terms and alignment in turn, after the first
+MAX_ROUNDS = 1  # of terms and alignment in turn, after the first
 MAX_SAME_OFFSET, MAX_SAME_TILT = 2e-4, 5e-3  # s, rad: a smaller change of the alignment does not change the terms
 
 

@@ -133,7 +133,13 @@ def align_motion(
             return candidates[0]
         nonlocal choice
         choice = choose_smoother(model, logs, candidates, motion_cache=known, executor=executor)
-        choice = choose_by_joint(model, logs, choice, known) if by_joint else choice
+        return choice.smoother
+
+    def smooth_by_joint(best: Smoother) -> Smoother:
+        nonlocal choice
+        if choice is None or not by_joint:
+            return best
+        choice = choose_by_joint(model, logs, choice, known)
         return choice.smoother
 
     if time_offset != "estimate":
@@ -142,7 +148,8 @@ def align_motion(
             if time_offset
             else smoothers
         )
-        return Alignment(choose(shifted_smoothers), choice)
+        best = smooth_by_joint(choose(shifted_smoothers))
+        return Alignment(best, choice)
     # Without an offset first: the smoother must be known before torque and motion can be aligned.
     best = choose(smoothers)
     earlier_offset = best.time_offset if isinstance(best, TimeShifted) else 0.0
@@ -162,6 +169,7 @@ def align_motion(
         best = choose(
             [TimeShifted(strip_time_offset(smoother), earlier_offset + estimate.seconds) for smoother in smoothers]
         )
+    best = smooth_by_joint(best)  # once, with the offset
     return Alignment(best, choice, replace(estimate, seconds=earlier_offset + estimate.seconds))
 
 

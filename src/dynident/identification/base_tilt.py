@@ -48,7 +48,8 @@ class BaseTilt(Note):
     error (%) ``before`` and ``after`` correction.
 
     ``gain`` is that of the best tilt in cross-validation, None where none is seen. A tilt that gains no more than one
-    standard error, or 2 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
+    standard error, or 2 %, is zero; so is one above 0.2 rad, which is then in ``steep``. The rotations of a base on its
+    side or over (``find_mounting``) are larger, and have no ``gain``.
     """
 
     severity = Severity.INFO

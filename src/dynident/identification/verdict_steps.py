@@ -209,10 +209,10 @@ class MoreRecordings(NextStep):
     logs: int
 
     def __str__(self) -> str:
-        now = "one recording is" if self.logs == 1 else f"{self.logs} recordings are"
+        motions = "a second motion" if self.logs == 1 else f"{self.logs} further motions"
         return (
-            f"Record {self.logs} more of other motions, as fast, and fit all together (`train`): {now} fitted, and "
-            f"twice as many halve the variance of the parameters.{self.gain_text()}"
+            f"Record {motions}, as fast as the training, and fit all together (`train`): twice as many recordings "
+            f"halve the variance of the parameters.{self.gain_text()}"
         )
 
 

@@ -115,9 +115,7 @@ def main() -> None:
     S = information(model, truth, runs[0][0], COUNT / np.sqrt(12), given.noise, substeps=1)
     least = informed_std(basis, S)
     logs = [recorded(*run, given.noise, given.colour, rng) for run, rng in zip(runs, rngs, strict=True)]
-    smoother = align_motion(
-        model, logs[:1], [Spline(factor=one) for one in NOISE_FACTORS], 0.5 / RATE, LeastSquares()
-    ).smoother
+    smoother = align_motion(model, logs[:1], [Spline(factor=one) for one in NOISE_FACTORS], 0.5 / RATE).smoother
     problems = [posed(model, log, smoother) for log in logs]
     for name, estimator in ESTIMATORS.items():
         tell(name, [judged(estimator, problem, truth, basis) for problem in problems], least, basis)

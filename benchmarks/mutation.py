@@ -205,8 +205,6 @@ class Coverage:
             tests = self._union(path, range(statement.lineno, last + 1))
         else:
             tests = self._union(path, self.by_line[path])
-        # the loop of the browser's tests would be in the way of others in one process
-        tests = {test for test in tests if not test.startswith("tests/browser")}
         return sorted(tests, key=lambda test: (self.size[test], test))[:MAX_TESTS]
 
     def _union(self, path: str, lines: Collection[int]) -> set[str]:
@@ -242,6 +240,14 @@ def digest(root: Path, *paths: str) -> str:
     return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 
+def limit_memory() -> None:
+    """Limit the memory of this process, where the system can: sanitizers and browsers of other tests need more."""
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
 class Copy:
     """A copy of the project in which one file at a time is changed."""
 
@@ -261,7 +267,7 @@ class Copy:
             settings = self.root / ".coveragerc"
             settings.write_text("[run]\nsource = dynident\nrelative_files = true\n", encoding="utf-8")
             options = ("--cov=dynident", "--cov-context=test", "--cov-report=", "-q", "--tb=short")
-            two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+            two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "--ignore=tests/browser")
             environment = self.environment | {"COVERAGE_FILE": str(file)}
             command = [sys.executable, "-m", "pytest", *two, *options]
             if subprocess.run(command, cwd=self.root, env=environment).returncode:
@@ -275,7 +281,10 @@ class Copy:
         command = [sys.executable, "-m", "pytest", *options, *tests]
         self.failed = ""
         try:
-            done = subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, timeout=MAX_TIME)
+            done = subprocess.run(
+                command, cwd=self.root, env=self.environment, capture_output=True, timeout=MAX_TIME,
+                preexec_fn=limit_memory,
+            )  # fmt: skip
         except subprocess.TimeoutExpired:
             return "too long"
         self.failed = " ".join(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout.decode(), re.MULTILINE))
@@ -390,10 +399,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="another seed, another sample")
     parser.add_argument("--out", type=Path, default=ROOT / "mutate-out" / "outcomes.jsonl", help="outcomes, to resume")
     given = parser.parse_args()
-    if sys.platform != "win32":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     show(*run(given.only, given.size, given.seed, given.out))
 
 

@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.estimators import LeastSquares
 from dynident.identification import Alignment, Gain, Recipe, align_motion, find_time_offset, identify
 from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
 from dynident.models import Model
@@ -44,7 +43,7 @@ def left(motion: Motion) -> float:
 @pytest.mark.parametrize("late", [-0.031, -0.004, -0.0006, 0.0018, 0.025])
 def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late: float) -> None:
     motion = sliding(late, 0.2)
-    found = find_time_offset(slider(), [motion], LeastSquares())
+    found = find_time_offset(slider(), [motion])
     assert found.seconds == pytest.approx(late, abs=1e-4)
     assert found.before == pytest.approx(left(motion), rel=0.02)
     assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
@@ -77,7 +76,7 @@ def test_an_error_that_is_not_known_is_not_the_least(unknown: float) -> None:
 
 def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:
     """Half a percent of the error decides, whatever the noise."""
-    small, large = (find_time_offset(slider(), [sliding(0.004, noise)], LeastSquares()) for noise in (60.0, 1.0))
+    small, large = (find_time_offset(slider(), [sliding(0.004, noise)]) for noise in (60.0, 1.0))
     assert small.seconds == 0.0
     assert small.after == small.before == pytest.approx(left(sliding(0.004, 60.0)), rel=0.02)
     assert large.seconds == pytest.approx(0.004, abs=3e-4)
@@ -85,7 +84,7 @@ def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:
 
 def test_two_hundred_samples_are_enough_for_an_offset() -> None:
     """Without those at the ends, which no trial may reach beyond."""
-    few, enough = (find_time_offset(slider(), [sliding(0.004, 0.01, n)], LeastSquares()) for n in (199, 300))
+    few, enough = (find_time_offset(slider(), [sliding(0.004, 0.01, n)]) for n in (199, 300))
     assert few.seconds == 0.0
     assert np.isnan([few.before, few.after]).all()
     assert enough.seconds == pytest.approx(0.004, abs=1e-4)
@@ -93,7 +92,7 @@ def test_two_hundred_samples_are_enough_for_an_offset() -> None:
 
 @pytest.mark.parametrize("late", [-0.09, 0.034])
 def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(late: float) -> None:
-    found = find_time_offset(slider(), [sliding(late, 0.2)], LeastSquares())
+    found = find_time_offset(slider(), [sliding(late, 0.2)])
     assert found.seconds == pytest.approx(late, abs=2e-4)
     assert "look for two clocks or a buffer" in str(found)
     assert "look for" not in str(replace(found, seconds=0.03))
@@ -102,15 +101,15 @@ def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(late: float) -> N
 @pytest.mark.parametrize("late", [-0.2, 0.12])
 def test_an_offset_beyond_the_range_is_none(late: float) -> None:
     motion = sliding(late, 0.2)
-    found = find_time_offset(slider(), [motion], LeastSquares())
+    found = find_time_offset(slider(), [motion])
     assert found.seconds == 0.0
     assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
 
 
 def test_the_unit_of_the_torque_does_not_matter() -> None:
     motion = sliding(0.004, 0.2)
-    small = find_time_offset(slider(), [replace(motion, tau=1e-9 * motion.tau)], LeastSquares())
-    whole = find_time_offset(slider(), [motion], LeastSquares())
+    small = find_time_offset(slider(), [replace(motion, tau=1e-9 * motion.tau)])
+    whole = find_time_offset(slider(), [motion])
     assert (small.seconds, small.before, small.after) == pytest.approx(
         (whole.seconds, whole.before, whole.after), rel=1e-4
     )
@@ -119,14 +118,14 @@ def test_the_unit_of_the_torque_does_not_matter() -> None:
 def test_a_log_of_one_usable_sample_is_left_out() -> None:
     motion = sliding(0.004, 0.2)
     lone = replace(motion, mask=np.arange(len(motion)) == 2000)
-    assert find_time_offset(slider(), [motion, lone], LeastSquares()).seconds == pytest.approx(0.004, abs=1e-4)
+    assert find_time_offset(slider(), [motion, lone]).seconds == pytest.approx(0.004, abs=1e-4)
 
 
 def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
     motion = sliding(0.004, 0.2)
     used = np.abs(np.arange(len(motion)) - 2000) > 50
     wrong = replace(motion, mask=used, tau=np.where(used[:, None], motion.tau, 1e4))
-    clean, found = (find_time_offset(slider(), [one], LeastSquares()) for one in (replace(motion, mask=used), wrong))
+    clean, found = (find_time_offset(slider(), [one]) for one in (replace(motion, mask=used), wrong))
     assert (found.seconds, found.std, found.after) == pytest.approx((clean.seconds, clean.std, clean.after), rel=1e-6)
     assert 0 < found.std < 1e-3
 
@@ -134,16 +133,13 @@ def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
 def test_what_is_too_slow_for_the_fit_does_not_count_in_the_error_of_an_offset() -> None:
     motion = sliding(0.004, 0.2)
     wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
-    clean, found = (
-        find_time_offset(slider(), [one], LeastSquares(), selection=Selection(min_speed=(0.2,)))
-        for one in (motion, wrong)
-    )
+    clean, found = (find_time_offset(slider(), [one], selection=Selection(min_speed=(0.2,))) for one in (motion, wrong))
     assert (found.seconds, found.std) == pytest.approx((clean.seconds, clean.std), rel=1e-3)
 
 
 def test_without_torque_there_is_no_error_and_no_offset() -> None:
     motion = sliding(0.004, 0.0)
-    found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)], LeastSquares())
+    found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)])
     assert (found.seconds, found.before, found.after) == (0.0, 0.0, 0.0)
 
 
@@ -176,7 +172,7 @@ def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
 def test_a_given_time_offset_is_used_as_it_is() -> None:
     arm, motion = swing()
     log = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
-    assert align_motion(arm, [log], [Spline()], 0.004, LeastSquares()) == Alignment(TimeShifted(Spline(), 0.004))
+    assert align_motion(arm, [log], [Spline()], 0.004) == Alignment(TimeShifted(Spline(), 0.004))
 
 
 def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,7 +184,7 @@ def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.
     ratios = []
     for seed in range(24):
         noise = 0.3 * np.random.default_rng(seed).standard_normal(motion.tau.shape)
-        found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
+        found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
         assert found.std is not None
         ratios.append(found.seconds / found.std)
     assert abs(np.mean(np.square(ratios)) - 1) < 5 * np.sqrt(2 / 24)
@@ -199,7 +195,7 @@ def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.Mo
     arm, motion = swing(1001, 0.01)
     noise = 0.3 * np.random.default_rng(2).standard_normal(motion.tau.shape)
     monkeypatch.setattr("dynident.identification.time_offset.MIN_ERROR_REDUCTION", -1.0)
-    found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
+    found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
     assert found.seconds == 0.0
     assert found.std is not None
     assert 0 < found.std < 0.1
@@ -217,7 +213,7 @@ def imitated(share: float) -> Motion:
 def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error of the training falls by far more than is asked for; that of left-out stretches does not."""
     monkeypatch.setattr("dynident.identification.time_offset.MIN_SIGNIFICANCE", 0.0)
-    part, whole = (find_time_offset(slider(), [imitated(share)], LeastSquares()) for share in (0.1, 1.0))
+    part, whole = (find_time_offset(slider(), [imitated(share)]) for share in (0.1, 1.0))
     assert part.gain is not None
     assert part.gain.share < part.gain.std
     assert (part.seconds, part.after) == (0.0, part.before)
@@ -229,16 +225,16 @@ def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatc
 def test_an_offset_is_compared_on_the_samples_that_are_fast_without_it() -> None:
     """So that none wins by what it leaves out."""
     motion = sliding(0.004, 0.2)
-    found = find_time_offset(slider(), [motion], LeastSquares(), selection=Selection(min_speed=(0.2,)))
+    found = find_time_offset(slider(), [motion], selection=Selection(min_speed=(0.2,)))
     keep = replace(motion, keep=np.abs(motion.dq) >= 0.2)
-    assert found == find_time_offset(slider(), [keep], LeastSquares())
+    assert found == find_time_offset(slider(), [keep])
 
 
 def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:
     """Of 4 ms where a repetition without offset shows 1.5 ms, 2.5 ms are left; where it shows all, none."""
     motion = sliding(0.004, 0.2)
     found, none = (
-        find_time_offset(slider(), [motion], LeastSquares(), repeat=lambda _, late=late: [[sliding(late, 0.2)]])
+        find_time_offset(slider(), [motion], repeat=lambda _, late=late: [[sliding(late, 0.2)]])
         for late in (0.0015, 0.00399)
     )
     assert found.seconds == pytest.approx(0.0025, abs=1e-4)
@@ -251,7 +247,7 @@ def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:
 def test_the_scatter_of_what_the_motion_invents_is_an_error_of_the_offset() -> None:
     """Two repetitions that show 3 ms of either sign have the mean zero +- 2.1 ms: 4 ms is no offset beside."""
     sets = [[sliding(late, 0.2)] for late in (-0.003, 0.003)]
-    found = find_time_offset(slider(), [sliding(0.004, 0.2)], LeastSquares(), repeat=lambda _: sets)
+    found = find_time_offset(slider(), [sliding(0.004, 0.2)], repeat=lambda _: sets)
     assert found.seconds == 0.0
     assert found.std == pytest.approx(0.003 / np.sqrt(2), rel=0.02)
 
@@ -260,7 +256,7 @@ def test_the_scatter_of_what_the_motion_invents_is_an_error_of_the_offset() -> N
 def test_an_invented_offset_beyond_the_range_leaves_none(late: float) -> None:
     motion = sliding(0.004, 0.2)
     sets = [[sliding(0.001, 0.2)], [sliding(late, 0.2)]]
-    found = find_time_offset(slider(), [motion], LeastSquares(), repeat=lambda _: sets)
+    found = find_time_offset(slider(), [motion], repeat=lambda _: sets)
     assert found.seconds == 0.0
     assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
 
@@ -269,7 +265,7 @@ def test_an_invented_offset_beyond_the_range_leaves_none(late: float) -> None:
 def test_what_is_left_of_an_offset_is_within_the_range_too(late: float, seconds: float) -> None:
     """Of 31 ms where a repetition shows some of the other sign, more is left: up to 32 ms."""
     sets = [[sliding(late, 0.2)]]
-    found = find_time_offset(slider(), [sliding(0.031, 0.2)], LeastSquares(), repeat=lambda _: sets)
+    found = find_time_offset(slider(), [sliding(0.031, 0.2)], repeat=lambda _: sets)
     assert found.seconds == pytest.approx(seconds, abs=1e-4)
     assert (found.after < found.before) == (seconds > 0)
 
@@ -277,8 +273,8 @@ def test_what_is_left_of_an_offset_is_within_the_range_too(late: float, seconds:
 def test_what_is_left_of_an_offset_must_remove_half_a_percent_itself() -> None:
     """The whole removes 0.7 %, what is left of it 0.4 %; both are far above their standard errors."""
     motion, invented = sliding(0.004, 5.0, 8000), sliding(0.002, 0.2, 8000)
-    whole = find_time_offset(slider(), [motion], LeastSquares())
-    rest = find_time_offset(slider(), [motion], LeastSquares(), repeat=lambda _: [[invented]])
+    whole = find_time_offset(slider(), [motion])
+    rest = find_time_offset(slider(), [motion], repeat=lambda _: [[invented]])
     assert 0.005 < 1 - whole.after / whole.before < 0.008
     assert (rest.seconds, rest.after) == (0.0, rest.before)
     assert rest.std is not None
@@ -290,7 +286,7 @@ def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
         pytest.fail("repeated for nothing")
 
     for motion in (sliding(0.0, 0.2), sliding(0.004, 6.0, 8000), sliding(0.2, 0.2)):
-        assert find_time_offset(slider(), [motion], LeastSquares(), repeat=repeat).seconds == 0.0
+        assert find_time_offset(slider(), [motion], repeat=repeat).seconds == 0.0
 
 
 def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:
@@ -298,7 +294,7 @@ def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(3)).log
     log = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.0033).q).window(0.1, 9.9)
     for start in (0.0033, 0.001):
-        found = align_motion(arm, [log], (TimeShifted(Spline(), start),), "estimate", LeastSquares())
+        found = align_motion(arm, [log], (TimeShifted(Spline(), start),), "estimate")
         assert isinstance(found.smoother, TimeShifted)
         assert found.smoother.smoother == Spline()
         assert found.time_offset is not None

@@ -275,9 +275,7 @@ class _CheckRun:
         clean = {
             role: [recipe.repair(log, torque=role == "train") for log in part] for role, part in valid_logs.items()
         }
-        alignment = align_motion(
-            self.model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN_ESTIMATOR, self.selection
-        )
+        alignment = align_motion(self.model, clean["train"], recipe.smoothers, recipe.time_offset, self.selection)
         if alignment.time_offset is not None:
             self.findings.append(Finding(alignment.time_offset))
         return {

@@ -148,12 +148,11 @@ class Preparation:
         gain = motion_gain(self.model, before, after)
         return gain.sure and gain.share > MIN_GAIN
 
-    def forget_load(self) -> Preparation:
-        """Return it without the terms that need a load, which a fit is to find."""
-        if not self.model.needs_load:
-            return self
-        model = drop_load_dependence(replace(self.model, load=None))
-        estimator = self.estimator.among(model.names)
+    def with_terms(self, model: Model, recipe: Recipe) -> Preparation:
+        """Return it with the terms of a model, without those that need a load, which a fit is to find."""
+        model, estimator = preliminary_setup(model, recipe)
+        if self.angles is not None:
+            model = tilt_base(model, *self.angles)
         return replace(self, model=model, estimator=estimator, motions=self.motions.remember(model))
 
 
@@ -172,8 +171,8 @@ def prepare(
     model, estimator = preliminary_setup(model, recipe)
     # Smoother and time offset come first: everything else depends on the smoothed motion.
     alignment = align_motion(
-        model, data.train_logs, recipe.smoothers, recipe.time_offset, estimator, selection, executor=executor,
-        cache=cache, by_joint=recipe.terms is None,
+        model, data.train_logs, recipe.smoothers, recipe.time_offset, selection, executor=executor, cache=cache,
+        by_joint=recipe.terms is None,
     )  # fmt: skip
     motions = data.motions(model, alignment.smoother, recipe)
     if recipe.base_tilt is None:
@@ -237,55 +236,26 @@ def steep_note(tilt: BaseTilt | None) -> tuple[Note, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ChosenTerms:
-    """A model and recipe with the terms that the data chose, and the calibration by which these were chosen."""
+    """A model and recipe with the terms that the data chose, and what the recipe names that was not chosen."""
 
     model: Model
     recipe: Recipe
-    preliminary: Calibration
-    time_offset: float
-    absent: tuple[NotChosen, ...]
     choice: TermChoice
+    absent: tuple[NotChosen, ...]
 
-    def complete(self, calibration: Calibration) -> Calibration:
-        """Return a calibration with these terms, and with what was found before they were chosen and not after."""
-        offset, before = calibration.time_offset, self.preliminary
-        if offset is None or offset.seconds == self.time_offset:
-            offset = before.time_offset
-        tilt = before.base_tilt if calibration.base_tilt is None else calibration.base_tilt
-        return replace(calibration, smoother=before.smoother, time_offset=offset, base_tilt=tilt, terms=before.terms)
-
-    def aligned_as(self, preparation: Preparation) -> ChosenTerms:
-        """Return these terms with the smoothing, time offset and base tilt of a preparation with them."""
-        alignment = preparation.alignment
-        calibration = replace(
-            self.preliminary, smoother=alignment.choice, time_offset=alignment.time_offset, base_tilt=preparation.tilt
-        )
-        recipe = replace(self.recipe, smoother=alignment.smoother, base_tilt=preparation.angles)
-        return replace(self, recipe=recipe, preliminary=calibration)
-
-    def notes(self, calibration: Calibration) -> tuple[Note, ...]:
-        """Return what is to be said of the choice, beside a calibration with the chosen terms."""
-        steep = steep_note(self.preliminary.base_tilt) if calibration.base_tilt is None else ()
-        tried = self.preliminary.terms is None or self.preliminary.terms.trials
-        return (*self.absent, *steep, *(() if tried else (PlainTerms(),)))
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is to be said of the choice."""
+        return self.absent if self.choice.trials else (*self.absent, PlainTerms())
 
 
 def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> ChosenTerms:
-    """Choose the terms of a model on prepared motions; return model and recipe with them.
-
-    The recipe keeps the smoother with its time offset, and a tilt that was found; one that was refused is tried again.
-    """
-    selection, motions = recipe.selection(model.joints), preparation.motions.train
-    choice = choose_model_terms(model, preparation.angles, motions, selection, recipe.proposed)
+    """Choose the terms of a model on prepared motions; return model and recipe with them."""
+    choice = choose_model_terms(
+        model, preparation.angles, preparation.motions.train, recipe.selection(model.joints), recipe.proposed
+    )
     model, chosen_recipe, absent = with_choice(model, recipe, choice)
-    angles = preparation.angles
-    chosen_recipe = replace(
-        chosen_recipe, smoother=preparation.alignment.smoother, proposed=(),
-        base_tilt=recipe.base_tilt if angles == (0.0, 0.0) else angles,
-    )  # fmt: skip
-    alignment = preparation.alignment
-    preliminary = Calibration(alignment.choice, alignment.time_offset, preparation.tilt, terms=choice)
-    return ChosenTerms(model, chosen_recipe, preliminary, motions[0].time_offset, absent, choice)
+    return ChosenTerms(model, replace(chosen_recipe, proposed=()), choice, absent)
 
 
 MIN_GAIN = 1.0  # % of the squared cross-validated error that another alignment must remove
@@ -303,20 +273,20 @@ def choose_in_rounds(
     cache: dict[int, tuple[Motion, ...]] = {}
     preparation = prepare(model, data, recipe, executor, cache)
     terms = add_chosen_terms(model, recipe, preparation)
-    settings = {name: getattr(recipe, name) for name in ("smoother", "time_offset", "base_tilt")}
     for _ in range(MAX_ROUNDS):
         # All is aligned anew by the terms that were chosen, with their load, and what no longer gains is dropped.
         load = terms.choice.load if terms.model.needs_load else None
-        aligned = prepare(replace(terms.model, load=load), data, replace(terms.recipe, **settings), executor, cache)
+        aligned = prepare(replace(terms.model, load=load), data, terms.recipe, executor, cache)
         if aligned.is_near(preparation):
-            return terms.aligned_as(aligned), aligned.forget_load()
+            preparation = aligned
+            break
         if not aligned.is_better(preparation):
             break
         other_terms = add_chosen_terms(model, recipe, aligned)
         if not other_terms.choice.error < terms.choice.error:
             break
         preparation, terms = aligned, other_terms
-    return terms, prepare(terms.model, data, terms.recipe, executor, cache)
+    return terms, preparation.with_terms(terms.model, terms.recipe)
 
 
 def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model, Recipe, tuple[NotChosen, ...]]:

@@ -81,7 +81,7 @@ def identify(
         fit = estimate_parameters(problem, setup.recipe.estimator, setup.alignment)
         calibration, notes = setup.calibration, setup.notes
         if terms is not None:
-            calibration, notes = terms.complete(calibration), (*notes, *terms.notes(calibration))
+            calibration, notes = replace(calibration, terms=terms.choice), (*notes, *terms.notes)
         return conclude(fit, data, setup.motions, setup.recipe, calibration, notes)
 
 

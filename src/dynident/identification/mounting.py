@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.estimators import Estimator
+from dynident.estimators import Estimate, Estimator, Problem
 from dynident.identification.time_offset import training_error
 from dynident.models import Model
 from dynident.motion.log import Motion
 from dynident.regression import EVERYTHING, Regression, Selection
-from dynident.runtime import ConfigError
+from dynident.runtime import ConfigError, call_part
 
 MIN_LEVEL_ERROR = 5.0  # %, of the training, below which the base is as the robot file has it
 MAX_ERROR_RATIO = 0.5  # of the errors with the best direction and with that of the file
@@ -53,7 +53,9 @@ def find_mounting(
 
     def error_of(mounting: tuple[float, float]) -> float:
         turned_model = tilt_base(model, *mounting)
-        return training_error(Regression(turned_model, tuple(motions), selection.unfiltered), estimator.quick())
+        regression = Regression(turned_model, tuple(motions), selection.unfiltered)
+        estimate = call_part(estimator.quick(), Problem(turned_model, regression.motions, regression), Estimate)
+        return training_error(regression.triangular_factors, estimate.value)
 
     level = error_of((0.0, 0.0))
     if level < MIN_LEVEL_ERROR:

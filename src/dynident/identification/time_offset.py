@@ -16,7 +16,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.identification.cross_validation import (
     Gain,
     SmootherChoice,
@@ -29,9 +28,9 @@ from dynident.identification.repetition import repeat_recordings
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
-from dynident.regression import EVERYTHING, Regression, Selection, fitted_mask, fitted_rows
+from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, fitted_mask, fitted_rows, rank_of
 from dynident.regression.whitening import long_run
-from dynident.runtime import Note, Severity, Step, call_part, percent, report_progress, short
+from dynident.runtime import Note, Severity, Step, percent, report_progress, short
 
 Array = NDArray[np.float64]
 MAX_ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
@@ -47,7 +46,6 @@ TRIAL_OFFSETS = (
 WIDE_OFFSETS = (*TRIAL_OFFSETS, 0.1, 0.15)  # s: those of a search beyond the usual range
 MAX_USUAL_OFFSET = TRIAL_OFFSETS[-2]  # s: what is later has another cause than filters and buses
 MIN_FILTER_LAG = 0.01  # s: shorter ones are of buses
-FLOOR_SHARE = 0.999  # share of the least error that rounding and the rank leave of it
 SEARCH_STEP, SLOPE_STEP = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 5, 0.1  # steps that refine the search, and in standard errors the last one
 EXPECTED_FITS = 50  # fits that the search takes where it finds an offset
@@ -112,7 +110,6 @@ def align_motion(
     logs: Sequence[Log],
     smoothers: Sequence[Smoother],
     time_offset: float | Literal["estimate"],
-    estimator: Estimator,
     selection: Selection = EVERYTHING,
     *,
     executor: Executor | None = None,
@@ -164,7 +161,7 @@ def align_motion(
     def repeat_motions(theta: Array) -> Iterable[Sequence[Motion]]:
         return repeat_recordings(model, excerpt_logs, motions, best, theta)
 
-    estimate = find_time_offset(model, motions, estimator, selection, repeat=repeat_motions)
+    estimate = find_time_offset(model, motions, selection, repeat_motions)
     if estimate.seconds:
         best = choose(
             [TimeShifted(strip_time_offset(smoother), earlier_offset + estimate.seconds) for smoother in smoothers]
@@ -176,11 +173,10 @@ def align_motion(
 def find_time_offset(
     model: Model,
     motions: Sequence[Motion],
-    estimator: Estimator,
     selection: Selection = EVERYTHING,
     repeat: Callable[[Array], Iterable[Sequence[Motion]]] = lambda _: (),
 ) -> TimeOffset:
-    """Find the time offset at which the estimator explains the unfiltered torque of the motions best.
+    """Find the time offset at which least squares explains the unfiltered torque of the motions best.
 
     It is sought within 32 ms, then within 100 ms (``WIDE_OFFSETS``). It is zero where it removes less than 0.5 % of
     the error, is below three standard errors, or gains no more than one standard error in cross-validation, as it
@@ -190,11 +186,10 @@ def find_time_offset(
     Noise in the motion, which is less between samples, and accelerations that a smoother attenuates can look like
     an offset. ``repeat`` (p to sets of motions) returns motions without an offset and their torque for the
     estimated parameters; the offset that is found in these is subtracted. Where it or the remainder is beyond the
-    range, the offset is zero. Raises the errors of ``Regression`` and the estimator.
+    range, the offset is zero. Raises the errors of ``Regression``.
     """
     usual, wide = (
-        partial(_find_within, trials, model, motions, estimator, selection, repeat)
-        for trials in (TRIAL_OFFSETS, WIDE_OFFSETS)
+        partial(_find_within, trials, model, motions, selection, repeat) for trials in (TRIAL_OFFSETS, WIDE_OFFSETS)
     )
     estimate = usual()
     if np.isnan(estimate.seconds):  # a buffer, or two clocks, delay it more than filters do
@@ -207,7 +202,6 @@ def _find_within(
     trials: tuple[float, ...],
     model: Model,
     motions: Sequence[Motion],
-    estimator: Estimator,
     selection: Selection,
     repeat: Callable[[Array], Iterable[Sequence[Motion]]],
 ) -> TimeOffset:
@@ -215,26 +209,29 @@ def _find_within(
     rows = subsample(motions, trial_samples(model), trials[-1])
     if sum(map(len, rows)) < MIN_SAMPLES:
         return TimeOffset(0.0, np.nan, np.nan)
-    quick_estimator, fits = estimator.quick(), count(1)
+    fits = count(1)
     # Which samples are slow is decided once: an error over other samples could not be compared.
     motions = _keep_fast(motions, selection)
+    aligned = Regression(model, _shift_motions(motions, rows, 0.0)).triangular_factors
+    fit = partial(fit_directions, directions=rank_of(aligned.stack(), model.parameters).determined_directions)
 
-    def errors_of(motions: Sequence[Motion]) -> tuple[Callable[[float], float], Callable[[float], float]]:
-        """Return the error at an offset, and a quick lower bound of it."""
-        at = cache(lambda time_offset: Regression(model, _shift_motions(motions, rows, time_offset)))
+    def error_of(motions: Sequence[Motion]) -> Callable[[float], float]:
+        """Return the training error as a function of the offset."""
 
+        @cache
         def error(time_offset: float) -> float:
             fit_number = next(fits)
             report_progress(Step("estimating the time offset", fit_number, max(fit_number, EXPECTED_FITS)))
-            return training_error(at(time_offset), quick_estimator)
+            triangular = Regression(model, _shift_motions(motions, rows, time_offset)).triangular_factors
+            return training_error(triangular, fit(triangular))
 
-        return error, lambda time_offset: FLOOR_SHARE * training_error(at(time_offset), LeastSquares())
+        return error
 
-    error, floor = errors_of(motions)
-    best, after, before = _minimise_error(error, trials, floor, trials)
+    error = error_of(motions)
+    best, after, before = _minimise_error(error, trials, trials)
     if np.isnan(best):
         return TimeOffset(np.nan, before, before)
-    refined, std = _refine_offset(model, motions, rows, best, quick_estimator)
+    refined, std = _refine_offset(model, motions, rows, best, fit)
     # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
     # slope gives is better, unless it fits clearly worse
     takes_slope = error(refined) < (1.0 + MIN_ERROR_REDUCTION) * after
@@ -244,15 +241,13 @@ def _find_within(
     if not after < (1.0 - MIN_ERROR_REDUCTION) * before or abs(best) < MIN_SIGNIFICANCE * std:
         return no_offset
     # The same search in repetitions with a known offset of zero shows what smoothing alone makes.
-    at = _shift_motions(motions, rows, best)
-    theta = call_part(quick_estimator, Problem(model, at, Regression(model, at)), Estimate).value
+    theta = fit(Regression(model, _shift_motions(motions, rows, best)).triangular_factors)
     spurious_offsets = []
     for repeated_motions in repeat(theta):
         fast = _keep_fast(repeated_motions, selection)
-        repeated_error, repeated_floor = errors_of(fast)
-        offset, *_ = _minimise_error(repeated_error, trials[:NEAREST_TRIALS], repeated_floor, trials)
+        offset, *_ = _minimise_error(error_of(fast), trials[:NEAREST_TRIALS], trials)
         if takes_slope and np.isfinite(offset):
-            offset, _ = _refine_offset(model, fast, rows, offset, quick_estimator)
+            offset, _ = _refine_offset(model, fast, rows, offset, fit)
         spurious_offsets.append(offset)
     if not np.isfinite(spurious_offsets).all():  # smoothing alone shows one beyond the range
         return no_offset
@@ -277,28 +272,24 @@ def _keep_fast(motions: Sequence[Motion], selection: Selection) -> list[Motion]:
 def _minimise_error(
     error: Callable[[float], float],
     trials: Sequence[float] = TRIAL_OFFSETS,
-    floor: Callable[[float], float] = lambda _: 0.0,
     all_trials: Sequence[float] = TRIAL_OFFSETS,
 ) -> tuple[float, float, float]:
     """Return the offset of least error, nan beyond the range, its error, and the error without offset.
 
-    It lies next to the best of the trials; where that is the last, ``all_trials`` are tried. ``floor`` is quick, and
-    never above the error.
+    It lies next to the best of the trials; where that is the last, ``all_trials`` are tried.
     """
     from scipy.optimize import minimize_scalar
 
-    errors = _evaluate_trials(
-        error, floor, [sign * trial for trial in trials for sign in ((-1.0, 1.0) if trial else (1.0,))]
-    )
+    errors = {side * trial: error(side * trial) for trial in trials for side in ((-1.0, 1.0) if trial else (1.0,))}
     # Start from the best trial; Brent's method then needs a bracket around it.
     best, before = min(errors, key=lambda trial: errors[trial]), errors[0.0]
     if abs(best) == trials[-1]:
         is_last = trials is all_trials
-        return (np.nan, before, before) if is_last else _minimise_error(error, all_trials, floor, all_trials)
+        return (np.nan, before, before) if is_last else _minimise_error(error, all_trials, all_trials)
 
     def squared_error(x: float) -> float:  # nearly a parabola, of which a few values are enough
         trial = start.get(x, float(x) - 1.0)
-        errors[trial] = errors[trial] if trial in errors else error(trial)
+        errors[trial] = error(trial)
         return errors[trial] ** 2
 
     ordered = sorted(errors)
@@ -308,25 +299,6 @@ def _minimise_error(
         minimize_scalar(squared_error, tuple(start), method="brent", options={"xtol": SEARCH_STEP})
         best = float(min(errors, key=lambda trial: errors[trial]))
     return (best, errors[best], before) if abs(best) <= all_trials[-2] else (np.nan, before, before)
-
-
-def _evaluate_trials(
-    error: Callable[[float], float], floor: Callable[[float], float], trials: Sequence[float]
-) -> dict[float, float]:
-    """Return the errors of the best trial, of its neighbours and of offset zero; of the others the floor.
-
-    The floors that remain are above the best error, so that these trials cannot be better.
-    """
-    errors = {trial: floor(trial) for trial in trials}
-    ordered, exact = sorted(errors), set[float]()
-    # Evaluate only trials whose lower bound is below the best error so far.
-    while True:
-        best = min(errors, key=lambda trial: errors[trial])
-        k = ordered.index(best)
-        if not (pending := [offset for offset in (best, 0.0, *ordered[max(k - 1, 0) : k + 2]) if offset not in exact]):
-            return errors
-        errors[pending[0]] = error(pending[0])
-        exact.add(pending[0])
 
 
 def _shift_motions(
@@ -340,11 +312,11 @@ def _refine_offset(
     motions: Sequence[Motion],
     rows: Sequence[NDArray[np.intp]],
     best: float,
-    estimator: Estimator,
+    fit: Callable[[TriangularFactors], Array],
 ) -> tuple[float, float]:
     """Return the offset (s) next to the best at which f' is zero, and its standard error; inf where there is none.
 
-    With f half the sum of squares e'e that the estimator leaves, a step of Newton's method is -f' / f'', and the
+    With f half the sum of squares e'e that the ``fit`` leaves, a step of Newton's method is -f' / f'', and the
     standard error is sqrt(S) / f'', with S the long-run covariance of the samples' shares in f'. Derivatives are
     differences over a few ms, over which noise in the motion counts for nothing.
     """
@@ -354,7 +326,7 @@ def _refine_offset(
     offset, std = best, np.inf
     for _ in range(MAX_NEWTON_STEPS):
         forward, central, backward = (
-            _squared_residuals(model, _shift_motions(motions, rows, offset + side * h), estimator)
+            _squared_residuals(model, _shift_motions(motions, rows, offset + side * h), fit)
             for side in (1.0, 0.0, -1.0)
         )
         # Second difference for the curvature, central differences of the samples for the scores.
@@ -373,17 +345,28 @@ def _refine_offset(
     return offset, std
 
 
-def _squared_residuals(model: Model, motions: tuple[Motion, ...], estimator: Estimator) -> list[Array]:
+def _squared_residuals(
+    model: Model, motions: tuple[Motion, ...], fit: Callable[[TriangularFactors], Array]
+) -> list[Array]:
     """Return the squared residual torque, summed over the joints, for each motion (N)."""
-    value = call_part(estimator, Problem(model, motions, Regression(model, motions)), Estimate).value
+    value = fit(Regression(model, motions).triangular_factors)
     residuals = [motion.tau - model.torque(**motion.states(), theta=value) for motion in motions]
     return [np.square(e * fitted_mask(motion)).sum(axis=1) for e, motion in zip(residuals, motions, strict=True)]
 
 
-def training_error(regression: Regression, estimator: Estimator) -> float:
-    """Return the relative error (%) of the fit to the regression's own rows."""
-    triangular = regression.triangular_factors
-    value = call_part(estimator, Problem(regression.model, regression.motions, regression), Estimate).value
+def fit_directions(triangular: TriangularFactors, directions: Array) -> Array:
+    """Return the parameters (p) of least squares, sought along the directions (p, r) alone.
+
+    Directions that the data do not determine would be fitted to noise, and a rank takes longer than this fit.
+    """
+    from scipy.linalg import lstsq
+
+    factor = triangular.stack()
+    return np.asarray(directions @ lstsq(factor[:, :-1] @ directions, factor[:, -1], lapack_driver="gelsy")[0])
+
+
+def training_error(triangular: TriangularFactors, value: Array) -> float:
+    """Return the relative error (%) of parameters (p) on the rows of triangular factors."""
     torque = float(np.square(triangular.factors[:, :, -1]).sum())
     return 100.0 * float(np.sqrt(triangular.residual(value).sum() / torque)) if torque > 0 else 0.0
 

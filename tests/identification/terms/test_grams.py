@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.grams import Folds, JointGrams, eliminate_columns, transfer_gains, try_groups
+from dynident.identification.terms.grams import (
+    CandidateGrams,
+    Folds,
+    JointGrams,
+    eliminate_columns,
+    transfer_gains,
+    try_groups,
+)
 
 Array = NDArray[np.float64]
 F, N = 4, 400
@@ -37,7 +44,7 @@ NONE = (np.zeros((F, 2, 2)), np.zeros((F, 2)))
 
 def test_errors_are_those_of_least_squares_on_the_rows() -> None:
     X, y, grams = problem()
-    found = try_groups(grams, folds(), NONE, [0], [[[1]], [[2]], [[1, 2]], [[1], [2]]], weight=3.0)
+    found = try_groups(CandidateGrams(grams, NONE, 3.0), folds(), [0], [[[1]], [[2]], [[1, 2]], [[1], [2]]])
     for fold in range(F):
         assert found.before[fold] == pytest.approx(error(X[:, [0, 1, 2]], y, fold), rel=1e-5)
         expected = [error(X[:, [0, 1, 2, *more]], y, fold) for more in ([3], [4], [3, 4], [4])]
@@ -50,7 +57,7 @@ def test_errors_are_those_of_least_squares_on_the_rows() -> None:
 def test_columns_with_known_coefficients_are_judged_beside_a_fit_of_all_else() -> None:
     X, y, grams = problem()
     known = np.array([[0.8], [0.5], [0.0], [-1.0]])  # of column 4, whose true coefficient is 0.8
-    gains, before = transfer_gains(grams, folds(), folds().test, NONE, [0], ([[2]] * F, known), weight=2.0)
+    gains, before = transfer_gains(CandidateGrams(grams, NONE, 2.0), folds(), folds().test, [0], ([[2]] * F, known))
     for fold in range(F):
         other = y - X[:, 4] * known[fold]
         assert before[fold] == pytest.approx(error(X[:, [0, 1, 2]], y, fold), rel=1e-5)
@@ -63,7 +70,7 @@ def test_others_count_as_rows() -> None:
     X, y, grams = problem()
     more = np.random.default_rng(0).normal(size=(50, 3)) @ np.diag([10.0, 10.0, 1.0])
     rest = np.tile(more[:, :2].T @ more[:, :2], (F, 1, 1)), np.tile(more[:, :2].T @ more[:, 2], (F, 1))
-    found = try_groups(grams, folds(), rest, [0, 1, 2], [[[3]]], weight=1.0)
+    found = try_groups(CandidateGrams(grams, rest, 1.0), folds(), [0, 1, 2], [[[3]]])
     block, wide = np.arange(N) * F // N, np.zeros((50, 6))
     wide[:, :2] = more[:, :2]
     for fold in range(F):
@@ -76,7 +83,7 @@ def test_a_dependent_column_is_not_seen() -> None:
     X, y, _ = problem()
     rows = np.column_stack([X[:, :3], X[:, 1] - X[:, 2], y]).reshape(F, 1, N // F, 5)
     grams = JointGrams(np.swapaxes(rows, 2, 3) @ rows, np.eye(2))
-    found = try_groups(grams, folds(), NONE, [0], [[[1]]], weight=1.0)
+    found = try_groups(CandidateGrams(grams, NONE, 1.0), folds(), [0], [[[1]]])
     assert not found.independent.any()
 
 

@@ -153,7 +153,7 @@ class Task(Noun):
             return Alignment(self.recipe.smoothers[0], None, self.offset)
         late: float | Literal["estimate"] = self.time_offset if self.offset is None else "estimate"
         logs, selection = self.logs.train_logs, self.recipe.selection(self.model.joints)
-        return align_motion(self.model, logs, parts, late, self.recipe.estimator, selection)
+        return align_motion(self.model, logs, parts, late, selection)
 
     @cached_property
     def fitted_masks(self) -> Mapping[str, Mapping[str, Mask]]:

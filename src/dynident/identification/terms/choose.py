@@ -24,6 +24,7 @@ from dynident.identification.terms.candidates import (
     largest_lines,
 )
 from dynident.identification.terms.grams import (
+    CandidateGrams,
     Folds,
     JointGrams,
     Normal,
@@ -217,10 +218,10 @@ class _TermSelection:
                     continue
                 # Dry friction and offset first, the rest anew: sizes of an earlier pass were chosen with another load.
                 search.entered = search.entries(PLAIN_KINDS[:3]) + self._ripples_of(j, search)
-                other_normals = other_joint_normals(normals, j, self._precision, search.grams.acts)
-                search.forward(other_normals)
-                search.backward(other_normals)
-                search.exchange(other_normals)
+                candidates = search.beside(other_joint_normals(normals, j, self._precision, search.grams.acts))
+                search.forward(candidates)
+                search.backward(candidates)
+                search.exchange(candidates)
                 normals[j] = search.normal
             entered = [[(search.groups.index(x.group), x.size) for x in search.entered] for search in searches]
             self._pool(searches)
@@ -260,9 +261,8 @@ class _TermSelection:
         """Return the cross-validated errors (%) of the joints."""
         normals, errors = [search.normal for search in searches], list[float]()
         for j, search in enumerate(searches):
-            squared_error = max(
-                float(search.errors(other_joint_normals(normals, j, self._precision, search.grams.acts)).sum()), 0.0
-            )  # of nothing
+            candidates = search.beside(other_joint_normals(normals, j, self._precision, search.grams.acts))
+            squared_error = max(float(search.errors(candidates).sum()), 0.0)  # of nothing
             used = self.rows[j].usable & (self.block >= 0)
             squared_torque = float(np.square(self.samples.tau[used, j]).sum()) or 1.0
             errors.append(100.0 * (squared_error / squared_torque) ** 0.5)
@@ -362,7 +362,7 @@ class _TermSelection:
             entered = renumber_columns(searches[j].entered)
             grams = self._grams(rows, columns[j])
             searches[j] = search = replace(searches[j], grams=grams, groups=(group,), entered=list(entered), trials={})
-            search.forward(self._other_normals(searches, j))
+            search.forward(search.beside(self._other_normals(searches, j)))
             self.trials[j] |= search.trials
             if len(search.entered) == len(entered):
                 return
@@ -378,7 +378,7 @@ class _TermSelection:
         # The other joints enter by their normal matrices; those of the motor are in its own search.
         others = [search for j, search in enumerate(searches) if j not in on]
         n_before = len(coupled_search.entered)
-        coupled_search.forward(self._other_normals([coupled_search, *others], 0))
+        coupled_search.forward(coupled_search.beside(self._other_normals([coupled_search, *others], 0)))
         self.trials[on[0]] |= coupled_search.trials
         for j in on:
             self.ripples[j] += [
@@ -395,14 +395,14 @@ class _TermSelection:
         label = np.digitize(speed, TRIAL_SPEEDS)
         F, C = self.samples.blocks, len(TRIAL_SPEEDS) + 1
         grams = rows.grams(columns[j][joint_search.columns], self.block, label, (F, C))
-        other_normals, eye = self._other_normals(searches, j), np.eye(F)
-        errors = []
+        candidates = CandidateGrams(grams, self._other_normals(searches, j), joint_search.weight)
+        eye, errors = np.eye(F), []
         for k in range(C):
             fast = (np.arange(C) >= k).astype(float)
             # All samples are predicted, also the slow ones that are left out of the fit.
             folds = Folds((1.0 - eye)[:, :, None] * fast, eye[:, :, None] * np.ones(C), np.arange(F))
             columns_used = range(len(joint_search.columns))
-            errors.append(try_groups(grams, folds, other_normals, columns_used, (), joint_search.weight).before)
+            errors.append(try_groups(candidates, folds, columns_used, ()).before)
         gains = [gain_share(errors[0] - error, errors[0]) for error in errors]
         best = int(np.argmax([gain for gain, _ in gains]))
         gain, std = gains[best]

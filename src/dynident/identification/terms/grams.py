@@ -56,17 +56,58 @@ class JointGrams(Noun):
         reduced_grams[..., k:, :k] = np.swapaxes(reduced_grams[..., :k, k:], -1, -2)
         return reduced_grams
 
-    def fold_sums(self, folds: Folds) -> tuple[Array, Array]:
-        """Return the sums (T, c, c) of these matrices over the training rows and over the test rows of each fold."""
-        if folds not in self._sums:
-            self._sums[folds] = (
-                weighted_sums(folds.train, self.parameter_grams),
-                weighted_sums(folds.test, self.parameter_grams),
-            )
-        return self._sums[folds]
+    def fold_sums(self, weights: Array) -> Array:
+        """Return the sums (T, c, c) of these matrices with ``weights`` (T, F, C); those of the same array are kept."""
+        if id(weights) not in self._sums:
+            self._sums[id(weights)] = weights, weighted_sums(weights, self.parameter_grams)
+        return self._sums[id(weights)][1]
 
     @cached_property
-    def _sums(self) -> dict[Folds, tuple[Array, Array]]:
+    def _sums(self) -> dict[int, tuple[Array, Array]]:
+        return {}
+
+
+class CandidateGrams(Noun):
+    """Gram matrices of the candidates of one joint and its torque, with the parameters of the model eliminated.
+
+    ``joint_grams`` are those of the joint, whose rows have a ``weight``; ``other_normals`` are normal matrices
+    (S, k, k) and right sides (S, k) of the parameters that act on it, from all other joints and the prior. What a
+    candidate gains is then found in few columns, however many parameters the bodies have.
+    """
+
+    joint_grams: JointGrams
+    other_normals: tuple[Array, Array]
+    weight: float
+
+    def train(self, folds: Folds) -> tuple[Array, Array]:
+        """Return the matrices (T, m + 1, m + 1) of the training rows, and their diagonals before (T, m + 1)."""
+        if folds not in self._reduced:
+            k, G = len(self.joint_grams.acts), self.joint_grams.fold_sums(folds.train)
+            M, right = G[:, :k, :k].copy(), G[:, :k, k:].copy()
+            M += self.other_normals[0][folds.other_joints] / self.weight
+            right[:, :, -1] += self.other_normals[1][folds.other_joints] / self.weight
+            shares = np.linalg.solve(add_ridge(M), right)
+            schur = G[:, k:, k:] - np.swapaxes(right, 1, 2) @ shares
+            self._reduced[folds] = shares, schur, np.einsum("tii->ti", G[:, k:, k:])
+        return self._reduced[folds][1:]
+
+    def test(self, folds: Folds, weights: Array) -> Array:
+        """Return the matrices (T, m + 1, m + 1) of rows with ``weights`` (T, F, C), less what the fit of the folds
+        explains of them by the eliminated parameters."""
+        if (folds, id(weights)) not in self._tested:
+            self.train(folds)
+            k, H, shares = len(self.joint_grams.acts), self.joint_grams.fold_sums(weights), self._reduced[folds][0]
+            cross = np.swapaxes(shares, 1, 2) @ H[:, :k, k:]
+            residual = H[:, k:, k:] - cross - np.swapaxes(cross, 1, 2)
+            self._tested[folds, id(weights)] = residual + np.swapaxes(shares, 1, 2) @ H[:, :k, :k] @ shares
+        return self._tested[folds, id(weights)]
+
+    @cached_property
+    def _reduced(self) -> dict[Folds, tuple[Array, Array, Array]]:
+        return {}
+
+    @cached_property
+    def _tested(self) -> dict[tuple[Folds, int], Array]:
         return {}
 
 
@@ -102,44 +143,36 @@ def weighted_sums(weights: Array, grams: Array) -> Array:
     return (weights.reshape(len(weights), -1) @ grams.reshape(-1, size * size)).reshape(-1, size, size)
 
 
-def add_ridge(M: Array, share: float = RIDGE_SHARE) -> Array:
-    """Return square matrices with a small share of their diagonals added, so that they can be solved."""
-    diagonal = np.einsum("...ii->...i", M)
-    return np.asarray(M + (share * diagonal + np.finfo(float).tiny)[..., None] * np.eye(M.shape[-1]))
+def add_ridge(M: Array, diagonal: Array | None = None) -> Array:
+    """Return square matrices with a small share of their ``diagonal``, or of another, added, so that they can be
+    solved."""
+    diagonal = np.einsum("...ii->...i", M) if diagonal is None else diagonal
+    return np.asarray(M + (RIDGE_SHARE * diagonal + np.finfo(float).tiny)[..., None] * np.eye(M.shape[-1]))
 
 
 def try_groups(
-    joint_grams: JointGrams,
-    folds: Folds,
-    other_normals: tuple[Array, Array],
-    columns: Sequence[int],
-    groups: Sequence[Sequence[Sequence[int]]],
-    weight: float,
+    candidates: CandidateGrams, folds: Folds, columns: Sequence[int], groups: Sequence[Sequence[Sequence[int]]]
 ) -> TrialFits:
     """Return the fit of each group of columns beside the chosen ``columns`` in each fold.
 
     A group is a sequence of sizes, each a sequence of as many columns; the size of least error on the training
-    rows is tested. ``other_normals`` are normal matrices (S, k, k) and right sides (S, k) of the parameters that
-    act on this joint, from all other joints and the prior; ``weight`` is that of the rows of this one.
+    rows is tested.
     """
-    k, m = len(joint_grams.acts), joint_grams.grams.shape[-1] - len(joint_grams.maps) - 1
-    flat = sorted({i for sizes in groups for size in sizes for i in size})
-    base, pool, y = [*range(k), *(k + i for i in columns)], [k + i for i in flat], k + m
-    G, H = joint_grams.fold_sums(folds)
+    flat, base, y = sorted({i for sizes in groups for size in sizes for i in size}), list(columns), -1
+    (G, diagonal), H = candidates.train(folds), candidates.test(folds, folds.test)
     # One solve per fold for the fit and for all candidates at once: these are further right sides.
-    M, right = G[:, base][:, :, base], G[:, base][:, :, [y, *pool]]
-    M[:, :k, :k] += other_normals[0][folds.other_joints] / weight
-    right[:, :k, 0] += other_normals[1][folds.other_joints] / weight
-    solved = np.linalg.solve(add_ridge(M), right)
+    M, right = G[:, base][:, :, base], G[:, base][:, :, [y, *flat]]
+    solved = np.linalg.solve(add_ridge(M, diagonal[:, base]), right)
     x, X = solved[..., 0], np.asarray(solved[..., 1:], dtype=float)
     # the residual is y - base x; a unit of a candidate adds base X less its own column
-    Hb, Hc = H[:, base][:, :, base], H[:, base][:, :, pool]
+    Hb, Hc = H[:, base][:, :, base], H[:, base][:, :, flat]
     residual_products = H[:, base, y] - np.einsum("tij,tj->ti", Hb, x)
     before = H[:, y, y] - np.einsum("ti,ti->t", x, H[:, base, y] + residual_products)
     candidate_fit = _CandidateFit(
-        pull=G[:, pool, y] - np.einsum("tik,ti->tk", right[..., 1:], x),
-        slope=np.einsum("tik,ti->tk", X, residual_products) - (H[:, pool, y] - np.einsum("tik,ti->tk", Hc, x)),
+        pull=G[:, flat, y] - np.einsum("tik,ti->tk", right[..., 1:], x),
+        slope=np.einsum("tik,ti->tk", X, residual_products) - (H[:, flat, y] - np.einsum("tik,ti->tk", Hc, x)),
         before=before,
+        diagonal=diagonal,
         G=G,
         H=H,
         B=right[..., 1:],
@@ -149,7 +182,7 @@ def try_groups(
     )
     place = {i: n for n, i in enumerate(flat)}
     group_fits = [
-        candidate_fit.fit_group(np.array([[place[i] for i in size] for size in sizes]), np.array(pool))
+        candidate_fit.fit_group(np.array([[place[i] for i in size] for size in sizes]), np.array(flat))
         for sizes in groups
     ]
     after, best, values, independent = zip(*group_fits, strict=True) if group_fits else ((), (), (), ())
@@ -167,7 +200,8 @@ class _CandidateFit(Noun):
     """The state of a fit in T folds beside which P candidates are tried.
 
     ``pull`` (T, P) is the product of the candidates with the residual of the training rows, ``slope`` the
-    derivative of the test error ``before`` (T). ``G`` and ``H`` (T, c, c) are the Gram matrices of both; ``B``
+    derivative of the test error ``before`` (T). ``G`` and ``H`` (T, c, c) are the Gram matrices of both, ``diagonal``
+    (T, c) that of the columns themselves; ``B``
     and ``Hc`` (T, k, P) the products of the k columns of the fit with the candidates, ``X`` the regressions of
     the candidates on these columns, and ``HX`` the products with what X leaves.
     """
@@ -175,6 +209,7 @@ class _CandidateFit(Noun):
     pull: Array
     slope: Array
     before: Array
+    diagonal: Array
     G: Array
     H: Array
     B: Array
@@ -191,7 +226,7 @@ class _CandidateFit(Noun):
         """
         rows, columns = pool[at][:, :, None], pool[at][:, None, :]
         candidate_gram, X = self.G[:, rows, columns], self.X[:, :, at]
-        diagonal = np.einsum("tskk->tsk", candidate_gram)
+        diagonal = self.diagonal[:, pool[at]]
         # Schur complement of the candidate columns: their Gram matrix less what the columns of the fit explain.
         S = candidate_gram - _products(self.B[:, :, at], X)
         S += (RIDGE_SHARE * diagonal + np.finfo(float).tiny)[..., None] * np.eye(at.shape[1])
@@ -210,34 +245,26 @@ class _CandidateFit(Noun):
 
 
 def transfer_gains(
-    joint_grams: JointGrams,
+    candidates: CandidateGrams,
     folds: Folds,
     test: Array,
-    other_normals: tuple[Array, Array],
     columns: Sequence[int],
     known: tuple[Sequence[Sequence[int]], Array],
-    weight: float,
 ) -> tuple[Array, Array]:
     """Return by how much columns with known coefficients lower the squared errors (T), and these errors without them.
 
     All else is fitted to the training rows of ``folds``, with them and without; ``test`` (T, F, C) weighs the rows that
     are judged. ``known`` are the columns of each fold, and their coefficients (T, w), found elsewhere.
     """
-    k, y = len(joint_grams.acts), joint_grams.parameter_grams.shape[-1] - 1
-    base = [*range(k), *(k + i for i in columns)]
-    G, _ = joint_grams.fold_sums(folds)
-    H = weighted_sums(test, joint_grams.parameter_grams)
+    (G, diagonal), H, base = candidates.train(folds), candidates.test(folds, test), list(columns)
+    M = add_ridge(G[:, base][:, :, base], diagonal[:, base])
     gains, before = np.zeros(len(G)), np.zeros(len(G))
-    for t, (fold_columns, coefficients) in enumerate(zip(*known, strict=True)):
-        added = [k + i for i in fold_columns]
-        M, right = G[t][np.ix_(base, base)].copy(), G[t][np.ix_(base, [y, *added])]
-        M[:k, :k] += other_normals[0][folds.other_joints[t]] / weight
-        right[:k, 0] += other_normals[1][folds.other_joints[t]] / weight
-        solved = np.linalg.solve(add_ridge(M), right)
+    for t, (added, coefficients) in enumerate(zip(*known, strict=True)):
+        solved = np.linalg.solve(M[t], G[t][np.ix_(base, [-1, *added])])
         errors = []
         for gamma in (np.zeros(len(added)), coefficients):
             residual = np.zeros(len(H[t]))
-            residual[y], residual[added] = 1.0, -gamma
+            residual[-1], residual[list(added)] = 1.0, -gamma
             residual[base] = -(solved[:, 0] - solved[:, 1:] @ gamma)
             errors.append(residual @ H[t] @ residual)
         before[t], gains[t] = errors[0], errors[0] - errors[1]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.identification.terms.candidates import CandidateKind, Setting, TermTrial, TrialOutcome
 from dynident.identification.terms.grams import (
+    CandidateGrams,
     Folds,
     JointGrams,
     Normal,
@@ -130,8 +131,7 @@ class JointSearch:
     """The search on one ``joint``: its ``grams``, ``groups``, ``division`` of samples and ``weight``.
 
     ``shares`` is on what share of the other joints a kind has entered before: joints of an arm have like friction.
-    ``entered`` is what has entered so far. Methods take the normal matrices ``other_normals`` from all other
-    joints.
+    ``entered`` is what has entered so far. Methods take the ``candidates`` beside all other joints.
     """
 
     joint: str
@@ -155,16 +155,20 @@ class JointSearch:
         """The normal matrices of the model's parameters from the equations of this joint."""
         return normal_matrices(self.grams, self.columns, self.division.train, self.weight)
 
+    def beside(self, other_normals: Normal) -> CandidateGrams:
+        """Return the candidates beside the normal matrices of all other joints."""
+        return CandidateGrams(self.grams, other_normals, self.weight)
+
     def entries(self, names: Collection[str]) -> list[TermEntry]:
         """Return the groups of the kinds with these names, each in its first size."""
         return [TermEntry(group, 0) for group in self.groups if group.kind.name in names]
 
-    def forward(self, other_normals: Normal) -> None:
+    def forward(self, candidates: CandidateGrams) -> None:
         """Add the best group, or a simpler one within a standard error of it, until none is good enough."""
         while len(self.entered) < MAX_TERMS:
             entered_names = {candidate.group.kind.name for candidate in self.entered}
             groups = [candidate for candidate in self.groups if candidate.kind.name not in entered_names]
-            results = self._try_groups(other_normals, groups)
+            results = self._try_groups(candidates, groups)
             ranked = sorted(
                 results,
                 key=lambda candidate: (candidate.trial.outcome is not TrialOutcome.NOT_EXCITED, candidate.trial.gain),
@@ -173,7 +177,7 @@ class JointSearch:
             self.trials |= {candidate.trial.kind: candidate.trial for candidate in ranked}
             good = [
                 candidate
-                for candidate in self._retry_best(other_normals, results)
+                for candidate in self._retry_best(candidates, results)
                 if candidate.trial.outcome is TrialOutcome.ENTERED
             ]
             if not good:
@@ -187,9 +191,9 @@ class JointSearch:
             simplest = next(candidate for candidate in good if candidate is best or _is_as_good(candidate, best))
             self.entered.append(simplest.entered)
             # The new term changes which widths of the others are best.
-            self._resize(other_normals)
+            self._resize(candidates)
 
-    def _retry_best(self, other_normals: Normal, results: list[_TrialResult]) -> list[_TrialResult]:
+    def _retry_best(self, candidates: CandidateGrams, results: list[_TrialResult]) -> list[_TrialResult]:
         """Return the results, after a second look at the best where faster motion refutes it and the blocks do not.
 
         The sizes of the entered groups were fitted without it, and may be wrong for that reason alone.
@@ -203,20 +207,20 @@ class JointSearch:
             return results
         # Enter it tentatively, let the sizes settle, and judge it once more beside these.
         tentative = replace(self, entered=[*self.entered, best.entered], trials={})
-        tentative._resize(other_normals)
+        tentative._resize(candidates)
         *other_entries, candidate = tentative.entered
         alone = TermGroup(candidate.group.kind, (candidate.term,), (candidate.columns,))
-        (retry,) = replace(self, entered=other_entries, trials={})._try_groups(other_normals, [alone])
+        (retry,) = replace(self, entered=other_entries, trials={})._try_groups(candidates, [alone])
         if retry.trial.outcome is not TrialOutcome.ENTERED:
             return results
         self.trials[retry.trial.kind] = retry.trial
         return [replace(retry, entered=best.entered)]
 
-    def backward(self, other_normals: Normal) -> None:
+    def backward(self, candidates: CandidateGrams) -> None:
         """Remove, one by one, the terms that others have made needless."""
         while self.entered:
             trials = [
-                (entry, self._without(other_normals, entry))
+                (entry, self._without(candidates, entry))
                 for entry in self.entered
                 if entry.group.kind.name not in PERMANENT_KINDS
             ]
@@ -227,7 +231,7 @@ class JointSearch:
             self.entered.remove(entry)
             self.trials[trial.kind] = replace(trial, outcome=TrialOutcome.REDUNDANT)
 
-    def _resize(self, other_normals: Normal) -> None:
+    def _resize(self, candidates: CandidateGrams) -> None:
         """Set the sizes of each two entered groups to those that are best together, in turn until none changes.
 
         Two at a time, because the widths of two signs can make up for each other.
@@ -245,49 +249,49 @@ class JointSearch:
                     sum((self.entered[k].group.at[i] for k, i in zip(pair, chosen_sizes, strict=True)), ())
                     for chosen_sizes in sizes
                 ]
-                fits = try_groups(self.grams, self.division.all_samples, other_normals, columns, [at], self.weight)
+                fits = try_groups(candidates, self.division.all_samples, columns, [at])
                 for k, i in zip(pair, sizes[int(fits.best[0, 0])], strict=True):
                     self.entered[k] = replace(self.entered[k], size=i)
             if before == [entry.size for entry in self.entered]:
                 return
 
-    def exchange(self, other_normals: Normal) -> None:
+    def exchange(self, candidates: CandidateGrams) -> None:
         """Replace each group in turn by what would be chosen without it, where that predicts better."""
         for entry in list(self.entered):
             if entry.group.kind.presumed or entry not in self.entered:
                 continue
             groups = tuple(group for group in self.groups if group.kind.name != entry.group.kind.name)
             alternative = replace(self, groups=groups, entered=[x for x in self.entered if x is not entry], trials={})
-            alternative.forward(other_normals)
-            alternative.backward(other_normals)
-            if alternative.errors(other_normals).sum() < self.errors(other_normals).sum():
+            alternative.forward(candidates)
+            alternative.backward(candidates)
+            if alternative.errors(candidates).sum() < self.errors(candidates).sum():
                 self.entered = alternative.entered
                 self.trials |= alternative.trials
 
-    def errors(self, other_normals: Normal, columns: Sequence[int] | None = None) -> Array:
+    def errors(self, candidates: CandidateGrams, columns: Sequence[int] | None = None) -> Array:
         """Return the squared errors (F) of the blocks with ``columns``, by default those that have entered."""
         used_columns = self.columns if columns is None else columns
-        return try_groups(self.grams, self.division.blocks, other_normals, used_columns, (), self.weight).before
+        return try_groups(candidates, self.division.blocks, used_columns, ()).before
 
-    def _without(self, other_normals: Normal, entry: TermEntry) -> TermTrial:
+    def _without(self, candidates: CandidateGrams, entry: TermEntry) -> TermTrial:
         """Return the trial of an entered group beside all others."""
         other_entries = [other_entry for other_entry in self.entered if other_entry is not entry]
         alone = TermGroup(entry.group.kind, (entry.term,), (entry.columns,))
-        (result,) = replace(self, entered=other_entries, trials={})._try_groups(other_normals, [alone], stays=True)
+        (result,) = replace(self, entered=other_entries, trials={})._try_groups(candidates, [alone], stays=True)
         if _is_presumed(entry.group.kind, other_entries) and result.trial.outcome is not TrialOutcome.NEGATIVE:
             is_idle = result.trial.gain < NEGLIGIBLE_GAIN and result.trial.gain + 2.0 * result.trial.std < MAX_IDLE_GAIN
             return replace(result.trial, outcome=TrialOutcome.TOO_SMALL if is_idle else TrialOutcome.ENTERED)
         return result.trial
 
     def _try_groups(
-        self, other_normals: Normal, groups: Sequence[TermGroup], *, stays: bool = False
+        self, candidates: CandidateGrams, groups: Sequence[TermGroup], *, stays: bool = False
     ) -> list[_TrialResult]:
         """Return the trials of groups; those that ``stays`` tells to have entered before need a less certain gain."""
         if not groups:
             return []
         at = [candidate.at for candidate in groups]
         blocks, overall = (
-            try_groups(self.grams, folds, other_normals, self.columns, at, self.weight)
+            try_groups(candidates, folds, self.columns, at)
             for folds in (self.division.blocks, self.division.all_samples)
         )
         results = []
@@ -297,7 +301,7 @@ class JointSearch:
             outcome = self._outcome(group, size, gain, (STAY_FACTOR if stays else 1.0) * std, overall, g)
             trial = TermTrial(self.joint, group.kind.name, _settings(group.terms[size]), gain, std, outcome)
             results.append(_TrialResult(trial, gains, TermEntry(group, size)))
-        return results if stays else self._refute_elsewhere(other_normals, results)
+        return results if stays else self._refute_elsewhere(candidates, results)
 
     def _outcome(
         self, group: TermGroup, size: int, gain: float, std: float, overall: TrialFits, g: int
@@ -323,7 +327,7 @@ class JointSearch:
             else errors * (MAX_POOL - (MAX_POOL - MIN_POOL) * self.shares[kind.name])
         )
 
-    def _refute_elsewhere(self, other_normals: Normal, results: list[_TrialResult]) -> list[_TrialResult]:
+    def _refute_elsewhere(self, candidates: CandidateGrams, results: list[_TrialResult]) -> list[_TrialResult]:
         """Return the results, with those refuted that fail on faster motion, further out or in another recording."""
         good = [k for k, result in enumerate(results) if result.trial.outcome is TrialOutcome.ENTERED]
         if not good:
@@ -331,15 +335,14 @@ class JointSearch:
         at = [results[k].entered.group.at for k in good]
         division = self.division
         beyond = [division.further, *([] if division.logs is None else [division.logs])]
-        fits = [try_groups(self.grams, folds, other_normals, self.columns, at, self.weight) for folds in beyond]
-        slow = try_groups(self.grams, division.faster, other_normals, self.columns, at, self.weight)
+        fits = [try_groups(candidates, folds, self.columns, at) for folds in beyond]
+        slow = try_groups(candidates, division.faster, self.columns, at)
         for g, k in enumerate(good):
             kind, outcome = results[k].entered.group.kind, TrialOutcome.ENTERED
             elsewhere = [gain_share(fit.before - fit.after[:, g], fit.before) for fit in fits]
             chosen = [at[g][size] for size in slow.best[:, g].tolist()]
             faster = gain_share(*transfer_gains(
-                self.grams, division.blocks, division.faster.test, other_normals, self.columns,
-                (chosen, slow.values[g]), self.weight,
+                candidates, division.blocks, division.faster.test, self.columns, (chosen, slow.values[g])
             ))  # fmt: skip
             if not _is_presumed(kind, self.entered):
                 outcome = _outcome_elsewhere(kind, faster, elsewhere)

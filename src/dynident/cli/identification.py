@@ -22,7 +22,7 @@ from dynident.cli.options import (
     WorkerOptions,
     add_worker_options,
 )
-from dynident.cli.terminal import console, print_path, say_line, status
+from dynident.cli.terminal import announce, console, print_path, say_line, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -133,6 +133,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     Logs too long for the memory (Parquet) are fitted in pieces, by the workers; with --out an interrupted run goes on
     where it stopped. Of others, several smoothers are tried by the cluster, where one is named.
     """
+    announce()
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
     from dynident.files.results import write_text
@@ -249,6 +250,7 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
     LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
     names several files for a recording, LOG is key=file,key=file.
     """
+    announce()
     from dynident.files.opener import refuse_inputs, remember_inputs
     from dynident.files.results import probe_folder, table_kind, write_table
     from dynident.project.saved import load

@@ -41,6 +41,12 @@ def console() -> Screen:
     return Screen() if sys.stdout.isatty() else Screen(width=PIPE)
 
 
+def announce() -> None:
+    """Say on a terminal that a command starts, before it imports what takes longer; the first step overwrites it."""
+    if sys.stderr.isatty() and not command_log().quiet:
+        click.echo("starting\r", err=True, nl=False)
+
+
 @contextmanager
 def status() -> Iterator[None]:
     """Show the steps of the work within on standard error, with a bar and the time left where they are known.

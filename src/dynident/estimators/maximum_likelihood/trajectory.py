@@ -6,15 +6,18 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided, sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dpbtrs, dtbtrs
-from scipy.sparse import csr_array
 
 from dynident.motion.splines.quintic import local_basis
 from dynident.runtime import ModelError, Noun
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -315,6 +318,8 @@ class Basis(Noun):
         """Return the first ``orders`` of values, first and second derivatives (orders N, m)."""
         columns = np.tile((self.trajectory.first_coefficient[self.interval][:, None] + np.arange(5)).ravel(), orders)
         V = self.local[:orders].ravel()
+        from scipy.sparse import csr_array
+
         return csr_array((V, columns, np.arange(0, len(V) + 1, 5)), shape=(len(V) // 5, self.trajectory.size))
 
     def motion(self, C: Array) -> tuple[Array, Array, Array]:

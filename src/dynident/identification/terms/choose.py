@@ -205,6 +205,8 @@ class _TermSelection:
             # The load changes with the terms, which depend on it: a few passes settle both.
             load = self.samples.model.with_load(self.theta).load if self.samples.model.load_mask.any() else None
             loads = self.samples.loads(load)
+            # the matrices of the last pass are freed before those of the next one are made
+            searches, columns = [], []
             searches, columns = self._make_searches(loads)
             for j, search in enumerate(searches):
                 previous = [TermEntry(search.groups[g], size) for g, size in entered[j]]
@@ -314,8 +316,8 @@ class _TermSelection:
         return TermGroup(kind, terms, tuple(places))
 
     def _columns(self, kind: CandidateKind, term: Term, j: int, loads: Sequence[Array]) -> Array:
-        """Return the columns (w, N) of a term; those that do not depend on the load are cached."""
-        if kind.needs_load:
+        """Return the columns (w, N) of a term; those that remember the motion, and not the load, are cached."""
+        if kind.needs_load or not term.memory:
             return columns_of(self.samples, term, j, loads)
         key = j, kind.name, term
         if key not in self._cached_columns:

@@ -44,27 +44,17 @@ class JointGrams(Noun):
         """The k parameters of the model that act on this joint."""
         return np.flatnonzero(self.maps.any(axis=0))
 
-    @cached_property
-    def parameter_grams(self) -> Array:
-        """The same matrices (F, C, k + m + 1, k + m + 1), with the k parameters in place of the entries."""
-        b, k = len(self.maps), len(self.acts)
-        n_other, maps = self.grams.shape[-1] - b, self.maps[:, self.acts]
-        reduced_grams = np.empty((*self.grams.shape[:2], k + n_other, k + n_other))
-        reduced_grams[..., :k, :k] = maps.T @ self.grams[..., :b, :b] @ maps
-        reduced_grams[..., k:, k:] = self.grams[..., b:, b:]
-        reduced_grams[..., :k, k:] = maps.T @ self.grams[..., :b, b:]
-        reduced_grams[..., k:, :k] = np.swapaxes(reduced_grams[..., :k, k:], -1, -2)
-        return reduced_grams
-
-    def fold_sums(self, weights: Array) -> Array:
-        """Return the sums (T, c, c) of these matrices with ``weights`` (T, F, C); those of the same array are kept."""
-        if id(weights) not in self._sums:
-            self._sums[id(weights)] = weights, weighted_sums(weights, self.parameter_grams)
-        return self._sums[id(weights)][1]
-
-    @cached_property
-    def _sums(self) -> dict[int, tuple[Array, Array]]:
-        return {}
+    def sums(self, weights: Array) -> Array:
+        """Return the sums (T, k + m + 1, k + m + 1) with ``weights`` (T, F, C), of parameters in place of entries."""
+        total, maps = weighted_sums(weights, self.grams), self.maps[:, self.acts]
+        b, k = maps.shape
+        # the candidates of many sizes take most of the memory: these sums are kept no longer than a search
+        reduced = np.empty((len(total), k + total.shape[-1] - b, k + total.shape[-1] - b))
+        reduced[:, :k, :k] = maps.T @ total[:, :b, :b] @ maps
+        reduced[:, k:, k:] = total[:, b:, b:]
+        reduced[:, :k, k:] = maps.T @ total[:, :b, b:]
+        reduced[:, k:, :k] = np.swapaxes(reduced[:, :k, k:], 1, 2)
+        return reduced
 
 
 class CandidateGrams(Noun):
@@ -82,7 +72,7 @@ class CandidateGrams(Noun):
     def train(self, folds: Folds) -> tuple[Array, Array]:
         """Return the matrices (T, m + 1, m + 1) of the training rows, and their diagonals before (T, m + 1)."""
         if folds not in self._reduced:
-            k, G = len(self.joint_grams.acts), self.joint_grams.fold_sums(folds.train)
+            k, G = len(self.joint_grams.acts), self.joint_grams.sums(folds.train)
             M, right = G[:, :k, :k].copy(), G[:, :k, k:].copy()
             M += self.other_normals[0][folds.other_joints] / self.weight
             right[:, :, -1] += self.other_normals[1][folds.other_joints] / self.weight
@@ -96,11 +86,21 @@ class CandidateGrams(Noun):
         explains of them by the eliminated parameters."""
         if (folds, id(weights)) not in self._tested:
             self.train(folds)
-            k, H, shares = len(self.joint_grams.acts), self.joint_grams.fold_sums(weights), self._reduced[folds][0]
+            k, H, shares = len(self.joint_grams.acts), self._test_sums(weights), self._reduced[folds][0]
             cross = np.swapaxes(shares, 1, 2) @ H[:, :k, k:]
             residual = H[:, k:, k:] - cross - np.swapaxes(cross, 1, 2)
             self._tested[folds, id(weights)] = residual + np.swapaxes(shares, 1, 2) @ H[:, :k, :k] @ shares
         return self._tested[folds, id(weights)]
+
+    def _test_sums(self, weights: Array) -> Array:
+        """Return the sums of the joint's matrices; those of the same array are kept."""
+        if id(weights) not in self._sums:
+            self._sums[id(weights)] = weights, self.joint_grams.sums(weights)
+        return self._sums[id(weights)][1]
+
+    @cached_property
+    def _sums(self) -> dict[int, tuple[Array, Array]]:
+        return {}
 
     @cached_property
     def _reduced(self) -> dict[Folds, tuple[Array, Array, Array]]:

@@ -14,7 +14,6 @@ from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from dynident.models.inertia import from_physical
 from dynident.models.robot_files.xml import MAX_NUMBER, Shape, ShapeKind, check_unique, exact_angle, placement
@@ -274,6 +273,8 @@ def _body_inertia(model: Any, k: int, inertia: tuple[float, Array] | None) -> Ar
 
 
 def _frame(model: Any, position: str, orientation: str, k: int) -> Array:
+    from scipy.spatial.transform import Rotation  # slow to import, and needed for MJCF alone
+
     turn = Rotation.from_quat(getattr(model, orientation)[k], scalar_first=True)
     return placement(turn.as_matrix(), getattr(model, position)[k])
 

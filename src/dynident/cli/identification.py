@@ -67,11 +67,12 @@ def draft_from_files(robot: str, logs: Sequence[str], folder: Path) -> tuple[Con
     from dynident.apps.init.column_mapping import map_columns
     from dynident.apps.init.config_draft import check_same_columns, draft_config, read_source, with_gains
     from dynident.apps.init.match import read_joints
+    from dynident.files.lerobot import recordings
     from dynident.files.xml_text import SUFFIXES
 
     joints = read_joints(robot)
     sources = []
-    for log in logs:
+    for log in recordings(logs):
         report_progress(f"reading {log}")
         sources.append(read_source(log))
     first_table, *other_tables = (source.table for source in sources)

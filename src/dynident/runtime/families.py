@@ -289,6 +289,7 @@ READERS = PartFamily(
         ".mat": "dynident.files.matlab:read_mat",
         **dict.fromkeys((".h5", ".hdf5"), "dynident.files.matlab:read_hdf5"),
         **dict.fromkeys((".bag", ".db3", ".mcap"), "dynident.files.ros:read_bag"),
+        "lerobot": "dynident.files.lerobot:read_episode",
     },
     functions=True,
 )

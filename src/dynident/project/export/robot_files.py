@@ -13,6 +13,7 @@ from dynident.files.meshes import inertial_element, named_body_nodes
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies, to_physical
 from dynident.project.export.identified import Drives, IdentifiedModel, LinkInertias, drives, link_inertias
+from dynident.project.export.tree_text import mesh_notes, mjcf_of, numbers_text, urdf_of
 from dynident.project.export.written import ExportText, move_notes, place_values
 from dynident.runtime import ModelError
 
@@ -40,7 +41,7 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
     inconsistent bodies or negative friction.
     """
     bodies, joint_drives, shares, notes = _robot_content(identified, "urdf", armature=False)
-    text = XmlText(bodies.xml)
+    text = XmlText(bodies.xml if bodies.format == "urdf" else urdf_of(bodies))
     joints = {body.joint.name for body in bodies.arm.bodies}
     for node in text.root.children:
         name = node.attributes.get("name", "")
@@ -57,17 +58,13 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
 def _robot_content(
     identified: IdentifiedModel, file_format: str, *, armature: bool
 ) -> tuple[RigidBodies, Drives, LinkInertias, tuple[str, ...]]:
-    """Return the bodies of a robot file, what it gets of drives and links, and notes on them; ModelError where the
-    file has another format."""
+    """Return the bodies of a robot file, what it gets of drives and links, and notes on them and the format."""
     bodies, _ = identified.bodies
-    if bodies.format != file_format:
-        kind = {"urdf": "a URDF", "mjcf": "an MJCF"}[bodies.format]
-        raise ModelError(
-            f"{bodies.source}: it is {kind}, which can be written as `{bodies.format}`, not as `{file_format}`."
-        )
     best = place_values(identified, armature=armature)
     joint_drives, shares = drives(best, armature=armature), link_inertias(bodies, best.bodies[1])
     notes = (*move_notes(identified, best), *joint_drives.notes, *shares.notes, *fixed_joint_notes(bodies, shares))
+    if bodies.format != file_format:
+        notes += mesh_notes(bodies)
     return bodies, joint_drives, shares, notes
 
 
@@ -115,11 +112,6 @@ def relocate_files(xml: str, prefix: str) -> str:
         if new_names:
             text.set(node, new_names)
     return str(text)
-
-
-def numbers_text(values: Iterable[float]) -> str:
-    """Return numbers with all their digits, separated by spaces."""
-    return " ".join(repr(float(value)) for value in values)
 
 
 def fixed_joint_notes(bodies: RigidBodies, shares: LinkInertias) -> tuple[str, ...]:
@@ -210,7 +202,7 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     inconsistent bodies or negative friction.
     """
     bodies, joint_drives, shares, notes = _robot_content(identified, "mjcf", armature=True)
-    text = XmlText(bodies.xml)
+    text = XmlText(bodies.xml if bodies.format == "mjcf" else mjcf_of(bodies))
     if _is_in_radians(text):
         for node in (element for element in _body_nodes(text) if element.tag in ("body", "frame")):
             text.write_exact_angles(node, "euler")
@@ -242,10 +234,10 @@ def _set_identified(text: XmlText, bodies: RigidBodies, joint_drives: Drives, sh
     altered = bool(_altering_settings(text))
     for name, node in named_body_nodes(text):
         if name in shares.links:
-            _set_mjcf_inertia(text, node, name, shares.links[name], bodies.file.origins[name])
+            _set_mjcf_inertia(text, node, name, shares.links[name], bodies.file.origins.get(name, np.zeros(3)))
         elif name in links and (altered or node.find("inertial") is None):
             # of shapes, or as the compiler alters it; without its settings and without shapes it is the same
-            _set_mjcf_inertia(text, node, name, links[name], bodies.file.origins[name])
+            _set_mjcf_inertia(text, node, name, links[name], bodies.file.origins.get(name, np.zeros(3)))
     for node in _body_nodes(text):
         if node.tag == "joint" and (name := node.attributes.get("name", "")) in joints:
             _set_drive(text, node, joint_drives, name)

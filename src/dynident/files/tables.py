@@ -150,9 +150,9 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     Where ``needed`` names columns, readers need not read others. A file takes no more memory than 4 GB, or what the
     environment variable DYNIDENT_MEMORY says.
     Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS bags
-    as in ``files/ros.py``. A ROS 2 bag may be given as its folder, an episode of a LeRobot data set as ``folder/#3``; a
-    recording in several Parquet files as theirs, or as a pattern of their names. Nothing is ever unpickled. Raises InputError where the file is missing, empty, damaged
-    or of unknown type, or needs an extra that is not installed.
+    as in ``files/ros.py``. A ROS 2 bag may be given as its folder, an episode of a LeRobot data set as ``folder/#3``, a
+    recording in several Parquet files as theirs, or as a pattern of their names. Nothing is ever unpickled. Raises
+    InputError where the file is missing, empty, damaged or of unknown type, or needs an extra that is not installed.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:

@@ -300,6 +300,9 @@ EXPORTERS = PartFamily(
         "mjcf": "dynident.project.export.formats:Mjcf",
         "numpy": "dynident.project.export.formats:Numpy",
         "yaml": "dynident.project.export.formats:Yaml",
+        "drake": "dynident.project.export.simulators:Drake",
+        "isaac": "dynident.project.export.simulators:IsaacLab",
+        "pinocchio": "dynident.project.export.simulators:PinocchioFile",
     },
     members=("format", "readers", "file", "write", "torque"),
 )

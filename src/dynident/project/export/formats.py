@@ -179,6 +179,8 @@ def torque_by_mujoco(text: str, identified: IdentifiedModel, states: States) -> 
     import mujoco
 
     bodies, _ = identified.bodies
+    if bodies.format == "urdf":  # the text needs no other file: its shapes, actuators and numbers are compiled, too
+        mujoco.MjModel.from_xml_string(text)
     model = mujoco.MjModel.from_xml_string(_remove_shapes(text))
     # constraints and actuators would add forces to the inverse dynamics
     off = mujoco.mjtDisableBit
@@ -238,7 +240,7 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class Urdf(RobotFile):
-    """The robot's own URDF with the identified inertias, damping and friction."""
+    """The robot's own URDF, or one of its MJCF, with the identified inertias, damping and friction."""
 
     format: ClassVar[str] = "urdf"
     suffix, armature = ".urdf", False
@@ -251,7 +253,7 @@ class Urdf(RobotFile):
 
 @dataclass(frozen=True)
 class Mjcf(RobotFile):
-    """The robot's own MJCF with the identified inertias, damping, friction and armature."""
+    """The robot's own MJCF, or one of its URDF, with the identified inertias, damping, friction and armature."""
 
     format: ClassVar[str] = "mjcf"
     suffix, armature = ".xml", True

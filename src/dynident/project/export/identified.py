@@ -28,13 +28,32 @@ ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameter
 MAX_NOMINAL_SHARE = 0.999  # the fixed links keep their nominal inertias up to this share of the largest consistent one
 
 
+@dataclass(frozen=True)
+class Servo:
+    """How a joint is driven: torque = kp (reference - q) - kd dq within +-``limit``, in N m or N, rad or m, and s.
+
+    ``kp`` is None where no controller is known, ``limit`` where there is none. The reference comes ``delay`` s late;
+    the motor turns ``gear`` times as fast as the joint.
+    """
+
+    kp: float | None = None
+    kd: float = 0.0
+    limit: float | None = None
+    delay: float = 0.0
+    gear: float = 1.0
+
+
 class IdentifiedModel(Noun):
-    """A model and the values (p) of its parameters; ``std`` (p) and ``verdict`` (p) where they are known."""
+    """A model and the values (p) of its parameters; ``std`` (p) and ``verdict`` (p) where they are known.
+
+    ``servos`` say how joints are driven, by their names, where that is known.
+    """
 
     model: Model
     value: Array
     std: Array | None = None
     verdict: tuple[str, ...] = ()
+    servos: Mapping[str, Servo] = field(default_factory=dict)
 
     @property
     def parts(self) -> Iterator[tuple[Term, Array]]:

@@ -1,8 +1,8 @@
-"""A payload as a link of its own in a URDF, fixed to the link that carries it."""
+"""Robot files with identified values, and a payload as a link of its own, fixed to the link that carries it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import chain, count
 from xml.sax.saxutils import quoteattr
 
@@ -13,6 +13,7 @@ from dynident.files.meshes import inertial_element, named_body_nodes
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies, to_physical
 from dynident.project.export.identified import Drives, IdentifiedModel, LinkInertias, drives, link_inertias
+from dynident.project.export.servos import actuator_lines, range_lines, ranges
 from dynident.project.export.tree_text import mesh_notes, mjcf_of, numbers_text, urdf_of
 from dynident.project.export.written import ExportText, move_notes, place_values
 from dynident.runtime import ModelError
@@ -40,7 +41,16 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
     http://wiki.ros.org/urdf/XML). Raises ModelError where the model does not come from a URDF, and for
     inconsistent bodies or negative friction.
     """
-    bodies, joint_drives, shares, notes = _robot_content(identified, "urdf", armature=False)
+    bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=False)
+    text = urdf_text(bodies, joint_drives, shares)
+    gravity = (
+        [] if bodies.gravity == EARTH_GRAVITY else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
+    )
+    return ExportText(str(text), (*joint_drives.left_out, *gravity), notes)
+
+
+def urdf_text(bodies: RigidBodies, joint_drives: Drives, shares: LinkInertias) -> XmlText:
+    """Return the URDF of the bodies, or that of their tree, with inertias, damping and friction."""
     text = XmlText(bodies.xml if bodies.format == "urdf" else urdf_of(bodies))
     joints = {body.joint.name for body in bodies.arm.bodies}
     for node in text.root.children:
@@ -49,13 +59,10 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
             _set_urdf_inertia(text, node, shares.links[name])
         elif node.tag == "joint":
             _set_joint(text, node, joint_drives, name if name in joints else None)
-    gravity = (
-        [] if bodies.gravity == EARTH_GRAVITY else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
-    )
-    return ExportText(str(text), (*joint_drives.left_out, *gravity), notes)
+    return text
 
 
-def _robot_content(
+def robot_content(
     identified: IdentifiedModel, file_format: str, *, armature: bool
 ) -> tuple[RigidBodies, Drives, LinkInertias, tuple[str, ...]]:
     """Return the bodies of a robot file, what it gets of drives and links, and notes on them and the format."""
@@ -201,13 +208,18 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     that would change inertias are removed. Raises ModelError where the model does not come from an MJCF, and for
     inconsistent bodies or negative friction.
     """
-    bodies, joint_drives, shares, notes = _robot_content(identified, "mjcf", armature=True)
+    bodies, joint_drives, shares, notes = robot_content(identified, "mjcf", armature=True)
     text = XmlText(bodies.xml if bodies.format == "mjcf" else mjcf_of(bodies))
     if _is_in_radians(text):
         for node in (element for element in _body_nodes(text) if element.tag in ("body", "frame")):
             text.write_exact_angles(node, "euler")
             text.write_exact_angles(node, "axisangle", 1)
     _set_identified(text, bodies, joint_drives, shares)
+    names = {node.attributes.get("name", "") for node in text.root.walk() if node.tag == "numeric"}
+    lines = range_lines([x for x in ranges(identified, joint_drives) if x.label not in names])
+    lines += actuator_lines(identified.servos, bodies) if bodies.format == "urdf" else []
+    if lines:
+        text.insert(text.root, *lines)
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
     notes += _remove_altering(text)

@@ -1,7 +1,7 @@
 """The tree of a robot file in the other format: an MJCF of a URDF, a URDF of an MJCF.
 
-Frames, joints, limits, what joints follow and simple shapes are written with all their digits; meshes are not, as a file
-that names one that is not there cannot be loaded. What is identified is set afterwards, as in a file of its own.
+Frames, joints, limits, what joints follow and simple shapes are written with all their digits. Meshes are left out: a
+file that names one that is not there cannot be loaded. What is identified is set afterwards, as in a file of its own.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from dynident.models import RigidBodies, to_physical
 from dynident.models.robot_files import RobotJoint, Shape, ShapeKind
+from dynident.runtime import count
 
 Array = NDArray[np.float64]
 WORLD = "world"  # the name that MuJoCo has for what does not move
@@ -89,7 +90,9 @@ def _body_lines(bodies: RigidBodies) -> Iterator[str]:
 
 
 def _placement_text(joint: RobotJoint | None) -> str:
-    return "" if joint is None else f' pos="{numbers_text(joint.placement[:3, 3])}" quat="{_quaternion(joint.placement)}"'
+    return (
+        "" if joint is None else f' pos="{numbers_text(joint.placement[:3, 3])}" quat="{_quaternion(joint.placement)}"'
+    )
 
 
 def _quaternion(frame: Array) -> str:
@@ -127,10 +130,8 @@ def mesh_notes(bodies: RigidBodies) -> tuple[str, ...]:
     )
     if not counts:
         return ()
-    return (
-        f"{count(sum(counts.values()), 'mesh', 'meshes')} of {count(len(counts), 'link')} are not in the file, which has simple shapes only; "
-        "add those that you need",
-    )
+    shapes, links = count(sum(counts.values()), "shape"), count(len(counts), "link")
+    return (f"{shapes} of {links} left out, as meshes are not in the file; add those that you need",)
 
 
 def urdf_of(bodies: RigidBodies) -> str:
@@ -141,7 +142,9 @@ def urdf_of(bodies: RigidBodies) -> str:
     lines = [f"<robot name={quoteattr(bodies.source.rpartition('.')[0] or bodies.source)}>"]
     for link, theta in bodies.file.links.items():
         inertial = "" if theta is None or not theta[0] > 0 else _inertial(theta, link)
-        lines.append(f"  <link name={quoteattr(link)}>{inertial}</link>" if inertial else f"  {element('link', name=link)}")
+        lines.append(
+            f"  <link name={quoteattr(link)}>{inertial}</link>" if inertial else f"  {element('link', name=link)}"
+        )
     for joint in bodies.file.joints:
         lines += [f"  {line}" for line in _urdf_joint(joint)]
     return "\n".join([*lines, "</robot>", ""])

@@ -112,7 +112,7 @@ class DataSet:
 
     def file_names(self) -> dict[str, str]:
         """Return the names of the elements of all lists as the Parquet reader has them, by the names used here."""
-        out = {}
+        out = dict[str, str]()
         for column, feature in self.features.items():
             shape = feature.get("shape") if isinstance(feature, Mapping) else None
             # images and the like have several dimensions, and are no columns
@@ -155,7 +155,7 @@ def read_episode(path: Path, needed: Collection[str] | None = None) -> DataTable
         table,
         columns=_rename(table.columns, names, table.source),
         constants=_calibration(data_set.folder),
-        faults=table.faults | {name: table.faults[column] for name, column in _elements(file_names, table.faults)},
+        faults={**table.faults} | {name: table.faults[column] for name, column in _elements(file_names, table.faults)},
         unread=tuple(
             dict.fromkeys(
                 name

@@ -54,11 +54,38 @@ def test_an_mjcf_of_a_urdf_is_complete():
     assert model.ngeom == 1
     assert model.geom_size[0].tolist() == [0.05, 0.1, 0.15]
     assert model.body_mass.sum() == pytest.approx(4.0 + 3 * 3.0, rel=1e-6)  # no shape adds any
-    # torque = kp (ctrl - q) - kv dq within +-forcerange, or a torque within the limit of the file
+    # force = kp (ctrl - q) - kv dq - offset within limits, or a torque within the limit of the file
     assert model.actuator("shoulder").gainprm[0] == 17.0
-    assert model.actuator("shoulder").biasprm[:3].tolist() == [0.0, -17.0, -1.5]
-    assert model.actuator("shoulder").forcerange.tolist() == [-3.0, 3.0]
+    assert model.actuator("shoulder").biasprm[:3].tolist() == [0.3, -17.0, -1.5]
+    np.testing.assert_allclose(model.actuator("shoulder").forcerange, [-2.7, 3.3])
+    assert model.actuator("rail").biasprm[:3].tolist() == [0.3, 0.0, 0.0]
     assert model.actuator("rail").ctrlrange.tolist() == [-10.0, 10.0]
+    assert not written.left_out
+
+
+def test_actuators_follow_as_the_model_says():
+    """MuJoCo's own forward dynamics with the torque of the model as control has the model's acceleration."""
+    one = arm(gravity=(0.0, 1.0, -9.0))
+    value = one.value.copy()
+    value[-1] = 0.0  # no motor of two joints
+    one = replace(one, value=value)
+    model = mujoco.MjModel.from_xml_string(identified_mjcf(one).text)
+    model.dof_frictionloss[:] = 0.0  # soft at rest
+    model.jnt_limited[:] = model.actuator_ctrllimited[:] = model.actuator_forcelimited[:] = 0
+    model.jnt_actfrclimited[:] = 0
+    data = mujoco.MjData(model)
+    for q, dq, ddq in zip(*STATES, strict=True):
+        friction = np.array([2.0, 2.0, 2.0]) * np.sign(dq)
+        data.qpos[:], data.qvel[:] = q, dq
+        memory = np.zeros((1, one.model.memory))
+        data.ctrl[:] = one.model.torque(q[None], dq[None], ddq[None], value, memory)[0] - friction
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qacc, ddq, atol=1e-8)
+
+
+def test_meshes_are_left_out():
+    text = ARM.replace('<link name="base">', f'<link name="base">{SHAPES}')
+    written = identified_mjcf(arm(text))
     assert any("meshes are not in the file" in note for note in written.notes)
 
 

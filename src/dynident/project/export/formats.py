@@ -18,6 +18,7 @@ from dynident.models import RigidBodies, motion_memory
 from dynident.project.export.identified import IdentifiedModel, drives
 from dynident.project.export.numpy_module import identified_module
 from dynident.project.export.robot_files import identified_mjcf, identified_urdf
+from dynident.project.export.servos import constant_torques
 from dynident.project.export.written import ExportText, Reader, States, place_values
 from dynident.runtime import DynidentError
 
@@ -204,6 +205,18 @@ def torque_by_mujoco(text: str, identified: IdentifiedModel, states: States) -> 
     return np.asarray(out @ arm.drive + friction * np.sign(states[1]))
 
 
+def _with_actuators(reader: Reader) -> Reader:
+    """Return a reader that adds the constant torques of actuators, where the file is not that of the user."""
+
+    def torque(text: str, identified: IdentifiedModel, states: States) -> Array:
+        bodies, _ = identified.bodies
+        names = [joint.name for joint in bodies.joints]
+        constant = constant_torques(XmlText(text), names) if bodies.format == "urdf" else np.zeros(len(names))
+        return reader(text, identified, states) + constant
+
+    return torque
+
+
 def _remove_shapes(text: str) -> str:
     """Return an MJCF without shapes and references to them, as their files may be missing."""
     edited = XmlText(text)
@@ -257,11 +270,24 @@ class Mjcf(RobotFile):
 
     format: ClassVar[str] = "mjcf"
     suffix, armature = ".xml", True
-    readers: ClassVar[Mapping[str, Reader]] = {"MuJoCo": torque_by_mujoco, "dynident": torque_by_dynident}
+    readers: ClassVar[Mapping[str, Reader]] = {
+        "MuJoCo": _with_actuators(torque_by_mujoco),
+        "dynident": _with_actuators(torque_by_dynident),
+    }
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the MJCF."""
         return identified_mjcf(identified)
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of ``RobotFile``, with constant torques where the file gets actuators."""
+        torque = super().torque(identified, states)
+        if identified.bodies[0].format == "mjcf":
+            return torque
+        best = place_values(identified, armature=self.armature)
+        names = [joint.name for joint in best.bodies[0].joints]
+        offset = drives(best, armature=self.armature, offset=True).offset
+        return np.asarray(torque + np.array([offset.get(name, 0.0) for name in names]))
 
 
 @dataclass(frozen=True)

@@ -189,8 +189,8 @@ def export_model(identification: Identification, path: str | Path, format: str |
 
     ``format`` is urdf, mjcf, drake, isaac, pinocchio, yaml, numpy, or one that another package adds; None writes the
     robot's own file, yaml and numpy, or what the ending says. Each is loaded again and compared before it is written.
-    Raises ConfigError for an unknown format or ending, or where the robot's own file would be replaced, ModelError where
-    the model cannot be written so.
+    Raises ConfigError for an unknown format or ending, or where the robot's own file would be replaced, ModelError
+    where the model cannot be written so.
 
     >>> import numpy as np
     >>> import dynident as dy

@@ -68,7 +68,10 @@ def robot_content(
     """Return the bodies of a robot file, what it gets of drives and links, and notes on them and the format."""
     bodies, _ = identified.bodies
     best = place_values(identified, armature=armature)
-    joint_drives, shares = drives(best, armature=armature), link_inertias(bodies, best.bodies[1])
+    # constant torques are part of actuators, which a file of another format gets
+    has_actuators = file_format == "mjcf" != bodies.format
+    joint_drives = drives(best, armature=armature, offset=has_actuators)
+    shares = link_inertias(bodies, best.bodies[1])
     notes = (*move_notes(identified, best), *joint_drives.notes, *shares.notes, *fixed_joint_notes(bodies, shares))
     if bodies.format != file_format:
         notes += mesh_notes(bodies)
@@ -217,7 +220,7 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     _set_identified(text, bodies, joint_drives, shares)
     names = {node.attributes.get("name", "") for node in text.root.walk() if node.tag == "numeric"}
     lines = range_lines([x for x in ranges(identified, joint_drives) if x.label not in names])
-    lines += actuator_lines(identified.servos, bodies) if bodies.format == "urdf" else []
+    lines += actuator_lines(identified.servos, bodies, joint_drives.offset) if bodies.format == "urdf" else []
     if lines:
         text.insert(text.root, *lines)
     if bodies.file.gravity != bodies.gravity:

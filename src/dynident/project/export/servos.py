@@ -9,7 +9,9 @@ from numbers import Real
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dynident.files.xml_text import XmlText
 from dynident.identification import Identification
 from dynident.models import RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, PerJoint, Viscous
@@ -19,6 +21,7 @@ from dynident.project.export.tree_text import element
 from dynident.project.settings import CascadeJoint, Config, LoopJoint, LoopSettings, PDJoint, PIDJoint
 from dynident.runtime import DynidentError
 
+Array = NDArray[np.float64]
 NORMAL_95 = 1.96  # standard errors to either side
 COMMAND_STEP = 5e-4  # s: MuJoCo keeps enough commands for a time step as short as this
 ATTRIBUTES: Mapping[type, str] = {Viscous: "damping", Coulomb: "friction", RotorInertia: "armature"}
@@ -127,22 +130,35 @@ def range_lines(value_ranges: Sequence[ValueRange]) -> list[str]:
     return ["<custom>", *lines, "</custom>"]
 
 
-def actuator_lines(servos: Mapping[str, Servo], bodies: RigidBodies) -> list[str]:
-    """Return the actuators of an MJCF: of position where the gains are known, else of torque where a limit is."""
+def actuator_lines(servos: Mapping[str, Servo], bodies: RigidBodies, offset: Mapping[str, float]) -> list[str]:
+    """Return the actuators of an MJCF: of position where the gains are known, else of torque where a limit is.
+
+    A constant torque ``offset`` (N m or N) of a joint is taken off the force of its actuator.
+    """
     lines = []
     for joint in bodies.joints:
-        servo, effort = servos.get(joint.name, Servo()), bodies.limits[joint.name].effort
-        limit = servo.limit or effort
-        name = {"name": joint.name, "joint": joint.name}
-        if servo.kp is not None:
-            force = {"forcerange": (-limit, limit)} if limit else {}
-            delay = (
-                {"delay": servo.delay, "nsample": str(2 + math.ceil(servo.delay / COMMAND_STEP))} if servo.delay else {}
-            )
-            lines.append("  " + element("position", **name, kp=servo.kp, kv=servo.kd, **force, **delay))
-        elif limit:
-            lines.append("  " + element("motor", **name, ctrlrange=(-limit, limit)))
+        servo, constant = servos.get(joint.name, Servo()), offset.get(joint.name, 0.0)
+        limit = servo.limit or bodies.limits[joint.name].effort
+        # without a constant torque this is the same as <position> or <motor>
+        attributes: dict[str, object] = {"name": joint.name, "joint": joint.name, "biastype": "affine"}
+        attributes |= {"gainprm": 1.0 if servo.kp is None else servo.kp}
+        attributes |= {"biasprm": (-constant, -(servo.kp or 0.0), -servo.kd)}
+        if limit:
+            attributes |= {"forcerange": np.array([-limit, limit]) - constant}
+        if servo.kp is None and limit:
+            attributes |= {"ctrlrange": (-limit, limit)}
+        if servo.delay:
+            attributes |= {"delay": servo.delay, "nsample": str(2 + math.ceil(servo.delay / COMMAND_STEP))}
+        if constant or limit or servo.kp is not None:
+            lines.append("  " + element("general", **attributes))
     return ["<actuator>", *lines, "</actuator>"] if lines else []
+
+
+def constant_torques(text: XmlText, joints: Sequence[str]) -> Array:
+    """Return the constant torques (n) that the actuators of an MJCF take off."""
+    nodes = [node for section in text.root.children if section.tag == "actuator" for node in section.children]
+    biases = {node.attributes.get("joint"): node.attributes.get("biasprm", "0").split()[0] for node in nodes}
+    return np.array([-float(biases.get(joint, 0.0)) for joint in joints])
 
 
 def range_comment(value_ranges: Sequence[ValueRange]) -> Iterator[str]:

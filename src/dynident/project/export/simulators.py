@@ -81,9 +81,11 @@ class Drake(RobotFile):
         text = urdf_text(bodies, joint_drives, shares)
         text.set(text.root, {"xmlns:drake": DRAKE_NAMESPACE})
         transmissions = {
-            joint.attributes.get("name"): node
+            child.attributes.get("name"): node
             for node in text.root.children
-            if node.tag == "transmission" and (joint := node.find("joint")) is not None
+            if node.tag == "transmission"
+            for child in node.children
+            if child.tag == "joint"
         }
         for joint in bodies.joints:
             name = joint.name

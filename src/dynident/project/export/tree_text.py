@@ -7,8 +7,10 @@ file that names one that is not there cannot be loaded. What is identified is se
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from pathlib import PurePath
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -42,11 +44,15 @@ def element(tag: str, **attributes: object) -> str:
     return f"<{' '.join(words)}/>"
 
 
+def _model_name(bodies: RigidBodies) -> str:
+    """Return the name of the file without what XML cannot hold or has to escape."""
+    return re.sub(r"[^\w .+-]", "_", PurePath(bodies.source).stem)
+
+
 def mjcf_of(bodies: RigidBodies) -> str:
     """Return the tree of a URDF as an MJCF without inertias: bodies are links, joints are at their origins."""
-    name = quoteattr(bodies.source.rpartition(".")[0] or bodies.source)
     lines = [
-        f"<mujoco model={name}>",
+        f'<mujoco model="{_model_name(bodies)}">',
         # inertias are given: shapes must not add any
         '  <compiler angle="radian" autolimits="true" inertiafromgeom="false"/>',
         "  <worldbody>",
@@ -139,7 +145,7 @@ def urdf_of(bodies: RigidBodies) -> str:
 
     Link frames are at the anchors of the joints. A joint with several coordinates is fixed.
     """
-    lines = [f"<robot name={quoteattr(bodies.source.rpartition('.')[0] or bodies.source)}>"]
+    lines = [f'<robot name="{_model_name(bodies)}">']
     for link, theta in bodies.file.links.items():
         inertial = "" if theta is None or not theta[0] > 0 else _inertial(theta, link)
         lines.append(

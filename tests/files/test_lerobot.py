@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,12 @@ import pytest
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
+from dynident.apps.compare_results.config import _digest_of_file
 from dynident.apps.fleets.config import FleetSettings, fleet_logs
+from dynident.apps.online.recorded import RecordedFile, is_recorded
 from dynident.cli import main
 from dynident.files.lerobot import episode_files, recordings
+from dynident.files.opener import real_path
 from dynident.files.tables import read_columns
 from dynident.project.settings import LogSpec
 from dynident.runtime import InputError, budget_scope, set_budget
@@ -146,6 +150,48 @@ def test_an_episode_of_a_large_file_is_within_the_budget(tmp_path: Path) -> None
         assert len(read_columns(folder / "#0", needed=["action.elbow"]).column("action.elbow")) == 10
         with pytest.raises(InputError, match="of memory, more than"):
             read_columns(folder / "#1", needed=["action.elbow"])
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_a_damaged_description_is_refused_in_a_sentence(version: str, tmp_path: Path) -> None:
+    folder = write_data_set(tmp_path, episodes(2), NAMES, version)
+    path, rng = folder / "meta" / "info.json", np.random.default_rng(0)
+    whole = path.read_bytes()
+    for _ in range(150):
+        damaged = bytearray(whole)
+        start = int(rng.integers(len(whole)))
+        damaged[start : start + int(rng.integers(1, 9))] = rng.bytes(int(rng.integers(0, 9)))
+        path.write_bytes(bytes(damaged))
+        with suppress(InputError):  # anything else fails
+            read_columns(folder / "#1")
+
+
+def test_a_small_file_that_describes_much_is_refused(tmp_path: Path) -> None:
+    many = {f"f{k}": {"shape": [10_000_000]} for k in range(1000)}
+    folder = write_data_set(tmp_path / "one", episodes(1), NAMES, features=many)
+    with pytest.raises(InputError, match="have more than 100000 elements"):
+        read_columns(folder / "#0")
+    deep = write_data_set(tmp_path / "two", episodes(1), NAMES)
+    (deep / "meta" / "info.json").write_text("[" * 200_000)
+    with pytest.raises(InputError, match="is no JSON"):
+        read_columns(deep / "#0")
+
+
+def test_results_of_episodes_of_one_file_are_told_apart(tmp_path: Path) -> None:
+    folder = write_data_set(tmp_path, episodes(), NAMES)
+    hashes = {str(real_path(file)): "abc" for file in episode_files(folder / "#0")}
+    digests = [_digest_of_file(folder / f"#{number}", hashes) for number in (0, 1)]
+    assert digests == ["abc abc #0", "abc abc #1"]
+    assert _digest_of_file(folder / "#0", {}) == ""
+    assert _digest_of_file(tmp_path / "gone" / "#0", hashes) == ""
+
+
+def test_watching_takes_an_episode_for_a_recording(tmp_path: Path) -> None:
+    folder = write_data_set(tmp_path, episodes(), NAMES)
+    assert is_recorded(f"{folder}/#1")
+    lines, is_fresh, _ = RecordedFile(folder / "#1", {"timestamp", "action.elbow"}, "timestamp").read()
+    assert is_fresh
+    assert len(lines.splitlines()) == 7
 
 
 def test_a_folder_stands_for_all_of_its_episodes(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from dynident.files.opener import read_text
 from dynident.files.parquet import count_rows, read_rows
-from dynident.files.tables import INFO_FILE, DataTable, is_data_set, is_episode, read_columns
+from dynident.files.tables import INFO_FILE, DataTable, is_data_set, is_episode, read_columns, report_damage
 from dynident.runtime import InputError, choices
 
 FORMATS = ("v2.0", "v2.1", "v3.0")
@@ -26,7 +26,8 @@ CALIBRATION_FILE = Path("meta", "calibration.json")
 TICKS_PER_TURN = 4096  # of the encoders of these servos
 MAX_TEXT_WEIGHT = 20  # memory of JSON as objects, per byte of its text
 MAX_EPISODES = 100  # that a folder alone stands for
-MAX_SHAPE = 10_000  # elements of a list that get names
+MAX_ELEMENTS = 100_000  # of all lists, that get names
+COUNTERS = ("frame_index", "episode_index", "index", "task_index")  # no signals: read where they are asked for
 _FIELD = re.compile(r"\{(\w+)(?::0?(\d))?d?\}")
 T = TypeVar("T")
 
@@ -113,10 +114,14 @@ class DataSet:
     def file_names(self) -> dict[str, str]:
         """Return the names of the elements of all lists as the Parquet reader has them, by the names used here."""
         out = dict[str, str]()
+        elements = 0
         for column, feature in self.features.items():
             shape = feature.get("shape") if isinstance(feature, Mapping) else None
             # images and the like have several dimensions, and are no columns
-            if isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and 0 < shape[0] <= MAX_SHAPE:
+            if isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and shape[0] > 0:
+                elements += shape[0]
+                if elements > MAX_ELEMENTS:
+                    raise InputError(f"{self.folder / INFO_FILE}: its features have more than {MAX_ELEMENTS} elements.")
                 plain = [column] if shape[0] == 1 else [f"{column}[{k}]" for k in range(shape[0])]
                 names = self.column_names(column, shape[0]) if shape[0] > 1 else plain
                 out |= dict(zip(names, plain, strict=True))
@@ -151,9 +156,10 @@ def read_episode(path: Path, needed: Collection[str] | None = None) -> DataTable
     columns = None if needed is None else {file_names.get(name, name) for name in needed}
     table = read_rows(file, columns, rows)
     names = {plain: name for name, plain in file_names.items()}
+    signals = {name: x for name, x in table.columns.items() if needed is not None or name not in COUNTERS}
     return replace(
         table,
-        columns=_rename(table.columns, names, table.source),
+        columns=_rename(signals, names, table.source),
         constants=_calibration(data_set.folder),
         faults={**table.faults} | {name: table.faults[column] for name, column in _elements(file_names, table.faults)},
         unread=tuple(
@@ -198,9 +204,10 @@ def _rename(columns: Mapping[str, T], names: Mapping[str, str], source: str) -> 
 
 
 def episode_files(path: Path) -> tuple[Path, ...]:
-    """Return the files that an episode is read from."""
-    data_set = DataSet.of(path.parent)
-    return (data_set.folder / INFO_FILE, data_set.data_file(int(path.name[1:])))
+    """Return the files that an episode is read from; raises InputError as ``read_columns``."""
+    with report_damage(path):
+        data_set = DataSet.of(path.parent)
+        return (data_set.folder / INFO_FILE, data_set.data_file(int(path.name[1:])))
 
 
 def recordings(logs: Sequence[str], start: Path = Path()) -> list[str]:

@@ -230,6 +230,17 @@ def _remove_shapes(text: str) -> str:
     return str(edited)
 
 
+def drives_torque(
+    identified: IdentifiedModel, states: States, *, armature: bool, in_links: bool = False, offset: bool = False
+) -> Array:
+    """Return the torque of the bodies and what ``drives`` holds; rotor inertia is in links where it can, if asked."""
+    best = place_values(identified, armature=armature and not in_links)
+    bodies, values = best.bodies
+    names = tuple(joint.name for joint in bodies.joints)
+    joint_drives = drives(best, armature=armature, offset=offset)
+    return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
+
+
 @dataclass(frozen=True)
 class RobotFile:
     """The robot's own file with identified values; ``armature`` is whether it can hold rotor inertia."""
@@ -244,11 +255,7 @@ class RobotFile:
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of bodies, damping and friction, and of the armature that the file can hold."""
-        best = place_values(identified, armature=self.armature)
-        bodies, values = best.bodies
-        names = tuple(joint.name for joint in bodies.joints)
-        joint_drives = drives(best, armature=self.armature)
-        return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
+        return drives_torque(identified, states, armature=self.armature)
 
 
 @dataclass(frozen=True)
@@ -281,13 +288,8 @@ class Mjcf(RobotFile):
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of ``RobotFile``, with constant torques where the file gets actuators."""
-        torque = super().torque(identified, states)
-        if identified.bodies[0].format == "mjcf":
-            return torque
-        best = place_values(identified, armature=self.armature)
-        names = [joint.name for joint in best.bodies[0].joints]
-        offset = drives(best, armature=self.armature, offset=True).offset
-        return np.asarray(torque + np.array([offset.get(name, 0.0) for name in names]))
+        has_actuators = identified.bodies[0].format == "urdf"
+        return drives_torque(identified, states, armature=True, offset=has_actuators)
 
 
 @dataclass(frozen=True)

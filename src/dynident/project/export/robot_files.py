@@ -51,12 +51,16 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
 
 def urdf_text(bodies: RigidBodies, joint_drives: Drives, shares: LinkInertias) -> XmlText:
     """Return the URDF of the bodies, or that of their tree, with inertias, damping and friction."""
-    text = XmlText(bodies.xml if bodies.format == "urdf" else urdf_of(bodies))
+    is_converted = bodies.format != "urdf"
+    text = XmlText(urdf_of(bodies) if is_converted else bodies.xml)
     joints = {body.joint.name for body in bodies.arm.bodies}
+    # a tree has no inertias yet: those that stay as they are have to be set, too
+    kept = {link: theta for link, theta in bodies.file.links.items() if theta is not None and theta[0] > 0}
+    inertias = {**(kept if is_converted else {}), **shares.links}
     for node in text.root.children:
         name = node.attributes.get("name", "")
-        if node.tag == "link" and name in shares.links:
-            _set_urdf_inertia(text, node, shares.links[name])
+        if node.tag == "link" and name in inertias:
+            _set_urdf_inertia(text, node, inertias[name])
         elif node.tag == "joint":
             _set_joint(text, node, joint_drives, name if name in joints else None)
     return text

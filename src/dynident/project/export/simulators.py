@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, ClassVar
 
@@ -18,6 +18,7 @@ from dynident.project.export.formats import (
     PinocchioArm,
     RobotFile,
     declare_root,
+    drives_torque,
     torque_by_dynident,
     torque_by_pinocchio,
 )
@@ -105,11 +106,9 @@ class Drake(RobotFile):
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of bodies, damping and rotor inertia: Drake has no dry friction of joints."""
-        best = place_values(identified, armature=True)
-        bodies, values = best.bodies
-        joint_drives = replace(drives(best, armature=True), friction={})
-        names = tuple(joint.name for joint in bodies.joints)
-        return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
+        dry = drives(place_values(identified, armature=True), armature=True).friction
+        friction = np.array([dry.get(joint.name, 0.0) for joint in identified.bodies[0].joints])
+        return drives_torque(identified, states, armature=True) - friction * np.sign(states[1])
 
 
 def _drake_lines(armature: float, servo: Servo) -> list[str]:
@@ -226,8 +225,9 @@ class IsaacLab(PythonFile):
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the module."""
-        bodies, joint_drives = self._content(identified)
-        _, _, _, notes = robot_content(identified, "urdf", armature=False)
+        bodies, _, _, notes = robot_content(identified, "urdf", armature=False)
+        # rotor inertia that the URDF holds in its links is not set at the joint once more
+        joint_drives = drives(place_values(identified, armature=False), armature=True)
         name = f"{PurePath(bodies.source).stem}.identified.urdf"
         literals = assignments(
             URDF=name,
@@ -241,15 +241,7 @@ class IsaacLab(PythonFile):
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of the bodies of the URDF, and of friction and rotor inertia of the module."""
-        bodies, joint_drives = self._content(identified)
-        _, values = place_values(identified, armature=False).bodies
-        names = tuple(joint.name for joint in bodies.joints)
-        return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
-
-    def _content(self, identified: IdentifiedModel) -> tuple[RigidBodies, Drives]:
-        # rotor inertia that a URDF holds in its links is not set at the joint once more
-        bodies, _ = identified.bodies
-        return bodies, drives(place_values(identified, armature=False), armature=True)
+        return drives_torque(identified, states, armature=True, in_links=True)
 
 
 def _upright(gravity: tuple[float, ...]) -> tuple[float, ...]:
@@ -317,8 +309,4 @@ class PinocchioFile(PythonFile):
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of bodies, damping, friction and rotor inertia."""
-        best = place_values(identified, armature=True)
-        bodies, values = best.bodies
-        names = tuple(joint.name for joint in bodies.joints)
-        joint_drives = drives(best, armature=True)
-        return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
+        return drives_torque(identified, states, armature=True)

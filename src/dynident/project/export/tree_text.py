@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dynident.models import RigidBodies, to_physical
+from dynident.models import RigidBodies
 from dynident.models.robot_files import RobotJoint, Shape, ShapeKind
 from dynident.runtime import count
 
 Array = NDArray[np.float64]
 WORLD = "world"  # the name that MuJoCo has for what does not move
-TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 JOINT_TAGS = {"revolute": "hinge", "prismatic": "slide"}
 # a visual shape touches nothing
 GEOM_ROLES = {"collision": 'group="3"', "visual": 'group="2" contype="0" conaffinity="0"'}
@@ -141,26 +140,15 @@ def mesh_notes(bodies: RigidBodies) -> tuple[str, ...]:
 
 
 def urdf_of(bodies: RigidBodies) -> str:
-    """Return the tree of an MJCF as a URDF, with the inertias of the file.
+    """Return the tree of an MJCF as a URDF without inertias.
 
     Link frames are at the anchors of the joints. A joint with several coordinates is fixed.
     """
     lines = [f'<robot name="{_model_name(bodies)}">']
-    for link, theta in bodies.file.links.items():
-        inertial = "" if theta is None or not theta[0] > 0 else _inertial(theta, link)
-        lines.append(
-            f"  <link name={quoteattr(link)}>{inertial}</link>" if inertial else f"  {element('link', name=link)}"
-        )
+    lines += [f"  {element('link', name=link)}" for link in bodies.file.links]
     for joint in bodies.file.joints:
         lines += [f"  {line}" for line in _urdf_joint(joint)]
     return "\n".join([*lines, "</robot>", ""])
-
-
-def _inertial(theta: Array, link: str) -> str:
-    mass, centre, tensor = to_physical(theta, link)
-    entries = {key: tensor[place] for key, place in TENSOR.items()}
-    parts = element("origin", xyz=centre), element("mass", value=mass), element("inertia", **entries)
-    return f"<inertial>{''.join(parts)}</inertial>"
 
 
 def _urdf_joint(joint: RobotJoint) -> Iterator[str]:

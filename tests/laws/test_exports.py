@@ -37,7 +37,6 @@ from dynident.project.export import (
     Mjcf,
     Numpy,
     Urdf,
-    Yaml,
     export,
     identified_mjcf,
     identified_module,
@@ -47,6 +46,7 @@ from dynident.project.export import (
 from dynident.project.export.identified import link_inertias
 from dynident.project.export.written import place_values
 from dynident.regression import structural_base_parameters
+from dynident.runtime.families import EXPORTERS
 from tests.laws.test_damaged_robot_files import RICH_MJCF, RICH_URDF
 from tests.laws.test_rigid_bodies import Peer, few, random_body, random_robot, states
 from tests.robots import ARM, ARM_MJCF, words
@@ -138,7 +138,7 @@ def test_mimic_joints_several_joints_of_a_body_and_shapes_are_written(text, opti
     joints, count = bodies.joints, len(bodies.parameters) // 10
     model = Model((bodies, Viscous(joints), Coulomb(joints), RotorInertia(joints)), name="arm")
     one = IdentifiedModel(model, np.concatenate([physical(rng, count).ravel(), rng.uniform(0, 2, 3 * len(joints))]))
-    for exporter in (Urdf() if bodies.format == "urdf" else Mjcf(), Numpy(), Yaml()):
+    for exporter in (EXPORTERS.get(kind)() for kind in EXPORTERS.table):
         made = export(one, exporter, states(rng, len(joints), 20))
         assert made.ready, made.refusal
 

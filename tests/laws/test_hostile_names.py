@@ -25,7 +25,9 @@ from dynident.cli.terminal import status
 from dynident.models import Joint, Model, RigidBodies, from_physical
 from dynident.models.friction import Viscous
 from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, Yaml, export, random_states
+from dynident.project.export.simulators import Drake, IsaacLab, PinocchioFile, read_literals
 from dynident.runtime import Step, report_progress
+from dynident.runtime.families import EXPORTERS
 from tests.cli.commands import run
 from tests.report.fleets import fleet
 from tests.robots import joint, link, urdf
@@ -56,7 +58,7 @@ NAMES = (
 SEEN = "\x1b[31mred\x1b]8;;https://x.org\x07link\x08\x7f"  # XML cannot hold these; columns and file names can
 ACTS = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 BODY = from_physical(1.0, [0.1, 0.0, 0.0], 0.1 * np.eye(3))
-KINDS = (Numpy(), Urdf(), Mjcf(), Yaml())
+KINDS = (Numpy(), Urdf(), Mjcf(), Yaml(), Drake(), IsaacLab(), PinocchioFile())
 
 
 @pytest.fixture(autouse=True)
@@ -94,10 +96,11 @@ def robot(names):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.format)
-def test_no_export_runs_a_name(kind, name):
+@pytest.mark.parametrize("is_mjcf", [False, True])
+def test_no_export_runs_a_name(kind, name, is_mjcf):
     """The law: each format gives back the names that it was given, and its torque is proven, so that it was loaded."""
     names = ("b'+'", name, "@JOINTS@") if name not in ("b'+'", "@JOINTS@") else ("b'+'", "@JOINTS@")
-    text = mjcf(names) if isinstance(kind, Mjcf) else robot(names)
+    text = mjcf(names) if is_mjcf else robot(names)
     bodies = RigidBodies(text, source=name)
     model = Model((bodies, Viscous(bodies.joints)), name=f"{name} @JOINTS@")
     assert tuple(one.name for one in model.joints) == names
@@ -108,7 +111,9 @@ def test_no_export_runs_a_name(kind, name):
         namespace = {}
         exec(compile(made.written.text, "model.py", "exec"), namespace)
         assert (namespace["JOINTS"], namespace["MODEL"]) == (names, model.name)
-    if isinstance(kind, Urdf | Mjcf):
+    if isinstance(kind, IsaacLab | PinocchioFile):
+        assert tuple(read_literals(made.written.text)["ARMATURE"]) == names
+    if isinstance(kind, Urdf | Mjcf | Drake):
         assert tuple(one.name for one in RigidBodies(made.written.text).joints) == names
     if isinstance(kind, Yaml):
         read = yaml.safe_load(made.written.text)
@@ -199,7 +204,7 @@ def commands(folder, odd):
     yield 0, ("check", config, folder / f"{odd}.urdf", "--json", folder / "check.json")
     yield 0, ("bound", config, "--out", folder / "out2")
     yield 0, ("predict", result, log, "--out", folder / f"{odd}.csv")
-    for kind in ("numpy", "urdf", "yaml"):
+    for kind in EXPORTERS.table:
         yield 0, ("export", result, "--format", kind, "--out", folder / f"new {odd}.{kind}")
     yield 0, ("smooth", log, "--time", f"t {odd}", "--out", folder / "out3")
     yield 0, ("fleet", folder / "fleet.yaml", "--out", folder / "out4", "--workers", "1")
@@ -212,7 +217,7 @@ def commands(folder, odd):
     yield 1, ("excite", config, "-o", folder / "out5", "--parameter", odd)
     yield 1, ("predict", result, folder / odd)
     yield 1, ("predict", config, log)
-    yield 1, ("export", result, "--format", "mjcf", "--out", folder / f"{odd}.xml")
+    yield 1, ("export", folder / odd, "--format", "mjcf", "--out", folder / f"{odd}.xml")
     yield 1, ("init", odd, log)
     yield 1, ("reproduce", "--scenario", odd)
     yield 1, ("reproduce", "--cluster", odd)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynident.cli import main
 from dynident.project.project import read_project
+from tests.files.data_sets import write_data_set
 from tests.robots import joint, link, urdf
 
 PAGE = (Path(__file__).parents[2] / "docs" / "recipes.md").read_text(encoding="utf-8")
@@ -79,16 +80,17 @@ def fri(path: Path, t: Array, q: Array, tau: Array) -> None:
 
 
 def lerobot(path: Path, t: Array, q: Array, tau: Array) -> None:
-    """An episode: lists of single precision, degrees, counts of 0.007 N m; the last motor is the gripper."""
-
-    def feature(values: Array) -> pl.Series:
-        return pl.Series(np.column_stack([values, np.full(N, 3.0)]).tolist(), dtype=pl.List(pl.Float32))
-
-    columns = {"action": feature(np.rad2deg(q) + 1.0), "observation.state": feature(np.rad2deg(q))}
-    columns |= {"observation.current": feature(np.round(tau / 0.007)), "timestamp": pl.Series(t, dtype=pl.Float32)}
-    count = pl.Series(range(N))
-    columns |= {"frame_index": count, "episode_index": 0 * count, "index": count, "task_index": 0 * count}
-    pl.DataFrame(columns).write_parquet(path)
+    """A data set of all episodes up to this one: degrees, counts of 0.007 N m; the last motor is the gripper."""
+    episodes = []
+    for seed in range(int(path.name[1:]) + 1):
+        _, q, tau = moved(len(SO), 0.01, seed)
+        values = {"action": np.rad2deg(q) + 1.0, "observation.state": np.rad2deg(q)}
+        values["observation.current"] = np.round(tau / 0.007)
+        episodes.append({name: np.column_stack([x, np.full(N, 3.0)]) for name, x in values.items()})
+    motors = [*SO, "gripper"]
+    positions = [f"{motor}.pos" for motor in motors]
+    names = {"action": positions, "observation.state": positions, "observation.current": motors}
+    write_data_set(path.parent, episodes, names)
 
 
 def matlab(path: Path, t: Array, q: Array, tau: Array) -> None:

@@ -67,11 +67,12 @@ def draft_from_files(robot: str, logs: Sequence[str], folder: Path) -> tuple[Con
     from dynident.apps.init.column_mapping import map_columns
     from dynident.apps.init.config_draft import check_same_columns, draft_config, read_source, with_gains
     from dynident.apps.init.match import read_joints
+    from dynident.files.lerobot import recordings
     from dynident.files.xml_text import SUFFIXES
 
     joints = read_joints(robot)
     sources = []
-    for log in logs:
+    for log in recordings(logs):
         report_progress(f"reading {log}")
         sources.append(read_source(log))
     first_table, *other_tables = (source.table for source in sources)
@@ -342,7 +343,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     from dynident.files.opener import refuse_inputs, remember_inputs
     from dynident.files.results import probe_folder, write_text
     from dynident.project import export as exports
-    from dynident.project.export import IdentifiedModel, random_states
+    from dynident.project.export import identified_model, random_states
     from dynident.project.export.proof import relocate_exports
     from dynident.project.saved import load
     from dynident.report.identification.robot import export_notes
@@ -355,13 +356,8 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     probe_folder(out.parent)
     identification, exporter = load(result, allow_code=allow_code), EXPORTERS.get(kind)()
     refuse_inputs(out)
-    estimate, states = (
-        identification.estimate,
-        random_states(len(identification.model.joints), np.random.default_rng(0)),
-    )
-    identified = IdentifiedModel(
-        identification.model, estimate.value, identification.errors.std, tuple(estimate.provenance)
-    )
+    states = random_states(len(identification.model.joints), np.random.default_rng(0))
+    identified = identified_model(identification)
     (model_export,) = relocate_exports(
         out.parent, [exports.export(identified, exporter, states)], identification.provenance
     )

@@ -21,9 +21,27 @@ from dynident.files.opener import content, file_status, open_input
 from dynident.runtime import InputError, Noun, call_part, choices
 from dynident.runtime.families import READERS
 
-PARQUET, BAG_FOLDER = ".parquet", ".db3"  # the kinds of folders
+PARQUET, BAG_FOLDER, DATA_SET = ".parquet", ".db3", "lerobot"  # the kinds of folders
+INFO_FILE = Path("meta", "info.json")  # of a LeRobot data set
 Array = NDArray[np.float64]
 DAY = 86_400  # s
+
+
+def is_episode(path: Path) -> bool:
+    """Return whether a path names an episode of a LeRobot data set: ``folder/#3``."""
+    return re.fullmatch(r"#\d{1,9}", path.name) is not None
+
+
+def recording_name(path: Path) -> str:
+    """Return how a recording is called: the stem of its file, the folder of a pattern, or data set and number."""
+    if is_episode(path):
+        return f"{path.parent.name} {path.name}".strip()
+    return path.parent.name if glob.has_magic(path.name) and path.parent.name else path.stem
+
+
+def is_data_set(path: Path) -> bool:
+    """Return whether a path is the folder of a LeRobot data set."""
+    return os.path.exists(path / INFO_FILE)
 
 
 def is_divided(path: Path) -> bool:
@@ -132,9 +150,9 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     Where ``needed`` names columns, readers need not read others. A file takes no more memory than 4 GB, or what the
     environment variable DYNIDENT_MEMORY says.
     Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS bags
-    as in ``files/ros.py``. A ROS 2 bag may be given as its folder; a recording in several Parquet files as theirs, or
-    as a pattern of their names. Nothing is ever unpickled. Raises InputError where the file is missing, empty, damaged
-    or of unknown type, or needs an extra that is not installed.
+    as in ``files/ros.py``. A ROS 2 bag may be given as its folder, an episode of a LeRobot data set as ``folder/#3``, a
+    recording in several Parquet files as theirs, or as a pattern of their names. Nothing is ever unpickled. Raises
+    InputError where the file is missing, empty, damaged or of unknown type, or needs an extra that is not installed.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -164,7 +182,7 @@ def report_damage(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0]
-        kind = "bag" if path.is_dir() else f"{path.suffix.lower()} file"
+        kind = "bag" if path.is_dir() else f"{path.suffix.lower()} file".strip()
         raise InputError(f"{path}: is not a readable {kind} ({type(error).__name__}: {reason}).") from error
 
 
@@ -177,7 +195,9 @@ def _call_external(reader: Callable[..., DataTable], path: Path, needed: Collect
 def _find_reader(path: Path, kind: str) -> Callable[..., DataTable]:
     """Return the reader for a file; InputError where there is none, or no such file."""
     is_parts = is_divided(path)
-    if is_parts or stat.S_ISDIR(file_status(path, kinds=READERS.kinds()).st_mode):
+    if is_episode(path) or is_data_set(path):
+        kind = DATA_SET
+    elif is_parts or stat.S_ISDIR(file_status(path, kinds=READERS.kinds()).st_mode):
         kind = PARQUET if is_parts else BAG_FOLDER
     if kind not in READERS.table and kind not in READERS.kinds():
         raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")

@@ -10,9 +10,10 @@ from hashlib import sha256
 from pathlib import Path
 
 from dynident.checks import CheckResult, run_checks, with_findings
+from dynident.files.lerobot import episode_files
 from dynident.files.opener import real_path
 from dynident.files.results import as_path
-from dynident.files.tables import recording_parts
+from dynident.files.tables import is_episode, recording_parts
 from dynident.files.xml_text import SUFFIXES
 from dynident.identification import (
     AccuracyBound,
@@ -238,8 +239,12 @@ def _merge_remarks(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple
 def log_files(config: Config) -> tuple[SourceFile, ...]:
     """Return every file of the recordings with its SHA-256; each is read once more."""
     paths = (path for spec in (*config.train, *config.validation) for path in spec.file.values())
-    files = {real_path(file): None for path in paths for file in recording_parts(path)}
+    files = {real_path(file): None for path in paths for file in _files_of_recording(path)}
     return tuple(SourceFile(str(file), fingerprint(file), modified=stamp(file)) for file in files)
+
+
+def _files_of_recording(path: Path) -> tuple[Path, ...]:
+    return episode_files(path) if is_episode(path) else recording_parts(path)
 
 
 def stamp(file: Path | None = None) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from glob import has_magic
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 from pydantic_core import PydanticCustomError
 
+from dynident.files.tables import recording_name
 from dynident.models import Joint
 from dynident.project.fields import (
     POSITIONS,
@@ -245,11 +245,8 @@ class LogSpec(Section):
 
     @property
     def label(self) -> str:
-        """The name of the log, by default the stem of its first file, or the folder of a pattern."""
-        first_file = next(iter(self.file.values()))
-        return self.name or (
-            first_file.parent.name if has_magic(first_file.name) and first_file.parent.name else first_file.stem
-        )
+        """The name of the log, by default the stem of its first file, the folder of a pattern, or its episode."""
+        return self.name or recording_name(next(iter(self.file.values())))
 
 
 class CouplingSettings(Section):

@@ -289,6 +289,7 @@ READERS = PartFamily(
         ".mat": "dynident.files.matlab:read_mat",
         **dict.fromkeys((".h5", ".hdf5"), "dynident.files.matlab:read_hdf5"),
         **dict.fromkeys((".bag", ".db3", ".mcap"), "dynident.files.ros:read_bag"),
+        "lerobot": "dynident.files.lerobot:read_episode",
     },
     functions=True,
 )
@@ -299,6 +300,9 @@ EXPORTERS = PartFamily(
         "mjcf": "dynident.project.export.formats:Mjcf",
         "numpy": "dynident.project.export.formats:Numpy",
         "yaml": "dynident.project.export.formats:Yaml",
+        "drake": "dynident.project.export.simulators:Drake",
+        "isaac": "dynident.project.export.simulators:IsaacLab",
+        "pinocchio": "dynident.project.export.simulators:PinocchioFile",
     },
     members=("format", "readers", "file", "write", "torque"),
 )

@@ -7,7 +7,7 @@ import pytest
 
 from dynident.models import Model, RigidBodies, from_physical
 from dynident.models.friction import Viscous
-from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, Yaml, export, identified_mjcf, identified_urdf
+from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, Yaml, export, identified_urdf
 from dynident.runtime import ModelError
 from tests.project.export.arms import BODY, STATES, arm
 from tests.robots import ARM, ARM_MJCF
@@ -66,11 +66,7 @@ def test_negative_friction_is_refused(text, exporter):
     assert "Fv_shoulder is -0.1 N m s/rad" in made.refusal
 
 
-def test_the_other_format_is_refused():
-    with pytest.raises(ModelError, match="`mjcf`"):
-        identified_urdf(arm(ARM_MJCF))
-    with pytest.raises(ModelError, match="`urdf`"):
-        identified_mjcf(arm(ARM))
+def test_a_model_without_a_robot_file_is_refused():
     joints = RigidBodies(ARM).joints
     with pytest.raises(ModelError, match="does not come from a robot file"):
         identified_urdf(IdentifiedModel(Model((Viscous(joints),)), np.ones(3)))

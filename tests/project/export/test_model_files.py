@@ -44,7 +44,7 @@ class TestExportModel:
         assert len(dy.export_model(found, tmp_path / "arm.urdf")) == len(dy.export_model(found, tmp_path / "v1.2")) == 2
 
     def test_mistakes_are_named(self, found: dy.Identification, tmp_path: Path) -> None:
-        with pytest.raises(ConfigError, match="no format 'yml' of this model; did you mean 'yaml'"):
+        with pytest.raises(ConfigError, match="no format 'yml'; did you mean 'yaml'"):
             dy.export_model(found, tmp_path, "yml")
 
 

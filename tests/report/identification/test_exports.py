@@ -27,7 +27,8 @@ def test_a_proven_file_with_what_it_leaves_out() -> None:
     assert result["proven"]
     assert result["agreement"] == made.proof.agreement
     assert result["left_out"] == list(made.written.left_out)
-    first, second = export_notes([made])
+    first, second, third = export_notes([made])
+    assert third.startswith("robot.identified.urdf: what it leaves out is, as root mean square over the states")
     assert first == "robot.identified.urdf cannot hold 6 items, listed in the report."
     assert second.startswith("robot.identified.urdf: Ia_shoulder (0.5 kg m^2): part of other parameters")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from dynident.apps.compare_results.comparison import ComparedLog, ComparedResult, ExportRecord
+from dynident.files.lerobot import episode_files
 from dynident.files.opener import content, real_path
+from dynident.files.tables import is_episode
 from dynident.identification import Sources
 from dynident.project.config import parse_config
 from dynident.project.logs import recording_of
@@ -92,12 +95,22 @@ def _recording_digests(sources: Sources, logs: list[tuple[str, str]]) -> dict[tu
     digests = {}
     for name, role in logs:
         spec = recording_of(name, config.train if role == "train" else config.validation)
-        # hashes are stored by real path; a recording without the hash of each file is not identified
-        files = [] if spec is None else [hashes.get(str(real_path(file)), "") for file in spec.file.values()]
+        # a recording without the hash of each file is not identified
+        files = [] if spec is None else [_digest_of_file(file, hashes) for file in spec.file.values()]
         if spec is not None and all(files):
             identity = f"{files} {spec.window} {spec.exclude}"
             digests[name, role] = sha256(identity.encode()).hexdigest()
     return digests
+
+
+def _digest_of_file(path: Path, hashes: Mapping[str, str]) -> str:
+    """Return the hash of a file, which is stored by its real path, or those of an episode's with its number."""
+    try:
+        files = episode_files(path) if is_episode(path) else (path,)
+    except InputError:  # a data set that is no longer there
+        return ""
+    digests = [hashes.get(str(real_path(file)), "") for file in files]
+    return " ".join([*digests, path.name] if is_episode(path) else digests) if all(digests) else ""
 
 
 def _use_of_report(report: dict[str, Any]) -> Use | None:

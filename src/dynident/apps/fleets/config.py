@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BeforeValidator, StrictBool, ValidationInfo, model_validator
 
+from dynident.files.lerobot import recordings
 from dynident.files.opener import (
     content,
     file_stamp,
@@ -28,6 +29,7 @@ from dynident.files.opener import (
     strip_scheme,
 )
 from dynident.files.results import read_table, table_kind
+from dynident.files.tables import INFO_FILE, is_episode
 from dynident.files.text import call_polars
 from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_text
@@ -234,7 +236,9 @@ def _logs_by_pattern(settings: FleetSettings, folder: Path, out: Path | None) ->
         if out is not None and not is_address(file.name) and is_result(real_path(folder / file.name), real_path(out)):
             results += 1
         else:
-            logs.append(_fleet_log({"log": file.name, **fields.groupdict()}, settings, file.stamp))
+            for log in recordings([file.name], folder):
+                log_stamp = file.stamp if log == file.name else _table_stamp(log, folder)[0]
+                logs.append(_fleet_log({"log": log, **fields.groupdict()}, settings, log_stamp))
     if results and not logs:
         raise InputError(
             f"{pattern}: there is no log but those where results are written; choose a folder beside {out}."
@@ -298,7 +302,9 @@ def _logs_by_table(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog
 def _table_stamp(name: str, folder: Path) -> tuple[str, str]:
     """Return the stamp of a log, and why it cannot be had where a store does not answer: that row alone fails."""
     try:
-        return file_stamp(name, folder), ""
+        # of an episode, the stamp of its data set
+        file = f"{Path(name).parent.as_posix()}/{INFO_FILE.as_posix()}" if is_episode(Path(name)) else name
+        return file_stamp(file, folder), ""
     except InputError as error:
         return "", str(error).rstrip(".")
 

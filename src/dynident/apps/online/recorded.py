@@ -13,7 +13,7 @@ import numpy as np
 
 from dynident.apps.online.stream import StreamRead
 from dynident.files.parquet import count_rows, read_rows
-from dynident.files.tables import DAY, PARQUET, DataTable, read_columns, recording_parts
+from dynident.files.tables import DAY, PARQUET, DataTable, is_episode, read_columns, recording_parts
 from dynident.runtime import InputError
 from dynident.runtime.families import READERS
 
@@ -25,7 +25,7 @@ def is_recorded(source: str) -> bool:
     """Return whether a source is a recording that is read as a whole: no text, to which another program adds lines."""
     kind = Path(source).suffix.lower()
     is_text = kind not in READERS.kinds() or READERS.table.get(kind) == READERS.table[".csv"]
-    return source != "-" and (os.path.isdir(source) or not is_text)
+    return source != "-" and (os.path.isdir(source) or is_episode(Path(source)) or not is_text)
 
 
 class RecordedFile:

@@ -1,7 +1,7 @@
 """The identified model as files for other programs."""
 
 from dynident.project.export.formats import Mjcf, Numpy, PinocchioArm, Urdf, Yaml, identified_yaml
-from dynident.project.export.identified import IdentifiedModel
+from dynident.project.export.identified import IdentifiedModel, Servo
 from dynident.project.export.numpy_module import identified_module
 from dynident.project.export.proof import export, export_files, exports, prove, random_states, spread
 from dynident.project.export.robot_files import (
@@ -12,4 +12,5 @@ from dynident.project.export.robot_files import (
     strip_to_joints,
     with_payload_link,
 )
+from dynident.project.export.servos import identified_model
 from dynident.project.export.written import Export, Exporter, ExportText, FileError, Proof

@@ -18,6 +18,7 @@ from dynident.models import RigidBodies, motion_memory
 from dynident.project.export.identified import IdentifiedModel, drives
 from dynident.project.export.numpy_module import identified_module
 from dynident.project.export.robot_files import identified_mjcf, identified_urdf
+from dynident.project.export.servos import constant_torques
 from dynident.project.export.written import ExportText, Reader, States, place_values
 from dynident.runtime import DynidentError
 
@@ -179,6 +180,8 @@ def torque_by_mujoco(text: str, identified: IdentifiedModel, states: States) -> 
     import mujoco
 
     bodies, _ = identified.bodies
+    if bodies.format == "urdf":  # the text needs no other file: its shapes, actuators and numbers are compiled, too
+        mujoco.MjModel.from_xml_string(text)
     model = mujoco.MjModel.from_xml_string(_remove_shapes(text))
     # constraints and actuators would add forces to the inverse dynamics
     off = mujoco.mjtDisableBit
@@ -202,6 +205,18 @@ def torque_by_mujoco(text: str, identified: IdentifiedModel, states: States) -> 
     return np.asarray(out @ arm.drive + friction * np.sign(states[1]))
 
 
+def _with_actuators(reader: Reader) -> Reader:
+    """Return a reader that adds the constant torques of actuators, where the file is not that of the user."""
+
+    def torque(text: str, identified: IdentifiedModel, states: States) -> Array:
+        bodies, _ = identified.bodies
+        names = [joint.name for joint in bodies.joints]
+        constant = constant_torques(XmlText(text), names) if bodies.format == "urdf" else np.zeros(len(names))
+        return reader(text, identified, states) + constant
+
+    return torque
+
+
 def _remove_shapes(text: str) -> str:
     """Return an MJCF without shapes and references to them, as their files may be missing."""
     edited = XmlText(text)
@@ -213,6 +228,17 @@ def _remove_shapes(text: str) -> str:
         elif node.tag != "default":
             todo += node.children
     return str(edited)
+
+
+def drives_torque(
+    identified: IdentifiedModel, states: States, *, armature: bool, in_links: bool = False, offset: bool = False
+) -> Array:
+    """Return the torque of the bodies and what ``drives`` holds; rotor inertia is in links where it can, if asked."""
+    best = place_values(identified, armature=armature and not in_links)
+    bodies, values = best.bodies
+    names = tuple(joint.name for joint in bodies.joints)
+    joint_drives = drives(best, armature=armature, offset=offset)
+    return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
 
 
 @dataclass(frozen=True)
@@ -229,16 +255,12 @@ class RobotFile:
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of bodies, damping and friction, and of the armature that the file can hold."""
-        best = place_values(identified, armature=self.armature)
-        bodies, values = best.bodies
-        names = tuple(joint.name for joint in bodies.joints)
-        joint_drives = drives(best, armature=self.armature)
-        return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
+        return drives_torque(identified, states, armature=self.armature)
 
 
 @dataclass(frozen=True)
 class Urdf(RobotFile):
-    """The robot's own URDF with the identified inertias, damping and friction."""
+    """The robot's own URDF, or one of its MJCF, with the identified inertias, damping and friction."""
 
     format: ClassVar[str] = "urdf"
     suffix, armature = ".urdf", False
@@ -251,15 +273,23 @@ class Urdf(RobotFile):
 
 @dataclass(frozen=True)
 class Mjcf(RobotFile):
-    """The robot's own MJCF with the identified inertias, damping, friction and armature."""
+    """The robot's own MJCF, or one of its URDF, with the identified inertias, damping, friction and armature."""
 
     format: ClassVar[str] = "mjcf"
     suffix, armature = ".xml", True
-    readers: ClassVar[Mapping[str, Reader]] = {"MuJoCo": torque_by_mujoco, "dynident": torque_by_dynident}
+    readers: ClassVar[Mapping[str, Reader]] = {
+        "MuJoCo": _with_actuators(torque_by_mujoco),
+        "dynident": _with_actuators(torque_by_dynident),
+    }
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the MJCF."""
         return identified_mjcf(identified)
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of ``RobotFile``, with constant torques where the file gets actuators."""
+        has_actuators = identified.bodies[0].format == "urdf"
+        return drives_torque(identified, states, armature=True, offset=has_actuators)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from dynident.models import (
     smallest_eigenvalue,
     to_pseudo,
 )
-from dynident.models.friction import Coulomb, JointTerm, PerJoint, Viscous
+from dynident.models.friction import Coulomb, JointTerm, Offset, PerJoint, Viscous
 from dynident.models.robot_files import ArmBody
 from dynident.runtime import ModelError, Noun
 
@@ -28,13 +28,32 @@ ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameter
 MAX_NOMINAL_SHARE = 0.999  # the fixed links keep their nominal inertias up to this share of the largest consistent one
 
 
+@dataclass(frozen=True)
+class Servo:
+    """How a joint is driven: torque = kp (reference - q) - kd dq within +-``limit``, in N m or N, rad or m, and s.
+
+    ``kp`` is None where no controller is known, ``limit`` where there is none. The reference comes ``delay`` s late;
+    the motor turns ``gear`` times as fast as the joint.
+    """
+
+    kp: float | None = None
+    kd: float = 0.0
+    limit: float | None = None
+    delay: float = 0.0
+    gear: float = 1.0
+
+
 class IdentifiedModel(Noun):
-    """A model and the values (p) of its parameters; ``std`` (p) and ``verdict`` (p) where they are known."""
+    """A model and the values (p) of its parameters; ``std`` (p) and ``verdict`` (p) where they are known.
+
+    ``servos`` say how joints are driven, by their names, where that is known.
+    """
 
     model: Model
     value: Array
     std: Array | None = None
     verdict: tuple[str, ...] = ()
+    servos: Mapping[str, Servo] = field(default_factory=dict)
 
     @property
     def parts(self) -> Iterator[tuple[Term, Array]]:
@@ -75,7 +94,8 @@ def depends_on_past(term: Term) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """The joint attributes of a robot file: damping (N m s/rad), friction (N m), armature (kg m^2), or for sliding.
+    """The joint attributes of a robot file: damping (N m s/rad), friction (N m), armature (kg m^2), a constant torque
+    ``offset`` (N m), or for sliding.
 
     ``left_out`` describes the parameters that no attribute holds; ``notes`` the values that the file keeps.
     """
@@ -83,26 +103,27 @@ class Drives:
     damping: Mapping[str, float] = field(default_factory=dict)
     friction: Mapping[str, float] = field(default_factory=dict)
     armature: Mapping[str, float] = field(default_factory=dict)
+    offset: Mapping[str, float] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def torque(self, joints: tuple[str, ...], dq: Array, ddq: Array) -> Array:
-        """Return damping dq + friction sign(dq) + armature ddq, shape (N, n)."""
-        damping, friction, armature = (
+        """Return damping dq + friction sign(dq) + armature ddq + offset, shape (N, n)."""
+        damping, friction, armature, offset = (
             np.array([values.get(name, 0.0) for name in joints])
-            for values in (self.damping, self.friction, self.armature)
+            for values in (self.damping, self.friction, self.armature, self.offset)
         )
-        return np.asarray(damping * dq + friction * np.sign(dq) + armature * ddq)
+        return np.asarray(damping * dq + friction * np.sign(dq) + armature * ddq + offset)
 
 
-def drives(identified: IdentifiedModel, *, armature: bool) -> Drives:
+def drives(identified: IdentifiedModel, *, armature: bool, offset: bool = False) -> Drives:
     """Return the part of the other terms that a robot file can hold.
 
-    ``armature`` says whether it can hold rotor inertia. A value that is not identified is that of the file.
-    Raises ModelError for a negative value, which simulators reject.
+    ``armature`` says whether it can hold rotor inertia, ``offset`` whether constant torques. A value that is not
+    identified is that of the file. Raises ModelError for a negative value, which simulators reject.
     """
     bodies, _ = identified.bodies
-    kinds = _drive_attributes(armature)
+    kinds = _drive_attributes(armature) | ({Offset: "offset"} if offset else {})
     identified_values: dict[str, dict[str, float]] = {name: {} for name in kinds.values()}
     left_out: list[str] = []
     for term, values in identified.parts:
@@ -114,7 +135,7 @@ def drives(identified: IdentifiedModel, *, armature: bool) -> Drives:
         # several terms may drive one joint: their values add
         _add_values(identified_values[kinds[type(term)]], term, values)
         left_out += _sign_notes(term)
-    nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name) for name in identified_values}
+    nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name, {}) for name in identified_values}
     # the identified value of a joint already contains that of the joints that mimic it
     followers = _mimic_joints(bodies, identified_values)
     drive_values = {
@@ -122,9 +143,7 @@ def drives(identified: IdentifiedModel, *, armature: bool) -> Drives:
         for name in identified_values
     }
     notes = (*_nominal_notes(nominal, identified_values), *_mimic_notes(followers))
-    return Drives(
-        drive_values["damping"], drive_values["friction"], drive_values.get("armature", {}), tuple(left_out), notes
-    )
+    return Drives(**drive_values, left_out=tuple(left_out), notes=notes)
 
 
 def holdable_mask(identified: IdentifiedModel, *, armature: bool) -> NDArray[np.bool_]:
@@ -147,7 +166,7 @@ def _add_values(sums: dict[str, float], term: PerJoint, values: Array) -> None:
     """Add the values of a term to those of its joints; ModelError where one is negative."""
     joints = term.on or tuple(joint.name for joint in term.joints)
     for parameter, joint, value in zip(term.parameters, joints, values.tolist(), strict=True):
-        if value < 0:
+        if value < 0 and type(term) is not Offset:
             raise ModelError(f"{parameter.name} is {value:.4g} {parameter.unit}, below zero; {ADVICE}.")
         sums[joint] = sums.get(joint, 0.0) + value
 

@@ -21,10 +21,12 @@ from dynident.motion.log import Motion, subsample
 from dynident.project.export.formats import Mjcf, Numpy, Urdf, Yaml
 from dynident.project.export.identified import IdentifiedModel
 from dynident.project.export.robot_files import relocate_files
+from dynident.project.export.servos import identified_model
 from dynident.project.export.written import Export, Exporter, ExportText, FileError, Proof, Reader, States
 from dynident.project.saved import source_files
 from dynident.regression import BLOCK
-from dynident.runtime import ConfigError, InputError, ModelError, choices
+from dynident.runtime import ConfigError, InputError, ModelError, choices, join_names
+from dynident.runtime.families import EXPORTERS
 from dynident.validation import relative_error
 
 Array = NDArray[np.float64]
@@ -96,16 +98,18 @@ def _is_unreadable(reader: Reader, identified: IdentifiedModel) -> bool:
     return False
 
 
-def exports(found: Identification) -> tuple[Export, ...]:
+def exports(found: Identification, format: str | None = None) -> tuple[Export, ...]:  # noqa: A002
     """Return the robot's own file with the identified values, if there is one, the parameters, and a NumPy module.
 
-    Each is verified on samples of the logs, and has its own torque errors on them, or the reason why it cannot be
-    written.
+    With another ``format`` its file is the last. Each is verified on samples of the logs, and has its own torque errors
+    on them, or the reason why it cannot be written.
     """
-    estimate = found.estimate
-    identified = IdentifiedModel(found.model, estimate.value, found.errors.std, tuple(estimate.provenance))
+    identified = identified_model(found)
     states = spread(tuple(log.motion for log in found.validations))
-    made = [(exporter, export(identified, exporter, states)) for exporter in _usual(identified)]
+    exporters = _usual(identified)
+    if format is not None and all(exporter.format != format for exporter in exporters):
+        exporters = (*exporters, EXPORTERS.get(format, "format")())
+    made = [(exporter, export(identified, exporter, states)) for exporter in exporters]
     return tuple(replace(file, errors=tuple(_errors(found, identified, exporter, file))) for exporter, file in made)
 
 
@@ -137,6 +141,20 @@ def _usual(identified: IdentifiedModel) -> tuple[Exporter, ...]:
     return (*robots, *ALWAYS)
 
 
+def _size_notes(written: ExportText, identified: IdentifiedModel, exporter: Exporter, states: States) -> Iterator[str]:
+    """Yield how large the torque is that a text leaves out, joint by joint, but for terms that depend on the past."""
+    if not written.left_out:
+        return
+    difference = Numpy().torque(identified, states) - exporter.torque(identified, states)
+    sizes = np.sqrt(np.mean(difference**2, axis=0))
+    if len(difference) and sizes.max() > MIN_TORQUE_SHARE * np.abs(exporter.torque(identified, states)).max():
+        words = [
+            f"{size:.2g} {'N' if joint.kind == 'prismatic' else 'N m'} at {joint.name!r}"
+            for joint, size in zip(identified.model.joints, sizes, strict=True)
+        ]
+        yield f"what it leaves out is, as root mean square over the states compared, {join_names(words)}"
+
+
 def export(identified: IdentifiedModel, exporter: Exporter, states: States) -> Export:
     """Return the text of an exporter with its verification at the states q, dq, ddq (N, n).
 
@@ -156,7 +174,8 @@ def export(identified: IdentifiedModel, exporter: Exporter, states: States) -> E
         return Export(exporter.format, file, refusal=str(error))
     proof = prove(written, identified, states, exporter)
     if proof.proven:
-        return Export(exporter.format, file, written, proof)
+        notes = (*written.notes, *_size_notes(written, identified, exporter, states))
+        return Export(exporter.format, file, replace(written, notes=notes), proof)
     words = ", ".join(f"{name} {value:.2g}" for name, value in proof.readers.items())
     reason = (
         f"the text, loaded again, does not reproduce the identified torque: relative difference {words}, allowed is "
@@ -168,10 +187,10 @@ def export(identified: IdentifiedModel, exporter: Exporter, states: States) -> E
 def export_model(identification: Identification, path: str | Path, format: str | None = None) -> tuple[Path, ...]:  # noqa: A002
     """Write the identified model for other programs to a folder, or to one file by its ending, and return the files.
 
-    ``format`` is urdf, mjcf, yaml, numpy, or one that another package adds; None writes all that the model can be
-    written as, or what the ending says. Each is loaded again and compared before it is written. Raises ConfigError for
-    an unknown format or ending, or where the robot's own file would be replaced, ModelError where the model cannot be
-    written so.
+    ``format`` is urdf, mjcf, drake, isaac, pinocchio, yaml, numpy, or one that another package adds; None writes the
+    robot's own file, yaml and numpy, or what the ending says. Each is loaded again and compared before it is written.
+    Raises ConfigError for an unknown format or ending, or where the robot's own file would be replaced, ModelError
+    where the model cannot be written so.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -215,7 +234,7 @@ def relocate_exports(folder: Path, model_exports: Iterable[Export], sources: Sou
 
 
 def _relocate_export(export: Export, mesh_folder: str) -> Export:
-    if export.format != "urdf" or export.written is None:
+    if export.format not in ("urdf", "drake") or export.written is None:
         return export
     return replace(export, written=replace(export.written, text=relocate_files(export.written.text, mesh_folder)))
 
@@ -225,10 +244,9 @@ def _select_exports(identification: Identification, name: str | None, file: str)
 
     Raises ModelError where none can be written.
     """
-    all_exports = exports(identification)
-    formats = [export.format for export in all_exports]
-    if name is not None and name not in formats:
-        raise ConfigError(f"export_model: there is no format {name!r} of this model; {choices(name, formats)}")
+    if name is not None and name not in EXPORTERS.kinds():
+        raise ConfigError(f"export_model: there is no format {name!r}; {choices(name, EXPORTERS.kinds())}")
+    all_exports = exports(identification, name)
     selection = [export for export in all_exports if name in (None, export.format)]
     if file:
         endings = {Path(export.file).suffix: replace(export, file=file) for export in selection}

@@ -1,8 +1,8 @@
-"""A payload as a link of its own in a URDF, fixed to the link that carries it."""
+"""Robot files with identified values, and a payload as a link of its own, fixed to the link that carries it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import chain, count
 from xml.sax.saxutils import quoteattr
 
@@ -13,6 +13,8 @@ from dynident.files.meshes import inertial_element, named_body_nodes
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies, to_physical
 from dynident.project.export.identified import Drives, IdentifiedModel, LinkInertias, drives, link_inertias
+from dynident.project.export.servos import actuator_lines, range_lines, ranges
+from dynident.project.export.tree_text import mesh_notes, mjcf_of, numbers_text, urdf_of
 from dynident.project.export.written import ExportText, move_notes, place_values
 from dynident.runtime import ModelError
 
@@ -39,35 +41,44 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
     http://wiki.ros.org/urdf/XML). Raises ModelError where the model does not come from a URDF, and for
     inconsistent bodies or negative friction.
     """
-    bodies, joint_drives, shares, notes = _robot_content(identified, "urdf", armature=False)
-    text = XmlText(bodies.xml)
-    joints = {body.joint.name for body in bodies.arm.bodies}
-    for node in text.root.children:
-        name = node.attributes.get("name", "")
-        if node.tag == "link" and name in shares.links:
-            _set_urdf_inertia(text, node, shares.links[name])
-        elif node.tag == "joint":
-            _set_joint(text, node, joint_drives, name if name in joints else None)
+    bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=False)
+    text = urdf_text(bodies, joint_drives, shares)
     gravity = (
         [] if bodies.gravity == EARTH_GRAVITY else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
     )
     return ExportText(str(text), (*joint_drives.left_out, *gravity), notes)
 
 
-def _robot_content(
+def urdf_text(bodies: RigidBodies, joint_drives: Drives, shares: LinkInertias) -> XmlText:
+    """Return the URDF of the bodies, or that of their tree, with inertias, damping and friction."""
+    is_converted = bodies.format != "urdf"
+    text = XmlText(urdf_of(bodies) if is_converted else bodies.xml)
+    joints = {body.joint.name for body in bodies.arm.bodies}
+    # a tree has no inertias yet: those that stay as they are have to be set, too
+    kept = {link: theta for link, theta in bodies.file.links.items() if theta is not None and theta[0] > 0}
+    inertias = {**(kept if is_converted else {}), **shares.links}
+    for node in text.root.children:
+        name = node.attributes.get("name", "")
+        if node.tag == "link" and name in inertias:
+            _set_urdf_inertia(text, node, inertias[name])
+        elif node.tag == "joint":
+            _set_joint(text, node, joint_drives, name if name in joints else None)
+    return text
+
+
+def robot_content(
     identified: IdentifiedModel, file_format: str, *, armature: bool
 ) -> tuple[RigidBodies, Drives, LinkInertias, tuple[str, ...]]:
-    """Return the bodies of a robot file, what it gets of drives and links, and notes on them; ModelError where the
-    file has another format."""
+    """Return the bodies of a robot file, what it gets of drives and links, and notes on them and the format."""
     bodies, _ = identified.bodies
-    if bodies.format != file_format:
-        kind = {"urdf": "a URDF", "mjcf": "an MJCF"}[bodies.format]
-        raise ModelError(
-            f"{bodies.source}: it is {kind}, which can be written as `{bodies.format}`, not as `{file_format}`."
-        )
     best = place_values(identified, armature=armature)
-    joint_drives, shares = drives(best, armature=armature), link_inertias(bodies, best.bodies[1])
+    # constant torques are part of actuators, which a file of another format gets
+    has_actuators = file_format == "mjcf" != bodies.format
+    joint_drives = drives(best, armature=armature, offset=has_actuators)
+    shares = link_inertias(bodies, best.bodies[1])
     notes = (*move_notes(identified, best), *joint_drives.notes, *shares.notes, *fixed_joint_notes(bodies, shares))
+    if bodies.format != file_format:
+        notes += mesh_notes(bodies)
     return bodies, joint_drives, shares, notes
 
 
@@ -115,11 +126,6 @@ def relocate_files(xml: str, prefix: str) -> str:
         if new_names:
             text.set(node, new_names)
     return str(text)
-
-
-def numbers_text(values: Iterable[float]) -> str:
-    """Return numbers with all their digits, separated by spaces."""
-    return " ".join(repr(float(value)) for value in values)
 
 
 def fixed_joint_notes(bodies: RigidBodies, shares: LinkInertias) -> tuple[str, ...]:
@@ -209,13 +215,18 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     that would change inertias are removed. Raises ModelError where the model does not come from an MJCF, and for
     inconsistent bodies or negative friction.
     """
-    bodies, joint_drives, shares, notes = _robot_content(identified, "mjcf", armature=True)
-    text = XmlText(bodies.xml)
+    bodies, joint_drives, shares, notes = robot_content(identified, "mjcf", armature=True)
+    text = XmlText(bodies.xml if bodies.format == "mjcf" else mjcf_of(bodies))
     if _is_in_radians(text):
         for node in (element for element in _body_nodes(text) if element.tag in ("body", "frame")):
             text.write_exact_angles(node, "euler")
             text.write_exact_angles(node, "axisangle", 1)
     _set_identified(text, bodies, joint_drives, shares)
+    names = {node.attributes.get("name", "") for node in text.root.walk() if node.tag == "numeric"}
+    lines = range_lines([x for x in ranges(identified, joint_drives) if x.label not in names])
+    lines += actuator_lines(identified.servos, bodies, joint_drives.offset) if bodies.format == "urdf" else []
+    if lines:
+        text.insert(text.root, *lines)
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
     notes += _remove_altering(text)
@@ -242,10 +253,10 @@ def _set_identified(text: XmlText, bodies: RigidBodies, joint_drives: Drives, sh
     altered = bool(_altering_settings(text))
     for name, node in named_body_nodes(text):
         if name in shares.links:
-            _set_mjcf_inertia(text, node, name, shares.links[name], bodies.file.origins[name])
+            _set_mjcf_inertia(text, node, name, shares.links[name], bodies.file.origins.get(name, np.zeros(3)))
         elif name in links and (altered or node.find("inertial") is None):
             # of shapes, or as the compiler alters it; without its settings and without shapes it is the same
-            _set_mjcf_inertia(text, node, name, links[name], bodies.file.origins[name])
+            _set_mjcf_inertia(text, node, name, links[name], bodies.file.origins.get(name, np.zeros(3)))
     for node in _body_nodes(text):
         if node.tag == "joint" and (name := node.attributes.get("name", "")) in joints:
             _set_drive(text, node, joint_drives, name)

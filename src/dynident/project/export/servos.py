@@ -1,0 +1,170 @@
+"""What simulators want beside the dynamics: how joints are driven, and in which range each value is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.files.xml_text import XmlText
+from dynident.identification import Identification
+from dynident.models import RigidBodies, RotorInertia
+from dynident.models.friction import Coulomb, PerJoint, Viscous
+from dynident.project.config import parse_config
+from dynident.project.export.identified import Drives, IdentifiedModel, Servo
+from dynident.project.export.tree_text import element
+from dynident.project.settings import CascadeJoint, Config, LoopJoint, LoopSettings, PDJoint, PIDJoint
+from dynident.runtime import DynidentError
+
+Array = NDArray[np.float64]
+NORMAL_95 = 1.96  # standard errors to either side
+COMMAND_STEP = 5e-4  # s: MuJoCo keeps enough commands for a time step as short as this
+ATTRIBUTES: Mapping[type, str] = {Viscous: "damping", Coulomb: "friction", RotorInertia: "armature"}
+
+
+def identified_model(found: Identification) -> IdentifiedModel:
+    """Return what exports hold of an identification, with the drives of its configuration."""
+    estimate, configuration = found.estimate, found.provenance.configuration
+    servos: Mapping[str, Servo] = {}
+    if configuration is not None:
+        try:
+            folder = Path(configuration.path).parent
+            config = parse_config(configuration.text, folder, configuration.path, allow_code=False)
+            servos = servos_of(config)
+        except DynidentError:  # a controller in Python, or files that are gone: the model is written without
+            servos = {}
+    return IdentifiedModel(found.model, estimate.value, found.errors.std, tuple(estimate.provenance), servos)
+
+
+def servos_of(config: Config) -> dict[str, Servo]:
+    """Return the drives of the joints that a configuration has as numbers: controllers, limits and gears."""
+    gears = _gears(config.transmission)
+    loop = config.simulation.joints if isinstance(config.simulation, LoopSettings) else {}
+    servos = {}
+    for joint in config.position:
+        drive, gear = loop.get(joint), gears.get(joint, 1.0)
+        if drive is not None:
+            servos[joint] = _servo(drive, gear)
+        elif joint in gears:
+            servos[joint] = Servo(gear=gear)
+    return servos
+
+
+def _gears(transmission: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Return the gear ratios of joints that have a motor of their own: turns of the motor for one of the joint."""
+    rows = [{joint: ratio for joint, ratio in row.items() if ratio} for row in transmission.values()]
+    uses = [joint for row in rows for joint in row]
+    return {
+        joint: float(ratio) for row in rows if len(row) == 1 for joint, ratio in row.items() if uses.count(joint) == 1
+    }
+
+
+def _servo(drive: LoopJoint, gear: float) -> Servo:
+    """Return a drive as a spring and a damper, without them where a gain is no number, or the law is another."""
+    values = [drive.gain, *(getattr(drive, name, 0.0) for name in ("kp", "kv", "kd"))]
+    limit = drive.saturation
+    if not all(isinstance(value, Real) for value in values) or isinstance(limit, str):
+        return Servo(gear=gear)
+    gain, kp, kv, kd = (float(value) for value in values if not isinstance(value, str))
+    torque_limit = None if limit is None else abs(gain) * float(limit)
+    if isinstance(drive, CascadeJoint):
+        kp, kd = kv * kp, kv
+    elif not isinstance(drive, PDJoint) or isinstance(drive, PIDJoint):
+        return Servo(limit=torque_limit, gear=gear)
+    return Servo(gain * kp, gain * kd, torque_limit, gear=gear)
+
+
+@dataclass(frozen=True)
+class ValueRange:
+    """In which range an ``attribute`` of a joint or body is, with a probability of 95 %, by its standard error."""
+
+    attribute: str
+    name: str
+    low: float
+    high: float
+
+    @property
+    def label(self) -> str:
+        """The name of a number in an MJCF."""
+        return f"range of {self.attribute} {self.name}"
+
+
+def ranges(identified: IdentifiedModel, joint_drives: Drives) -> tuple[ValueRange, ...]:
+    """Return the ranges of damping, friction and armature of joints as the file has them, and of masses of bodies.
+
+    None of them is below zero; where there is no standard error, or none that is finite, there is no range.
+    """
+    if identified.std is None:
+        return ()
+    entries, start = list[ValueRange | None](), 0
+    for term in identified.model.terms:
+        attribute = ATTRIBUTES.get(type(term), "")
+        values: Mapping[str, float] = getattr(joint_drives, attribute) if attribute else {}
+        names = (term.on or tuple(joint.name for joint in term.joints)) if isinstance(term, PerJoint) else ()
+        for k, parameter in enumerate(term.parameters):
+            std = float(identified.std[start + k])
+            if attribute and names[k] in values:
+                entries.append(_range(attribute, names[k], values[names[k]], std))
+            elif isinstance(term, RigidBodies) and parameter.role == "mass":
+                entries.append(_range("mass", parameter.body, float(identified.value[start + k]), std))
+        start += len(term.parameters)
+    return tuple(entry for entry in entries if entry is not None)
+
+
+def _range(attribute: str, name: str, value: float, std: float) -> ValueRange | None:
+    if not np.isfinite(std) or value <= 0:
+        return None
+    return ValueRange(attribute, name, max(value - NORMAL_95 * std, 0.0), value + NORMAL_95 * std)
+
+
+def range_lines(value_ranges: Sequence[ValueRange]) -> list[str]:
+    """Return the ranges as numbers of an MJCF, called ``range of armature elbow``."""
+    if not value_ranges:
+        return []
+    lines = ["  " + element("numeric", name=x.label, data=(x.low, x.high)) for x in value_ranges]
+    return ["<custom>", *lines, "</custom>"]
+
+
+def actuator_lines(servos: Mapping[str, Servo], bodies: RigidBodies, offset: Mapping[str, float]) -> list[str]:
+    """Return the actuators of an MJCF: of position where the gains are known, else of torque where a limit is.
+
+    A constant torque ``offset`` (N m or N) of a joint is taken off the force of its actuator.
+    """
+    lines = []
+    for joint in bodies.joints:
+        servo, constant = servos.get(joint.name, Servo()), offset.get(joint.name, 0.0)
+        limit = servo.limit or bodies.limits[joint.name].effort
+        # without a constant torque this is the same as <position> or <motor>
+        attributes: dict[str, object] = {"name": joint.name, "joint": joint.name, "biastype": "affine"}
+        attributes |= {"gainprm": 1.0 if servo.kp is None else servo.kp}
+        attributes |= {"biasprm": (-constant, -(servo.kp or 0.0), -servo.kd)}
+        if limit:
+            attributes |= {"forcerange": np.array([-limit, limit]) - constant}
+        if servo.kp is None and limit:
+            attributes |= {"ctrlrange": (-limit, limit)}
+        if servo.delay:
+            attributes |= {"delay": servo.delay, "nsample": str(2 + math.ceil(servo.delay / COMMAND_STEP))}
+        if constant or limit or servo.kp is not None:
+            lines.append("  " + element("general", **attributes))
+    return ["<actuator>", *lines, "</actuator>"] if lines else []
+
+
+def constant_torques(text: XmlText, joints: Sequence[str]) -> Array:
+    """Return the constant torques (n) that the actuators of an MJCF take off."""
+    nodes = [node for section in text.root.children if section.tag == "actuator" for node in section.children]
+    biases = {node.attributes.get("joint"): node.attributes.get("biasprm", "0").split()[0] for node in nodes}
+    return np.array([-float(biases.get(joint, 0.0)) for joint in joints])
+
+
+def range_comment(value_ranges: Sequence[ValueRange]) -> Iterator[str]:
+    """Yield the lines of an XML comment with the ranges; in it names cannot end the comment."""
+    if value_ranges:
+        yield "<!-- ranges with a probability of 95 %, for domain randomisation:"
+        for x in value_ranges:
+            yield f"  {x.attribute} {ascii(x.name).replace('--', '- -')}: {x.low!r} to {x.high!r}"
+        yield "-->"

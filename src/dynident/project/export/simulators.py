@@ -1,0 +1,312 @@
+"""The identified model for Drake, Pinocchio and Isaac Lab, each with reflected rotor inertia."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.files.xml_text import XmlNode, XmlText
+from dynident.models import RigidBodies
+from dynident.models.friction import Coulomb
+from dynident.project.export.formats import (
+    PinocchioArm,
+    RobotFile,
+    declare_root,
+    drives_torque,
+    torque_by_dynident,
+    torque_by_pinocchio,
+)
+from dynident.project.export.identified import Drives, IdentifiedModel, Servo, drives, omission_notes
+from dynident.project.export.robot_files import identified_urdf, robot_content, urdf_text
+from dynident.project.export.servos import range_comment, ranges
+from dynident.project.export.simulator_code import ISAAC, PINOCCHIO
+from dynident.project.export.tree_text import element
+from dynident.project.export.written import ExportText, Reader, States, place_values
+
+Array = NDArray[np.float64]
+DRAKE_NAMESPACE = "http://drake.mit.edu"
+SHAPES = ("visual", "collision")
+CHECKED_STATES = 5  # that a Pinocchio file compares when it is run
+
+
+def _with_reflected_inertia(reader: Reader) -> Reader:
+    """Return a reader that adds Drake's rotor inertia, and leaves out friction, which Drake ignores."""
+
+    def torque(text: str, identified: IdentifiedModel, states: States) -> Array:
+        bodies, _ = identified.bodies
+        edited = XmlText(text)
+        inertia = dict(_reflected_inertias(edited))
+        for node in edited.root.walk():
+            if node.tag == "dynamics" and "friction" in node.attributes:
+                edited.set(node, {"friction": "0"})
+        reflected = np.array([inertia.get(joint.name, 0.0) for joint in bodies.joints])
+        return reader(str(edited), identified, states) + reflected * states[2]
+
+    return torque
+
+
+def _reflected_inertias(text: XmlText) -> Iterator[tuple[str, float]]:
+    """Yield joints and rotor inertia times the square of the gear ratio, as Drake reads them."""
+    for transmission in (node for node in text.root.children if node.tag == "transmission"):
+        joint, actuator = transmission.find("joint"), transmission.find("actuator")
+        if joint is not None and actuator is not None:
+            inertia, gear = (_value(actuator, name) for name in ("rotor_inertia", "gear_ratio"))
+            yield joint.attributes.get("name", ""), (inertia or 0.0) * (1.0 if gear is None else gear) ** 2
+
+
+def _value(actuator: XmlNode, name: str) -> float | None:
+    node = actuator.find(f"drake:{name}")
+    return None if node is None else float(node.attributes["value"])
+
+
+@dataclass(frozen=True)
+class Drake(RobotFile):
+    """A URDF with the elements of Drake for rotor inertia, gear ratio and gains."""
+
+    format: ClassVar[str] = "drake"
+    suffix, armature = ".drake.urdf", True
+    readers: ClassVar[Mapping[str, Reader]] = {
+        "Pinocchio": _with_reflected_inertia(torque_by_pinocchio),
+        "dynident": _with_reflected_inertia(torque_by_dynident),
+    }
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the URDF."""
+        bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=True)
+        text = urdf_text(bodies, joint_drives, shares)
+        text.set(text.root, {"xmlns:drake": DRAKE_NAMESPACE})
+        transmissions = {
+            child.attributes.get("name"): node
+            for node in text.root.children
+            if node.tag == "transmission"
+            for child in node.children
+            if child.tag == "joint"
+        }
+        for joint in bodies.joints:
+            name = joint.name
+            lines = _drake_lines(joint_drives.armature.get(name, 0.0), identified.servos.get(name, Servo()))
+            _set_transmission(text, transmissions.get(name), name, lines)
+        comment = [*range_comment(ranges(identified, joint_drives))]
+        if comment:
+            text.insert(text.root, *comment)
+        friction = [
+            note
+            for term, values in identified.parts
+            if isinstance(term, Coulomb)
+            for note in omission_notes(term, values)
+        ]
+        gravity = [f"gravity {bodies.gravity} m/s^2 in the frame of the root link: set it in the plant"]
+        return ExportText(str(text), (*joint_drives.left_out, *friction), (*notes, *gravity))
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of bodies, damping and rotor inertia: Drake has no dry friction of joints."""
+        dry = drives(place_values(identified, armature=True), armature=True).friction
+        friction = np.array([dry.get(joint.name, 0.0) for joint in identified.bodies[0].joints])
+        return np.asarray(drives_torque(identified, states, armature=True) - friction * np.sign(states[1]))
+
+
+def _drake_lines(armature: float, servo: Servo) -> list[str]:
+    lines = [
+        element("drake:rotor_inertia", value=armature / servo.gear**2),
+        element("drake:gear_ratio", value=servo.gear),
+    ]
+    if servo.kp:
+        lines.append(element("drake:controller_gains", p=servo.kp, d=servo.kd))
+    return lines
+
+
+def _set_transmission(text: XmlText, node: XmlNode | None, joint: str, lines: list[str]) -> None:
+    """Set the elements of Drake in the actuator of a joint, or insert a transmission with one."""
+    actuator = None if node is None else node.find("actuator")
+    if actuator is not None:
+        tags = {line[1:].split()[0] for line in lines}
+        for child in actuator.children:
+            if child.tag in tags:
+                text.delete(child)
+        text.insert(actuator, *lines)
+    else:
+        name = element("actuator", name=f"{joint} motor").replace("/>", ">")
+        text.insert(
+            text.root,
+            element("transmission", name=f"{joint} transmission").replace("/>", ">"),
+            "  <type>transmission_interface/SimpleTransmission</type>",
+            f"  {element('joint', name=joint)}",
+            f"  {name}",
+            *(f"    {line}" for line in lines),
+            "  </actuator>",
+            "</transmission>",
+        )
+
+
+def joint_table(identified: IdentifiedModel, joint_drives: Drives) -> dict[str, dict[str, float]]:
+    """Return what simulators set at joints: by attribute the values of the joints that have any."""
+    bodies, _ = identified.bodies
+    names = [joint.name for joint in bodies.joints]
+    servos = {name: identified.servos.get(name, Servo()) for name in names}
+    efforts = {name: servos[name].limit or bodies.limits[name].effort for name in names}
+    return {
+        "ARMATURE": {name: joint_drives.armature.get(name, 0.0) for name in names},
+        "FRICTION": {name: joint_drives.friction.get(name, 0.0) for name in names},
+        "VISCOUS_FRICTION": {name: joint_drives.damping.get(name, 0.0) for name in names},
+        "STIFFNESS": {name: servo.kp or 0.0 for name, servo in servos.items()},
+        "DAMPING": {name: servo.kd for name, servo in servos.items()},
+        "EFFORT_LIMIT": {name: effort for name, effort in efforts.items() if effort},
+        "GEAR_RATIO": {name: servo.gear for name, servo in servos.items()},
+        "DELAY": {name: servo.delay for name, servo in servos.items() if servo.delay},
+    }
+
+
+def range_table(identified: IdentifiedModel, joint_drives: Drives) -> dict[str, dict[str, tuple[float, float]]]:
+    """Return the ranges by attribute and name."""
+    table: dict[str, dict[str, tuple[float, float]]] = {}
+    for entry in ranges(identified, joint_drives):
+        table.setdefault(entry.attribute, {})[entry.name] = entry.low, entry.high
+    return table
+
+
+def assignments(**values: object) -> str:
+    """Return lines that assign literals; texts in them are quoted as Python has it, in ASCII alone."""
+    return "\n".join(f"{name} = {value!a}" for name, value in values.items())
+
+
+def read_literals(source: str) -> dict[str, Any]:
+    """Return the names that a module assigns a literal to; nothing is run."""
+    literals = {}
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            try:
+                literals[node.targets[0].id] = ast.literal_eval(node.value)
+            except ValueError:
+                continue
+    return literals
+
+
+@dataclass(frozen=True)
+class PythonFile:
+    """A Python module for a simulator, about the robot file whose name it begins with."""
+
+    format: ClassVar[str]
+
+    def file(self, identified: IdentifiedModel) -> str:
+        """Return the name of the module."""
+        name = identified.robot.source if identified.robot else identified.model.name
+        return f"{PurePath(name).stem}_{self.format}.py"
+
+
+def torque_by_isaac_values(text: str, identified: IdentifiedModel, states: States) -> Array:
+    """Return the torque of the URDF that an Isaac Lab module names and of its values."""
+    bodies, _ = identified.bodies
+    joint_values = read_literals(text)
+    urdf = XmlText(identified_urdf(identified).text)
+    for node in urdf.root.walk():
+        if node.tag == "dynamics":  # those of the module are used in their place
+            urdf.set(node, {"damping": "0", "friction": "0"})
+    armature, friction, viscous = (
+        np.array([joint_values[name][joint.name] for joint in bodies.joints])
+        for name in ("ARMATURE", "FRICTION", "VISCOUS_FRICTION")
+    )
+    _, dq, ddq = states
+    rigid = torque_by_dynident(str(urdf), identified, states)
+    return np.asarray(rigid + armature * ddq + viscous * dq + friction * np.sign(dq))
+
+
+@dataclass(frozen=True)
+class IsaacLab(PythonFile):
+    """A module with the ``ArticulationCfg`` of Isaac Lab, for the identified URDF beside it."""
+
+    format: ClassVar[str] = "isaac"
+    readers: ClassVar[Mapping[str, Reader]] = {"dynident": torque_by_isaac_values}
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the module."""
+        bodies, _, _, notes = robot_content(identified, "urdf", armature=False)
+        # rotor inertia that the URDF holds in its links is not set at the joint once more
+        joint_drives = drives(place_values(identified, armature=False), armature=True)
+        name = f"{PurePath(bodies.source).stem}.identified.urdf"
+        literals = assignments(
+            URDF=name,
+            GRAVITY=bodies.gravity,
+            BASE_ORIENTATION=_upright(bodies.gravity),
+            **joint_table(identified, joint_drives),
+            RANGES=range_table(identified, joint_drives),
+        )
+        note = f"the module names {name}, which has the inertias: write it beside by --format urdf"
+        return ExportText(ISAAC.replace("#LITERALS", literals), joint_drives.left_out, (*notes, note))
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of the bodies of the URDF, and of friction and rotor inertia of the module."""
+        return drives_torque(identified, states, armature=True, in_links=True)
+
+
+def _upright(gravity: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the orientation (w, x, y, z) of a base in which gravity is as given, in a world where it points to -z."""
+    down, target = np.asarray(gravity) / (np.linalg.norm(gravity) or 1.0), np.array([0.0, 0.0, -1.0])
+    w, axis = 1.0 + down @ target, np.cross(down, target)
+    quaternion = np.array([w, *axis]) if w > 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])
+    return tuple((quaternion / np.linalg.norm(quaternion)).tolist())
+
+
+def _driven_joints(bodies: RigidBodies) -> dict[str, tuple[str, float, float]]:
+    """Return by moving joint the joint of the model that drives it, with factor and offset of its position."""
+    driven = {}
+    for body, row, offset in zip(bodies.arm.bodies, bodies.arm.drive, bodies.arm.offset.tolist(), strict=True):
+        k = int(np.flatnonzero(row)[0])
+        driven[body.joint.name] = bodies.joints[k].name, float(row[k]), offset
+    return driven
+
+
+def torque_by_pinocchio_file(text: str, identified: IdentifiedModel, states: States) -> Array:
+    """Return the torque that the module computes itself."""
+    namespace: dict[str, Any] = {"__name__": "model"}
+    exec(compile(text, "model.py", "exec"), namespace)  # noqa: S102 - the text was written above, names are quoted
+    namespace["check"]()
+    bodies, _ = identified.bodies
+    model = namespace["load"]()
+    arm = PinocchioArm(model, bodies)
+    data = model.createData()
+
+    def inverse_dynamics(q: Array, dq: Array, ddq: Array) -> Array:
+        return np.asarray(namespace["inverse_dynamics"](model, data, q, dq, ddq))
+
+    return arm.torque(states, inverse_dynamics)
+
+
+@dataclass(frozen=True)
+class PinocchioFile(PythonFile):
+    """A module that builds the model of Pinocchio, with rotor inertia, friction and damping, and checks itself."""
+
+    format: ClassVar[str] = "pinocchio"
+    readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": torque_by_pinocchio_file}
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the module."""
+        bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=True)
+        text = urdf_text(bodies, joint_drives, shares)
+        for node in text.root.children:
+            for child in node.children:
+                if child.tag in SHAPES:
+                    text.delete(child)
+        states = np.random.default_rng(0).uniform(-1, 1, (3, CHECKED_STATES, len(bodies.joints)))
+        table = joint_table(identified, joint_drives)
+        literals = assignments(
+            URDF=declare_root(str(text), bodies.file.root),
+            GRAVITY=bodies.gravity,
+            JOINTS=tuple(joint.name for joint in bodies.joints),
+            DRIVEN=_driven_joints(bodies),
+            FIXED_POSITIONS=dict(bodies.arm.fixed_positions),
+            **{name: table[name] for name in ("ARMATURE", "GEAR_RATIO", "FRICTION", "VISCOUS_FRICTION")},
+            RANGES=range_table(identified, joint_drives),
+            STATES=states.tolist(),
+            TORQUES=self.torque(identified, (states[0], states[1], states[2])).tolist(),
+        )
+        return ExportText(PINOCCHIO.replace("#LITERALS", literals), joint_drives.left_out, notes)
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of bodies, damping, friction and rotor inertia."""
+        return drives_torque(identified, states, armature=True)

@@ -1,0 +1,156 @@
+"""Files for Drake, Isaac Lab and Pinocchio: what they hold, and that they cannot be tricked by names."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.files.xml_text import XmlText
+from dynident.models import RigidBodies
+from dynident.project.config import parse_config
+from dynident.project.export import Servo, export
+from dynident.project.export.identified import drives
+from dynident.project.export.servos import ranges, servos_of
+from dynident.project.export.simulators import Drake, IsaacLab, PinocchioFile, read_literals
+from tests.project.export.arms import STATES, arm
+from tests.robots import ARM, ARM_MJCF
+
+FORMATS = [Drake(), IsaacLab(), PinocchioFile()]
+SERVOS = {"shoulder": Servo(17.0, 1.5, 3.0, 0.02, 5.0)}
+
+
+def identified(text=ARM, **options):
+    one = arm(text, gravity=(1.0, 2.0, -9.0), **options)
+    return replace(one, std=np.full(len(one.value), 0.01), servos=SERVOS)
+
+
+@pytest.mark.parametrize("exporter", FORMATS, ids=lambda exporter: exporter.format)
+@pytest.mark.parametrize("text", [ARM, ARM_MJCF], ids=["urdf", "mjcf"])
+def test_each_file_has_the_torque_of_the_model(text, exporter):
+    made = export(identified(text), exporter, STATES)
+    assert made.ready, made.refusal
+    assert made.proof.agreement < 1e-12
+    assert not made.proof.skipped
+    assert any("offset_shoulder = -0.3 N m" in line for line in made.written.left_out)
+    (size,) = [note for note in made.written.notes if note.startswith("what it leaves out is")]
+    # friction of 2 N m is left out by Drake, too
+    assert ("0.3 N m at 'shoulder', 0.3 N at 'rail'" in size) == (exporter.format == "pinocchio")
+    assert ("2 N m at 'shoulder'" in size) == (exporter.format == "drake")
+
+
+@pytest.mark.parametrize("exporter", FORMATS, ids=lambda exporter: exporter.format)
+def test_a_wrong_value_is_noticed(exporter):
+    made = export(identified(), exporter, STATES)
+    (reader,) = [reader for name, reader in exporter.readers.items() if name in ("dynident", "Pinocchio")][-1:]
+    armature = {"drake": 'drake:rotor_inertia value="0.5"', "isaac": "'rail': 0.5", "pinocchio": "'rail': 0.5"}
+    wrong = made.written.text.replace(armature[exporter.format], armature[exporter.format].replace("0.5", "0.6"), 1)
+    assert wrong != made.written.text
+    if exporter.format == "pinocchio":
+        with pytest.raises(ValueError, match="expected is"):
+            reader(wrong, identified(), STATES)
+    else:
+        difference = reader(wrong, identified(), STATES) - reader(made.written.text, identified(), STATES)
+        np.testing.assert_allclose(difference[:, 1], 0.1 * STATES[2][:, 1], atol=1e-9)
+
+
+def test_a_pinocchio_file_checks_itself_when_it_is_run(tmp_path):
+    path = tmp_path / "arm_pinocchio.py"
+    path.write_text(export(identified(), PinocchioFile(), STATES).written.text)
+    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "The torques of 5 states are as expected." in done.stdout
+
+
+def test_drake_has_rotor_inertia_at_the_motor():
+    text = export(identified(), Drake(), STATES).written.text
+    shoulder = text[text.index("shoulder transmission") :]
+    assert '<drake:gear_ratio value="5.0"/>' in shoulder.partition("</transmission>")[0]
+    assert '<drake:controller_gains p="17.0" d="1.5"/>' in shoulder.partition("</transmission>")[0]
+    assert 'xmlns:drake="http://drake.mit.edu"' in text
+
+
+def test_an_actuator_of_the_file_is_used():
+    own = (
+        '<transmission name="t"><joint name="shoulder"/><actuator name="m"><drake:gear_ratio value="9"/></actuator>'
+        "</transmission></robot>"
+    )
+    made = export(identified(ARM.replace("</robot>", own)), Drake(), STATES)
+    assert made.ready, made.refusal
+    assert made.written.text.count("<transmission") == 3
+    assert 'value="9"' not in made.written.text
+
+
+def test_an_isaac_module_has_values_by_joint():
+    text = export(identified(), IsaacLab(), STATES).written.text
+    values = read_literals(text)
+    assert values["URDF"] == "robot.identified.urdf"
+    assert values["STIFFNESS"]["shoulder"] == 17.0
+    assert values["EFFORT_LIMIT"] == {"shoulder": 3.0, "rail": 10.0}
+    assert values["DELAY"] == {"shoulder": 0.02}
+    assert values["RANGES"]["friction"]["rail"] == pytest.approx((2 - 0.0196, 2 + 0.0196))
+    w, x, y, z = values["BASE_ORIENTATION"]
+    assert np.linalg.norm((w, x, y, z)) == pytest.approx(1)
+    # turned, gravity points down
+    v, g = np.array([x, y, z]), np.array(values["GRAVITY"])
+    down = g + 2 * np.cross(v, np.cross(v, g) + w * g)
+    np.testing.assert_allclose(down, [0, 0, -np.linalg.norm(g)], atol=1e-12)
+    compile(text, "isaac.py", "exec")
+
+
+@pytest.mark.parametrize("exporter", FORMATS, ids=lambda exporter: exporter.format)
+def test_names_from_files_stay_names(exporter):
+    name = "x'''; raise SystemExit #\"\"\" --> \\"
+    quoted = name.replace('"', "&quot;").replace(">", "&gt;")
+    made = export(identified(ARM.replace('name="twist"', f'name="{quoted}"')), exporter, STATES)
+    assert made.ready, made.refusal
+    if exporter.format == "drake":
+        assert RigidBodies(made.written.text).joints[2].name == name
+        XmlText(made.written.text)
+    else:
+        assert name in read_literals(made.written.text)["ARMATURE"]
+
+
+def test_ranges_are_those_of_values_in_the_file():
+    one = identified()
+    one.std.flags.writeable = True
+    std = one.std.copy()
+    std[one.model.names.index("Fv_rail")] = np.inf
+    std[one.model.names.index("Fc_rail")] = 5.0
+    values = {(x.attribute, x.name): (x.low, x.high) for x in ranges(replace(one, std=std), drives(one, armature=True))}
+    assert ("damping", "rail") not in values
+    assert values["friction", "rail"] == pytest.approx((0.0, 2 + 1.96 * 5))
+    assert values["mass", "wrist"] == pytest.approx((3 - 0.0196, 3 + 0.0196))
+    assert ranges(replace(one, std=None), drives(one, armature=True)) == ()
+
+
+CONFIG = """
+model: gallery:slider
+time: {{ column: t, unit: s }}
+position: {{ slider: {{ column: x, unit: m }} }}
+torque: {{ slider: {{ column: f, unit: N }} }}
+train: [{{ file: a.csv }}]
+simulation: {{ kind: {kind}, joints: {{ slider: {{ reference: {{ column: r, unit: m }}, {gains} }} }} }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "gains", "servo"),
+    [
+        ("pd", "kp: 20, kd: 2, gain: 3, saturation: 4", Servo(60.0, 6.0, 12.0)),
+        ("cascade", "kp: 20, kv: 2", Servo(40.0, 2.0)),
+        ("pid", "kp: 20, kd: 2, ki: 1, saturation: 4", Servo(limit=4.0)),
+        ("pd", "kp: gain_of_file, kd: 2", Servo()),
+    ],
+)
+def test_servos_are_those_of_the_configuration(kind, gains, servo):
+    assert servos_of(parse_config(CONFIG.format(kind=kind, gains=gains))) == {"slider": servo}
+
+
+def test_gears_are_those_of_motors_with_one_joint():
+    text = CONFIG.format(kind="pd", gains="kp: 1, kd: 1").partition("simulation")[0]
+    config = parse_config(text + "transmission: { m: { slider: 100 } }")
+    assert servos_of(config) == {"slider": Servo(gear=100.0)}

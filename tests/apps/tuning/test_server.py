@@ -122,6 +122,8 @@ def test_the_page_is_answered(changes: dict[str, Any]) -> None:
         ({"HTTP_SEC_FETCH_SITE": "cross-site"}, 403),
         ({"HTTP_SEC_FETCH_SITE": "cross-site", "HTTP_SEC_FETCH_MODE": "navigate"}, 403),
         ({"HTTP_SEC_FETCH_SITE": "same-site", "REQUEST_METHOD": "POST"}, 403),
+        ({"HTTP_SEC_FETCH_SITE": "same-site", "HTTP_SEC_FETCH_MODE": "cors"}, 403),
+        ({"HTTP_SEC_FETCH_SITE": "same-site", "HTTP_SEC_FETCH_MODE": "navigate", "REQUEST_METHOD": "POST"}, 403),
         ({"PATH_INFO": "/"}, 403),
         ({"PATH_INFO": "/secre/alive"}, 403),
         ({"PATH_INFO": "/x/secret/alive"}, 403),

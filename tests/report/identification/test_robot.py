@@ -83,3 +83,9 @@ def test_the_page_links_figures_over_time_with_the_view() -> None:
     assert page.count('class="player"') == 1
     assert "<h2>The robot and its torques</h2>" in page
     assert "<b>hand" not in page
+
+
+def test_the_facts_of_the_robot_say_how_the_motion_was_made() -> None:
+    page = identification_page(identified())
+    for name in ("gravity in the base frame", "time offset", "estimator", "smoother"):
+        assert f">{name}<" in page, name

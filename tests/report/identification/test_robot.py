@@ -87,5 +87,5 @@ def test_the_page_links_figures_over_time_with_the_view() -> None:
 
 def test_the_facts_of_the_robot_say_how_the_motion_was_made() -> None:
     page = identification_page(identified())
-    for name in ("gravity in the base frame", "time offset", "estimator", "smoother"):
+    for name in ("gravity in the base frame", "estimator", "smoother"):
         assert f">{name}<" in page, name

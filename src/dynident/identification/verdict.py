@@ -9,7 +9,19 @@ from dynident.identification.unobservable import Unobservable
 from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
 from dynident.models.simulation import Failure
 from dynident.regression import UnexcitedParameters
-from dynident.runtime import Finding, Statement, Use, join_names, number, percent, place_and_text, rough, short, shorten
+from dynident.runtime import (
+    Finding,
+    Statement,
+    TaggedUnion,
+    Use,
+    join_names,
+    number,
+    percent,
+    place_and_text,
+    rough,
+    short,
+    shorten,
+)
 from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
@@ -21,7 +33,7 @@ _USE_SENTENCES = {
 }
 
 
-class Reason(Statement):
+class Reason(Statement, TaggedUnion):
     """Base of the reasons; errors are in %."""
 
     usual_remedy: ClassVar[Remedy | None] = None

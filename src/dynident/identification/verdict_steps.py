@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from dynident.identification.result import Identification
-from dynident.runtime import Finding, number, rough
+from dynident.runtime import Finding, TaggedUnion, number, rough
 from dynident.validation import LogValidation
 
 
@@ -51,7 +51,7 @@ class ExcitingMotion(StrEnum):
 
 
 @dataclass(frozen=True)
-class NextStep:
+class NextStep(TaggedUnion):
     """Base of the next steps that follow from the data, besides remedies and unexcited base parameters.
 
     ``gain``: by how many points (%) the unfiltered error of the held-out log where it is largest (without one, of the

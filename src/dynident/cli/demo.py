@@ -65,6 +65,7 @@ def _next_steps(out: Path) -> tuple[tuple[str, str], ...]:
         ("Watch that recording for changes", command("watch", result / "result.json", out / LOGS[1], *SHORT_WATCH)),
         ("How accurate any method could be", command("bound", config)),
         (loop_hint, command("identify", config, "--out", free)),
+        ("The simulation study of the article that dynident began with", command("reproduce")),
         ("Your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
     )
 
@@ -113,7 +114,7 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
     from dynident.project.export import exports
     from dynident.project.export.proof import relocate_exports
     from dynident.project.project import read_project
-    from dynident.report.identification.report import verdict_text
+    from dynident.report.identification.report import summary_lines, verdict_text
 
     _print_heading(screen, f"$ {command('identify', out / 'robot.yaml', '--out', out / 'result')}")
     with result_folder(out / "result") as folder:
@@ -125,9 +126,10 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
                 identification,
                 relocate_exports(folder.path, exports(identification), identification.provenance),
             )
-        screen.say(verdict_text(identification)[0])
-        for label, path in written:
-            screen.say(f"  {label}: result/{path.name}")
+        for text in summary_lines(identification):
+            screen.say(text)
+        screen.say(f"Files in {out / 'result'}: {', '.join(path.name for _, path in written)}")
+        screen.say(verdict_text(identification), "bold")
     return identification
 
 
@@ -190,7 +192,7 @@ def reproduce(
         written = folder.replace({"report.html": study_page(reproduction)}) if folder else ()
     screen = console()
     screen.print_and_log(study_text(reproduction))
-    screen.remark(f"Computed by {kernel()}.")
+    screen.remark(f"Computed by {kernel()}.", detail=True)
     if json_file:
         write_json(json_file, reproduction.summary())
     print_paths(screen, ("Report",), written)

@@ -101,8 +101,8 @@ def identify(
     ...     logs[name] = dy.record(motion, sigma_q=1e-4, sigma_tau=1e-2, rng=rng).log
     >>> dy.identify(arm, {"monday": logs["monday"]}, validation={"tuesday": logs["tuesday"]})
     <Identification of 'pendulum': good for control
-      torque error, training: monday 1.53 %
-      torque error, held out: tuesday 1.44 %
+      Torque error, training: monday 1.53 %
+      Torque error, held out: tuesday 1.44 %
       J = 0.08256 +- 7.1e-5 kg m^2, h = 0.2501 +- 0.00023 kg m>
     """
     field_names = [field.name for field in fields(Recipe)]

@@ -23,10 +23,10 @@ from dynident.report.identification import (
     torque_figure,
 )
 from dynident.report.identification.parameters import terminal_parameters
-from dynident.report.identification.report import verdict_text
+from dynident.report.identification.report import summary_lines, verdict_text
 from dynident.report.identification.validation import error_table
 from dynident.report.page import Column, PageTable
-from dynident.report.words import ROLES, logs_of
+from dynident.report.words import logs_of
 from dynident.runtime import InputError, Use, choices, join_names, number, shorten_names
 
 if TYPE_CHECKING:
@@ -208,10 +208,7 @@ def _summary_lines(identification: Identification) -> Iterator[str]:
     yield f"<Identification of {identification.model.name!r}" + (f": {verdict.use.value}" if verdict else "")
     if verdict and verdict.use is Use.DO_NOT_USE:
         yield f"  {_shorten(str(verdict.reasons[0]))}"
-    for role, word in ROLES.items():
-        if logs := logs_of(identification, role):
-            errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
-            yield f"  torque error, {word}: {join_names(errors, MAX_LISTED)}"
+    yield from (f"  {line}" for line in summary_lines(identification) if line.startswith("Torque"))
     estimate = identification.estimate
     rows = zip(estimate.names, estimate.value, identification.errors.std, estimate.units, strict=True)
     ordered = sorted(rows, key=lambda row: not np.isfinite(row[2]))  # what the data determine first
@@ -240,7 +237,7 @@ def summary_html(identification: Identification) -> str:
     table, notes = terminal_parameters(identification)
     verdict = "A result of an older version; its verdict is in its report."
     if identification.verdict is not None:
-        verdict, _ = verdict_text(identification)
+        verdict = verdict_text(identification, None)
     parts = [f"<h4>{escape(identification.model.name)}</h4>", f"<p><b>{escape(verdict)}</b></p>"]
     parts += [*map(_table_html, (error_table(identification), table)), *(f"<p>{escape(note)}</p>" for note in notes)]
     return f"<div>{''.join(parts)}</div>"

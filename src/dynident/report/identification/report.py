@@ -64,6 +64,7 @@ MAX_TERMINAL_STEPS = 5  # besides remedies, in a terminal; the report has all
 
 
 MAX_FINDINGS = 5  # findings of the checks in a terminal
+MAX_LISTED = 3  # logs in a line
 
 
 def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
@@ -179,13 +180,29 @@ def _joint_errors(log: LogValidation) -> dict[str, float]:
     return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
 
-def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
-    """Return the verdict for a terminal in one paragraph, and the next steps: remedies, and the largest gains."""
+def verdict_text(identification: Identification, sentences: int | None = HEAD_SENTENCES) -> str:
+    """Return the verdict for a terminal in one paragraph of so many sentences, or of all."""
+    return f"Verdict: {' '.join(judge(identification).sentences()[:sentences])}"
+
+
+def next_step_texts(identification: Identification) -> tuple[str, ...]:
+    """Return the next steps for a terminal: remedies, and those with the largest gains."""
     verdict = judge(identification)
     omitted = [step for step in verdict.next if not isinstance(step, Remedy)][MAX_TERMINAL_STEPS:]
     steps = tuple(text for step, text in zip(verdict.next, _step_texts(verdict), strict=True) if step not in omitted)
-    hint = (f"{len(omitted)} more, which the report lists.",) if omitted else ()
-    return f"Verdict: {verdict}", (*steps, *hint)
+    return (*steps, *((f"{len(omitted)} more, which the report lists.",) if omitted else ()))
+
+
+def summary_lines(identification: Identification) -> Iterator[str]:
+    """Yield the torque errors of training and held-out logs, unfiltered, and the worst joint."""
+    for role, word in ROLES.items():
+        if logs := logs_of(identification, role):
+            errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
+            yield f"Torque error, {word}: {join_names(errors, MAX_LISTED)}"
+    if len(identification.model.joints) > 1 and (worst := worst_joint(identification)) is not None:
+        log, joint = worst
+        size = f"{number(_joint_errors(log)[joint], 3)} %{' after the low-pass' * bool(log.errors.per_joint_filtered)}"
+        yield f"Worst joint: {joint}, {size} on {log.name}, rms {_rms(identification, log, joint)}"
 
 
 def verdict_section(

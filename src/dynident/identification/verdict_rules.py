@@ -1,6 +1,6 @@
 """The rules of the verdict: is the model fit for use, and if not, why?
 
-The rules and the reasons for their limits are in docs/methods.md.
+The rules and the reasons for their limits are in docs/methods_verdict.md.
 """
 
 from __future__ import annotations

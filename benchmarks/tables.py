@@ -1,4 +1,4 @@
-"""The tables of docs/performance.md as Markdown, from what a run has measured."""
+"""The tables of benchmarks/performance_measured.md as Markdown, from what a run has measured."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from page_tables import DOCS, OUT, filled
 from plot import curves
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, FIGURES = DOCS / "performance.md", OUT / "performance.json"
+PAGE, FIGURES = DOCS.parent / "benchmarks" / "performance_measured.md", OUT / "performance.json"
 HEAD = "| | peer | with the kernel | mark | without | mark |\n|---|---|---|---|---|---|"
 COLOURS = {"with": "#3584e4", "without": "#2ec27e"}
 NAMES = {"with": "dynident with the kernel", "without": "dynident without"}

@@ -61,8 +61,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--method", action="append", default=[], help="by default all")
-    parser.add_argument("--page", action="store_true", help="keep the figures for benchmarks/estimators_measured.md, and write it")
-    parser.add_argument("--draw", action="store_true", help="write benchmarks/estimators_measured.md from the figures that it has")
+    parser.add_argument(
+        "--page", action="store_true", help="keep the figures for benchmarks/estimators_measured.md, and write it"
+    )
+    parser.add_argument(
+        "--draw", action="store_true", help="write benchmarks/estimators_measured.md from the figures that it has"
+    )
     given = parser.parse_args()
     if wrong := [name for name in given.studies if name not in STUDIES]:
         parser.error(f"unknown study {wrong[0]!r}; known: {', '.join(STUDIES)}")

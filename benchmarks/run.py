@@ -1,7 +1,7 @@
 """Speed and memory beside the peers, in one run: python3 dev.py bench [PART ...].
 
-Parts: the tables of benchmarks/performance_measured.md by their names, "marks" for all of these, and "growth" for its plots; all where
-none is named. By name only, figures of their own: consistent, maximum_likelihood (7 minutes), closed_loop.
+Parts: the tables of performance_measured.md by their names, "marks" for all of these, and "growth" for its plots; all
+where none is named. By name only, figures of their own: consistent, maximum_likelihood (7 minutes), closed_loop.
 
 Every work is done in processes of its own, with the kernel, without it and by its peers in turn, with one BLAS thread;
 figures are the best of several repetitions, so that ratios are of the same seconds, and a busy machine disturbs little.
@@ -49,8 +49,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join((*PARTS, 'marks', *SCRIPTS))}")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures in a file")
-    parser.add_argument("--page", action="store_true", help="keep them for benchmarks/performance_measured.md, and write it")
-    parser.add_argument("--draw", action="store_true", help="write benchmarks/performance_measured.md from the figures that it has")
+    parser.add_argument(
+        "--page", action="store_true", help="keep them for benchmarks/performance_measured.md, and write it"
+    )
+    parser.add_argument(
+        "--draw", action="store_true", help="write benchmarks/performance_measured.md from the figures that it has"
+    )
     given = parser.parse_args(arguments)
     if wrong := [name for name in given.parts if name not in (*PARTS, "marks", *SCRIPTS)]:
         parser.error(f"unknown part {wrong[0]!r}; known: {', '.join((*PARTS, 'marks', *SCRIPTS))}")

@@ -72,7 +72,7 @@ class TestReadLog:
             ({"time": "ms"}, ConfigError, r"time is 'ms'; give a column and its unit, such as \('ms', 'ms'\)"),
             ({"torque": None}, ConfigError, "'torque' is missing"),
             ({"position": {"slider": ("x", "furlong")}}, ConfigError, "'furlong' is not a unit of angle"),
-            ({"position": {"slider": ("X", "mm")}}, InputError, "no column 'X'; Known: 'ms', 'x', 'f'"),
+            ({"position": {"slider": ("X", "mm")}}, InputError, "no column 'X'; choose from 'ms', 'x', 'f'"),
             ({"torque": {"slidr": ("f", "N")}}, ConfigError, "no joint 'slidr'; did you mean 'slider'"),
             ({"torque": {"slider": ("f", "N m")}}, ConfigError, "a unit of torque, not of force"),
             ({"transmision": {}}, ConfigError, "unknown key 'transmision'; did you mean 'transmission'"),

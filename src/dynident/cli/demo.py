@@ -26,13 +26,13 @@ SHORT_WATCH = ("--once", "--block", 0.5, "--baseline", 10)  # of a recording of 
 PRELOADED_MODULES = ("dynident.apps.article.article",)  # by all workers at once
 
 
-@click.command(short_help="Identify the arm that comes with dynident, to see how it goes.")
+@click.command(short_help="Identify the simulated arm that comes with dynident.")
 @click.option("--out", type=DIRECTORY, default="arm-out", show_default=True, help="Folder for the arm's files.")
-@click.option("--files", is_flag=True, help="Only write the arm's files, to go the way of the tutorial.")
+@click.option("--files", is_flag=True, help="Only write the arm's files, for the tutorial.")
 def demo(out: Path, files: bool) -> None:
     """Identify a simulated arm whose truth is known, from its robot file and two recordings, which come with dynident.
 
-    The commands that do this are printed, and the folder is left to try others.
+    The commands are printed as they run. The folder stays, so that you can try others.
     """
     from dynident.apps.demo import compare_with_truth, demo_files
     from dynident.files.opener import remember_inputs
@@ -41,7 +41,7 @@ def demo(out: Path, files: bool) -> None:
     demo_files(out)
     for name in ("arm.urdf", *LOGS):
         remember_inputs(out / name)
-    screen.say(f"In {out.resolve()}: a robot file, arm.urdf, and two recordings of that arm, which are simulated.")
+    screen.say(f"{out.resolve()} has a robot file, arm.urdf, and two simulated recordings of that arm.")
     if files:
         return
     _check_config(screen, out, _draft_config(screen, out))
@@ -57,16 +57,16 @@ def _next_steps(out: Path) -> tuple[tuple[str, str], ...]:
     """Return what can be done with the folder: titles, and commands or paths."""
     config, result, free = out / "robot.yaml", out / "result", out / "free"
     loop_hint = (
-        f"Add the lines of {out / 'controller.yaml'} to {config} for a free simulation in the loop of its controller"
+        f"Append {out / 'controller.yaml'} to {config}, to simulate the arm in the loop of its controller"
     )
     return (
-        ("Look at the report, in a browser", str((result / "report.html").resolve())),
-        ("The torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
+        ("Open the report in a browser", str((result / "report.html").resolve())),
+        ("Predict the torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
         ("Watch that recording for changes", command("watch", result / "result.json", out / LOGS[1], *SHORT_WATCH)),
-        ("How accurate any method could be", command("bound", config)),
+        ("See how accurate any method could be", command("bound", config)),
         (loop_hint, command("identify", config, "--out", free)),
-        ("The simulation study of the article that dynident began with", command("reproduce")),
-        ("Your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
+        ("Repeat the simulation study of the article", command("reproduce")),
+        ("Start with your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
     )
 
 
@@ -137,25 +137,24 @@ def _show_comparison(screen: Screen, comparison: Comparison) -> None:
     from dynident.report.page import Column, PageTable
     from dynident.runtime import number
 
-    _print_heading(screen, "How far that is from the truth, which only a simulation knows")
+    _print_heading(screen, "Compared with the true arm, which is known because it is simulated")
     screen.say(
-        f"On a motion that was never recorded, the model's torque is {number(comparison.torque_error, 2)} % from the "
-        f"true one; with the inertias of arm.urdf it would be {number(comparison.file_error, 2)} %, the friction being "
-        "known."
+        f"On another motion the model's torque differs from the true one by {number(comparison.torque_error, 2)} %. "
+        f"With the inertias of arm.urdf and the true friction it would be {number(comparison.file_error, 2)} %."
     )
     screen.say(
-        f"Of the {comparison.base} base parameters, {comparison.within} are within 1.96 of their standard errors, "
-        "where 95 % should be."
+        f"{comparison.within} of {comparison.base} base parameters are within 1.96 standard errors of the truth; 95 % "
+        "are expected."
     )
     rows = [
         (value.name, number(value.estimate, 4), number(value.true, 4), number(value.std, 2), value.unit)
         for value in comparison.values
     ]
-    titles = (Column("", numeric=False), Column("found"), Column("true"), Column("std. error"))
+    titles = (Column("", numeric=False), Column("identified"), Column("true"), Column("std. error"))
     screen.show(PageTable((*titles, Column("unit", numeric=False)), tuple(rows)))
 
 
-@click.command(short_help="Run the article's study again.")
+@click.command(short_help="Repeat the simulation study of the article.")
 @click.option("--scenario", default="tabulated", show_default=True, help="tabulated, stated or weak.")
 @click.option("--runs", default=30, show_default=True, help="Recordings per noise level.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the noise.")

@@ -128,14 +128,14 @@ def _trial_warnings(text: str, out: Path, known_notes: Sequence[str]) -> list[st
     "--write-config",
     type=CONFIG,
     metavar="FILE",
-    help="File (YAML) for the same configuration with all that was chosen written out.",
+    help="File (YAML) for the configuration with everything that was chosen written out.",
 )
 @add_worker_options
 def identify(config: Path, out: Path | None, write_config: Path | None, spread: WorkerOptions) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs.
 
-    Logs too long for the memory (Parquet) are fitted in pieces, by the workers; with --out an interrupted run goes on
-    where it stopped. Of others, several smoothers are tried by the cluster, where one is named.
+    The result is a short summary; -v prints all tables. Logs too long for the memory (Parquet) are fitted in pieces by
+    the workers; with --out an interrupted run continues where it stopped.
     """
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs

@@ -150,7 +150,7 @@ def bound(
 @click.option("--column", "columns", multiple=True, help="Column to smooth; repeat it. Default: all but the time.")
 @click.option(
     "--rule", type=click.Choice(["constraint", "gcv", "reml", "interpolate"]), default="constraint", show_default=True,
-    help="How much to smooth: S = n with the noise, cross-validation, restricted likelihood, or not at all.",
+    help="How to choose the smoothing: S = n, cross-validation, restricted likelihood, or interpolation.",
 )  # fmt: skip
 @click.option("--sigma", type=float, help="Standard deviation of the noise; estimated where it is not given.")
 @click.option("--lam", type=float, help="A fixed smoothing parameter instead of a rule.")
@@ -208,7 +208,7 @@ def smooth(
     print_paths(screen, ("Table", "Report"), written)
 
 
-@click.command(short_help="Print a JSON schema, by which editors complete a configuration.")
+@click.command(short_help="Print a JSON schema, for completion in editors.")
 @click.argument("kind", type=click.Choice(["config", "result", "fleet"]), default="config")
 @click.option("--out", type=FILE, help="File to write it to.")
 def schema(kind: str, out: Path | None) -> None:

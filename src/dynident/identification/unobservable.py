@@ -29,7 +29,7 @@ class CommonGain(Unobservable):
     """
 
     def __str__(self) -> str:
-        return "a factor that all torques share (wrong gains), which masses and friction take up"
+        return "a wrong gain that is common to all torques (masses and friction absorb it)"
 
 
 @dataclass(frozen=True)

@@ -100,4 +100,7 @@ def test_comments_name_the_gains_and_the_errors(chosen):
     said = choice_comments(chosen, "robot.yaml")
     assert "robot.yaml" in said[""][0]
     joint = chosen.model.joints[0].name
-    assert f"{joint}: offset, viscous, coulomb (width 0.0100, gain 90.0 +- 16); error 8.00 -> 5.00 %" in said["model.terms"]
+    assert (
+        f"{joint}: offset, viscous, coulomb (width 0.0100, gain 90.0 +- 16); error 8.00 -> 5.00 %"
+        in said["model.terms"]
+    )

@@ -78,7 +78,7 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     log = max(logs, key=_judged_error)
     yield from _floor_ratio(log)
     *numbers, note = _torque_error(held_out, train)
-    yield *numbers, note + "; what the sensors allow is not known" * (log.over_floor is None)
+    yield *numbers, note + "; the noise of the sensors is not known" * (log.over_floor is None)
     worst = worst_joint(identification)
     if worst is None:
         return
@@ -112,7 +112,7 @@ def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
     how = "at most, by white noise alone" if white else "by motion that repeats"
     yield (
         f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×",
-        "error over what sensors allow",
+        "error relative to sensor noise",
         "at the noise floor" if log.at_floor else f"{how}{coverage}",
     )
 
@@ -138,7 +138,7 @@ def _simulation_error(identification: Identification) -> tuple[str, ...]:
         return "-", title, "nothing moved"
     (run, joint), size = worst
     how = "in the controller's loop" if run.restart is None else f"within {run.restart:g} s of the measured torque"
-    return f"{number(size, 2)} %", title, f"of the way of {joint} ({run.name}), {how}"
+    return f"{number(size, 2)} %", title, f"of the motion of {joint} ({run.name}), {how}"
 
 
 def _effort_share(identification: Identification, logs: list[LogValidation], role_word: str) -> tuple[str, ...]:

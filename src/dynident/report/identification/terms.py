@@ -35,11 +35,10 @@ OUTCOMES: Mapping[TrialOutcome, str] = {
     TrialOutcome.REDUNDANT: "taken out again: the others do its work",
 }
 _LEAD = (
-    "The terms of each joint were chosen on the training logs alone: each was tried beside those that had entered, by "
-    "the torque error in stretches of time that were not fitted. The gain is what a term removes of the squared error "
-    f"of its joint. A term enters where the gain is above {MIN_GAIN_ERRORS:g} of its standard errors (a special one: "
-    f"{MIN_STRICT_GAIN_ERRORS:g}) and {MIN_GAIN:g} %, and where it is no loss on motion faster than fitted. To keep "
-    "these terms, write them out: `dynident identify CONFIG --write-config FILE`."
+    "The terms of each joint were chosen by cross-validation on the training logs. The gain is the share of the "
+    "joint's squared error, on stretches of time left out of the fit, that a term removes. A term is used if its gain "
+    f"is above {MIN_GAIN_ERRORS:g} standard errors ({MIN_STRICT_GAIN_ERRORS:g} for special kinds) and {MIN_GAIN:g} %, "
+    "and if it does not predict faster motion worse. `dynident identify CONFIG --write-config FILE` writes them down."
 )
 _FIGURE = "With the plain set (offset, rotor inertia, viscous and Coulomb friction), the cross-validated error is"
 MIN_SHOWN_SHIFT = 0.1  # standard errors that constraints must move a base parameter by to be shown

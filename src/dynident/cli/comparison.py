@@ -58,24 +58,13 @@ def _split_kinds(ctx: click.Context, option: click.Parameter, value: str | None)
     help="Folds of the cross-validation, which ranks if no log is held out; 0 for none.",
 )  # fmt: skip
 @add_worker_options
-@click.option(
-    "--out",
-    type=DIRECTORY,
-    help="Folder for report.html, compare.json and compare.parquet; finished rows are kept.",
-)
+@click.option("--out", type=DIRECTORY, help="Folder for report.html, compare.json and compare.parquet; it is resumed.")
 @click.option("--rerun", is_flag=True, help="Compute all rows anew.")
 @JSON_FILE
 def compare(
-    config: Path,
-    smoothers: list[str] | None,
-    estimators: list[str] | None,
-    truth: Path | None,
-    folds: int,
-    spread: WorkerOptions,
-    out: Path | None,
-    rerun: bool,
-    json_file: Path | None,
-) -> None:
+    config: Path, smoothers: list[str] | None, estimators: list[str] | None, truth: Path | None, folds: int,
+    spread: WorkerOptions, out: Path | None, rerun: bool, json_file: Path | None,
+) -> None:  # fmt: skip
     """Fit the logs of CONFIG (YAML) by each smoother with each estimator, rank them by the torque error on held-out
     logs, and say which differences are more than chance. Smoother and estimator of CONFIG are always among them."""
     from dynident.apps import ranking as methods

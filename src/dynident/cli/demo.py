@@ -55,16 +55,12 @@ def demo(out: Path, files: bool) -> None:
 
 def _next_steps(out: Path) -> tuple[tuple[str, str], ...]:
     """Return what can be done with the folder: titles, and commands or paths."""
-    config, result, free = out / "robot.yaml", out / "result", out / "free"
-    loop_hint = (
-        f"Append {out / 'controller.yaml'} to {config}, to simulate the arm in the loop of its controller"
-    )
+    config, result = out / "robot.yaml", out / "result"
     return (
         ("Open the report in a browser", str((result / "report.html").resolve())),
         ("Predict the torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
         ("Watch that recording for changes", command("watch", result / "result.json", out / LOGS[1], *SHORT_WATCH)),
         ("See how accurate any method could be", command("bound", config)),
-        (loop_hint, command("identify", config, "--out", free)),
         ("Repeat the simulation study of the article", command("reproduce")),
         ("Start with your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
     )
@@ -168,15 +164,9 @@ def _show_comparison(screen: Screen, comparison: Comparison) -> None:
 @click.option("--rerun", is_flag=True, help="Compute all runs anew, also those of an earlier study in the folder.")
 @JSON_FILE
 def reproduce(
-    scenario: str,
-    runs: int,
-    seed: int,
-    methods: str,
-    spread: WorkerOptions,
-    out: Path | None,
-    rerun: bool,
+    scenario: str, runs: int, seed: int, methods: str, spread: WorkerOptions, out: Path | None, rerun: bool,
     json_file: Path | None,
-) -> None:
+) -> None:  # fmt: skip
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
     from dynident.apps.article import study_page, study_text
     from dynident.files.folder import result_folder

@@ -124,12 +124,7 @@ def _trial_warnings(text: str, out: Path, known_notes: Sequence[str]) -> list[st
 @click.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=CONFIG)
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
-@click.option(
-    "--write-config",
-    type=CONFIG,
-    metavar="FILE",
-    help="File (YAML) for the configuration with everything that was chosen written out.",
-)
+@click.option("--write-config", type=CONFIG, metavar="FILE", help="File (YAML) for the configuration with all choices.")
 @add_worker_options
 def identify(config: Path, out: Path | None, write_config: Path | None, spread: WorkerOptions) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs.

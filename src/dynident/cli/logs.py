@@ -156,15 +156,9 @@ def bound(
 @click.option("--lam", type=float, help="A fixed smoothing parameter instead of a rule.")
 @click.option("--out", type=DIRECTORY, default="smooth-out", show_default=True, help="Folder for the results.")
 def smooth(
-    log: Path,
-    time_column: str,
-    unit: str | None,
-    columns: tuple[str, ...],
-    rule: str,
-    sigma: float | None,
-    lam: float | None,
-    out: Path,
-) -> None:
+    log: Path, time_column: str, unit: str | None, columns: tuple[str, ...], rule: str, sigma: float | None,
+    lam: float | None, out: Path,
+) -> None:  # fmt: skip
     """Smooth columns of LOG; write values and derivatives (smoothed.csv) and a plot (report.html).
 
     Derivatives and bandwidths are per s and in s, whatever the unit of the time stamps.

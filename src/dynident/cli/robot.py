@@ -53,12 +53,8 @@ _KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
 )  # fmt: skip
 @click.option("--duration", type=POSITIVE, metavar="S", help="Longest duration, with approach and return.")
 @click.option("--criterion", type=click.Choice(["d", "a", "condition"]), help="What is optimised.")
-@click.option(
-    "--parameter", multiple=True, metavar="NAME", help="Parameter to find most accurately (criterion a); repeat it."
-)
-@click.option(
-    "--family", type=click.Choice(["fourier", "bspline"]), help="Periodic motion (fourier), or a single one (bspline)."
-)
+@click.option("--parameter", multiple=True, metavar="NAME", help="Parameter that matters (criterion a); repeat it.")
+@click.option("--family", type=click.Choice(["fourier", "bspline"]), help="Periodic (fourier) or single (bspline).")
 @click.option("--period", type=POSITIVE, metavar="S", help="Seconds of a period.")
 @click.option("--harmonics", type=click.IntRange(1), help="Harmonics of a period.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Rate of the recording.")
@@ -130,13 +126,9 @@ def excite(
 @click.command(short_help="Identify the payload of an arm.")
 @click.argument("result", type=RESULT)
 @click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=LOG_NAME)
-@click.option(
-    "--unloaded", multiple=True, type=LOG_NAME, help="Recording of the same day without the payload; repeat it."
-)
+@click.option("--unloaded", multiple=True, type=LOG_NAME, help="Recording of the day without payload; repeat it.")
 @click.option("--frame", help="Link that carries the payload; default: the flange.")
-@click.option(
-    "--known-mass", type=float, metavar="KG", help="Weighed mass of the payload, to find the gains of the drives."
-)
+@click.option("--known-mass", type=float, metavar="KG", help="Weighed mass, to find the gains of the drives.")
 @click.option(
     "--known-centre", type=float, nargs=3, metavar="X Y Z",
     help="Known centre of mass in the frame (m), to find the gains of the wrist.",
@@ -254,9 +246,7 @@ def _write_payload(
 @click.command(short_help="Watch a robot and report changes.")
 @click.argument("result", type=RESULT)
 @click.argument("stream", metavar="FILE|-", type=LOG_NAME)
-@click.option(
-    "--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, from which a stopped watch continues."
-)
+@click.option("--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, to continue a stopped watch.")
 @click.option("--once", is_flag=True, help="Stop at the end of FILE, instead of waiting for more.")
 @click.option(
     "--false-alarms", type=float, default=0.03, show_default=True, metavar="PER_DAY",
@@ -276,17 +266,9 @@ def _write_payload(
 @click.option("--json", "as_json", is_flag=True, help="Print each event as a JSON object in a line.")
 @ALLOW_CODE
 def watch(
-    result: Path,
-    stream: str,
-    out: Path | None,
-    once: bool,
-    false_alarms: float,
-    baseline: float,
-    block: float,
-    tolerance: float,
-    as_json: bool,
-    allow_code: bool,
-) -> None:
+    result: Path, stream: str, out: Path | None, once: bool, false_alarms: float, baseline: float, block: float,
+    tolerance: float, as_json: bool, allow_code: bool,
+) -> None:  # fmt: skip
     """Watch a robot by the model in RESULT (the result.json of identify): friction, payload, offsets, what the model
     leaves, and sensors that fail.
 

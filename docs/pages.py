@@ -98,7 +98,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     if unlisted := set(places) ^ {name for names in API.values() for name in names}:
         raise PluginError(f"docs/pages.py: the API has no page, or a page too many, for {', '.join(sorted(unlisted))}")
     for title, names in API.items():
-        text = "\n\n".join(f"## dy.{name}\n\n::: {places[name]}" for name in names)
+        text = "\n\n".join(f"::: {places[name]}" for name in names)
         files.append(File.generated(config, api_page(title), content=f"# {title}\n\n{text}\n"))
     files.append(File.generated(config, "docs/code.css", content=HtmlFormatter().get_style_defs(".highlight")))
     config.nav = navigation()
@@ -135,6 +135,10 @@ def name_places() -> dict[str, str]:
         node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULES"
     )
     modules: dict[str, str] = ast.literal_eval(table.value)
-    return {
-        name: "dynident.runtime.errors" if name == "errors" else f"{place}.{name}" for name, place in modules.items()
-    }
+    return {name: place_of(name, module) for name, module in modules.items()}
+
+
+def place_of(name: str, module: str) -> str:
+    """Return the dotted place of a name, in its own file where that is called like it."""
+    place = "dynident.runtime.errors" if name == "errors" else f"{module}.{name}"
+    return f"{place}.{name}" if (ROOT / "src" / f"{module.replace('.', '/')}/{name}.py").exists() else place

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Make .venv, install dynident into it and run one task; only the standard library is needed.
 
-python3 dev.py demo [ARGS]   the article's study with its report (dynident reproduce), then a robot (dynident demo)
+python3 dev.py demo [ARGS]   identify a simulated robot arm from its URDF and two logs, into arm-out/ (dynident demo)
 python3 dev.py run ...       any command of dynident, where you are: python3 dev.py run --help lists them
 python3 dev.py test [ARGS]   the test suite (pytest); without ARGS what computes also without the compiled kernel
 python3 dev.py lint          ruff, mypy, import-linter, the documentation
@@ -162,12 +162,11 @@ def compile_kernel() -> None:
 
 
 def demo(arguments: list[str]) -> None:
-    """Run the article's study and the robot in the box where the user stands; say what to type next."""
+    """Identify the arm that comes with dynident, where the user stands; say what to type next."""
     os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
-    run(*DYNIDENT, "reproduce", *(arguments or ["--out", "demo-out"]), folder=None)
+    run(*DYNIDENT, "demo", *arguments, folder=None)
     if {"-h", "--help"} & set(arguments):
         return
-    run(*DYNIDENT, "demo", folder=None)
     print(NEXT.format(run=f"{called()} run", activate=activation()))
 
 

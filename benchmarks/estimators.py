@@ -7,7 +7,7 @@ standard deviations of the bound. The parts are those of the families' tables.
 The rows are kept in a folder outside the repository: run the same command again to go on where it stopped. First each
 method runs twice in every cell; by that, how long all takes is said, and the slowest get fewer runs where --minutes,
 for each study, would not do. --page keeps the figures in out/estimators.json and writes the tables of
-docs/estimators.md; --draw does without measuring.
+benchmarks/estimators_measured.md; --draw does without measuring.
 """
 
 from __future__ import annotations
@@ -61,8 +61,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--method", action="append", default=[], help="by default all")
-    parser.add_argument("--page", action="store_true", help="keep the figures for docs/estimators.md, and write it")
-    parser.add_argument("--draw", action="store_true", help="write docs/estimators.md from the figures that it has")
+    parser.add_argument(
+        "--page", action="store_true", help="keep the figures for benchmarks/estimators_measured.md, and write it"
+    )
+    parser.add_argument(
+        "--draw", action="store_true", help="write benchmarks/estimators_measured.md from the figures that it has"
+    )
     given = parser.parse_args()
     if wrong := [name for name in given.studies if name not in STUDIES]:
         parser.error(f"unknown study {wrong[0]!r}; known: {', '.join(STUDIES)}")

@@ -1,4 +1,4 @@
-"""The tables of docs/estimators.md, from the figures that benchmarks/estimators.py has measured."""
+"""The tables of benchmarks/estimators_measured.md, from the figures that benchmarks/estimators.py has measured."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from page_tables import DOCS, OUT, filled, markdown
 
 __all__ = ["FIGURES", "PAGE", "TABLES", "draw", "page", "tables"]
 
-PAGE, FIGURES = DOCS / "estimators.md", OUT / "estimators.json"
+PAGE, FIGURES = DOCS.parent / "benchmarks" / "estimators_measured.md", OUT / "estimators.json"
 Row = Mapping[str, Any]
 KNOWN = ", torque known"
 SMOOTHER = "smoother "  # before the name of a method of the article's that is a smoother with least squares

@@ -5,8 +5,8 @@ all that applies), peers (FIGAROH and MuJoCo beside dynident on a simulated arm;
 them). A robot whose recordings are not here is skipped; examples/*.yaml say where they are had.
 
 What is done is kept in a folder outside the repository: run the same command again to go on where it stopped. --page
-keeps the figures in out/estimators_robots.json and writes the tables of docs/estimators.md; --draw does without
-measuring.
+keeps the figures in out/estimators_robots.json and writes the tables of benchmarks/estimators_measured.md; --draw does
+without measuring.
 """
 
 from __future__ import annotations
@@ -57,8 +57,12 @@ def main() -> None:
     parser.add_argument("--peers", metavar="PYTHON", help="a Python that has figaroh 1.0.2 and mujoco[sysid] 4.0.0")
     parser.add_argument("--folder", type=Path, default=Path(gettempdir()) / "dynident-robots", help="for what is done")
     parser.add_argument("--workers", default="1")
-    parser.add_argument("--page", action="store_true", help="keep the figures for docs/estimators.md, and write it")
-    parser.add_argument("--draw", action="store_true", help="write docs/estimators.md from the figures that it has")
+    parser.add_argument(
+        "--page", action="store_true", help="keep the figures for benchmarks/estimators_measured.md, and write it"
+    )
+    parser.add_argument(
+        "--draw", action="store_true", help="write benchmarks/estimators_measured.md from the figures that it has"
+    )
     given = parser.parse_args()
     if wrong := [name for name in given.parts if name not in PARTS]:
         parser.error(f"unknown part {wrong[0]!r}; known: {', '.join(PARTS)}")

@@ -1,4 +1,4 @@
-"""The tables of docs/estimators.md on real robots and peers, from what benchmarks/estimators_robots.py has measured."""
+"""The tables of estimators_measured.md on real robots and peers, from what benchmarks/estimators_robots.py kept."""
 
 from __future__ import annotations
 

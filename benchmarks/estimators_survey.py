@@ -1,4 +1,4 @@
-"""The table of docs/estimators.md on what a survey of estimators concluded: whether it holds in the figures here.
+"""The table of estimators_measured.md on what a survey of estimators concluded: whether it holds in the figures here.
 
 Each conclusion has a rule that decides by the figures that are kept; where a figure is missing, it is not decided.
 """

@@ -1,4 +1,4 @@
-"""What is measured, and what it should cost: the rows of the tables and the curves of the plots on docs/performance.md.
+"""What is measured, and what it should cost: the rows and curves of benchmarks/performance_measured.md.
 
 A mark is for each of the two ways, with the kernel and without: so much at the most, or so many times less than a peer.
 """

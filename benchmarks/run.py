@@ -1,12 +1,12 @@
 """Speed and memory beside the peers, in one run: python3 dev.py bench [PART ...].
 
-Parts: the tables of docs/performance.md by their names, "marks" for all of these, and "growth" for its plots; all where
-none is named. By name only, figures of their own: consistent, maximum_likelihood (7 minutes), closed_loop.
+Parts: the tables of performance_measured.md by their names, "marks" for all of these, and "growth" for its plots; all
+where none is named. By name only, figures of their own: consistent, maximum_likelihood (7 minutes), closed_loop.
 
 Every work is done in processes of its own, with the kernel, without it and by its peers in turn, with one BLAS thread;
 figures are the best of several repetitions, so that ratios are of the same seconds, and a busy machine disturbs little.
 --json keeps the figures in a file, with those that it has of other parts. --page does so in out/performance.json, and
-writes the tables and plots of docs/performance.md and the figures of README.md; --draw does without measuring.
+writes the tables and plots of benchmarks/performance_measured.md; --draw does without measuring.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 from marks import TABLES, works
 from measure import Figure, measured
 from page_tables import DOCS, read_figures, write_figures
-from tables import FIGURES, PAGE, README, page, pictures, readme, summary, table
+from tables import FIGURES, PAGE, page, pictures, summary, table
 
 HERE = Path(__file__).parent
 SCRIPTS = ("consistent", "maximum_likelihood", "closed_loop")
@@ -49,8 +49,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join((*PARTS, 'marks', *SCRIPTS))}")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures in a file")
-    parser.add_argument("--page", action="store_true", help="keep them for docs/performance.md, and write it")
-    parser.add_argument("--draw", action="store_true", help="write docs/performance.md from the figures that it has")
+    parser.add_argument(
+        "--page", action="store_true", help="keep them for benchmarks/performance_measured.md, and write it"
+    )
+    parser.add_argument(
+        "--draw", action="store_true", help="write benchmarks/performance_measured.md from the figures that it has"
+    )
     given = parser.parse_args(arguments)
     if wrong := [name for name in given.parts if name not in (*PARTS, "marks", *SCRIPTS)]:
         parser.error(f"unknown part {wrong[0]!r}; known: {', '.join((*PARTS, 'marks', *SCRIPTS))}")
@@ -112,10 +116,9 @@ def told(key: str, found: Mapping[str, Any]) -> str:
 
 
 def draw() -> None:
-    """Write the page with its plots, and what the README says, from the figures that are kept."""
+    """Write the page with its plots from the figures that are kept."""
     kept = read_figures(FIGURES)
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), kept["machine"], kept["works"]), encoding="utf-8")
-    README.write_text(readme(README.read_text(encoding="utf-8"), kept["works"]), encoding="utf-8")
     for name, text in pictures(kept["works"]).items():
         (DOCS / f"growth_{name}.svg").write_text(text, encoding="utf-8")
 

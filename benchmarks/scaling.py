@@ -2,8 +2,8 @@
 
 Parts: stages (of a run, by CPU time), spread (the same study here, on processes, on Dask), rows (what the process that
 asks does for each), scheduler (a real Dask scheduler under load: its workers only wait), fleet (logs of an arm). Dask
-runs on the loopback interface. --page keeps the figures in out/scaling.json and writes the tables of docs/scaling.md;
---draw does without measuring. Figures depend on what else the machine does: its load stands beside them.
+runs on the loopback interface. --page keeps the figures in out/scaling.json and writes the tables of
+scaling_measured.md; --draw does without measuring. The load of the machine is beside the figures.
 """
 
 from __future__ import annotations
@@ -264,8 +264,12 @@ PARTS: dict[str, Callable[[], Figures]] = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--page", action="store_true", help="keep the figures for docs/scaling.md, and write it")
-    parser.add_argument("--draw", action="store_true", help="write docs/scaling.md from the figures that it has")
+    parser.add_argument(
+        "--page", action="store_true", help="keep the figures for benchmarks/scaling_measured.md, and write it"
+    )
+    parser.add_argument(
+        "--draw", action="store_true", help="write benchmarks/scaling_measured.md from the figures that it has"
+    )
     given = parser.parse_args()
     if wrong := [name for name in given.parts if name not in PARTS]:
         parser.error(f"unknown part {wrong[0]!r}; known: {', '.join(PARTS)}")

@@ -1,4 +1,4 @@
-"""The tables of docs/performance.md as Markdown, from what a run has measured."""
+"""The tables of benchmarks/performance_measured.md as Markdown, from what a run has measured."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from page_tables import DOCS, OUT, filled
 from plot import curves
 
 ROOT = Path(__file__).resolve().parents[1]
-README = ROOT / "README.md"
-PAGE, FIGURES = DOCS / "performance.md", OUT / "performance.json"
+PAGE, FIGURES = DOCS.parent / "benchmarks" / "performance_measured.md", OUT / "performance.json"
 HEAD = "| | peer | with the kernel | mark | without | mark |\n|---|---|---|---|---|---|"
 COLOURS = {"with": "#3584e4", "without": "#2ec27e"}
 NAMES = {"with": "dynident with the kernel", "without": "dynident without"}
@@ -97,7 +96,7 @@ def pictures(measured: Measured) -> dict[str, str]:
 
 
 def speed(measured: Measured) -> str:
-    """The figures of the README."""
+    """The first figures of the page."""
 
     def times(name: str, row: Row) -> str:
         peer, *own = (row.figure(TABLES[name], measured, way) for way in (row.peer, "with", "without"))
@@ -121,14 +120,8 @@ def page(text: str, facts: Mapping[str, Any], measured: Measured) -> str:
     parts = {
         name: table(one, measured) for name, one in TABLES.items() if any(row.work.key in keys for row in one.rows)
     }
+    if all(row.work.key in keys for row in (FITPACK, CSAPS, PINOCCHIO, TX40, MILLION)):
+        parts["speed"] = speed(measured)
     why = "; ".join(absent(measured))
     parts["machine"] = machine(facts) + (f" Not measured: {why}." if why else "")
     return filled(text, parts)
-
-
-def readme(text: str, measured: Measured) -> str:
-    """The README with these figures, where all that it names are measured."""
-    rows = (FITPACK, CSAPS, PINOCCHIO, TX40, MILLION)
-    if any(row.work.key not in measured for row in rows):
-        return text
-    return filled(text, {"speed": speed(measured)})

@@ -12,19 +12,15 @@ from dynident.cli import main
 from dynident.files.results import write_text
 
 COMMON = """
-## What is said, and where it is kept
+## Output and common options
 
-Results go to standard output, in tables as wide as the terminal; where that is none (a pipe, a file), 150 columns
-wide. What is being done, with the time left where that is known, goes to standard error, and only to a terminal. With
-`-v` each step is printed there with its time, to a terminal or not. With `-q` only results, what was written and errors
-are printed. `--log-file` keeps all of it, those steps too, with the time of each line, the version, the platform and
-the command: runs are added to the file, and a file that is no log of dynident is never changed.
+Results go to standard output, in tables as wide as the terminal (150 columns in a pipe). Progress goes to standard
+error, if that is a terminal. `-v` prints all tables, notes and steps; `-q` prints only results, written files and
+errors. `--log-file` keeps everything, with times: runs are appended, and a file that is no log of dynident is never
+changed. Commands that are printed begin with the variable `DYNIDENT_COMMAND`, if it is set.
+`DYNIDENT_KERNEL=off` switches the compiled kernel off.
 
-Each command ends with what to type next. It begins as dynident was started, as `dynident` or as `python -m dynident`;
-the environment variable `DYNIDENT_COMMAND` sets it to something else. What computes is the compiled kernel where there
-is one, else NumPy and LAPACK; `DYNIDENT_KERNEL=off` chooses these, and `--version` says which runs.
-
-These options stand before or after the name of a command, `--debug` and `--version` before it:
+These options stand before or after the name of a command (`--debug` and `--version` before it):
 """
 COMPLETION = """
 ## Completion
@@ -38,6 +34,8 @@ these lines is in its start-up file. They work for an installed `dynident`.
 | zsh | `~/.zshrc` | `eval "$(_DYNIDENT_COMPLETE=zsh_source dynident)"` |
 | fish | `~/.config/fish/completions/dynident.fish` | `_DYNIDENT_COMPLETE=fish_source dynident \\| source` |
 """
+SHARED = {"workers", "cluster", "time_limit", "worker_memory", "memory"}
+SHARED_LEAD = "Long work and large files; the section of a command names those that it has:"
 TARGET = Path(__file__).with_name("cli.md")
 
 
@@ -48,12 +46,15 @@ def reference() -> str:
         "",
         "Generated from the command's help by `docs/generate_cli.py`; a test fails where it is stale.",
         "",
-        "A wrong setting or recording ends with one message and exit code 1, a wrong option with exit code 2. An error",
-        "that was not foreseen is a fault of dynident: one line that says what to report, and exit code 70. Where a",
-        "command fails, `--debug` before its name, or `DYNIDENT_DEBUG=1` in the environment, prints the traceback.",
+        "A wrong setting or recording ends with one message and exit code 1, a wrong option with exit code 2. An",
+        "unexpected error is a fault of dynident: it ends with exit code 70. `--debug` before the command, or",
+        "`DYNIDENT_DEBUG=1`, prints the traceback.",
     ]
     context = click.Context(main, info_name="dynident", **main.context_settings)
-    lines += [*COMMON.splitlines(), "", *_options(main, context)]
+    lines += [*COMMON.splitlines(), "", *_options(main, context), "", SHARED_LEAD, ""]
+    identify = main.commands["identify"]
+    shared = click.Command("shared", params=[each for each in identify.params if each.name in SHARED])
+    lines += _options(shared, click.Context(shared), {"help"})
     for name in main.list_commands(context):
         command = main.get_command(context, name)
         if command is not None:
@@ -65,14 +66,16 @@ def reference() -> str:
 def _section(command: click.Command, context: click.Context) -> Iterator[str]:
     usage = " ".join((context.command_path, *command.collect_usage_pieces(context)))
     yield from ("", f"## {context.command_path}", "", f"`{usage}`", "", inspect.cleandoc(str(command.help)), "")
-    said = {parameter.name for parameter in main.params}  # once, at the head
+    said = {parameter.name for parameter in main.params} | SHARED  # once, at the head
     yield from _options(command, context, {*said, "help"})
+    if common := [parameter.opts[-1] for parameter in command.params if parameter.name in SHARED]:
+        yield from ("", f"Also {', '.join(f'`{name}`' for name in common)}.")
 
 
 def _options(command: click.Command, context: click.Context, said: Collection[str | None] = ()) -> Iterator[str]:
     yield from ("| option | meaning |", "|---|---|")
     for parameter in command.get_params(context):
-        if parameter.name in said:
+        if parameter.name in said or "--help" in parameter.opts:
             continue
         record = parameter.get_help_record(context)
         if record is not None and record[1]:  # arguments have no help of their own

@@ -1,23 +1,20 @@
-"""The pages of the site, a hook of mkdocs: the repository's own, and one for each public module of the package.
+"""The pages of the site, a hook of mkdocs: the repository's own, and the API: the names of ``dynident`` by topic.
 
-The site has the folders of the repository, so that a link works in both. What is public is read from the source:
-a module without a leading underscore, and in a folder what its ``__init__`` imports from the package.
+The site has the folders of the repository, so that a link works in both.
 """
 
 from __future__ import annotations
 
 import ast
-import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from pygments.formatters import HtmlFormatter
 
 ROOT = Path(__file__).parents[1]
-SOURCE = ROOT / "src"
 KERNEL = "src/dynident/runtime/kernel/README.md"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
@@ -38,19 +35,71 @@ GUIDES = {
         "online",
         "supported",
     ),
-    "Methods": ("methods", "estimators", "maximum_likelihood", "article", "notation"),
-    "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
+    "Python": ("python", "spline", "extending"),
+    "Methods": (
+        "methods",
+        "methods_smoothing",
+        "methods_choices",
+        "methods_model",
+        "methods_excitation",
+        "methods_estimation",
+        "methods_errors",
+        "methods_verdict",
+        "methods_fleets",
+        "maximum_likelihood",
+        "estimators",
+        "article",
+        "notation",
+    ),
+    "Reference": ("configuration", "cli", "scaling", "performance", "defaults"),
+}  # fmt: skip
+# the names of `dynident`, each on one page
+API = {
+    "Identification": ("identify", "check", "run", "load", "Identification", "Recipe", "validate"),
+    "Robots and logs": ("read_robot", "read_log", "Log", "Motion"),
+    "Models": ("Model", "Joint", "RigidBodies", "Lagrangian", "two_link_arm"),
+    "Friction and motors": ("Coulomb", "Viscous", "Offset", "RotorInertia", "CoupledMotor"),
+    "Smoothers": (
+        "smooth",
+        "Spline",
+        "KalmanSmoother",
+        "SavitzkyGolay",
+        "FourierSeries",
+        "Butterworth",
+        "Difference",
+        "ParallelFilter",
+    ),
+    "Linear estimators": (
+        "Estimate",
+        "LeastSquares",
+        "WeightedLeastSquares",
+        "GeneralisedLeastSquares",
+        "PhysicallyConsistent",
+        "Ridge",
+        "RobustLeastSquares",
+        "TotalLeastSquares",
+        "InstrumentalVariables",
+    ),
+    "Simulating estimators": ("OutputError", "Didim", "MaximumLikelihood", "AugmentedKalman"),
+    "Accuracy": ("accuracy_bound", "cramer_rao_bound", "bootstrap"),
+    "Applications": ("excite", "find_payload", "compare", "fleet", "export_model"),
+    "Simulation": ("simulate", "record"),
+    "Errors": ("errors",),
 }  # fmt: skip
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Replace the files of docs/ by those of the repository, and add the reference and the colours of code."""
+    """Replace the files of docs/ by those of the repository, and add the API and the colours of code."""
     for file in [file for file in files if file.src_dir == config.docs_dir]:
         files.remove(file)
     for path in (path for pattern in SHOWN for path in sorted(ROOT.glob(pattern)) if path.is_file()):
         files.append(File.generated(config, path.relative_to(ROOT).as_posix(), abs_src_path=str(path)))
-    for name, path in modules():
-        files.append(File.generated(config, uri(name), content=page(name, path)))
+    places = name_places()
+    if unlisted := set(places) ^ {name for names in API.values() for name in names}:
+        raise PluginError(f"docs/pages.py: the API has no page, or a page too many, for {', '.join(sorted(unlisted))}")
+    for title, names in API.items():
+        text = "\n\n".join(f"::: {places[name]}" for name in names)
+        files.append(File.generated(config, api_page(title), content=f"# {title}\n\n{text}\n"))
     files.append(File.generated(config, "docs/code.css", content=HtmlFormatter().get_style_defs(".highlight")))
     config.nav = navigation()
     return files
@@ -61,63 +110,35 @@ def navigation() -> list[Any]:
     guides = {title: [f"docs/{name}.md" for name in names] for title, names in GUIDES.items()}
     examples = [path.relative_to(ROOT).as_posix() for path in sorted(ROOT.glob("examples/*.md"))]
     project = [path.name for path in sorted(ROOT.glob("*.md")) if path.name != "README.md"]
+    api = [{title: api_page(title)} for title in API]
     return [
         {"Home": "README.md"},
         {"Tutorial": "docs/tutorial.md"},
         {"Your robot": guides["Your robot"]},
         *({"Examples": path} for path in examples),
+        {"Python": [*guides["Python"], {"API": api}]},
         {"Methods": guides["Methods"]},
-        {"Reference": [*guides["Reference"], {"API": list(reference())}]},
+        {"Reference": guides["Reference"]},
         {"Project": [*project, {"Kernel": KERNEL}]},
     ]
 
 
-def reference() -> Iterator[dict[str, Any]]:
-    """Yield the package, then its rooms with the pages of their modules, from below: in the order of the method."""
-    names = [name for name, _ in modules() if name != "dynident"]
-    yield {"dynident": uri("dynident")}
-    for room in rooms():
-        yield {room: [{name.removeprefix("dynident."): uri(name)} for name in names if name.split(".")[1] == room]}
+def api_page(title: str) -> str:
+    """Return the page of a topic of the API."""
+    return f"api/{title.lower().replace(' ', '_')}.md"
 
 
-def rooms() -> list[str]:
-    """Return the rooms of the package in the order of the import contract, the lowest first."""
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
-    return [room for layer in reversed(settings["contracts"][0]["layers"]) for room in layer.split(" | ")]
+def name_places() -> dict[str, str]:
+    """Return where each name of ``dynident`` is defined, read from its source."""
+    tree = ast.parse((ROOT / "src" / "dynident" / "__init__.py").read_text(encoding="utf-8"))
+    table = next(
+        node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULES"
+    )
+    modules: dict[str, str] = ast.literal_eval(table.value)
+    return {name: place_of(name, module) for name, module in modules.items()}
 
 
-def modules() -> Iterator[tuple[str, Path]]:
-    """Yield name and file of each public module, folders before what is in them."""
-    for path in sorted(SOURCE.rglob("*.py"), key=parts):
-        if not any(part.startswith("_") for part in parts(path)):
-            yield ".".join(parts(path)), path
-
-
-def parts(path: Path) -> tuple[str, ...]:
-    """Return the dotted name of a file's module, split."""
-    names = path.relative_to(SOURCE).with_suffix("").parts
-    return names[:-1] if names[-1] == "__init__" else names
-
-
-def uri(name: str) -> str:
-    """Return the page of a module."""
-    return f"api/{name}.md"
-
-
-def page(name: str, path: Path) -> str:
-    """Return a module's page: what it defines, and where it is a folder the names that it gathers from its modules."""
-    lines = [f"# {name}", "", f"::: {name}"]
-    if path.name == "__init__.py":
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        own = [node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
-        lines += ["    options:", f"      members: {[one for one in own if not one.startswith('_')]}"]
-        lines += ["", *gathered(tree)]
-    return "\n".join(lines) + "\n"
-
-
-def gathered(tree: ast.Module) -> Iterator[str]:
-    """Yield the table of the names that an ``__init__`` imports from the package."""
-    public = {name for name, _ in modules()}
-    for node in (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module in public):
-        for name in (alias.asname or alias.name for alias in node.names):
-            yield f"* `{name}`, from [{node.module}]({node.module}.md)"
+def place_of(name: str, module: str) -> str:
+    """Return the dotted place of a name, in its own file where that is called like it."""
+    place = "dynident.runtime.errors" if name == "errors" else f"{module}.{name}"
+    return f"{place}.{name}" if (ROOT / "src" / f"{module.replace('.', '/')}/{name}.py").exists() else place

@@ -104,8 +104,8 @@ def test_the_block_of_the_readme_runs_on_such_files(tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     seen: dict[str, Any] = {}
     exec(compile(readme_block(), "README", "exec"), seen)
-    assert seen["found"].validations[1].errors.relative_error < 2
+    assert seen["identification"].validations[1].errors.relative_error < 2
     file.unlink()  # the result holds its text
     again = dy.load("result.json")
-    np.testing.assert_array_equal(again.estimate.value, seen["found"].estimate.value)
+    np.testing.assert_array_equal(again.estimate.value, seen["identification"].estimate.value)
     assert again.predict(seen["logs"]["wednesday"]).errors.relative_error < 2

@@ -50,7 +50,7 @@ def test_a_quiet_run_prints_results_and_what_was_written(tmp_path: Path) -> None
         assert words in loud.stdout
         assert words not in quiet.output
     assert set(quiet.stdout.splitlines()) < set(loud.stdout.splitlines())
-    assert "Parameters with their standard errors" in quiet.stdout
+    assert "Verdict: " in quiet.stdout
 
 
 def test_the_log_keeps_all_that_is_said_of_each_run(tmp_path: Path) -> None:

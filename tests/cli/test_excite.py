@@ -96,7 +96,7 @@ def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced
     record(designed)
     config = designed / "out" / "identify.yaml"
     assert run("check", config).exit_code == 0
-    done = succeed("identify", config, "--out", designed / "result", "--workers", 1)
+    done = succeed("identify", config, "--out", designed / "result", "--workers", 1, "-v")
     assert "To design what to record next" in done.output
     announced = {
         one["name"]: one["std"]

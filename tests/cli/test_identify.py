@@ -28,7 +28,7 @@ from tests.saved_results import errors_by_log
 class TestIdentify:
     def test_recovers_a_simulated_slider(self, tmp_path: Path) -> None:
         write_log(tmp_path)
-        done = succeed("identify", configure(tmp_path), "--out", tmp_path / "out")
+        done = succeed("identify", configure(tmp_path), "--out", tmp_path / "out", "-v")
         result = json.loads((tmp_path / "out" / "result.json").read_text())
         found = {one["name"]: one for one in result["parameters"]}
         for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
@@ -71,13 +71,13 @@ class TestIdentify:
             "    joints = (Joint('slider', 'prismatic'),)\n"
             "    return Model((Viscous(joints), Offset(joints)), name='mine')\n"
         )
-        done = succeed("identify", configure(tmp_path, model="mine.py:build"))
+        done = succeed("identify", configure(tmp_path, model="mine.py:build"), "-v")
         assert "Fv_slider" in done.output
 
     @pytest.mark.parametrize("position", [0.0, 0.25, 0.7])
     def test_a_joint_that_does_not_move_is_said(self, tmp_path: Path, position: float) -> None:
         write_log(tmp_path, pos=np.full(2000, position))
-        done = succeed("identify", configure(tmp_path))
+        done = succeed("identify", configure(tmp_path), "-v")
         assert "slider" in done.output
         assert "never moves" in done.output
         assert "no effect on the torque" in done.output
@@ -254,6 +254,19 @@ class TestFolder:
         assert not (tmp_path / "out").exists()
 
 
+def test_the_summary_is_short_and_ends_with_the_verdict(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    config = configure(tmp_path)
+    lines = succeed("identify", config, "--out", tmp_path / "out").stdout.splitlines()
+    assert len(lines) <= 12
+    assert lines[0].startswith("Torque error, training: ")
+    assert lines[-1].startswith("Verdict: ")
+    assert any(line.startswith(f"Files in {tmp_path / 'out'}: ") for line in lines)
+    told = succeed("identify", config, "-v").stdout
+    assert "Parameters with their standard errors" in told
+    assert told.splitlines()[-1].startswith(lines[-1])
+
+
 def test_a_log_that_was_fitted_is_warned_of(tmp_path: Path) -> None:
     write_log(tmp_path)
     done = succeed("identify", configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
@@ -267,10 +280,10 @@ class TestWriteConfig:
         path, made = configuration(tmp_path / "arm"), list[Identification]()
         fit = project.identify
         monkeypatch.setattr(project, "identify", lambda *given, **how: made.append(fit(*given, **how)) or made[-1])
-        done = succeed("identify", path, "--out", tmp_path / "a", "--write-config", tmp_path / "b" / "fixed.yaml")
+        done = succeed("identify", path, "--out", tmp_path / "a", "--write-config", tmp_path / "b" / "fixed.yaml", "-v")
         assert "Terms chosen by the training logs" in done.output
         assert f"Configuration: {tmp_path / 'b' / 'fixed.yaml'}" in done.output
-        again = succeed("identify", tmp_path / "b" / "fixed.yaml", "--out", tmp_path / "c")
+        again = succeed("identify", tmp_path / "b" / "fixed.yaml", "--out", tmp_path / "c", "-v")
         assert "Terms chosen" not in again.output
         assert "--write-config" not in again.output
         found = [json.loads((tmp_path / one / "result.json").read_text()) for one in "ac"]
@@ -279,7 +292,7 @@ class TestWriteConfig:
         report = (tmp_path / "a" / "report.html").read_text()
         assert "Friction and other terms" in report
         monkeypatch.setattr(project, "identify", lambda *_, **__: made[0])  # the same again, told without the option
-        advised = run("identify", path)
+        advised = run("identify", path, "-v")
         assert "To write out the terms that were chosen:" in advised.output
         assert "robot-explicit.yaml" in advised.output
 

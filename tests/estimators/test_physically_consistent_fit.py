@@ -217,7 +217,7 @@ def test_contradictions_are_named(setting: dict[str, Any], words: list[str]) -> 
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"bounds": {"b1.mas": (0, 1)}}, "bounds: model has no parameter 'b1.mas'; did you mean 'b1.mass'"),
     ({"prior": {"b1.mas": 1.0}}, "prior: model has no parameter 'b1.mas'; did you mean 'b1.mass'"),
-    ({"prior": "cad"}, "prior = 'cad'; .*Known: 'nominal', 'none'"),
+    ({"prior": "cad"}, "prior = 'cad'; .*hoose from 'nominal', 'none'"),
     ({"bounds": {"b1.mass": (2, 1)}}, "b1.mass: the lower limit 2 lies above the upper limit 1"),
     ({"bounds": {"b1.mass": (float("nan"), None)}}, "b1.mass: the limits nan and None must be numbers"),
     ({"total_mass": (2, 1)}, "total mass: the lower limit 2 lies above"),

@@ -142,9 +142,9 @@ def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None
     assert plain.sentences()[2] == "The torque residual is largest in elbow (fast) and has no clear cause."
     unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")), MotionRatios(("rail",)))})
     assert unknown.sentences()[3] == (
-        "No data can show a factor that all torques share (wrong gains), which masses and friction take up, or a wrong "
-        "zero of turn, wrist, or a wrong gear ratio, lead or unit of the position of rail: make sure of that by other "
-        "means."
+        "No recording of this robot can reveal a wrong gain that is common to all torques (masses and friction absorb "
+        "it), or a wrong zero of turn, wrist, or a wrong gear ratio, lead or unit of the position of rail. Check this "
+        "by other means."
     )
 
 

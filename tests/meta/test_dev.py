@@ -105,11 +105,11 @@ def test_what_comes_next_can_be_typed(
     script = "dev.py" if place == "my dynident" else "../my dynident/dev.py"
     names = dev(project, monkeypatch, "python3", script, run=lambda *words, **_: commands.append(words[4:]))
     names["main"](["demo", "--help"])
-    assert commands == [("reproduce", "--help")]
+    assert commands == [("demo", "--help")]
     assert "activate" not in capsys.readouterr().out
     commands.clear()
     names["main"](["demo"])
-    assert commands == [("reproduce", "--out", "demo-out"), ("demo",)]
+    assert commands == [("demo",)]
     called = shlex.join(["python3", script, "run"])
     assert os.environ.pop("DYNIDENT_COMMAND") == called
     lines = [line.strip() for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]

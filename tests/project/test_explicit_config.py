@@ -114,7 +114,7 @@ def test_comments_say_why_and_end_with_their_line(chosen: Identification, tmp_pa
     assert choice is not None
     entered = [one for one in choice.trials if one.outcome.name == "ENTERED"]
     assert entered
-    assert all(f"{one.kind} {one.gain:.3g} +- " in text for one in entered if 0.1 < one.gain < 99.9)
+    assert all(f"gain {one.gain:.3g} +- " in text for one in entered if 0.1 < one.gain < 99.9)
 
 
 def test_settings_that_are_as_by_default_are_left_out(chosen: Identification, tmp_path: Path) -> None:

@@ -179,7 +179,7 @@ def test_the_name_of_the_table_follows_from_all_that_its_factors_depend_on(ready
 
 
 def test_the_command_takes_the_long_way_by_itself(folder: Path, tmp_path: Path) -> None:
-    done = run("identify", folder / "robot.yaml", "--out", tmp_path / "out", "--workers", "1")
+    done = run("identify", folder / "robot.yaml", "--out", tmp_path / "out", "--workers", "1", "-v")
     assert done.exit_code == 0, done.output
     assert "all 40,000 samples (200 s) are fitted, in 4 pieces" in done.output
     result = json.loads((tmp_path / "out" / "result.json").read_text())

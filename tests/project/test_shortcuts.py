@@ -9,12 +9,13 @@ from tempfile import TemporaryDirectory
 from typing import get_type_hints
 
 import numpy as np
+import polars as pl
 import pytest
 import yaml
 
 import dynident as dy
 from dynident.identification import NotLogged
-from dynident.models.lagrangian import pendulum
+from dynident.models.lagrangian import pendulum, slider
 from dynident.project.shortcuts import RecipeFields, default_recipe
 from dynident.runtime import ConfigError, DynidentError, InputError, ModelError, progress_to
 from tests.robots import ARM, joint, link, urdf
@@ -71,7 +72,7 @@ class TestReadLog:
             ({"time": "ms"}, ConfigError, r"time is 'ms'; give a column and its unit, such as \('ms', 'ms'\)"),
             ({"torque": None}, ConfigError, "'torque' is missing"),
             ({"position": {"slider": ("x", "furlong")}}, ConfigError, "'furlong' is not a unit of angle"),
-            ({"position": {"slider": ("X", "mm")}}, InputError, "no column 'X'; Known: 'ms', 'x', 'f'"),
+            ({"position": {"slider": ("X", "mm")}}, InputError, "no column 'X'; choose from 'ms', 'x', 'f'"),
             ({"torque": {"slidr": ("f", "N")}}, ConfigError, "no joint 'slidr'; did you mean 'slider'"),
             ({"torque": {"slider": ("f", "N m")}}, ConfigError, "a unit of torque, not of force"),
             ({"transmision": {}}, ConfigError, "unknown key 'transmision'; did you mean 'transmission'"),
@@ -137,7 +138,9 @@ class TestIdentify:
             dy.identify("gallery:slider", sliding(), estimtor=dy.LeastSquares())
 
     def test_the_keywords_are_the_fields(self) -> None:
-        assert get_type_hints(RecipeFields) == get_type_hints(dy.Recipe)
+        hints = get_type_hints(dy.Recipe)
+        named = {name: hints[name] | str for name in ("smoother", "estimator")}
+        assert get_type_hints(RecipeFields) == hints | named
 
     @pytest.mark.parametrize(
         ("robot", "logs", "error", "words"),
@@ -324,3 +327,22 @@ def test_a_minimum_speed_that_leaves_too_little_is_named(tmp_path: Path, speed: 
     log = log.select(("shoulder",)).window(0.0, 5.0) if speed == 0.89998 else log
     with pytest.raises(DynidentError, match=words):
         dy.identify(robot, log, min_speed=speed, smoother=dy.Difference("central"), time_offset=0.0)
+
+
+def test_a_result_is_asked_by_names_and_arrays(tmp_path: Path) -> None:
+    identification = dy.identify("gallery:slider", sliding(), validation={"b": sliding()}, estimator="least_squares")
+    assert identification.recipe.estimator == dy.LeastSquares()
+    friction = identification.parameters["Fc"]
+    row = identification.frame().row(by_predicate=pl.col("parameter") == "Fc", named=True)
+    assert (friction.value, friction.std, friction.unit) == (row["value"], row["std"], row["unit"])
+    with pytest.raises(InputError, match="there is no parameter 'Fd'"):
+        identification.parameters["Fd"]
+    again = dy.load(identification.save(tmp_path / "result.json"), slider())
+    assert again.parameters == identification.parameters
+    assert again.verdict == identification.verdict
+    assert repr(again) == repr(identification)
+    motion = identification.validations[0].motion
+    tau = again.predict(motion.q, motion.dq, motion.ddq)
+    np.testing.assert_array_equal(tau, identification.validations[0].predicted_torque)
+    with pytest.raises(ConfigError, match=r"estimator.*'least_square'"):
+        dy.identify("gallery:slider", sliding(), estimator="least_square")

@@ -17,13 +17,16 @@ MISTAKES = {
     "unknown key": (changed(smother={}), ("unknown key 'smother'", "did you mean 'smoother'")),
     "a number that is no choice": (
         changed(smoother={"kind": "kalman", "order": 4}),
-        ("smoother.order: '4' is not a choice; Known: '2', '3'",),
+        ("smoother.order: '4' is not a choice; choose from '2', '3'",),
     ),
     "truth by name": (changed(compare={"truth": {"M": "x"}}), ("compare.truth.M: a finite number is expected",)),
     "unknown inner key": (with_train(windw=[0, 1]), ("train[0]: unknown key 'windw'", "did you mean 'window'")),
     "missing": (changed(time=...), ("time: is missing",)),
     "missing unit": (changed(position={"slider": {"column": "q"}}), ("position.slider.unit: is missing",)),
-    "two mistakes": (changed(time=..., gaps="skip"), ("time: is missing", "gaps: 'skip'", "Known: 'error', 'split'")),
+    "two mistakes": (
+        changed(time=..., gaps="skip"),
+        ("time: is missing", "gaps: 'skip'", "hoose from 'error', 'split'"),
+    ),
     "not a mapping": ("- 1\n- 2\n", ("a mapping (`key: value` lines) is expected",)),
     "empty": ("", ("a mapping", "got None")),
     "no train": (changed(train=[]), ("train: ", "at least 1")),

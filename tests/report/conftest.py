@@ -34,6 +34,7 @@ class Fake(KeepsFacts, SimpleNamespace):
 
     __hash__ = object.__hash__
     of_role, training_motions = Identification.of_role, Identification.training_motions
+    verdict = Identification.verdict
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ def log_validation(name, role, joints, filtered):
     held = motion(joints, n=300, smoothing=smoothing, source=name)
     rng = np.random.default_rng(5)
     return SimpleNamespace(
+        signals="as they were",
         name=name,
         role=role,
         motion=held,

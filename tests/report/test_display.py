@@ -38,8 +38,8 @@ def saved(found: dy.Identification) -> dy.Identification:
 def test_a_terminal_shows_verdict_errors_and_parameters(found: dy.Identification) -> None:
     first, training, held_out, parameters = repr(found).splitlines()
     assert first.startswith("<Identification of 'slider': good for ")
-    assert training.startswith("  torque error, training: monday 0.")
-    assert held_out.startswith("  torque error, held out: tuesday 0.")
+    assert training.startswith("  Torque error, training: monday 0.")
+    assert held_out.startswith("  Torque error, held out: tuesday 0.")
     assert parameters.startswith("  M = 4.999 +- 0.0008")
     assert parameters.endswith(" and 1 more>")
 

@@ -183,7 +183,7 @@ def test_torque_figure_names_the_unit(unit, word):
 
 
 def test_figures_name_the_joints_to_choose_from():
-    message = "run.csv: no joint 'joint3'; did you mean .* Known: 'joint1', 'joint2'"
+    message = "run.csv: no joint 'joint3'; did you mean .* Choose from 'joint1', 'joint2'"
     with pytest.raises(InputError, match=message):
         figures.motion_figure(motion(), "joint3")
     with pytest.raises(InputError, match=message):

@@ -163,7 +163,7 @@ class ManyTorqueOutliers(Note):
     def __str__(self) -> str:
         return (
             f"{percent(100 * self.share, 2)} of the torques look like outliers, first sample {self.row} (t = "
-            f"{instant(self.time)} s): too many to be left out, so that none is. Is it the right column, or was it "
+            f"{instant(self.time)} s): too many to leave out, so all are kept. Is it the right column, or was it "
             "recorded badly?"
         )
 
@@ -179,7 +179,7 @@ class FrozenTorque(FrozenValue):
     def __str__(self) -> str:
         level = "zero" if self.value == 0 else f"{self.value:.6g}"
         return (
-            f"the torque is {level} {self.place}, though the motion needs another: it was not read there, or the drive "
+            f"the torque is {level} {self.place}, although the motion needs another: it was not read, or the drive "
             f"was off. {_fit_clause(self.masked, self.held_out)} {CABLE}"
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dynident.checks.robot_notes import Costly
 from dynident.runtime import Note, Remark, Severity, Use, WordedEnum, count, join_names, percent, short
 
-ASTRAY = "What is found by simulating the loop is wrong by more than its errors say."
+ASTRAY = "Results of simulating the loop are less accurate than their standard errors say."
 
 
 class NotSmoothed(Remark):
@@ -44,8 +44,8 @@ class HardlyMoves(Note):
     def __str__(self) -> str:
         return (
             f"the joint hardly moves in training, by {short(self.span, 2)} {self.unit} where others move by up to "
-            f"{short(self.largest, 2)}: nothing is seen of its friction and rotor, and where it does move its torque "
-            "is not to be relied on. Record a motion of it, or hold it in the model: `lock` it at "
+            f"{short(self.largest, 2)}: its friction and rotor inertia cannot be identified, and its torque cannot be "
+            "trusted where it does move. Record a motion of it, or hold it in the model: `lock` it at "
             f"{short(self.near, 4)}, and leave it out of `joints`, `position` and `torque`."
         )
 
@@ -278,10 +278,10 @@ class OddLog(Note):
 
     def __str__(self) -> str:
         return (
-            f"does not fit together with the other logs: one fit of all leaves {percent(self.before)} of the torque "
-            f"(mean over the joints), with a fit of its own for this log {percent(self.after)}. Have the payload, a "
-            "zero, the mounting or the temperature changed in between, or are columns, signs or units others in this "
-            "file? Correct it, or leave it out."
+            f"does not agree with the other logs: a common fit leaves {percent(self.before)} of the torque unexplained "
+            f"(mean over the joints), a separate fit of this log {percent(self.after)}. Did the payload, a zero, the "
+            "mounting or the temperature change, or does this file have other columns, signs or units? Correct it, or "
+            "leave it out."
         )
 
 
@@ -300,9 +300,9 @@ class LowPassed(Note):
 
     def __str__(self) -> str:
         return (
-            f"the torques seem to be low-passed at about {short(self.cutoff, 2)} Hz rather than stamped late by "
+            f"the torques seem to be low-passed at about {short(self.cutoff, 2)} Hz, not delayed by "
             f"{short(1e3 * self.lag, 2)} ms: such a filter explains {100 * self.share:.0f} % of the squared training "
-            f"residual that the delay leaves. {self._advice}"
+            f"residual that remains with the delay. {self._advice}"
         )
 
     @property

@@ -70,18 +70,18 @@ class TermKind(StrEnum):
     )
     DELAY = (
         "delay of the torque",
-        "a torque that is stamped late, by these seconds,",
-        "Shift this torque in the file; `time_offset`, which `estimate` finds, is that of all joints alike.",
+        "a torque that lags the positions, by these seconds,",
+        "Shift this torque in the file: `time_offset` is the same for all joints.",
     )
     SATURATION = (
         "torque that saturates",
-        "a torque that grows less than in proportion, by this share at its rms,",
+        "a torque that saturates, by this share at its rms,",
         "Check whether the drive saturates, and how torque was computed from current.",
     )
     COUPLED = "coupled motor", "a motor that turns with both joints", "Add it to `couplings` of the model."
     NEIGHBOUR = (
         "torque of a neighbour",
-        "so many times the torque of a neighbour",
+        "the torque of a neighbouring joint, times this factor,",
         "Are these torques of motors that drive both joints, as in a differential? Convert them to joint torques.",
     )
     RIPPLE = (
@@ -222,7 +222,8 @@ class ClockWrong(SuspectedValue):
 
     def __str__(self) -> str:
         return self.explanation(
-            f"by the torque, a second of the time stamps is {short(self.value)} +- {short(self.std, 2)} s, which",
+            "according to the torque, a second of the time stamps lasts "
+            f"{short(self.value)} +- {short(self.std, 2)} s, which",
             "Check the sampling rate, and the unit of the time.",
         )
 
@@ -255,7 +256,7 @@ class LengthWrong(SuspectedValue):
 
     def __str__(self) -> str:
         return self.explanation(
-            f"its origin has {self.component} = {short(self.given, 4)} m in the robot file, the torques ask for "
+            f"its origin has {self.component} = {short(self.given, 4)} m in the robot file, the torques fit "
             f"{short(self.value, 4)} +- {short(self.std, 2)} m, which",
             "Measure the link, and correct the file.",
         )
@@ -368,12 +369,12 @@ class LeftAtReversals(Note):
             f"Friction that turns smoothly with the velocity explains it: set `coulomb_width` to about "
             f"{short(self.width, 2)} rad/s (m/s), or leave the terms to the logs (`terms: auto`)."
             if self.width
-            else "Has the gear backlash, or is the position that of a motor behind an elastic joint? Friction that "
-            "builds up gradually looks alike. `min_speed` leaves slow samples out."
+            else "Does the gear have backlash, or is the position measured at the motor of an elastic joint? Friction "
+            "that builds up gradually looks the same. `min_speed` leaves slow samples out."
         )
         return (
-            f"{percent(self.left, 2)} of its torque is left near its reversals (50 ms), beyond what is left "
-            f"elsewhere: {100 * self.share:.0f} % of the joint's squared residual. {cause}"
+            f"{percent(self.left, 2)} of its torque is unexplained near its reversals (50 ms), beyond what is "
+            f"unexplained elsewhere: {100 * self.share:.0f} % of the joint's squared residual. {cause}"
         )
 
 
@@ -391,7 +392,7 @@ class Unexplained(Note):
 
     def __str__(self) -> str:
         return (
-            f"{percent(self.left, 2)} of all torque is left that is not white noise, the most at this joint "
-            f"({percent(self.joint_left, 2)} of its own), and no cause that was tried explains it. The model lacks "
-            "something, unless the noise of the sensors is slow: look at the residual in the report."
+            f"{percent(self.left, 2)} of the torque is unexplained and not white noise, most at this joint "
+            f"({percent(self.joint_left, 2)} of its torque). None of the causes that were tried explains it. The model "
+            "lacks an effect, unless the sensors have slow noise: look at the residual in the report."
         )

@@ -32,12 +32,12 @@ def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None: 
     "--debug",
     is_flag=True,
     envvar="DYNIDENT_DEBUG",
-    help="Print the traceback where a command fails.",
+    help="Print the traceback if a command fails.",
 )
 @add_output_options
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
-    help="Show the version, what it was built from and what it runs with.",
+    help="Show the version, the commit and the kernel.",
 )  # fmt: skip
 def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""

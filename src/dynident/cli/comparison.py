@@ -55,27 +55,16 @@ def _split_kinds(ctx: click.Context, option: click.Parameter, value: str | None)
 )  # fmt: skip
 @click.option(
     "--folds", type=click.IntRange(0), default=5, show_default=True,
-    help="Stretches of the cross-validation, which ranks where no log is held out; 0 for none.",
+    help="Folds of the cross-validation, which ranks if no log is held out; 0 for none.",
 )  # fmt: skip
 @add_worker_options
-@click.option(
-    "--out",
-    type=DIRECTORY,
-    help="Folder for report.html, compare.json and compare.parquet; rows in it are not repeated.",
-)
+@click.option("--out", type=DIRECTORY, help="Folder for report.html, compare.json and compare.parquet; it is resumed.")
 @click.option("--rerun", is_flag=True, help="Compute all rows anew.")
 @JSON_FILE
 def compare(
-    config: Path,
-    smoothers: list[str] | None,
-    estimators: list[str] | None,
-    truth: Path | None,
-    folds: int,
-    spread: WorkerOptions,
-    out: Path | None,
-    rerun: bool,
-    json_file: Path | None,
-) -> None:
+    config: Path, smoothers: list[str] | None, estimators: list[str] | None, truth: Path | None, folds: int,
+    spread: WorkerOptions, out: Path | None, rerun: bool, json_file: Path | None,
+) -> None:  # fmt: skip
     """Fit the logs of CONFIG (YAML) by each smoother with each estimator, rank them by the torque error on held-out
     logs, and say which differences are more than chance. Smoother and estimator of CONFIG are always among them."""
     from dynident.apps import ranking as methods
@@ -108,13 +97,13 @@ def compare(
 @click.argument("results", nargs=-1, required=True, metavar="RESULT...", type=RESULT)
 @click.option(
     "--level", type=FiniteRange(0, 1, min_open=True, max_open=True), default=0.01, show_default=True,
-    help="Level of significance: how often parameters that are the same may be said to differ.",
+    help="Significance level of the tests of parameters.",
 )  # fmt: skip
 @click.option(
     "--tolerance", type=FiniteRange(0, 1000), default=5.0, show_default=True, metavar="PERCENT",
-    help="How much larger the torque error on a log may be, in % of that of REFERENCE.",
+    help="Accepted increase of the torque error on a log, in % of that of REFERENCE.",
 )  # fmt: skip
-@click.option("--only-worse", is_flag=True, help="Exit code 3 only where a RESULT is worse, not where it differs.")
+@click.option("--only-worse", is_flag=True, help="Exit code 3 only if a RESULT is worse, not if it differs.")
 @JSON_FILE
 @click.option("--out", type=DIRECTORY, help="Folder for report.html and comparison.json.")
 def compare_results(
@@ -178,11 +167,11 @@ def _show_comparisons(comparisons: list[ResultComparison]) -> None:
             screen.show(table)
 
 
-@click.command(short_help="Identify many logs of many robots, and find what changes.")
+@click.command(short_help="Identify many logs of many robots, and find changes.")
 @click.argument("config", type=CONFIG)
 @click.option(
     "--out", type=DIRECTORY, required=True,
-    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; what is known there stays.",
+    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; earlier results in it are kept.",
 )  # fmt: skip
 @click.option("--rerun", is_flag=True, help="Identify all logs anew.")
 @add_worker_options

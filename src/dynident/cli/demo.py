@@ -26,13 +26,13 @@ SHORT_WATCH = ("--once", "--block", 0.5, "--baseline", 10)  # of a recording of 
 PRELOADED_MODULES = ("dynident.apps.article.article",)  # by all workers at once
 
 
-@click.command(short_help="Identify the arm that comes with dynident, to see how it goes.")
+@click.command(short_help="Identify the simulated arm that comes with dynident.")
 @click.option("--out", type=DIRECTORY, default="arm-out", show_default=True, help="Folder for the arm's files.")
-@click.option("--files", is_flag=True, help="Only write the arm's files, to go the way of the tutorial.")
+@click.option("--files", is_flag=True, help="Only write the arm's files, for the tutorial.")
 def demo(out: Path, files: bool) -> None:
     """Identify a simulated arm whose truth is known, from its robot file and two recordings, which come with dynident.
 
-    The commands that do this are printed, and the folder is left to try others.
+    The commands are printed as they run. The folder stays, so that you can try others.
     """
     from dynident.apps.demo import compare_with_truth, demo_files
     from dynident.files.opener import remember_inputs
@@ -41,7 +41,7 @@ def demo(out: Path, files: bool) -> None:
     demo_files(out)
     for name in ("arm.urdf", *LOGS):
         remember_inputs(out / name)
-    screen.say(f"In {out.resolve()}: a robot file, arm.urdf, and two recordings of that arm, which are simulated.")
+    screen.say(f"{out.resolve()} has a robot file, arm.urdf, and two simulated recordings of that arm.")
     if files:
         return
     _check_config(screen, out, _draft_config(screen, out))
@@ -55,17 +55,14 @@ def demo(out: Path, files: bool) -> None:
 
 def _next_steps(out: Path) -> tuple[tuple[str, str], ...]:
     """Return what can be done with the folder: titles, and commands or paths."""
-    config, result, free = out / "robot.yaml", out / "result", out / "free"
-    loop_hint = (
-        f"Add the lines of {out / 'controller.yaml'} to {config} for a free simulation in the loop of its controller"
-    )
+    config, result = out / "robot.yaml", out / "result"
     return (
-        ("Look at the report, in a browser", str((result / "report.html").resolve())),
-        ("The torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
+        ("Open the report in a browser", str((result / "report.html").resolve())),
+        ("Predict the torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
         ("Watch that recording for changes", command("watch", result / "result.json", out / LOGS[1], *SHORT_WATCH)),
-        ("How accurate any method could be", command("bound", config)),
-        (loop_hint, command("identify", config, "--out", free)),
-        ("Your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
+        ("See how accurate any method could be", command("bound", config)),
+        ("Repeat the simulation study of the article", command("reproduce")),
+        ("Start with your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
     )
 
 
@@ -113,7 +110,7 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
     from dynident.project.export import exports
     from dynident.project.export.proof import relocate_exports
     from dynident.project.project import read_project
-    from dynident.report.identification.report import verdict_text
+    from dynident.report.identification.report import summary_lines, verdict_text
 
     _print_heading(screen, f"$ {command('identify', out / 'robot.yaml', '--out', out / 'result')}")
     with result_folder(out / "result") as folder:
@@ -125,9 +122,10 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
                 identification,
                 relocate_exports(folder.path, exports(identification), identification.provenance),
             )
-        screen.say(verdict_text(identification)[0])
-        for label, path in written:
-            screen.say(f"  {label}: result/{path.name}")
+        for text in summary_lines(identification):
+            screen.say(text)
+        screen.say(f"Files in {out / 'result'}: {', '.join(path.name for _, path in written)}")
+        screen.say(verdict_text(identification), "bold")
     return identification
 
 
@@ -135,25 +133,24 @@ def _show_comparison(screen: Screen, comparison: Comparison) -> None:
     from dynident.report.page import Column, PageTable
     from dynident.runtime import number
 
-    _print_heading(screen, "How far that is from the truth, which only a simulation knows")
+    _print_heading(screen, "Compared with the true arm, which is known because it is simulated")
     screen.say(
-        f"On a motion that was never recorded, the model's torque is {number(comparison.torque_error, 2)} % from the "
-        f"true one; with the inertias of arm.urdf it would be {number(comparison.file_error, 2)} %, the friction being "
-        "known."
+        f"On another motion the model's torque differs from the true one by {number(comparison.torque_error, 2)} %. "
+        f"With the inertias of arm.urdf and the true friction it would be {number(comparison.file_error, 2)} %."
     )
     screen.say(
-        f"Of the {comparison.base} base parameters, {comparison.within} are within 1.96 of their standard errors, "
-        "where 95 % should be."
+        f"{comparison.within} of {comparison.base} base parameters are within 1.96 standard errors of the truth; 95 % "
+        "are expected."
     )
     rows = [
         (value.name, number(value.estimate, 4), number(value.true, 4), number(value.std, 2), value.unit)
         for value in comparison.values
     ]
-    titles = (Column("", numeric=False), Column("found"), Column("true"), Column("std. error"))
+    titles = (Column("", numeric=False), Column("identified"), Column("true"), Column("std. error"))
     screen.show(PageTable((*titles, Column("unit", numeric=False)), tuple(rows)))
 
 
-@click.command(short_help="Run the article's study again.")
+@click.command(short_help="Repeat the simulation study of the article.")
 @click.option("--scenario", default="tabulated", show_default=True, help="tabulated, stated or weak.")
 @click.option("--runs", default=30, show_default=True, help="Recordings per noise level.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
@@ -167,15 +164,9 @@ def _show_comparison(screen: Screen, comparison: Comparison) -> None:
 @click.option("--rerun", is_flag=True, help="Compute all runs anew, also those of an earlier study in the folder.")
 @JSON_FILE
 def reproduce(
-    scenario: str,
-    runs: int,
-    seed: int,
-    methods: str,
-    spread: WorkerOptions,
-    out: Path | None,
-    rerun: bool,
+    scenario: str, runs: int, seed: int, methods: str, spread: WorkerOptions, out: Path | None, rerun: bool,
     json_file: Path | None,
-) -> None:
+) -> None:  # fmt: skip
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
     from dynident.apps.article import study_page, study_text
     from dynident.files.folder import result_folder
@@ -190,7 +181,7 @@ def reproduce(
         written = folder.replace({"report.html": study_page(reproduction)}) if folder else ()
     screen = console()
     screen.print_and_log(study_text(reproduction))
-    screen.remark(f"Computed by {kernel()}.")
+    screen.remark(f"Computed by {kernel()}.", detail=True)
     if json_file:
         write_json(json_file, reproduction.summary())
     print_paths(screen, ("Report",), written)

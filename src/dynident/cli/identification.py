@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynident.cli.command_log import command_log
 from dynident.cli.failures import command
 from dynident.cli.options import (
     ALLOW_CODE,
@@ -23,10 +24,11 @@ from dynident.cli.options import (
     add_worker_options,
 )
 from dynident.cli.terminal import announce, console, print_path, say_line, status
-from dynident.runtime import report_progress
+from dynident.runtime import Severity, count, report_progress
 
 if TYPE_CHECKING:
     from dynident.apps.init.config_draft import ConfigDraft
+    from dynident.cli.screen import Screen
     from dynident.files.folder import ResultFolder
     from dynident.files.tables import DataTable
     from dynident.identification import Identification
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from dynident.project.project import Project
     from dynident.report.words import Line
     from dynident.validation import LogValidation
+
+MAX_WARNINGS = 3  # of a fit; the others by --verbose
 
 
 @click.command(short_help="Draft a configuration for your robot and logs.")
@@ -121,18 +125,13 @@ def _trial_warnings(text: str, out: Path, known_notes: Sequence[str]) -> list[st
 @click.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=CONFIG)
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
-@click.option(
-    "--write-config",
-    type=CONFIG,
-    metavar="FILE",
-    help="File (YAML) for the same configuration with all that was chosen written out.",
-)
+@click.option("--write-config", type=CONFIG, metavar="FILE", help="File (YAML) for the configuration with all choices.")
 @add_worker_options
 def identify(config: Path, out: Path | None, write_config: Path | None, spread: WorkerOptions) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs.
 
-    Logs too long for the memory (Parquet) are fitted in pieces, by the workers; with --out an interrupted run goes on
-    where it stopped. Of others, several smoothers are tried by the cluster, where one is named.
+    The result is a short summary; -v prints all tables. Logs too long for the memory (Parquet) are fitted in pieces by
+    the workers; with --out an interrupted run continues where it stopped.
     """
     announce()
     from dynident.files.folder import result_folder
@@ -143,12 +142,8 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     from dynident.project.export import export_files, exports
     from dynident.project.export.proof import relocate_exports
     from dynident.project.project import read_project
-    from dynident.report.identification import identification_notes, identification_tables
-    from dynident.report.identification.report import STYLES, verdict_text
-    from dynident.report.identification.robot import export_notes
+    from dynident.report.identification.report import HEAD_SENTENCES, STYLES, verdict_text
     from dynident.report.identification.terms import choice_comments
-    from dynident.report.words import Line
-    from dynident.runtime.kernel import kernel
 
     with result_folder(out) if out else nullcontext() as folder:
         with status():
@@ -174,23 +169,42 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
             text = explicit_config(identification, write_config, choice_comments(identification, config.name))
             written.append(("Configuration", write_text(write_config, text)))
     screen = console()
-    verdict, steps = verdict_text(identification)
-    screen.say(verdict, f"bold {STYLES[judge(identification).use]}")
-    for table in identification_tables(identification):
-        screen.show(table)
-    for note in (*identification_notes(identification), *map(Line, export_notes(model_exports))):
-        say_line(screen, note)
+    _show_result(screen, identification, model_exports)
     if spread.cluster is not None and not is_spread:
         screen.remark("Note: --cluster was not used: the logs fit the memory, and there is one smoother to try.")
-    for step in steps:
-        screen.remark(f"Next: {step}")
-    screen.remark(f"Computed by {kernel()}.")
-    for label, path in written:
+    if files := [path for label, path in written if label != "Configuration"]:
+        screen.say(f"Files in {files[0].parent.resolve()}: {', '.join(path.name for path in files)}", no_wrap=True)
+    for label, path in written[len(files) :]:
         print_path(screen, label, path)
-    for line in _next_commands(
-        config, out, project, chose=identification.calibration.terms is not None and not write_config
-    ):
-        screen.remark(line, no_wrap=True)
+    is_chosen = identification.calibration.terms is not None and not write_config
+    for k, line in enumerate(_next_commands(config, out, project, chose=is_chosen)):
+        screen.remark(line, no_wrap=True, detail=k > 0)
+    verdict = verdict_text(identification, None if command_log().verbose else HEAD_SENTENCES)
+    screen.say(verdict, f"bold {STYLES[judge(identification).use]}")
+
+
+def _show_result(screen: Screen, identification: Identification, model_exports: Sequence[Export]) -> None:
+    """Print errors, the worst joint, the first warnings and the next step; by ``--verbose`` all tables and notes."""
+    from dynident.report.identification import identification_notes, identification_tables
+    from dynident.report.identification.report import next_step_texts, summary_lines
+    from dynident.report.identification.robot import export_notes
+    from dynident.runtime.kernel import kernel
+
+    for table in identification_tables(identification):
+        screen.show(table, detail=True)
+    screen.remark(f"Computed by {kernel()}.", detail=True)
+    for text in summary_lines(identification):
+        screen.say(text)
+    warnings = 0
+    for note in identification_notes(identification):
+        warnings += note.severity is Severity.WARNING
+        say_line(screen, note, detail=note.severity is not Severity.WARNING or warnings > MAX_WARNINGS)
+    if warnings > MAX_WARNINGS and not command_log().verbose:
+        screen.remark(f"{count(warnings - MAX_WARNINGS, 'more warning')}: -v shows all, with the tables.")
+    for k, text in enumerate(export_notes(model_exports)):
+        screen.remark(text, detail=k > 0)
+    for k, step in enumerate(next_step_texts(identification)):
+        screen.remark(f"Next: {step}", detail=k > 0)
 
 
 def _require_yaml_name(path: Path) -> Path:
@@ -206,19 +220,17 @@ def _next_commands(config: Path, out: Path | None, project: Project, *, chose: b
     """Yield the next commands to type; ``chose`` tells that terms were chosen and not written out."""
     from dynident.project.logs import recording_argument
 
+    if out is None:
+        yield f"To keep this, with a report: {command('identify', config, '--out', f'{config.stem}-out')}"
+    else:
+        log = recording_argument(next(iter((*project.config.validation, *project.config.train))))
+        result = out / "result.json"
+        yield f"To predict the torque of a recording: {command('predict', result, log, '--out', out / 'torques.csv')}"
+        yield f"To design what to record next: {command('excite', result, '-o', out / 'next')}"
+        yield f"To export the model: {command('export', result, '--format', 'numpy', '--out', out / 'arm.py')}"
     if chose:
         explicit = config.with_name(f"{config.stem}-explicit.yaml")
         yield f"To write out the terms that were chosen: {command('identify', config, '--write-config', explicit)}"
-    if out is None:
-        yield f"To keep this, with a report: {command('identify', config, '--out', f'{config.stem}-out')}"
-        return
-    result, log = (
-        out / "result.json",
-        recording_argument(next(iter((*project.config.validation, *project.config.train)))),
-    )
-    yield f"To predict the torque of a recording: {command('predict', result, log, '--out', out / 'torques.csv')}"
-    yield f"To design what to record next: {command('excite', result, '-o', out / 'next')}"
-    yield f"To export the model: {command('export', result, '--format', 'numpy', '--out', out / 'arm.py')}"
 
 
 def write_result(

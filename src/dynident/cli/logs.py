@@ -151,21 +151,15 @@ def bound(
 @click.option("--column", "columns", multiple=True, help="Column to smooth; repeat it. Default: all but the time.")
 @click.option(
     "--rule", type=click.Choice(["constraint", "gcv", "reml", "interpolate"]), default="constraint", show_default=True,
-    help="How much to smooth: S = n with the noise, cross-validation, restricted likelihood, or not at all.",
+    help="How to choose the smoothing: S = n, cross-validation, restricted likelihood, or interpolation.",
 )  # fmt: skip
 @click.option("--sigma", type=float, help="Standard deviation of the noise; estimated where it is not given.")
 @click.option("--lam", type=float, help="A fixed smoothing parameter instead of a rule.")
 @click.option("--out", type=DIRECTORY, default="smooth-out", show_default=True, help="Folder for the results.")
 def smooth(
-    log: Path,
-    time_column: str,
-    unit: str | None,
-    columns: tuple[str, ...],
-    rule: str,
-    sigma: float | None,
-    lam: float | None,
-    out: Path,
-) -> None:
+    log: Path, time_column: str, unit: str | None, columns: tuple[str, ...], rule: str, sigma: float | None,
+    lam: float | None, out: Path,
+) -> None:  # fmt: skip
     """Smooth columns of LOG; write values and derivatives (smoothed.csv) and a plot (report.html).
 
     Derivatives and bandwidths are per s and in s, whatever the unit of the time stamps.
@@ -209,7 +203,7 @@ def smooth(
     print_paths(screen, ("Table", "Report"), written)
 
 
-@click.command(short_help="Print a JSON schema, by which editors complete a configuration.")
+@click.command(short_help="Print a JSON schema, for completion in editors.")
 @click.argument("kind", type=click.Choice(["config", "result", "fleet"]), default="config")
 @click.option("--out", type=FILE, help="File to write it to.")
 def schema(kind: str, out: Path | None) -> None:

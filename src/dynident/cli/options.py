@@ -33,7 +33,7 @@ LOGS = (
 )  # fmt: skip
 Decorated = TypeVar("Decorated", bound=Callable[..., Any] | click.Command)
 ALLOW_CODE = click.option(
-    "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
+    "--allow-code", is_flag=True, help="Run the Python files that RESULT names. Use this only if you trust them."
 )
 
 _LOG_HELP = "File to which all that is said is added, with the time, the version and the command line."
@@ -122,7 +122,7 @@ def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None
 
 _MEMORY = click.option(
     "--memory", type=FiniteRange(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
-    help="Most memory that reading one file may take (GB); else DYNIDENT_MEMORY, else 4.",
+    help="Memory limit for reading one file (GB). [default: DYNIDENT_MEMORY, or 4]",
 )  # fmt: skip
 
 
@@ -141,11 +141,11 @@ def _open_log(ctx: click.Context, option: click.Parameter, value: Path | None) -
 
 _VERBOSE = click.option(
     "-v", "--verbose", is_flag=True, expose_value=False, callback=_keep_option,
-    help="Print each step with the time since the start, on standard error.",
+    help="Print all tables and notes, and each step with its time (on standard error).",
 )  # fmt: skip
 _QUIET = click.option(
     "-q", "--quiet", is_flag=True, expose_value=False, callback=_keep_option,
-    help="Print only results, what was written, and errors: no notes, warnings, next steps or progress.",
+    help="Print only results, written files and errors: no notes, warnings, next steps or progress.",
 )  # fmt: skip
 
 
@@ -235,10 +235,10 @@ def add_worker_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one for each core]")
     @click.option(
-        "--cluster", metavar="ADDRESS", help="Work on the cluster of this Dask scheduler, such as tcp://HOST:8786."
+        "--cluster", metavar="ADDRESS", help="Use the Dask cluster of this scheduler, such as tcp://HOST:8786."
     )
-    @click.option("--time-limit", type=POSITIVE, metavar="S", help="Most seconds that one job may take.")
-    @click.option("--worker-memory", type=POSITIVE, metavar="GB", help="Most memory that one worker may take (GB).")
+    @click.option("--time-limit", type=POSITIVE, metavar="S", help="Time limit of one job.")
+    @click.option("--worker-memory", type=POSITIVE, metavar="GB", help="Memory limit of one worker (GB).")
     @wraps(command)
     def spread_command(
         workers: int | None, cluster: str | None, time_limit: float | None, worker_memory: float | None, **options: Any

@@ -51,10 +51,10 @@ _KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
     "--program", type=click.Choice(PROGRAMS),
     help="An optimised motion, constant speeds of each joint, poses for gravity, or all of these.",
 )  # fmt: skip
-@click.option("--duration", type=POSITIVE, metavar="S", help="Most seconds that it may take, with its ways.")
+@click.option("--duration", type=POSITIVE, metavar="S", help="Longest duration, with approach and return.")
 @click.option("--criterion", type=click.Choice(["d", "a", "condition"]), help="What is optimised.")
-@click.option("--parameter", multiple=True, metavar="NAME", help="A parameter that matters (criterion a); repeat it.")
-@click.option("--family", type=click.Choice(["fourier", "bspline"]), help="Periodic, or of one piece.")
+@click.option("--parameter", multiple=True, metavar="NAME", help="Parameter that matters (criterion a); repeat it.")
+@click.option("--family", type=click.Choice(["fourier", "bspline"]), help="Periodic (fourier) or single (bspline).")
 @click.option("--period", type=POSITIVE, metavar="S", help="Seconds of a period.")
 @click.option("--harmonics", type=click.IntRange(1), help="Harmonics of a period.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Rate of the recording.")
@@ -64,10 +64,10 @@ _KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
     "--package", multiple=True, type=DIRECTORY,
     help="Folder of a package (package://) with the robot's meshes, or one around it; repeat it.",
 )  # fmt: skip
-@click.option("--grippers", is_flag=True, default=None, help="Exercise the joints of grippers like those of the arm.")
+@click.option("--grippers", is_flag=True, default=None, help="Move the joints of grippers, too.")
 @click.option("--noise", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
-@click.option("--starts", type=click.IntRange(1), help="How often the search begins anew.")
-@click.option("--seed", type=click.IntRange(0), help="Of what is drawn: another one gives another motion.")
+@click.option("--starts", type=click.IntRange(1), help="How many times the search starts again.")
+@click.option("--seed", type=click.IntRange(0), help="Seed of the random starts: another seed gives another motion.")
 @ALLOW_CODE
 @add_worker_options
 def excite(
@@ -123,20 +123,20 @@ def excite(
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", no_wrap=True)
 
 
-@click.command(short_help="Identify what the arm carries.")
+@click.command(short_help="Identify the payload of an arm.")
 @click.argument("result", type=RESULT)
 @click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=LOG_NAME)
-@click.option("--unloaded", multiple=True, type=LOG_NAME, help="Recording of the same day without it; repeat it.")
-@click.option("--frame", help="Link that carries it; else the flange.")
-@click.option("--known-mass", type=float, metavar="KG", help="Its mass, weighed: finds the gains of the drives.")
+@click.option("--unloaded", multiple=True, type=LOG_NAME, help="Recording of the day without payload; repeat it.")
+@click.option("--frame", help="Link that carries the payload; default: the flange.")
+@click.option("--known-mass", type=float, metavar="KG", help="Weighed mass, to find the gains of the drives.")
 @click.option(
     "--known-centre", type=float, nargs=3, metavar="X Y Z",
-    help="Its centre of mass in the frame (m), where that is known, too: for the gains of the wrist.",
+    help="Known centre of mass in the frame (m), to find the gains of the wrist.",
 )  # fmt: skip
 @click.option("--gains", type=RESULT, help="payload.json of a payload of known mass, for the gains of the drives.")
 @click.option(
     "--gain-error", type=float, default=3.0, show_default=True, metavar="PERCENT",
-    help="How wrong the gains of the drives may be, all together and each (one standard deviation).",
+    help="Standard deviation of the gains of the drives, of all together and of each.",
 )  # fmt: skip
 @click.option(
     "--gain-change", type=float, default=1.0, show_default=True, metavar="PERCENT",
@@ -144,13 +144,13 @@ def excite(
 )  # fmt: skip
 @click.option(
     "--friction-change", type=float, default=30.0, show_default=True, metavar="PERCENT",
-    help="How much friction and offsets may have drifted, and friction changed by the load, of a joint's friction.",
+    help="Expected drift of friction and offsets, as a share of the joint's friction.",
 )  # fmt: skip
 @click.option(
     "--load-friction", type=float, default=5.0, show_default=True, metavar="PERCENT",
-    help="Friction that grows with the load, and is not in the model: about so much of the load.",
+    help="Expected friction that grows with the load and is not in the model, as a share of the load.",
 )  # fmt: skip
-@click.option("--removed", is_flag=True, help="The arm carried it when RESULT was identified, and does no more.")
+@click.option("--removed", is_flag=True, help="The payload was removed after RESULT was identified.")
 @click.option("--out", type=DIRECTORY, help="Folder for payload.json, report.html, and a URDF with the payload.")
 @ALLOW_CODE
 def payload(
@@ -243,40 +243,32 @@ def _write_payload(
     return list(zip(kinds, paths, strict=False)), urdf_notes
 
 
-@click.command(short_help="Watch a robot, and say what changes.")
+@click.command(short_help="Watch a robot and report changes.")
 @click.argument("result", type=RESULT)
 @click.argument("stream", metavar="FILE|-", type=LOG_NAME)
-@click.option("--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, by which a stopped watch goes on.")
+@click.option("--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, to continue a stopped watch.")
 @click.option("--once", is_flag=True, help="Stop at the end of FILE, instead of waiting for more.")
 @click.option(
     "--false-alarms", type=float, default=0.03, show_default=True, metavar="PER_DAY",
-    help="Changes found by chance in a day of a robot that does not change.",
+    help="Accepted rate of false alarms per day.",
 )  # fmt: skip
 @click.option(
     "--baseline", type=float, default=600.0, show_default=True, metavar="S",
-    help="Seconds at the start that show what is usual; nothing should change in them.",
+    help="Seconds at the start that serve as the reference; nothing should change during them.",
 )  # fmt: skip
 @click.option(
-    "--block", type=float, default=5.0, show_default=True, metavar="S", help="Seconds that are looked at together."
+    "--block", type=float, default=5.0, show_default=True, metavar="S", help="Seconds that are tested together."
 )
 @click.option(
     "--tolerance", type=float, default=0.05, show_default=True,
-    help="Changes of the torque by this share of its noise are none.",
+    help="Changes of the torque below this share of its noise are ignored.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print each event as a JSON object in a line.")
 @ALLOW_CODE
 def watch(
-    result: Path,
-    stream: str,
-    out: Path | None,
-    once: bool,
-    false_alarms: float,
-    baseline: float,
-    block: float,
-    tolerance: float,
-    as_json: bool,
-    allow_code: bool,
-) -> None:
+    result: Path, stream: str, out: Path | None, once: bool, false_alarms: float, baseline: float, block: float,
+    tolerance: float, as_json: bool, allow_code: bool,
+) -> None:  # fmt: skip
     """Watch a robot by the model in RESULT (the result.json of identify): friction, payload, offsets, what the model
     leaves, and sensors that fail.
 
@@ -337,7 +329,7 @@ def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
         raise
 
 
-@click.command(short_help="Look and tune, in a browser.")
+@click.command(short_help="See and tune smoothing and fit in a browser.")
 @click.argument("config", type=CONFIG)
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port of this machine; by default a free one."

@@ -35,19 +35,24 @@ class Screen(Console):
         """Print a result or what was written; ``no_wrap``: in one line, from which a path or command can be copied."""
         self.print_and_log(Text(one_line(text), style or ""), no_wrap)
 
-    def remark(self, text: str, style: str | None = None, no_wrap: bool = False) -> None:
-        """Print what is said besides the results: notes, warnings, next steps; not with ``--quiet``."""
-        self.print_and_log(Text(one_line(text), style or ""), no_wrap, silent=command_log().quiet)
+    def remark(self, text: str, style: str | None = None, no_wrap: bool = False, detail: bool = False) -> None:
+        """Print what is said besides the results: notes, warnings, next steps; not with ``--quiet``.
 
-    def show(self, table: PageTable) -> None:
-        """Print a table."""
+        A ``detail`` is printed only with ``--verbose``.
+        """
+        log = command_log()
+        self.print_and_log(Text(one_line(text), style or ""), no_wrap, log.quiet or (detail and not log.verbose))
+
+    def show(self, table: PageTable, detail: bool = False) -> None:
+        """Print a table; a ``detail`` only with ``--verbose``."""
         from dynident.report.terminal import terminal_table
 
         columns = tuple(
             replace(column, title=one_line(column.title), group=one_line(column.group)) for column in table.columns
         )
         rows = tuple(tuple(map(one_line, row)) for row in table.rows)
-        self.print_and_log(terminal_table(replace(table, columns=columns, rows=rows, caption=one_line(table.caption))))
+        shown = terminal_table(replace(table, columns=columns, rows=rows, caption=one_line(table.caption)))
+        self.print_and_log(shown, silent=detail and not command_log().verbose)
 
     def print_and_log(self, content: RenderableType, no_wrap: bool = False, silent: bool = False) -> None:
         """Print what rich can print, and keep it in the log; sentences are wrapped at words, only in a terminal."""

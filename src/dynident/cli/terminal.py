@@ -29,9 +29,9 @@ def print_paths(screen: Screen, labels: Iterable[str], paths: Iterable[Path]) ->
         print_path(screen, label, path)
 
 
-def say_line(screen: Screen, line: Line) -> None:
-    """Print a line besides the results, in yellow where it is a warning."""
-    screen.remark(line.text, "yellow" if line.severity is Severity.WARNING else None)
+def say_line(screen: Screen, line: Line, detail: bool = False) -> None:
+    """Print a line besides the results, in yellow where it is a warning; a ``detail`` only with ``--verbose``."""
+    screen.remark(line.text, "yellow" if line.severity is Severity.WARNING else None, detail=detail)
 
 
 def console() -> Screen:

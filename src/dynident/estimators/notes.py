@@ -91,7 +91,7 @@ class DrawnToPrior(Note):
     strength: float
 
     def __str__(self) -> str:
-        return f"drawn to the prior with a strength of {short(self.strength, 2)}, by cross-validation"
+        return f"regularised towards the prior with strength {short(self.strength, 2)}, chosen by cross-validation"
 
 
 class ErrorsInRegressor(Note):
@@ -111,8 +111,8 @@ class ErrorsInRegressor(Note):
 
     def __str__(self) -> str:
         return (
-            f"along one direction, above all of {self.parameter}, {percent(self.percent)} of what the motion shows "
-            "are its own errors: the estimate there rests on their stated size"
+            f"along one direction, mostly of {self.parameter}, {percent(self.percent)} of the information is noise of "
+            "the motion: the estimate there depends on the stated size of this noise"
         )
 
 
@@ -322,7 +322,7 @@ class StartedElsewhere(Note):
     start: FirstModel
 
     def __str__(self) -> str:
-        return f"simulated, least squares fails or is farther off: the iteration began with {self.start.words}"
+        return f"least squares fails or is worse in simulation, so the iteration started from {self.start.words}"
 
 
 class StillColoured(Note):

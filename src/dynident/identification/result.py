@@ -5,21 +5,22 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dynident._version import __version__
-from dynident.estimators import Estimate
+from dynident.estimators import Estimate, Provenance
 from dynident.identification.calibration import Calibration
 from dynident.identification.recipe import Recipe
-from dynident.models import MassMatrixCheck, Model
+from dynident.models import MassMatrixCheck, Model, motion_memory
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief
+from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief, choices
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
 from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
@@ -27,6 +28,7 @@ from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
 if TYPE_CHECKING:
     import polars as pl
 
+    from dynident.identification.verdict import Verdict
     from dynident.report.terminal import Plot
 
 
@@ -108,6 +110,24 @@ class Sources:
     __repr__ = brief
 
 
+class IdentifiedParameter(NamedTuple):
+    """A parameter of a result: ``value``, standard errors (of ``StandardErrors``), and what determined the value."""
+
+    name: str
+    value: float
+    std: float
+    std_independent: float
+    unit: str
+    determined_by: Provenance | None
+
+
+class ParametersByName(dict[str, IdentifiedParameter]):
+    """The parameters of a result by name."""
+
+    def __missing__(self, name: str) -> IdentifiedParameter:
+        raise InputError(f"there is no parameter {name!r}; {choices(name, self)}")
+
+
 @dataclass(frozen=True, eq=False)
 class Identification(KeepsFacts):
     """Everything that one run found: what reports and exports read.
@@ -144,26 +164,31 @@ class Identification(KeepsFacts):
         plot: Plot = action("plot")(self)
         return plot
 
+    @property
+    def verdict(self) -> Verdict | None:
+        """What the model is good for, and why not for more; None of a result that was saved without."""
+        verdict: Verdict | None = action("verdict")(self)
+        return verdict
+
+    @cached_property
+    def parameters(self) -> Mapping[str, IdentifiedParameter]:
+        """The parameters by name: ``parameters["Fc_elbow"].value``, ``.std``, ``.unit``; InputError for other names."""
+        determined_by = self.estimate.provenance or (None,) * len(self.model.parameters)
+        columns = (self.estimate.value.tolist(), self.errors.std.tolist(), self.errors.std_independent.tolist())
+        rows = zip(self.estimate.names, *columns, self.estimate.units, determined_by, strict=True)
+        return ParametersByName({row[0]: IdentifiedParameter(*row) for row in rows})
+
     def frame(self) -> pl.DataFrame:
         """Return a table, one row per parameter: parameter, value, std, std_independent (of ``StandardErrors``),
         unit, determined_by, and the value that the model knows, true or nominal; null where nothing is known.
         """
         import polars as pl
 
-        parameters = self.model.parameters
-        return pl.DataFrame(
-            {
-                "parameter": self.estimate.names,
-                "value": self.estimate.value,
-                "std": self.errors.std,
-                "std_independent": self.errors.std_independent,
-                "unit": self.estimate.units,
-                "determined_by": [provenance.value for provenance in self.estimate.provenance]
-                or [None] * len(parameters),
-                "known": [parameter.value for parameter in parameters],
-            },
-            schema_overrides={"determined_by": pl.String, "known": pl.Float64},
-        )
+        schema = {"name": pl.String, **dict.fromkeys(("value", "std", "std_independent"), pl.Float64)}
+        schema |= dict.fromkeys(("unit", "determined_by"), pl.String)
+        known = pl.Series("known", [parameter.value for parameter in self.model.parameters], pl.Float64)
+        rows = pl.DataFrame(list(self.parameters.values()), schema, orient="row")
+        return rows.rename({"name": "parameter"}).with_columns(known)
 
     @property
     def findings(self) -> Messages[Finding]:
@@ -189,11 +214,23 @@ class Identification(KeepsFacts):
         """The free simulations."""
         return tuple(validation.free_run for validation in self.validations if validation.free_run is not None)
 
-    def predict(self, log: Log) -> LogValidation:
-        """Return the torque of a log by the model, beside the measured one.
+    @overload
+    def predict(self, log: Log, /) -> LogValidation: ...
 
-        Raises InputError where it is no log, and the errors of the smoother.
+    @overload
+    def predict(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike | None = None, /) -> Array: ...
+
+    def predict(self, log: Any, /, *states: Any) -> LogValidation | Array:
+        """Return the torque of a log by the model, beside the measured one; or the torque (N, n) of arrays q, dq, ddq.
+
+        A model with terms that depend on the motion before (``Dahl``, friction by the load) also needs the times t (N)
+        of these samples. Raises InputError where there is no log, ModelError for arrays that do not fit the model, and
+        the errors of the smoother.
         """
+        if len(states) >= 2:
+            dq, ddq, *times = states
+            memory = motion_memory(self.model, *map(np.asarray, (times[0], log, dq, ddq))) if times else None
+            return self.model.torque(log, dq, ddq, self.estimate.value, memory)
         if not isinstance(log, Log):
             raise InputError(f"predict: a {type(log).__name__} is given, not a Log; read a file with `read_log`.")
         joints = tuple(joint.name for joint in self.model.joints)

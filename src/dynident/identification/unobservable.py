@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.result import Identification
+from dynident.runtime import TaggedUnion
 
 MIN_STATES, ZERO_SHIFT = 50, 0.3  # random states; rad or m by which a zero is moved
 MOTION_SCALE = 1.3  # times a motion
@@ -16,7 +17,7 @@ MAX_TORQUE_DIFFERENCE = 1e-6  # relative difference of torques below which other
 
 
 @dataclass(frozen=True)
-class Unobservable:
+class Unobservable(TaggedUnion):
     """Base of the errors that no data of one robot can show."""
 
 
@@ -28,7 +29,7 @@ class CommonGain(Unobservable):
     """
 
     def __str__(self) -> str:
-        return "a factor that all torques share (wrong gains), which masses and friction take up"
+        return "a wrong gain that is common to all torques (masses and friction absorb it)"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,19 @@ from dynident.identification.unobservable import Unobservable
 from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
 from dynident.models.simulation import Failure
 from dynident.regression import UnexcitedParameters
-from dynident.runtime import Finding, Statement, Use, join_names, number, percent, place_and_text, rough, short, shorten
+from dynident.runtime import (
+    Finding,
+    Statement,
+    TaggedUnion,
+    Use,
+    join_names,
+    number,
+    percent,
+    place_and_text,
+    rough,
+    short,
+    shorten,
+)
 from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
@@ -21,7 +33,7 @@ _USE_SENTENCES = {
 }
 
 
-class Reason(Statement):
+class Reason(Statement, TaggedUnion):
     """Base of the reasons; errors are in %."""
 
     usual_remedy: ClassVar[Remedy | None] = None
@@ -73,7 +85,7 @@ class SlowHoldOut(Reason):
         return HoldOutFaster(1.0 / self.share) if self.share > 0 else None
 
     def __str__(self) -> str:
-        return f"the held-out motion has only {rough(100 * self.share)} of the speed of the training"
+        return f"the held-out motion reaches only {rough(100 * self.share)} of the training speed"
 
 
 class SilentTorque(Reason):
@@ -130,7 +142,7 @@ class WeakJoints(Reason):
             (f"{joint} ({percent(error)}, rms {short(rms, 2)} N m or N)" for joint, error, rms in self.joints),
             MAX_NAMES,
         )
-        return f"not for force estimation where the torque is as small as on {self.log}: {joints}"
+        return f"not for estimating forces where torques are as small as on {self.log}: {joints}"
 
 
 class NotCarriedOver(Reason):
@@ -152,11 +164,10 @@ class AboveFloor(Reason):
     joints: tuple[tuple[str, NoiseFloor], ...]
 
     def __str__(self) -> str:
-        joints = join_names((f"{joint} leaves {floor.ratio:.2g} times" for joint, floor in self.joints), MAX_NAMES)
-        noise = (
-            "white noise of the sensors" if self.joints[0][1].origin is FloorOrigin.WHITE else "the scatter of passes"
-        )
-        return f"on {self.log} {joints} what {noise} explains: the model lacks an effect, or a value is wrong"
+        joints = join_names((f"{joint} {floor.ratio:.2g} times" for joint, floor in self.joints), MAX_NAMES)
+        is_white = self.joints[0][1].origin is FloorOrigin.WHITE
+        noise = "white noise of the sensors" if is_white else "scatter between repeated motions"
+        return f"on {self.log}, residuals exceed the {noise} ({joints}): the model lacks an effect, or a value is wrong"
 
 
 class TrainedWorse(Reason):
@@ -168,8 +179,8 @@ class TrainedWorse(Reason):
     ratio: float
 
     def __str__(self) -> str:
-        error = f"the error on {self.log}, which was fitted, is {percent(self.error)}"
-        return f"{error}, {self.ratio:.2g} times the held-out error: outliers or a fault are in the fit"
+        error = f"the error on the training log {self.log} is {percent(self.error)}"
+        return f"{error}, {self.ratio:.2g} times the held-out error: the training data contain outliers or a fault"
 
 
 class MassMatrixNotPositive(Reason):
@@ -201,7 +212,7 @@ class PartlyUnexcited(Reason):
 
     def __str__(self) -> str:
         unexcited = f"{self.unexcited} of {self.total} base parameters"
-        return f"the data do not excite {unexcited}: motions that do are not predicted"
+        return f"the data do not excite {unexcited}: on motions that excite them the torque is not known"
 
 
 class Uncertain(Reason):
@@ -212,7 +223,7 @@ class Uncertain(Reason):
 
     def __str__(self) -> str:
         motion = "at twice the speed and size of the training motion"
-        return f"{motion} the torque has a standard error of {rough(self.error)}: the training shows too little"
+        return f"{motion} the torque has a standard error of {rough(self.error)}: the training excites too little"
 
 
 class HeldBack(Reason):
@@ -223,7 +234,7 @@ class HeldBack(Reason):
     """
 
     usual_remedy = Remedy.CHECK
-    cause: ClassVar[str] = "physical constraints hold"
+    cause: ClassVar[str] = "physical constraints keep"
     doubt: ClassVar[str] = "the model lacks an effect, or a gain, a unit or a direction is wrong"
     growth: float
     torque_change: float
@@ -231,15 +242,15 @@ class HeldBack(Reason):
     def __str__(self) -> str:
         smaller = rough(100 - 100 / (1 + self.growth / 100))
         return (
-            f"{self.cause} the parameters far from what the data say (else the residual would be {smaller} smaller, "
-            f"and the torque at twice the speed would differ by {rough(self.torque_change)}): {self.doubt}"
+            f"{self.cause} the parameters far from the least-squares fit, whose residual is {smaller} smaller and "
+            f"whose torque at twice the speed differs by {rough(self.torque_change)}: {self.doubt}"
         )
 
 
 class DrawnBack(HeldBack):
     """A prior, without any constraint, holds the parameters far from the least-squares estimate."""
 
-    cause = "the prior holds"
+    cause = "the prior keeps"
     doubt = "the prior is wrong or too strong, or the model lacks an effect"
 
 
@@ -250,7 +261,7 @@ class NegativeValues(Reason):
     names: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"negative values, which are not physical: {join_names(self.names, MAX_NAMES)}"
+        return f"these parameters are negative, which is not physical: {join_names(self.names, MAX_NAMES)}"
 
 
 class InertiasFree(Reason):
@@ -318,12 +329,12 @@ class HeldOut:
     unfiltered: tuple[float, float] | None
 
     def __str__(self) -> str:
-        left = f"on held-out motion it leaves {percent(self.error)} of the torque unexplained"
+        held_out = f"the torque error is {percent(self.error)} on held-out motion"
         if self.unfiltered is None:
-            return f"{left}, in training {percent(self.training)}"
+            return f"{held_out} and {percent(self.training)} in training"
         measured, trained = self.unfiltered
-        filtered = f"{left} after the low-pass of the fit (training {percent(self.training)})"
-        return f"{filtered}, and {percent(measured)} of it as measured ({percent(trained)})"
+        filtered = f"{held_out} after the low-pass of the fit ({percent(self.training)} in training)"
+        return f"{filtered}, and {percent(measured)} as measured ({percent(trained)} in training)"
 
 
 @dataclass(frozen=True)
@@ -353,17 +364,17 @@ class LargestResidual:
     def __str__(self) -> str:
         if self.all_at_floor and self.over is not None:
             return (
-                f"The torque residual is at the noise floor: on {self.log} it is {self.over:.2f} times what the "
-                f"sensors allow, and at each joint at most {AT_FLOOR:g} times with 95 % confidence."
+                f"The torque residual is at the noise floor: on {self.log} it is {self.over:.2f} times the noise of "
+                f"the sensors, and at each joint at most {AT_FLOOR:g} times with 95 % confidence."
             )
         place = f"The torque residual is largest in {self.joint} ({self.log})"
         if self.floor is not None and self.floor.is_reached:
-            return f"{place}, where it is at the noise floor, {self.floor.ratio:.2f} times what the sensors allow."
+            return f"{place}, where it is at the noise floor, {self.floor.ratio:.2f} times the noise of the sensors."
         causes = f"points to {causes_text(self.causes, self.floor)}" if self.causes else "has no clear cause"
         if self.floor is None:
             return f"{place} and {causes}."
-        noise = "white noise of the sensors allows" if self.floor.origin is FloorOrigin.WHITE else "the sensors allow"
-        return f"{place}, {number(self.floor.ratio, 2)} times what {noise}, and {causes}."
+        noise = "white noise" if self.floor.origin is FloorOrigin.WHITE else "noise"
+        return f"{place}, {number(self.floor.ratio, 2)} times the {noise} of the sensors, and {causes}."
 
 
 @dataclass(frozen=True)
@@ -394,7 +405,9 @@ class Verdict:
         use = _USE_SENTENCES[self.use]
         opening = f"{use}: {'no log was held out' if self.held_out is None else self.held_out}."
         residual = "The torque residual could not be tested." if self.residual is None else str(self.residual)
-        unknown = f"No data can show {', or '.join(map(str, self.unknown))}: make sure of that by other means."
+        unknown = (
+            f"No recording of this robot can reveal {', or '.join(map(str, self.unknown))}. Check this by other means."
+        )
         return opening, self._reasons_sentence(max_length), residual, *((unknown,) if self.unknown else ())
 
     def _reasons_sentence(self, max_length: int | None) -> str:

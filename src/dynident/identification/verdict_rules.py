@@ -1,6 +1,6 @@
 """The rules of the verdict: is the model fit for use, and if not, why?
 
-The rules and the reasons for their limits are in docs/methods.md.
+The rules and the reasons for their limits are in docs/methods_verdict.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dynident.identification.verdict_steps import (
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import UnexcitedParameters, repeats_path
-from dynident.runtime import Finding, Remark, Use
+from dynident.runtime import Finding, InputError, Remark, Use
 from dynident.validation import Driver, FreeRun, LogValidation, NoiseFloor
 
 MAX_SAMPLES = 2000  # of all training motions
@@ -119,9 +119,18 @@ MIN_SPEED_SHARE = 0.5  # share of the speed of the training that the fastest hel
 def judge(identification: Identification) -> Verdict:
     """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function.
 
-    The identification keeps its verdict, as each text of a result asks for it.
+    Raises InputError where ``verdict_of`` has none.
     """
-    return identification.fact("verdict", lambda: _evaluate(identification))
+    verdict = verdict_of(identification)
+    if verdict is None:
+        raise InputError("the result was saved by an older version, without its verdict; identify again.")
+    return verdict
+
+
+def verdict_of(identification: Identification) -> Verdict | None:
+    """Return the verdict, which the identification keeps; of a loaded result that which was saved, if one was."""
+    has_signals = all(log.signals is not None for log in identification.validations) and identification.validations
+    return identification.fact("verdict", lambda: _evaluate(identification) if has_signals else None)
 
 
 def _evaluate(identification: Identification) -> Verdict:

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from dynident.identification.result import Identification
-from dynident.runtime import Finding, number, rough
+from dynident.runtime import Finding, TaggedUnion, number, rough
 from dynident.validation import LogValidation
 
 
@@ -51,7 +51,7 @@ class ExcitingMotion(StrEnum):
 
 
 @dataclass(frozen=True)
-class NextStep:
+class NextStep(TaggedUnion):
     """Base of the next steps that follow from the data, besides remedies and unexcited base parameters.
 
     ``gain``: by how many points (%) the unfiltered error of the held-out log where it is largest (without one, of the
@@ -65,7 +65,7 @@ class NextStep:
         if self.gain is None:
             return ""
         size = f"{how} {self.gain:.2g}" if self.gain >= MIN_REPORTED_GAIN else f"less than {MIN_REPORTED_GAIN:g}"
-        return f" May gain {size} points of the torque error."
+        return f" This may lower the torque error by {size} points."
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class CheckRipple(NextStep):
     joints: tuple[str, ...]
 
     def __str__(self) -> str:
-        advice = f"{', '.join(self.joints)}: record constant speeds to see whether the ripple follows the position."
+        advice = f"{', '.join(self.joints)}: move at constant speeds, to see whether the ripple follows the position."
         return advice + self.gain_text("at most")
 
 
@@ -151,8 +151,8 @@ class HoldOutFaster(NextStep):
 
     def __str__(self) -> str:
         return (
-            f"Record a held-out motion {self.times:.2g} times as fast, on other paths: little is seen of the inertias "
-            "in a slow one."
+            f"Record a held-out motion {self.times:.2g} times as fast, on other paths: a slow one shows little of the "
+            "inertias."
         )
 
 
@@ -171,9 +171,9 @@ class LeaveOut(NextStep):
 
     def __str__(self) -> str:
         return (
-            f"{self.log}: leave {_stretch(self)} out of the training (`window`): predicted from the rest, their "
-            f"squared residual is {self.ratio:.2g} times that of the rest. Did the robot touch something "
-            f"there?{self.gain_text()}"
+            f"{self.log}: leave {_stretch(self)} out of the training (`window`). Predicted from the other samples, "
+            f"their squared residual is {self.ratio:.2g} times that of the others. Did the robot touch "
+            f"something?{self.gain_text()}"
         )
 
 
@@ -195,7 +195,7 @@ class Cover(NextStep):
     def __str__(self) -> str:
         return (
             f"{self.joint}: record a training motion {self.faster:.2g} times as fast, up to {self.speed:.2g} rad/s or "
-            f"m/s: {self.log} is beyond what was trained, above all at {_stretch(self)}.{self.gain_text()}"
+            f"m/s: the motion of {self.log} exceeds it, most of all from {_stretch(self)}.{self.gain_text()}"
         )
 
 

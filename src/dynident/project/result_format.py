@@ -18,7 +18,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
 from dynident.estimators import Estimate, Provenance
-from dynident.identification import Calibration, Recipe, Sources, StandardErrors
+from dynident.identification import Calibration, Recipe, Sources, StandardErrors, Verdict
 from dynident.models import Joint, MassMatrixCheck
 from dynident.project.fields import Section
 from dynident.project.python_file import error_text
@@ -137,6 +137,7 @@ class ResultFile(ResultTables):
     calibration: Annotated[Calibration, WrapValidator(_name_group)]
     estimate: Annotated[Estimate, WrapValidator(_name_group)]
     mass_matrix: MassMatrixCheck | None
+    verdict: Verdict | None = None
     warnings: tuple[Note, ...]
     findings: tuple[Finding, ...] = ()
 

@@ -46,7 +46,7 @@ def identification_of(
     except (ConfigError, ModelError) as error:
         raise type(error)(f"{source}: {error}") from error
     base = file.base_parameters
-    return Identification(
+    identification = Identification(
         model,
         file.recipe,
         _complete_estimate(file, model, source),
@@ -62,6 +62,8 @@ def identification_of(
         file.provenance,
         (*file.warnings, *file.findings),
     )
+    identification.fact("verdict", lambda: file.verdict)
+    return identification
 
 
 def _model_as_used(model: Model, file: ResultFile) -> Model:

@@ -53,6 +53,7 @@ def result_data(identification: Identification, report: Mapping[str, Any] | None
         "errors": identification.errors,
         "estimate": identification.estimate,
         "mass_matrix": identification.mass,
+        "verdict": identification.verdict,
         "warnings": identification.notes,
         "findings": identification.findings,
         "model": {"name": model.name, "joints": model.joints, "load": model.load, "lock": _locked_positions(model)},

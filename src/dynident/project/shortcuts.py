@@ -22,10 +22,12 @@ from dynident.motion.smoothers import Smoother, Spline
 from dynident.project.config import load_model, load_robot
 from dynident.project.fields import UNITS, read_settings
 from dynident.project.logs import log_spec, read_logs
+from dynident.project.parts import build
 from dynident.project.project import model_source, read_project, stamp
 from dynident.project.settings import Config, LogSpec, RobotSettings, robot_settings
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, Finding, InputError, ModelError, Note, choices
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 
 Robot = Model | str | Path
 Logs = Log | Mapping[str, Log] | Sequence[Log]
@@ -36,8 +38,8 @@ HERE = {"folder": ".", "code": "."}  # where relative names start
 class RecipeFields(TypedDict, total=False):
     """The fields of ``Recipe``, any of which a call may set."""
 
-    smoother: Smoother | tuple[Smoother, ...]
-    estimator: Estimator
+    smoother: Smoother | tuple[Smoother, ...] | str
+    estimator: Estimator | str
     filter: ParallelFilter | None
     min_speed: Mapping[str, float] | float | None
     time_offset: float | Literal["estimate"]
@@ -82,9 +84,9 @@ def identify(
     ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file, whose terms
     beside the bodies are chosen, ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for
     ``validation``, are one log, logs by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a
-    real robot; keywords replace its fields, such as ``estimator=LeastSquares()``. Of a robot file, ``joints`` and
-    ``lock`` are those of the configuration; joints that none of the logs has are locked, with a note. Smoothers are
-    tried on the ``executor``, by default in this process.
+    real robot; keywords replace its fields: ``estimator=Ridge()``, or by its name ``estimator="ridge"``. Of a robot
+    file, ``joints`` and ``lock`` are those of the configuration; joints that none of the logs has are locked, with a
+    note. Smoothers are tried on the ``executor``, by default in this process.
 
     Raises ConfigError for an unknown keyword or a recipe that does not fit, ModelError for the model, InputError for
     logs.
@@ -99,8 +101,8 @@ def identify(
     ...     logs[name] = dy.record(motion, sigma_q=1e-4, sigma_tau=1e-2, rng=rng).log
     >>> dy.identify(arm, {"monday": logs["monday"]}, validation={"tuesday": logs["tuesday"]})
     <Identification of 'pendulum': good for control
-      torque error, training: monday 1.53 %
-      torque error, held out: tuesday 1.44 %
+      Torque error, training: monday 1.53 %
+      Torque error, held out: tuesday 1.44 %
       J = 0.08256 +- 7.1e-5 kg m^2, h = 0.2501 +- 0.00023 kg m>
     """
     field_names = [field.name for field in fields(Recipe)]
@@ -109,7 +111,12 @@ def identify(
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, field_names)}")
     trained, held_out = _logs_by_name(logs, "logs"), _logs_by_name(validation, "validation")
     model, notes = _to_model(robot, (*trained.values(), *held_out.values()), joints, lock)
-    full_recipe = replace(_recipe_for(recipe, model), **changes)
+    parts = {  # by their names
+        name: build(family, {"kind": kind}, name)
+        for name, family in (("smoother", SMOOTHERS), ("estimator", ESTIMATORS))
+        if isinstance(kind := changes.get(name), str)
+    }
+    full_recipe = replace(_recipe_for(recipe, model), **{**changes, **parts})
     path = None if isinstance(robot, Model) else Path(robot)
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
     result = identification.identify(model, trained, held_out, full_recipe, executor=executor)

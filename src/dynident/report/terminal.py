@@ -13,7 +13,6 @@ import numpy as np
 from rich.cells import cell_len, set_cell_size
 from rich.text import Text
 
-from dynident.identification import judge
 from dynident.report.check import check_summary, check_tables
 from dynident.report.identification import (
     error_figure,
@@ -24,10 +23,10 @@ from dynident.report.identification import (
     torque_figure,
 )
 from dynident.report.identification.parameters import terminal_parameters
-from dynident.report.identification.report import verdict_text
+from dynident.report.identification.report import summary_lines, verdict_text
 from dynident.report.identification.validation import error_table
 from dynident.report.page import Column, PageTable
-from dynident.report.words import ROLES, logs_of
+from dynident.report.words import logs_of
 from dynident.runtime import InputError, Use, choices, join_names, number, shorten_names
 
 if TYPE_CHECKING:
@@ -205,24 +204,16 @@ def summary(identification: Identification) -> str:
 
 
 def _summary_lines(identification: Identification) -> Iterator[str]:
-    verdict = judge(identification) if _has_signals(identification) else None
+    verdict = identification.verdict
     yield f"<Identification of {identification.model.name!r}" + (f": {verdict.use.value}" if verdict else "")
     if verdict and verdict.use is Use.DO_NOT_USE:
         yield f"  {_shorten(str(verdict.reasons[0]))}"
-    for role, word in ROLES.items():
-        if logs := logs_of(identification, role):
-            errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
-            yield f"  torque error, {word}: {join_names(errors, MAX_LISTED)}"
+    yield from (f"  {line}" for line in summary_lines(identification) if line.startswith("Torque"))
     estimate = identification.estimate
     rows = zip(estimate.names, estimate.value, identification.errors.std, estimate.units, strict=True)
     ordered = sorted(rows, key=lambda row: not np.isfinite(row[2]))  # what the data determine first
     estimates = (f"{name} = {number(value)} +- {number(std, 2)} {unit}" for name, value, std, unit in ordered)
     yield f"  {join_names(estimates, MAX_LISTED)}>"
-
-
-def _has_signals(identification: Identification) -> bool:
-    """Tell whether the logs have the signals that a verdict needs; those of a saved result have none."""
-    return bool(identification.validations) and all(log.signals is not None for log in identification.validations)
 
 
 def check_lines(check: CheckResult) -> str:
@@ -244,9 +235,9 @@ def _shorten(text: str) -> str:
 def summary_html(identification: Identification) -> str:
     """Return the verdict, the errors and the parameters as HTML for a notebook; all texts are escaped."""
     table, notes = terminal_parameters(identification)
-    verdict = "A saved result; its verdict is in its report."
-    if _has_signals(identification):
-        verdict, _ = verdict_text(identification)
+    verdict = "A result of an older version; its verdict is in its report."
+    if identification.verdict is not None:
+        verdict = verdict_text(identification, None)
     parts = [f"<h4>{escape(identification.model.name)}</h4>", f"<p><b>{escape(verdict)}</b></p>"]
     parts += [*map(_table_html, (error_table(identification), table)), *(f"<p>{escape(note)}</p>" for note in notes)]
     return f"<div>{''.join(parts)}</div>"

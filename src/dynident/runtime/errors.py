@@ -47,14 +47,14 @@ class ModelError(DynidentError):
 
 
 def choices(wrong: object, alternatives: Iterable[str]) -> str:
-    """Return a sentence with the alternatives to a wrong name, the nearest first: ``did you mean 'x'? Known: ...``."""
+    """Return the alternatives to a wrong name, the nearest first: ``did you mean 'x'? Choose from ...``."""
     names = [str(name) for name in alternatives]
     if not names:
         return "there is none to choose from."
     closest = get_close_matches(str(wrong), names, n=1)
     hint = f"did you mean {closest[0]!r}? " if closest else ""
     listing = ", ".join(repr(name) for name in names[:20]) + (", ..." if len(names) > 20 else "")
-    return f"{hint}Known: {listing}."
+    return f"{hint}{'Choose' if hint else 'choose'} from {listing}."
 
 
 def install_command(package: str) -> str:

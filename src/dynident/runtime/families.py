@@ -25,6 +25,7 @@ ACTIONS: Mapping[str, str] = {
     "check_lines": "dynident.report.terminal:check_lines",
     "check_html": "dynident.report.terminal:check_html",
     "save": "dynident.project.saved:save",
+    "verdict": "dynident.identification.verdict_rules:verdict_of",
 }
 """What upper rooms do for nouns of lower ones, which show and save themselves by these names."""
 

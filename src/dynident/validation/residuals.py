@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.motion.filters import autocorrelation, ljung_box, welch
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import Fixed, coloured_noise, smooth
-from dynident.runtime import Note, join_names, percent
+from dynident.runtime import Note, TaggedUnion, join_names, percent
 
 if TYPE_CHECKING:
     from dynident.validation.prediction import LogValidation
@@ -23,7 +23,7 @@ SLOW_SPEED_SHARE = 0.05  # of the rms velocity: below it friction reverses
 
 
 @dataclass(frozen=True)
-class Cause:
+class Cause(TaggedUnion):
     """Base of the likely causes of a residual."""
 
 

@@ -186,7 +186,7 @@ def test_the_slope_is_finite_at_rest_and_close_to_it(term):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"on": ("wirst",)}, r"Coulomb: no joint 'wirst'; did you mean 'wrist'\? Known: 'base', 'rail', 'wrist'"),
+        ({"on": ("wirst",)}, r"Coulomb: no joint 'wirst'; did you mean 'wrist'\? Choose from 'base', 'rail', 'wrist'"),
         ({"on": ("base", "base")}, "joint 'base' is listed twice"),
         ({"names": ("a", "b")}, r"2 names for 3 joints \(base, rail, wrist\)"),
         ({"on": ("base",), "values": (1.0, 2.0)}, r"2 values for 1 joints \(base\)"),

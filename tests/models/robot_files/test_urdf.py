@@ -34,7 +34,7 @@ BAD_URDF = {
     "unknown parent": (urdf(*TWO, joint("j", "revolute", "aa", "b")), {}, "<parent>: no link 'aa'; did you mean 'a'"),
     "unknown child": (urdf(*TWO, joint("j", "revolute", "a", "c")), {}, "joint 'j', <child>: no link 'c'"),
     "no parent": (urdf(*TWO, J.replace('<parent link="a"/>', "")), {}, "joint 'j': it has no <parent link="),
-    "unknown type": (urdf(*TWO, J.replace("revolute", "rotary")), {}, "type 'rotary'; .*Known: 'revolute'"),
+    "unknown type": (urdf(*TWO, J.replace("revolute", "rotary")), {}, "type 'rotary'; .*hoose from 'revolute'"),
     "floating": (urdf(*TWO, link("c"), J, joint("k", "floating", "b", "c")), {}, "it is a floating joint, which has"),
     "planar": (urdf(*TWO, link("c"), J, joint("k", "planar", "b", "c")), {}, "it is a planar joint"),
     "only floating": (urdf(*TWO, J.replace("revolute", "floating")), {}, "no joint is left to move; the file has j"),

@@ -29,14 +29,14 @@ def test_a_proven_file_with_what_it_leaves_out() -> None:
     assert result["left_out"] == list(made.written.left_out)
     first, second, third = export_notes([made])
     assert third.startswith("robot.identified.urdf: what it leaves out is, as root mean square over the states")
-    assert first == "robot.identified.urdf cannot hold 6 items, listed in the report."
+    assert first == "robot.identified.urdf cannot store 6 items, listed in the report."
     assert second.startswith("robot.identified.urdf: Ia_shoulder (0.5 kg m^2): part of other parameters")
 
 
 def test_what_is_left_out_has_its_cost() -> None:
     errors = (FileError("fast", "train", 1.0, 9.0), FileError("slow", "validation", 2.0, 3.25))
     made = replace(export(arm(), Urdf(), STATES), errors=errors)
-    assert export_notes([made])[0].endswith("a torque error of 3.25 % on 'slow', the model 2 %.")
+    assert export_notes([made])[0].endswith("its torque error on 'slow' is 3.25 %; that of the full model is 2 %.")
     assert "3.25" in page([made])
     assert export_results([made])[0]["errors"] == [
         {"log": "fast", "role": "train", "model": 1.0, "file": 9.0},

@@ -32,7 +32,7 @@ def at_floor(floors):
 
 def test_the_error_over_what_the_sensors_allow_comes_first():
     first, second, *_ = head_numbers(at_floor({"shoulder": AT, "elbow": AT}))
-    assert first == ("1.02 ×", "error over what sensors allow", "at the noise floor")
+    assert first == ("1.02 ×", "error relative to sensor noise", "at the noise floor")
     assert second[:2] == ("5.10 %", "torque error, held out")
     (first, *_) = head_numbers(at_floor({"shoulder": ABOVE}))
     assert first[2] == "at most, by white noise alone; 1 of 2 joints"
@@ -43,15 +43,15 @@ def test_where_it_is_not_known_the_relative_error_does():
     found.validations[1].at_floor = False
     (first, *_) = head_numbers(found)
     assert first[:2] == ("5.10 %", "torque error, held out")
-    assert first[2] == "training 1.10 %; what the sensors allow is not known"
+    assert first[2] == "training 1.10 %; the noise of the sensors is not known"
 
 
 def test_a_residual_at_the_noise_floor_has_no_other_cause():
     found = at_floor({"shoulder": AT, "elbow": AT})
     said = judge(found).sentences()[2]
     assert said == (
-        "The torque residual is at the noise floor: on reach.csv it is 1.02 times what the sensors allow, and at each "
-        "joint at most 1.15 times with 95 % confidence."
+        "The torque residual is at the noise floor: on reach.csv it is 1.02 times the noise of the sensors, and at "
+        "each joint at most 1.15 times with 95 % confidence."
     )
     assert residual_text(found.validations[1], "elbow") == "at the noise floor"
     assert "elasticity" not in identification_page(found).partition("<main>")[2]
@@ -69,7 +69,7 @@ def test_what_is_above_the_floor_is_not_its_noise():
     found.validations[1].residuals = {"elbow": SimpleNamespace(causes=(HighFrequency(),), lag1=0.1)}
     words = "ripple, elasticity or a time offset, or coloured noise (mostly above 5 Hz)"
     assert residual_text(found.validations[1], "elbow") == words
-    assert f"2.0 times what white noise of the sensors allows, and points to {words}." in judge(found).sentences()[2]
+    assert f"2.0 times the white noise of the sensors, and points to {words}." in judge(found).sentences()[2]
     found.validations[1].floors = {}
     assert residual_text(found.validations[1], "elbow").startswith("noise, ripple")
     assert floor_ratio_text(found.validations[1], "elbow") == "-"

@@ -53,7 +53,7 @@ def test_words_of_a_result(identification):
 
 def test_page_tells_the_findings_in_sentences(page):
     assert "7 parameters of 2 joints from 2 logs. Training: swing.csv; held out: reach.csv." in page
-    assert "on held-out motion it leaves 5.1\u00a0% of the torque unexplained" in page
+    assert "the torque error is 5.1\u00a0% on held-out motion" in page
     assert "6 of 7 parameters have a standard error of at most 10\u00a0%; less certain: theta3." in page
     assert "Status of the fit: not determined individually: theta3." in page
     assert "elbow hardly moves" in page
@@ -221,10 +221,7 @@ def printed(found):
 def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
     page = body(robot())
     assert "without constraints" not in page
-    assert (
-        "In these data the 52 parameters act on the torque in 42 combinations, the base parameters, listed below."
-        in page
-    )
+    assert "The data determine 42 combinations of the 52 parameters, the base parameters, listed below." in page
     words = ("Base parameters", "42 of 52", "mz0 + 2*Fv1", "move elbow", "determined by", "at a bound", "consistency")
     for word in words:
         assert word in page, word
@@ -254,7 +251,7 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
     assert "Fv1" in shown
     assert "mass0" not in shown
     assert notes[0] == "50 inertial parameters are in the report."
-    said = "In these data the 52 parameters act on the torque in 42 combinations, the base parameters, listed"
+    said = "The data determine 42 combinations of the 52 parameters, the base parameters, listed"
     assert notes[1] == f"{said} in the report."
     assert notes[2].startswith("Warning: rank 42 of 52;")
     assert notes[2].endswith("... (in full in the report)")
@@ -287,7 +284,7 @@ def test_what_the_checks_found_besides_is_said(identification):
 
 
 def test_notes_leave_a_short_warning_whole(identification):
-    unseen = Line("Not shown alone by these data (values in the report): theta3.")
+    unseen = Line("The data do not determine these parameters one by one (values in the report): theta3.")
     assert identification_notes(identification) == [unseen, Line("Warning: elbow hardly moves", Severity.WARNING)]
 
 

@@ -44,8 +44,8 @@ def test_every_outcome_has_words():
 
 def test_a_row_per_joint_has_errors_and_gains(chosen):
     first, second = term_table(chosen.calibration.terms).rows
-    assert first[1:] == ("8.00", "5.00", "offset, viscous, coulomb 90.0 +- 16")
-    assert second[1:] == ("3.00", "3.00", "offset")
+    assert first[1:] == ("offset, viscous, coulomb (width 0.0100, gain 90.0 +- 16)", "5.00", "8.00")
+    assert second[1:] == ("offset", "3.00", "3.00")
     assert term_table(chosen.calibration.terms) in identification_tables(chosen)
 
 
@@ -100,4 +100,7 @@ def test_comments_name_the_gains_and_the_errors(chosen):
     said = choice_comments(chosen, "robot.yaml")
     assert "robot.yaml" in said[""][0]
     joint = chosen.model.joints[0].name
-    assert f"{joint}: offset, viscous, coulomb 90.0 +- 16; error 8.00 -> 5.00 %" in said["model.terms"]
+    assert (
+        f"{joint}: offset, viscous, coulomb (width 0.0100, gain 90.0 +- 16); error 8.00 -> 5.00 %"
+        in said["model.terms"]
+    )

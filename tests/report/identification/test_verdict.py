@@ -11,7 +11,7 @@ from dynident.identification import Remedy, judge
 from dynident.identification.verdict_steps import HoldOutFaster
 from dynident.models.simulation import Broken
 from dynident.report.identification import identification_page, report
-from dynident.report.identification.report import verdict_text
+from dynident.report.identification.report import next_step_texts, verdict_text
 from dynident.validation import Driver
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL
@@ -41,7 +41,8 @@ def test_the_page_begins_with_the_verdict(page):
 
 
 def test_the_terminal_says_it_in_one_paragraph():
-    words, steps = verdict_text(identification_of(logs=("swing.csv",)))
+    found = identification_of(logs=("swing.csv",))
+    words, steps = verdict_text(found), next_step_texts(found)
     assert words.startswith("Verdict: Do not use this model yet: no log was held out.")
     assert "\n" not in words
     assert steps[0].startswith("Record another motion")
@@ -52,7 +53,7 @@ def test_the_terminal_gives_remedies_and_the_largest_gains(monkeypatch):
     found = judge(identification_of(logs=("swing.csv",)))
     monkeypatch.setattr(report, "judge", lambda _: replace(found, next=(Remedy.HOLD_OUT, *steps)))
 
-    _, said = verdict_text(identification_of())
+    said = next_step_texts(identification_of())
     assert said == (Remedy.HOLD_OUT, *map(str, steps[:5]), "3 more, which the report lists.")
 
 

@@ -251,7 +251,7 @@ def _design_facts(design: Design) -> Facts:
     shares = design.expected.relative[has_value(design.expected)]
     finite = shares[np.isfinite(shares)]
     facts: list[tuple[str, ...]] = [
-        (f"{number(design.trajectory.duration, 3)} s", "the motion, with its ways"),
+        (f"{number(design.trajectory.duration, 3)} s", "duration, with approach and return"),
         (
             f"{int((shares <= WELL).sum())} of {len(shares)}",
             f"base parameters with a nominal value that will be known to {WELL:g} %",

@@ -75,7 +75,7 @@ def ranking_figure(ranking: Ranking) -> Drawing:
     figure.add(_best_line(best_error, reach))
     figure.axes("y", tickvals=centres, ticktext=[plain(name) for name in names], range=reach[::-1], showgrid=False)
     low, high = _error_range(ranking.standings, edge)
-    _set_range(figure, "x", low, high, "torque error, % (geometric mean over joints)")
+    _set_range(figure, "x", low, high, "mean joint error, % (geometric mean of the torque errors)")
     figure.layout.update(hovermode="closest", showlegend=True, shapes=_estimator_bands(centres, places))
     return figure
 
@@ -99,7 +99,7 @@ def cost_figure(ranking: Ranking) -> Drawing:
     times = [row.seconds for row in ranking.standings]
     _set_range(figure, "x", min(times) / 1.3, max(times) * 1.3, "smoothing and estimate, s")
     largest_error = min(max(row.error for row in ranking.standings), edge)
-    _set_range(figure, "y", best_error * 0.93, largest_error * 1.1, "torque error, %")
+    _set_range(figure, "y", best_error * 0.93, largest_error * 1.1, "mean joint error, %")
     figure.layout.update(hovermode="closest", showlegend=True)
     return figure
 
@@ -293,7 +293,7 @@ def _figure_blocks(ranking: Ranking) -> Iterator[PageBlock]:
 def _combination_table(ranking: Ranking) -> PageTable:
     columns = [
         Column("smoother", numeric=False), Column("estimator", numeric=False), Column("", numeric=False),
-        Column("error, %"), Column("from", "more than best, 95 %"), Column("to", "more than best, 95 %"),
+        Column("mean joint error, %"), Column("from", "more than best, 95 %"), Column("to", "more than best, 95 %"),
         Column("all joints, %"), Column("same motion, %"), Column("cross-validated, %"), Column("training, %"),
         Column("condition"), Column("eigenvalue"), Column("seconds"),
     ]  # fmt: skip

@@ -28,7 +28,8 @@ def ranking_heading(ranking: Ranking) -> str:
     best = ranking.best
     if best is None:
         return "none of the combinations has an estimate"
-    return f"{with_words(best.combination)} predicts the torque best, with an error of {percent(best.error)}"
+    errors = f"mean joint error {percent(best.error)}, torque error {percent(best.overall)}"
+    return f"{with_words(best.combination)} predicts the torque best: {errors}"
 
 
 def with_words(combination: Combination) -> str:
@@ -252,7 +253,7 @@ def ranking_tables(ranking: Ranking) -> Iterator[PageTable]:
         columns = (
             Column("smoother", numeric=False),
             Column("estimator", numeric=False),
-            Column("error, %"),
+            Column("mean joint error, %"),
             Column("from", "more than best"),
             Column("to", "more than best"),
             Column("s"),

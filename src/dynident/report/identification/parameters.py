@@ -207,7 +207,9 @@ def terminal_parameters(identification: Identification) -> tuple[PageTable, tupl
     table = parameter_table(identification, tuple(k for k in determined if not long or k in not_inertial))
     notes = [f"{len(parameters) - len(not_inertial)} inertial parameters are in the report."] * long
     if names := [parameters[k].name for k in undetermined if not long or k in not_inertial]:
-        notes.append(f"Not shown alone by these data (values in the report): {join_names(names)}.")
+        notes.append(
+            f"The data do not determine these parameters one by one (values in the report): {join_names(names)}."
+        )
     return table, (*notes, *rank_sentence(identification))
 
 
@@ -221,9 +223,7 @@ def rank_sentence(identification: Identification, place: str = "in the report") 
     if rank == count or not standard:
         return ()
     suffix = f", listed {place}" if basis else ""
-    return (
-        f"In these data the {count} parameters act on the torque in {rank} combinations, the base parameters{suffix}.",
-    )
+    return (f"The data determine {rank} combinations of the {count} parameters, the base parameters{suffix}.",)
 
 
 def shorten_warning(warning: str) -> str:

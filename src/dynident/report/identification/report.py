@@ -64,6 +64,7 @@ MAX_TERMINAL_STEPS = 5  # besides remedies, in a terminal; the report has all
 
 
 MAX_FINDINGS = 5  # findings of the checks in a terminal
+MAX_LISTED = 3  # logs in a line
 
 
 def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
@@ -77,7 +78,7 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     log = max(logs, key=_judged_error)
     yield from _floor_ratio(log)
     *numbers, note = _torque_error(held_out, train)
-    yield *numbers, note + "; what the sensors allow is not known" * (log.over_floor is None)
+    yield *numbers, note + "; the noise of the sensors is not known" * (log.over_floor is None)
     worst = worst_joint(identification)
     if worst is None:
         return
@@ -111,7 +112,7 @@ def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
     how = "at most, by white noise alone" if white else "by motion that repeats"
     yield (
         f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×",
-        "error over what sensors allow",
+        "error relative to sensor noise",
         "at the noise floor" if log.at_floor else f"{how}{coverage}",
     )
 
@@ -137,7 +138,7 @@ def _simulation_error(identification: Identification) -> tuple[str, ...]:
         return "-", title, "nothing moved"
     (run, joint), size = worst
     how = "in the controller's loop" if run.restart is None else f"within {run.restart:g} s of the measured torque"
-    return f"{number(size, 2)} %", title, f"of the way of {joint} ({run.name}), {how}"
+    return f"{number(size, 2)} %", title, f"of the motion of {joint} ({run.name}), {how}"
 
 
 def _effort_share(identification: Identification, logs: list[LogValidation], role_word: str) -> tuple[str, ...]:
@@ -179,13 +180,29 @@ def _joint_errors(log: LogValidation) -> dict[str, float]:
     return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
 
-def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
-    """Return the verdict for a terminal in one paragraph, and the next steps: remedies, and the largest gains."""
+def verdict_text(identification: Identification, sentences: int | None = HEAD_SENTENCES) -> str:
+    """Return the verdict for a terminal in one paragraph of so many sentences, or of all."""
+    return f"Verdict: {' '.join(judge(identification).sentences()[:sentences])}"
+
+
+def next_step_texts(identification: Identification) -> tuple[str, ...]:
+    """Return the next steps for a terminal: remedies, and those with the largest gains."""
     verdict = judge(identification)
     omitted = [step for step in verdict.next if not isinstance(step, Remedy)][MAX_TERMINAL_STEPS:]
     steps = tuple(text for step, text in zip(verdict.next, _step_texts(verdict), strict=True) if step not in omitted)
-    hint = (f"{len(omitted)} more, which the report lists.",) if omitted else ()
-    return f"Verdict: {verdict}", (*steps, *hint)
+    return (*steps, *((f"{len(omitted)} more, which the report lists.",) if omitted else ()))
+
+
+def summary_lines(identification: Identification) -> Iterator[str]:
+    """Yield the torque errors of training and held-out logs, unfiltered, and the worst joint."""
+    for role, word in ROLES.items():
+        if logs := logs_of(identification, role):
+            errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
+            yield f"Torque error, {word}: {join_names(errors, MAX_LISTED)}"
+    if len(identification.model.joints) > 1 and (worst := worst_joint(identification)) is not None:
+        log, joint = worst
+        size = f"{number(_joint_errors(log)[joint], 3)} %{' after the low-pass' * bool(log.errors.per_joint_filtered)}"
+        yield f"Worst joint: {joint}, {size} on {log.name}, rms {_rms(identification, log, joint)}"
 
 
 def verdict_section(

@@ -274,7 +274,7 @@ def export_notes(exports: Sequence[Export], place: str = "listed in the report")
     for export in exports:
         if export.ready and export.written and export.written.left_out:
             notes.append(
-                f"{export.file} cannot hold {count(len(export.written.left_out), 'item')}, {place}.{_cost(export)}"
+                f"{export.file} cannot store {count(len(export.written.left_out), 'item')}, {place}.{_cost(export)}"
             )
         notes += [
             f"{export.file}: {note}." for note in (export.written.notes if export.ready and export.written else ())
@@ -287,8 +287,8 @@ def _cost(export: Export) -> str:
     worst = max(_file_errors(export), key=lambda error: error.file - error.model, default=None)
     if worst is None:
         return ""
-    file, model = percent(worst.file, 4), percent(worst.model, 4)
-    return f" By itself it has a torque error of {file} on {worst.log!r}, the model {model}."
+    file, model = percent(worst.file, 3), percent(worst.model, 3)
+    return f" Used alone, its torque error on {worst.log!r} is {file}; that of the full model is {model}."
 
 
 def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:

@@ -35,11 +35,10 @@ OUTCOMES: Mapping[TrialOutcome, str] = {
     TrialOutcome.REDUNDANT: "taken out again: the others do its work",
 }
 _LEAD = (
-    "The terms of each joint were chosen on the training logs alone: each was tried beside those that had entered, by "
-    "the torque error in stretches of time that were not fitted. The gain is what a term removes of the squared error "
-    f"of its joint. A term enters where the gain is above {MIN_GAIN_ERRORS:g} of its standard errors (a special one: "
-    f"{MIN_STRICT_GAIN_ERRORS:g}) and {MIN_GAIN:g} %, and where it is no loss on motion faster than fitted. To keep "
-    "these terms, write them out: `dynident identify CONFIG --write-config FILE`."
+    "The terms of each joint were chosen by cross-validation on the training logs. The gain is the share of the "
+    "joint's squared error, on stretches of time left out of the fit, that a term removes. A term is used if its gain "
+    f"is above {MIN_GAIN_ERRORS:g} standard errors ({MIN_STRICT_GAIN_ERRORS:g} for special kinds) and {MIN_GAIN:g} %, "
+    "and if it does not predict faster motion worse. `dynident identify CONFIG --write-config FILE` writes them down."
 )
 _FIGURE = "With the plain set (offset, rotor inertia, viscous and Coulomb friction), the cross-validated error is"
 MIN_SHOWN_SHIFT = 0.1  # standard errors that constraints must move a base parameter by to be shown
@@ -77,13 +76,13 @@ def term_section(identification: Identification) -> Iterator[PageSection]:
 
 def term_table(choice: TermChoice) -> PageTable:
     """Return one row per joint: the cross-validated errors, and the terms that entered with their gains."""
-    title = "terms, and the gain of those that had to enter, % of the squared error"
-    heads = ("plain set, %", "chosen, %", Column(title, numeric=False, prose=True))
+    title = "terms chosen, with constants and gain in % of the squared error"
+    heads = (Column(title, numeric=False, prose=True), "error, %", "with the plain set, %")
     rows = (
-        (joint, number(before, 3), number(after, 3), _list_terms(choice, joint))
+        (joint, _list_terms(choice, joint), number(after, 3), number(before, 3))
         for joint, before, after in zip(choice.joints, choice.before, choice.after, strict=True)
     )
-    caption = "Terms chosen by the training logs, and their cross-validated torque error"
+    caption = "Terms chosen by the training logs, and the cross-validated torque error"
     return PageTable.of(("joint",), heads, rows, caption)
 
 
@@ -121,10 +120,12 @@ def choice_comments(identification: Identification, source: str) -> dict[str, li
 
 
 def _list_terms(choice: TermChoice, joint: str) -> str:
-    """Return the terms of a joint, with the gains of those that had to enter."""
+    """Return the terms of a joint, with constants and gains of those that were tried."""
     terms = {TERMS.kind_of(term): "" for term in choice.terms if joint in getattr(term, "acts_on", choice.joints)}
     entered = [trial for trial in choice.trials_of(joint) if trial.outcome is TrialOutcome.ENTERED]
-    terms |= {trial.kind: f" {number(trial.gain, 3)} +- {number(trial.std, 2)}" for trial in entered}
+    for trial in entered:
+        constants = "".join(f"{name} {_setting_text(value)}, " for name, value in trial.settings if value)
+        terms[trial.kind] = f" ({constants}gain {number(trial.gain, 3)} +- {number(trial.std, 2)})"
     return ", ".join(f"{kind}{gain}" for kind, gain in terms.items()) or "none"
 
 

@@ -28,10 +28,10 @@ MAX_FINE_RATIO = 1.5  # times the noise floor, up to which three digits are show
 _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
     "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Over the "
-    "noise floor: the unfiltered error over what the sensors allow of any model. That is the scatter between two "
-    "passes of the same motion, where there are two; else the least that white noise of torque and positions leaves, "
-    "of which coloured noise is not part, so that the figure is the most it can be (≤). It is not known (-) where the "
-    "torque was filtered before it was recorded, and no motion is repeated."
+    "noise floor: the unfiltered error divided by the noise of the sensors. The noise is the scatter between two "
+    "passes of the same motion, if there are two. Otherwise it is estimated from white noise of torque and positions; "
+    "coloured noise is not counted, so the figure is an upper bound (≤). It is not known (-) if the torque was "
+    "filtered before it was recorded and no motion is repeated."
 )
 _RESIDUALS = (
     "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
@@ -41,7 +41,7 @@ _RESIDUALS = (
 )
 _RUNS = (
     "The model is simulated instead of the robot and its position compared with the measured one. In the loop of a "
-    "controller, which holds almost any model on its way, look at the torque it asks for too."
+    "controller, which keeps almost any model on its path, look at the commanded torque too."
 )
 _TORQUES = (
     "Measured and predicted torque, and below their difference. Drag over a part to zoom, double-click to return. "

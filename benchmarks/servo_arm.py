@@ -45,14 +45,16 @@ class ServoArm:
             armature, damping, frictionloss = values[:, k]
             inertia = " ".join([f"{SPREAD[k]:g}"] * 3)
             opening += (
-                f'<body name="{name}_link" pos="{PLACES[k]}"><joint name="{name}" axis="{AXES[k]}" '
-                f'armature="{armature!r}" damping="{damping!r}" frictionloss="{frictionloss!r}"/>'
-                f'<inertial pos="{CENTRES[k]}" mass="{masses[k]!r}" diaginertia="{inertia}"/>\n'
-            ).replace("np.float64(", "").replace(")", "")
-            closing += "</body>"
-            actuators += (
-                f'<position name="{name}" joint="{name}" kp="{kp or self.kp}" forcerange="-{self.limit} {self.limit}"/>\n'
+                (
+                    f'<body name="{name}_link" pos="{PLACES[k]}"><joint name="{name}" axis="{AXES[k]}" '
+                    f'armature="{armature!r}" damping="{damping!r}" frictionloss="{frictionloss!r}"/>'
+                    f'<inertial pos="{CENTRES[k]}" mass="{masses[k]!r}" diaginertia="{inertia}"/>\n'
+                )
+                .replace("np.float64(", "")
+                .replace(")", "")
             )
+            closing += "</body>"
+            actuators += f'<position name="{name}" joint="{name}" kp="{kp or self.kp}" forcerange="-{self.limit} {self.limit}"/>\n'
         return (
             '<mujoco model="six_servos"><compiler angle="radian"/>\n<option timestep="0.002" integrator="implicitfast"/>\n'
             f"<worldbody>\n{opening}{closing}\n</worldbody>\n<actuator>\n{actuators}</actuator></mujoco>\n"

@@ -133,10 +133,12 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     Logs too long for the memory (Parquet) are fitted in pieces, by the workers; with --out an interrupted run goes on
     where it stopped. Of others, several smoothers are tried by the cluster, where one is named.
     """
+    from dynident.cli.servo import identify_servos, print_servos
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
     from dynident.files.results import write_text
     from dynident.identification import judge
+    from dynident.project.drive_settings import ServoSettings
     from dynident.project.explicit_config import explicit_config
     from dynident.project.export import export_files, exports
     from dynident.project.export.proof import relocate_exports
@@ -151,6 +153,11 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     with result_folder(out) if out else nullcontext() as folder:
         with status():
             project = read_project(config)
+            servo = identify_servos(project, folder) if isinstance(project.config.simulation, ServoSettings) else None
+        if servo is not None:
+            print_servos(servo, config, out)
+            return
+        with status():
             if write_config:
                 refuse_inputs(_require_yaml_name(write_config))
             if out:

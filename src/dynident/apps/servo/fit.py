@@ -15,7 +15,8 @@ from dynident.runtime import Noun, report_progress
 Array = NDArray[np.float64]
 SETTLING = 0.5  # s at the start of a rollout that are not compared: the speed there is not measured
 MAX_ITERATIONS = 12
-TOLERANCE = 0.02  # standard errors, below which a step ends the search
+TOLERANCE = 0.1  # standard errors, below which a step ends the search
+MIN_DECREASE = 0.05  # of the squared error in a step, below which the sensitivities are not computed again
 MAX_LOG_STEP = 1.0  # of a logarithm, in one step
 STEPS = {Quantity.DELAY: 5e-4, Quantity.OFFSET: 1e-3}  # s and rad, of differences; of logarithms:
 LOG_STEP = 0.01
@@ -25,7 +26,8 @@ MIN_WEIGHT_SHARE = 0.02  # of this log's largest residual: a joint that fits muc
 
 
 class ServoFit(Noun):
-    """A fit: ``values`` with the ``entries`` that were sought and their covariance (p, p), in coordinates of the search.
+    """A fit: ``values`` with the ``entries`` that were sought and their covariance (p, p), that of the search's
+    coordinates.
 
     ``residuals`` (N', n) are simulated less measured positions of all recordings, ``sensitivity`` (N', n, p) their
     derivatives, and ``scale`` (n) their standard deviations. ``undetermined`` are combinations of entries that the
@@ -85,7 +87,7 @@ def fit_values(
     slopes = sensitivity(plant, motions, values, entries, base)
     while iteration < MAX_ITERATIONS and not converged:
         iteration += 1
-        scale = _scale(base)
+        scale = joint_scale(base)
         report_progress(f"simulating the servos, step {iteration}: {1e3 * np.sqrt((base**2).mean()):.3g} mrad")
         information, gradient = _normal_equations(slopes, base, scale)
         size = np.sqrt(np.diag(information)) + 1e-12
@@ -96,7 +98,8 @@ def fit_values(
             step *= min(1.0, MAX_LOG_STEP / np.abs(step).max(initial=1e-300))
             candidate = values.at(entries, values.coordinates(entries) + step)
             moved = residuals(plant, motions, candidate)
-            if ((moved / scale) ** 2).sum() < ((base / scale) ** 2).sum():
+            decrease = 1 - ((moved / scale) ** 2).sum() / ((base / scale) ** 2).sum()
+            if decrease > 0:
                 accepted = True
                 break
             damping = max(10 * damping, 1e-3)
@@ -105,13 +108,13 @@ def fit_values(
         damping /= 10
         shift = np.abs(step * size).max()
         values, base = candidate, moved
-        converged = shift < TOLERANCE * np.sqrt(base.shape[0] / 1000)
-        if not converged:
+        converged = shift < TOLERANCE
+        if not converged and decrease > MIN_DECREASE:
             slopes = sensitivity(plant, motions, values, entries, base)
     return summarise(values, entries, base, slopes, motions, iteration, converged or not accepted)
 
 
-def _scale(base: Array) -> Array:
+def joint_scale(base: Array) -> Array:
     """Return the standard deviations (n) that weight the joints."""
     scale = np.sqrt((base**2).mean(axis=0))
     return np.maximum(scale, max(MIN_WEIGHT_SHARE * scale.max(), 1e-9))
@@ -128,15 +131,11 @@ def summarise(
     iterations: int, converged: bool,
 ) -> ServoFit:  # fmt: skip
     """Return the fit at values, with its covariance: a sandwich, of scores that are correlated over time."""
-    scale = _scale(base)
+    scale = joint_scale(base)
     information, _ = _normal_equations(slopes, base, scale)
     step = float(np.median(np.diff(motions[0].log.t)))
     scores = np.einsum("ijk,ij->ik", slopes / scale[None, :, None], base / scale)
-    meat = scores.T @ scores
-    lags = int(round(CORRELATION_TIME / step))
-    for lag in range(1, lags + 1):
-        product = (1 - lag / (lags + 1)) * scores[lag:].T @ scores[:-lag]
-        meat += product + product.T
+    meat = correlated_sum(scores, step)
     size = np.sqrt(np.diag(information)) + 1e-12
     spectrum, vectors = np.linalg.eigh(information / np.outer(size, size))
     weak = spectrum < MIN_SHARE * spectrum[-1]
@@ -149,3 +148,17 @@ def summarise(
         tuple(entries[i] for i in np.flatnonzero(np.abs(vectors[:, k]) > 0.3)) for k in np.flatnonzero(weak)
     )
     return ServoFit(values, entries, covariance, base, slopes, scale, iterations, converged, undetermined)
+
+
+def correlated_sum(scores: Array, step: float) -> Array:
+    """Return the covariance (p, p) of the sum of scores (N, p) that are correlated over ``CORRELATION_TIME``.
+
+    Newey and West, "A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
+    matrix", Econometrica 55 (1987).
+    """
+    total = scores.T @ scores
+    lags = min(round(CORRELATION_TIME / step), len(scores) - 1)
+    for lag in range(1, lags + 1):
+        product = (1 - lag / (lags + 1)) * scores[lag:].T @ scores[:-lag]
+        total += product + product.T
+    return np.asarray(total)

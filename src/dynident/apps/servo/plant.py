@@ -30,7 +30,7 @@ def import_mujoco() -> Any:
 
 
 class ServoLog(Noun):
-    """A recording: times t (N) s, measured positions q and commands (N, n), rad or m.
+    """A recording: measured positions q (N, n) at times t (N), commands (M, n) at times ``sent`` (M); s, rad or m.
 
     A command is ``held`` until the next one, else interpolated.
     """
@@ -38,6 +38,7 @@ class ServoLog(Noun):
     name: str
     t: Array
     q: Array
+    sent: Array
     command: Array
     held: bool = True
 
@@ -49,9 +50,9 @@ class ServoLog(Noun):
         edges = start - delay + step * np.arange(count + 1)
         if not self.held:
             middles = edges[:-1] + step / 2
-            return np.column_stack([np.interp(middles, self.t, column) for column in self.command.T])
+            return np.column_stack([np.interp(middles, self.sent, column) for column in self.command.T])
         # the integral of what is held is linear between the stamps; before them the first command holds
-        t = np.concatenate([[min(edges[0], self.t[0]) - 1.0], self.t, [max(edges[-1], self.t[-1]) + 1.0]])
+        t = np.concatenate([[min(edges[0], self.sent[0]) - 1.0], self.sent, [max(edges[-1], self.sent[-1]) + 1.0]])
         levels = np.concatenate([self.command[:1], self.command])
         integral = np.vstack([np.zeros(levels.shape[1]), np.cumsum(levels * np.diff(t)[:, None], axis=0)])
         sums = np.column_stack([np.interp(edges, t, column) for column in integral.T])

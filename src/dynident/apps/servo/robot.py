@@ -189,7 +189,7 @@ def rollout_difference(
         _lock_joints(spec, settings.lock, source)
     model = spec.compile()
     data = mujoco.MjData(model)
-    count = min(len(log.t), int(math.ceil((log.t[-1] - log.t[0]) / plant.step)), 2000)
+    count = min(len(log.t), math.ceil((log.t[-1] - log.t[0]) / plant.step), 2000)
     lead = math.ceil(values.delay / plant.step) + 2
     start = log.q[0] - values.offset
     command = log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0) - values.offset

@@ -1,9 +1,10 @@
-"""The start of a servo fit by inverse dynamics: the controller's torque explained linearly, for each delay of a scan."""
+"""The start of a servo fit: the controllers' torques explained by inverse dynamics, for each delay of a scan."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ MAX_DELAY = 0.2  # s
 DELAY_STEP = 0.004  # s, of the scan
 CUTOFF = 6.0  # Hz, of the low-pass that positions and torques pass alike
 MIN_SPEED = 0.05  # rad/s or m/s, below which the sign of dry friction is unsure
+MIN_KP = 1e-3  # N m/rad, N/m
 FLOORS = (1e-6, 1e-6, 1e-6)  # kg m^2, N m s, N m: the least that a search starts from
 
 
@@ -86,7 +88,7 @@ def start_values(
     """
     rigid = [rigid_torques(plant, values, motion) for motion in motions]
     delays = np.arange(0.0, MAX_DELAY, DELAY_STEP) if free_delay else np.array([values.delay])
-    fits = [_linear_fit(motions, rigid, values, float(delay), free_kp) for delay in delays]
+    fits = [_linear_fit(motions, rigid, values, float(delay), free_kp, plant.joints) for delay in delays]
     costs = np.array([cost for cost, _ in fits])
     best = int(np.argmin(costs))
     table, delay = fits[best][1], float(delays[best])
@@ -95,13 +97,16 @@ def start_values(
         delay += 0.5 * DELAY_STEP * float((a - c) / (a - 2 * b + c))
     armature, damping, frictionloss = np.maximum(table[:3], np.array(FLOORS)[:, None])
     starts = {"armature": armature, "damping": damping, "frictionloss": frictionloss, "delay": delay}
-    from dataclasses import replace
-
-    return replace(values, **starts, kp=np.where(free_kp, table[3], values.kp))  # type: ignore[arg-type]
+    return replace(values, **starts, kp=np.where(free_kp, np.maximum(table[3], MIN_KP), values.kp))  # type: ignore[arg-type]
 
 
 def _linear_fit(
-    motions: Sequence[SmoothLog], rigid: Sequence[Array], values: ServoValues, delay: float, free_kp: Sequence[bool]
+    motions: Sequence[SmoothLog],
+    rigid: Sequence[Array],
+    values: ServoValues,
+    delay: float,
+    free_kp: Sequence[bool],
+    joints: Sequence[str],
 ) -> tuple[float, Array]:
     """Return the residual of a delay, as the sum of the joints' logarithms, and armature, damping, frictionloss, kp."""
     from scipy.optimize import nnls
@@ -128,7 +133,7 @@ def _linear_fit(
         matrix, side = np.vstack(rows), np.concatenate(sides)
         if len(side) < 20:
             raise InputError(
-                f"joint {j + 1} moves faster than {MIN_SPEED} rad/s in {len(side)} samples; record a motion of it."
+                f"joint {joints[j]!r} moves faster than {MIN_SPEED} rad/s in {len(side)} samples; record more of it."
             )
         table[:, j], norm = nnls(matrix, side)
         cost += len(side) * np.log(max(norm, 1e-12))

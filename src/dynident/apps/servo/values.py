@@ -77,8 +77,8 @@ class ServoValues(Noun):
 
     def coordinates(self, entries: Sequence[Entry]) -> Array:
         """Return what a search moves: the logarithm of what is positive."""
-        numbers = [self.entry(entry) for entry in entries]
-        return np.array([np.log(x) if entry.quantity.positive else x for entry, x in zip(entries, numbers, strict=True)])
+        pairs = [(entry, self.entry(entry)) for entry in entries]
+        return np.array([np.log(x) if entry.quantity.positive else x for entry, x in pairs])
 
     def at(self, entries: Sequence[Entry], coordinates: Array) -> ServoValues:
         """Return the values at coordinates of a search."""

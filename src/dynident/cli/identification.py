@@ -100,16 +100,21 @@ def _print_remarks(written: ConfigDraft, out: Path, tables: Sequence[DataTable])
         for line in lines:
             screen.say(f"  {line}")
     lead = "Then" if written.blanks or written.questions else "Next"
-    screen.remark(f"{lead}: {command('check', out)}", no_wrap=True)
+    last = command("identify", out, "--out", f"{out.stem}-out") if written.servos else command("check", out)
+    screen.remark(f"{lead}: {last}", no_wrap=True)
 
 
 def _trial_warnings(text: str, out: Path, known_notes: Sequence[str]) -> list[str]:
     """Read the logs as the configuration says, and return the warnings or the error, without the ``known_notes``."""
+    from dynident.apps.servo import read_servo_logs
+    from dynident.project.drive_settings import ServoSettings
     from dynident.project.project import parse_project
     from dynident.runtime import DynidentError
 
     try:
         project = parse_project(text, out)
+        if isinstance(project.config.simulation, ServoSettings):
+            return [*project.warnings, *read_servo_logs(project)[1]]
         specs = (*project.config.train, *project.config.validation)
         known_warnings = {f"{spec.label}: {note}" for spec in specs for note in known_notes}
         return [warning for warning in (*project.warnings, *project.logs()[1]) if warning not in known_warnings]

@@ -11,4 +11,4 @@ from dynident.apps.servo.report import (
     suspect_lines,
     verdict_words,
 )
-from dynident.apps.servo.run import ServoIdentification, identify_servo
+from dynident.apps.servo.run import ServoIdentification, identify_servo, read_servo_logs

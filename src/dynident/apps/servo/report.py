@@ -115,7 +115,7 @@ def servo_page(result: ServoIdentification) -> str:
     method = (
         "The arm is simulated in MuJoCo from the first sample of each recording, driven by the commands; "
         "standard errors count that residuals are correlated over time. A delay of the command and one of the position "
-        "act alike: it is their sum. An error of kp that neither gravity nor inertia shows is one of all values of its joint."
+        "act alike: it is their sum. An error of kp that no gravity or inertia shows is in all values of the joint."
     )
     sections = [
         PageSection("Verdict", (verdict_words(result), facts), badge),

@@ -67,11 +67,9 @@ def identify_servo(project: Project) -> ServoIdentification:
     text = mjcf_text(path)
     names = [joint.name for joint in joints]
     plant = load_plant(robot, text, names, path.name)
-    motions, warnings = {}, list(project.warnings)
-    for role in ("train", "validation"):
-        logs, remarks = _servo_logs(getattr(config, role), config, settings, joints)
-        motions[role] = [smooth_servo_log(log) for log in logs]
-        warnings += remarks
+    logs, remarks = read_servo_logs(project)
+    motions = {role: [smooth_servo_log(log) for log in logs[role]] for role in logs}
+    warnings = [*project.warnings, *remarks]
     nominal = nominal_values(plant, settings)
     report_progress("looking for the delay")
     fit, suspects = _fit(plant, motions["train"], nominal, settings)
@@ -147,6 +145,21 @@ def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
 def entry_name(entry: Entry, joints: Sequence[str]) -> str:
     """Return the name of a parameter, such as ``armature of elbow``."""
     return str(entry.quantity) if entry.quantity is Quantity.DELAY else f"{entry.quantity} of {joints[entry.k]}"
+
+
+def read_servo_logs(project: Project) -> tuple[dict[str, list[ServoLog]], tuple[str, ...]]:
+    """Read all recordings with their commands by role ("train", "validation"), and warnings on their positions.
+
+    Raises ConfigError where there are no servos, and InputError where a recording cannot be used.
+    """
+    config, joints, warnings = project.config, project.model.joints, list[str]()
+    if not isinstance(config.simulation, ServoSettings):
+        raise ConfigError("simulation: the recordings of position servos need `kind: servo`.")
+    logs: dict[str, list[ServoLog]] = {}
+    for role in ("train", "validation"):
+        logs[role], remarks = _servo_logs(getattr(config, role), config, config.simulation, joints)
+        warnings += remarks
+    return logs, tuple(warnings)
 
 
 def _servo_logs(

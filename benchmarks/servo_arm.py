@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,21 +34,22 @@ class ServoArm:
     noise: float = 0.0
     rate: float = 100.0
     masses: Array | None = None  # (6), factors of the true masses
+    density: float = 1.0  # factor on all masses, true and in the file
 
     def text(self, *, nominal: bool, kp: float | None = None) -> str:
         """Return the MJCF of the arm, with the true or the nominal values."""
         factors = self.nominal if nominal else np.ones((3, 6))
         values = factors * np.array([self.armature, self.damping, self.frictionloss])
-        masses = np.array(MASSES) * (1.0 if nominal or self.masses is None else self.masses)
+        masses = self.density * np.array(MASSES) * (1.0 if nominal or self.masses is None else self.masses)
         opening, closing, actuators = "", "", ""
         for k, name in enumerate(NAMES):
             armature, damping, frictionloss = values[:, k]
-            inertia = " ".join([f"{SPREAD[k]:g}"] * 3)
+            inertia = " ".join([f"{self.density * SPREAD[k]:g}"] * 3)
             opening += (
                 (
                     f'<body name="{name}_link" pos="{PLACES[k]}"><joint name="{name}" axis="{AXES[k]}" '
-                    f'armature="{armature!r}" damping="{damping!r}" frictionloss="{frictionloss!r}"/>'
-                    f'<inertial pos="{CENTRES[k]}" mass="{masses[k]!r}" diaginertia="{inertia}"/>\n'
+                    f'armature="{armature:.9g}" damping="{damping:.9g}" frictionloss="{frictionloss:.9g}"/>'
+                    f'<inertial pos="{CENTRES[k]}" mass="{masses[k]:.9g}" diaginertia="{inertia}"/>\n'
                 )
                 .replace("np.float64(", "")
                 .replace(")", "")
@@ -120,3 +121,18 @@ def bench_arm() -> ServoArm:
             ]
         ),
     )
+
+
+def arms() -> dict[str, ServoArm]:
+    """Return arms of unlike kinds: the bench arm, one of heavy links, a geared stiff one, a noisy one, one at 30 Hz."""
+    bench = bench_arm()
+    return {
+        "bench": bench,
+        "heavy": replace(bench, masses=np.full(6, 1.0), density=4.0, limit=8.0, kp=40.0, delay=0.034),
+        "geared": replace(
+            bench, armature=8 * bench.armature, damping=4 * bench.damping, frictionloss=6 * bench.frictionloss,
+            kp=150.0, limit=20.0, delay=0.012, count=COUNT / 16, noise=1e-4,
+        ),
+        "noisy": replace(bench, noise=3e-3, count=0.0, delay=0.028),
+        "30 Hz": replace(bench, rate=30.0, delay=0.05),
+    }  # fmt: skip

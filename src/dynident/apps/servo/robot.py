@@ -20,6 +20,7 @@ from dynident.runtime import ModelError
 Array = NDArray[np.float64]
 UNSEEN = ("visual", "collision", "transmission", "gazebo", "material")  # of a URDF: what the motion does not need
 MAX_ROLLOUT_DIFFERENCE = 1e-6  # rad or m, of the written file from the model that was fitted
+MAX_PROOF_STEPS = 2000
 EARTH_GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -179,31 +180,37 @@ def rollout_difference(
 ) -> float:
     """Return the largest difference (rad, m) of a rollout of a written MJCF from that of the fitted model.
 
-    The written file gets the commands as they were sent; its own delay holds them back.
+    The written file gets the commands as they were sent, and its own delay holds them back; the model gets them late.
     """
-    mujoco = import_mujoco()
-    spec = _spec(text, source)
+    written = _spec(text, source)
     if settings.gravity != EARTH_GRAVITY:
-        spec.option.gravity = settings.gravity
+        written.option.gravity = settings.gravity
     if settings.lock:
-        _lock_joints(spec, settings.lock, source)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    count = min(len(log.t), math.ceil((log.t[-1] - log.t[0]) / plant.step), 2000)
+        _lock_joints(written, settings.lock, source)
     lead = math.ceil(values.delay / plant.step) + 2
+    count = min(math.ceil((log.t[-1] - log.t[0]) / plant.step), MAX_PROOF_STEPS)
+    sent = log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0) - values.offset
+    steps = values.delay / plant.step
+    whole = math.floor(steps + 1e-9)
+    late = np.vstack([sent[:1]] * (whole + 1) + [sent])
+    late = (1 - (steps - whole)) * late[1 : len(sent) + 1] + (steps - whole) * late[: len(sent)]
     start = log.q[0] - values.offset
-    command = log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0) - values.offset
-    path = []
-    for k, row in enumerate(command):
-        if k <= lead:  # the buffers of the delay fill while the arm is held
+    paths = [
+        _steps(model, plant, control, start, lead)
+        for model, control in ((written.compile(), sent), (plant.with_values(values), late))
+    ]
+    return float(np.abs(paths[0] - paths[1]).max())
+
+
+def _steps(model: Any, plant: ServoPlant, commands: Array, start: Array, lead: int) -> Array:
+    """Return the positions (N, n) after each step from ``start``, where the arm is held for ``lead`` steps."""
+    mujoco = import_mujoco()
+    data, path = mujoco.MjData(model), []
+    for k, row in enumerate(commands):
+        if k <= lead:  # the buffers of the delay fill
             data.qpos[plant.positions] = start
             data.qvel[:] = 0.0
-        if k >= lead:
-            path.append(data.qpos[plant.positions].copy())
         data.ctrl[plant.actuators] = plant.gear * row
         mujoco.mj_step(model, data)
-    stop = int(np.searchsorted(log.t, log.t[0] + (count - 1) * plant.step))
-    simulated = plant.rollout(values, log, stops=[stop])[0] - values.offset
-    times = (log.t[:stop] - log.t[0]) / plant.step
-    written = np.column_stack([np.interp(times, np.arange(len(path)), column) for column in np.array(path).T])
-    return float(np.abs(written - simulated).max())
+        path.append(data.qpos[plant.positions].copy())
+    return np.array(path)

@@ -17,7 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from servo_arm import NAMES, ServoArm, arms, simulate
+from servo_arm import NAMES, ServoArm, arms, held_means, simulate
 
 Array = NDArray[np.float64]
 KINDS = ("armature", "damping", "frictionloss")
@@ -66,15 +66,6 @@ def rollout_error(arm: ServoArm, text: str, outcome: Outcome, seed: int) -> floa
     q = simulate(model, control, command[0])
     simulated = np.column_stack([np.interp(t, grid, column) for column in q.T])
     return float(np.sqrt(((simulated - truth)[t > 1.0] ** 2).mean()))
-
-
-def held_means(t: Array, command: Array, edges: Array) -> Array:
-    """Return the means (N, n) of held commands between the edges (N + 1)."""
-    stamps = np.concatenate([[t[0] - 1.0], t, [t[-1] + 1.0]])
-    levels = np.concatenate([command[:1], command])
-    integral = np.vstack([np.zeros(6), np.cumsum(levels * np.diff(stamps)[:, None], axis=0)])
-    sums = np.column_stack([np.interp(edges, stamps, column) for column in integral.T])
-    return np.asarray(np.diff(sums, axis=0) / np.diff(edges)[:, None])
 
 
 def dynident(arm: ServoArm, seed: int) -> Outcome:

@@ -55,9 +55,11 @@ class ServoArm:
                 .replace(")", "")
             )
             closing += "</body>"
-            actuators += f'<position name="{name}" joint="{name}" kp="{kp or self.kp}" forcerange="-{self.limit} {self.limit}"/>\n'
+            bounds = f"-{self.limit} {self.limit}"
+            actuators += f'<position name="{name}" joint="{name}" kp="{kp or self.kp}" forcerange="{bounds}"/>\n'
         return (
-            '<mujoco model="six_servos"><compiler angle="radian"/>\n<option timestep="0.002" integrator="implicitfast"/>\n'
+            '<mujoco model="six_servos"><compiler angle="radian"/>\n'
+            '<option timestep="0.002" integrator="implicitfast"/>\n'
             f"<worldbody>\n{opening}{closing}\n</worldbody>\n<actuator>\n{actuators}</actuator></mujoco>\n"
         )
 
@@ -71,9 +73,9 @@ class ServoArm:
         t = np.arange(0.0, duration, 1 / self.rate)
         command = commands(t, rng)
         grid = np.arange(0.0, duration, step)
-        # held, and late: a command that comes within a step of the simulation acts in the next one
-        rows = np.floor((grid - self.delay) * self.rate + 1e-6).astype(int).clip(0)
-        q = simulate(model, command[rows], command[0])
+        # held, and late: of a command that comes within a step of the simulation, its share of the step
+        edges = np.append(grid, grid[-1] + step) - self.delay
+        q = simulate(model, held_means(t, command, edges), command[0])
         truth = np.column_stack([np.interp(t, grid, column) for column in q.T])
         measured = truth + self.noise * rng.standard_normal(truth.shape)
         return t, command, np.round(measured / self.count) * self.count if self.count else measured, truth
@@ -91,6 +93,15 @@ def simulate(model: Any, control: Array, start: Array) -> Array:
         data.ctrl[:] = row
         mujoco.mj_step(model, data)
     return q
+
+
+def held_means(t: Array, command: Array, edges: Array) -> Array:
+    """Return the means (N, n) of held commands between the edges (N + 1)."""
+    stamps = np.concatenate([[t[0] - 1.0], t, [t[-1] + 1.0]])
+    levels = np.concatenate([command[:1], command])
+    integral = np.vstack([np.zeros(levels.shape[1]), np.cumsum(levels * np.diff(stamps)[:, None], axis=0)])
+    sums = np.column_stack([np.interp(edges, stamps, column) for column in integral.T])
+    return np.asarray(np.diff(sums, axis=0) / np.diff(edges)[:, None])
 
 
 def commands(t: Array, rng: np.random.Generator) -> Array:

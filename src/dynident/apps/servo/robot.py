@@ -203,7 +203,7 @@ def rollout_difference(
 
 
 def _steps(model: Any, plant: ServoPlant, commands: Array, start: Array, lead: int) -> Array:
-    """Return the positions (N, n) after each step from ``start``, where the arm is held for ``lead`` steps."""
+    """Return the positions (N, n) after each step from ``start``, once the arm was held there for ``lead`` steps."""
     mujoco = import_mujoco()
     data, path = mujoco.MjData(model), []
     for k, row in enumerate(commands):
@@ -213,4 +213,4 @@ def _steps(model: Any, plant: ServoPlant, commands: Array, start: Array, lead: i
         data.ctrl[plant.actuators] = plant.gear * row
         mujoco.mj_step(model, data)
         path.append(data.qpos[plant.positions].copy())
-    return np.array(path)
+    return np.array(path[lead:])

@@ -18,8 +18,9 @@ MAX_ITERATIONS = 12
 TOLERANCE = 0.1  # standard errors, below which a step ends the search
 MIN_DECREASE = 0.05  # of the squared error in a step, below which the sensitivities are not computed again
 MAX_LOG_STEP = 1.0  # of a logarithm, in one step
-STEPS = {Quantity.DELAY: 5e-4, Quantity.OFFSET: 1e-3}  # s and rad, of differences; of logarithms:
-LOG_STEP = 0.01
+MAX_CHORD_STEP = 0.02  # of a coordinate, beyond which they are in any case
+STEPS = {Quantity.DELAY: 5e-4, Quantity.OFFSET: 1e-3}  # s and rad, of differences; small, as a common factor of a joint hardly acts
+LOG_STEP = 1e-3
 CORRELATION_TIME = 0.3  # s, over which residuals may be correlated
 MIN_SHARE = 1e-6  # of the largest eigenvalue of the scaled information, below which a direction is not determined
 MIN_WEIGHT_SHARE = 0.02  # of this log's largest residual: a joint that fits much better counts no more than this
@@ -83,7 +84,7 @@ def fit_values(
     """
     entries = tuple(entries)
     base = residuals(plant, motions, values)
-    damping, converged, iteration = 1e-4, False, 0
+    damping, converged, iteration = 1e-5, False, 0
     slopes = sensitivity(plant, motions, values, entries, base)
     while iteration < MAX_ITERATIONS and not converged:
         iteration += 1
@@ -106,10 +107,11 @@ def fit_values(
         if not accepted:
             break
         damping /= 10
-        shift = np.abs(step * size).max()
+        # Newton's decrement: how far the minimum is, in standard errors
+        decrement = np.sqrt(max(-float(gradient @ step), 0.0))
         values, base = candidate, moved
-        converged = shift < TOLERANCE
-        if not converged and decrease > MIN_DECREASE:
+        converged = decrement < TOLERANCE
+        if not converged and (decrease > MIN_DECREASE or np.abs(step).max() > MAX_CHORD_STEP):
             slopes = sensitivity(plant, motions, values, entries, base)
     return summarise(values, entries, base, slopes, motions, iteration, converged or not accepted)
 

@@ -74,7 +74,8 @@ def identify_servo(project: Project) -> ServoIdentification:
     report_progress("looking for the delay")
     fit, suspects = _fit(plant, motions["train"], nominal, settings)
     report_progress("simulating all recordings")
-    before = replace(nominal, delay=fit.values.delay)
+    kp = np.where(np.isnan(nominal.kp), fit.values.kp, nominal.kp)  # of a file that says nothing of it
+    before = replace(nominal, delay=fit.values.delay, kp=kp)
     rollouts = tuple(roll_out(plant, motion, role, fit.values, before) for role in motions for motion in motions[role])
     mjcf = write_mjcf(text, plant, fit.values)
     difference = rollout_difference(robot, mjcf, plant, fit.values, motions["train"][0].log, path.name)
@@ -92,7 +93,9 @@ def nominal_values(plant: ServoPlant, settings: ServoSettings) -> ServoValues:
     """Return the values of the robot file, with the gains and limits of the configuration."""
     servos, model = [settings.joints[name] for name in plant.joints], plant.model
     ones = np.ones(len(servos))
-    file_kp = np.maximum(model.actuator_gainprm[plant.actuators, 0] * plant.gear**2, 1e-3)
+    # an actuator that pulls to its command has the same gain on both, others say nothing of kp
+    gain, pull = model.actuator_gainprm[plant.actuators, 0], -model.actuator_biasprm[plant.actuators, 1]
+    file_kp = np.where(np.isclose(gain, pull) & (gain > 0), gain * plant.gear**2, np.nan)
     kp = [kp if servo.kp == "estimate" else servo.kp for servo, kp in zip(servos, file_kp, strict=True)]
     return ServoValues(
         armature=model.dof_armature[plant.dofs].copy(),
@@ -113,7 +116,7 @@ def _fit(
     """Return the fit, and what of the given values was fitted too as the logs contradict it."""
     free_delay = settings.delay == "estimate"
     free_kp = [settings.joints[name].kp == "estimate" for name in plant.joints]
-    start = start_values(plant, motions, nominal, free_delay=free_delay, free_kp=free_kp)
+    start = start_values(plant, motions, nominal, free_delay=free_delay)
     joints = range(len(plant.joints))
     entries = [Entry(quantity, k) for quantity in FRICTION for k in joints]
     entries += [Entry(Quantity.KP, k) for k in joints if free_kp[k]]

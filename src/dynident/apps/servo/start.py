@@ -19,7 +19,8 @@ MAX_DELAY = 0.2  # s
 DELAY_STEP = 0.004  # s, of the scan
 CUTOFF = 6.0  # Hz, of the low-pass that positions and torques pass alike
 MIN_SPEED = 0.05  # rad/s or m/s, below which the sign of dry friction is unsure
-MIN_KP = 1e-3  # N m/rad, N/m
+MIN_KP, MAX_KP = 1e-2, 1e5  # N m/rad, N/m
+MIN_SAMPLES = 20  # of the motion of a joint
 FLOORS = (1e-6, 1e-6, 1e-6)  # kg m^2, N m s, N m: the least that a search starts from
 
 
@@ -80,61 +81,89 @@ def rigid_torques(plant: ServoPlant, values: ServoValues, motion: SmoothLog) -> 
 
 
 def start_values(
-    plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, *, free_delay: bool, free_kp: Sequence[bool]
+    plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, *, free_delay: bool
 ) -> ServoValues:
     """Return the values that explain the controllers' torques best, with the delay of a scan (``free_delay``).
 
-    kp of a joint is sought where ``free_kp`` says so, by the torques of the bodies.
+    A kp that is nan is found by the torques of the bodies, one for all such joints.
     """
     rigid = [rigid_torques(plant, values, motion) for motion in motions]
     delays = np.arange(0.0, MAX_DELAY, DELAY_STEP) if free_delay else np.array([values.delay])
-    fits = [_linear_fit(motions, rigid, values, float(delay), free_kp, plant.joints) for delay in delays]
+    commands = [[_late_commands(motion, float(delay)) for motion in motions] for delay in delays]
+    unknown = np.isnan(values.kp)
+    if unknown.any():
+        kp = max((_common_kp(motions, rigid, late, unknown) for late in commands), key=lambda pair: pair[1])[0]
+        values = replace(values, kp=np.where(unknown, kp, values.kp))
+    fits = [_linear_fit(motions, rigid, values, late, plant.joints) for late in commands]
     costs = np.array([cost for cost, _ in fits])
     best = int(np.argmin(costs))
     table, delay = fits[best][1], float(delays[best])
     if 0 < best < len(delays) - 1:  # the vertex of a parabola through three costs
         a, b, c = costs[best - 1 : best + 2]
         delay += 0.5 * DELAY_STEP * float((a - c) / (a - 2 * b + c))
-    armature, damping, frictionloss = np.maximum(table[:3], np.array(FLOORS)[:, None])
-    starts = {"armature": armature, "damping": damping, "frictionloss": frictionloss, "delay": delay}
-    return replace(values, **starts, kp=np.where(free_kp, np.maximum(table[3], MIN_KP), values.kp))  # type: ignore[arg-type]
+    armature, damping, frictionloss = np.maximum(table, np.array(FLOORS)[:, None])
+    return replace(values, armature=armature, damping=damping, frictionloss=frictionloss, delay=delay)
+
+
+def _late_commands(motion: SmoothLog, delay: float) -> Array:
+    """Return the commands (N, n) that act at the times of a motion, the mean of each step."""
+    step = motion.t[1] - motion.t[0]
+    return motion.log.commands_at(motion.t[0] - step / 2, step, len(motion.t), delay)
+
+
+def _regression(
+    motions: Sequence[SmoothLog], columns: Sequence[Array], j: int, joint: str
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return the columns of a motion of joint j, -ddq, -dq, -sign(dq), and the ``columns`` behind them, where it moves.
+
+    All have passed the low-pass of the motion. Raises InputError where the joint hardly moves.
+    """
+    rows = []
+    for motion, others in zip(motions, columns, strict=True):
+        dq = motion.dq[:, j]
+        smooth = motion.smooth(np.column_stack([-motion.ddq[:, j], -dq, -np.tanh(dq / MIN_SPEED), others]))
+        rows.append(smooth[np.abs(dq) > MIN_SPEED])
+    matrix = np.vstack(rows)
+    if len(matrix) < MIN_SAMPLES:
+        raise InputError(f"joint {joint!r} moves faster than {MIN_SPEED} rad/s in {len(matrix)} samples; record more.")
+    return matrix[:, :3], matrix[:, 3:]
+
+
+def _common_kp(
+    motions: Sequence[SmoothLog], rigid: Sequence[Array], late: Sequence[Array], unknown: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return one kp of the ``unknown`` joints, and how much of their stretch it explains (a sum of squares).
+
+    The stretch of a servo, command less position, is the torque of the bodies over kp and what friction adds.
+    """
+    numerator = denominator = 0.0
+    for j in np.flatnonzero(unknown):
+        others = [
+            np.column_stack([torque[:, j], command[:, j] - motion.raw[:, j]])
+            for motion, torque, command in zip(motions, rigid, late, strict=True)
+        ]
+        friction, matrix = _regression(motions, others, int(j), str(j))
+        matrix = matrix - friction @ np.linalg.lstsq(friction, matrix, rcond=None)[0]
+        numerator += float(matrix[:, 0] @ matrix[:, 1])
+        denominator += float(matrix[:, 0] @ matrix[:, 0])
+    compliance = max(numerator / max(denominator, 1e-300), 1e-300)
+    return min(max(1 / compliance, MIN_KP), MAX_KP), numerator**2 / max(denominator, 1e-300)
 
 
 def _linear_fit(
-    motions: Sequence[SmoothLog],
-    rigid: Sequence[Array],
-    values: ServoValues,
-    delay: float,
-    free_kp: Sequence[bool],
+    motions: Sequence[SmoothLog], rigid: Sequence[Array], values: ServoValues, late: Sequence[Array],
     joints: Sequence[str],
-) -> tuple[float, Array]:
-    """Return the residual of a delay, as the sum of the joints' logarithms, and armature, damping, frictionloss, kp."""
+) -> tuple[float, Array]:  # fmt: skip
+    """Return the residual of a delay, as the sum of the joints' logarithms, and armature, damping, frictionloss."""
     from scipy.optimize import nnls
 
-    n = len(values.kp)
-    late = []
-    for motion in motions:
-        step = motion.t[1] - motion.t[0]
-        late.append(motion.log.commands_at(motion.t[0] - step / 2, step, len(motion.t), delay))
-    cost, table = 0.0, np.zeros((4, n))
-    for j in range(n):
-        rows, sides = [], []
+    cost, table = 0.0, np.zeros((3, len(joints)))
+    for j, joint in enumerate(joints):
+        sides = []
         for motion, torque, command in zip(motions, rigid, late, strict=True):
-            dq = motion.dq[:, j]
-            error = command[:, j] - motion.raw[:, j]
-            spring = np.clip(values.kp[j] * error - values.kd[j] * dq, -values.limit[j], values.limit[j])
-            stretch = error if free_kp[j] else np.zeros(len(error))
-            side = torque[:, j] - (0.0 if free_kp[j] else spring)
-            columns = [-motion.ddq[:, j], -dq, -np.tanh(dq / MIN_SPEED), stretch, side]
-            smooth = motion.smooth(np.column_stack(columns))
-            moving = np.abs(dq) > MIN_SPEED
-            rows.append(smooth[moving, :4])
-            sides.append(smooth[moving, 4])
-        matrix, side = np.vstack(rows), np.concatenate(sides)
-        if len(side) < 20:
-            raise InputError(
-                f"joint {joints[j]!r} moves faster than {MIN_SPEED} rad/s in {len(side)} samples; record more of it."
-            )
-        table[:, j], norm = nnls(matrix, side)
+            spring = values.kp[j] * (command[:, j] - motion.raw[:, j]) - values.kd[j] * motion.dq[:, j]
+            sides.append(torque[:, j] - np.clip(spring, -values.limit[j], values.limit[j]))
+        matrix, side = _regression(motions, sides, j, joint)
+        table[:, j], norm = nnls(matrix, side[:, 0])
         cost += len(side) * np.log(max(norm, 1e-12))
     return float(cost), table

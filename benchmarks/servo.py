@@ -28,7 +28,7 @@ MARKS = {"parameters": 1.0, "delay": 0.5, "rollout": 0.3, "cpu": 15.0}  # %, ms,
 
 @dataclass
 class Outcome:
-    """What a method found of an arm: values (3, 6), the delay (s), CPU (s), and intervals that hold, where it has them."""
+    """What a method found of an arm: values (3, 6), the delay (s), CPU (s), and how many intervals hold the truth."""
 
     values: Array
     delay: float
@@ -80,7 +80,8 @@ def dynident(arm: ServoArm, seed: int) -> Outcome:
         for name, run in (("monday", seed), ("tuesday", 500 + seed)):
             t, command, q, _ = arm.record(run)
             head = ",".join(["time", *(f"cmd_{x}" for x in NAMES), *(f"pos_{x}" for x in NAMES)])
-            np.savetxt(folder / f"{name}.csv", np.column_stack([t, command, q]), delimiter=",", header=head, comments="")
+            rows = np.column_stack([t, command, q])
+            np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=head, comments="")
         start = time.process_time()
         logs = [str(folder / f"{name}.csv") for name in ("monday", "tuesday")]
         draft, _ = draft_from_files(str(folder / "arm.xml"), logs, folder)

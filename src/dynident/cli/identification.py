@@ -153,14 +153,18 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     from dynident.report.identification.robot import export_notes
     from dynident.report.identification.terms import choice_comments
     from dynident.report.words import Line
+    from dynident.runtime import ConfigError
     from dynident.runtime.kernel import kernel
 
     with result_folder(out) if out else nullcontext() as folder:
         with status():
             project = read_project(config)
-            servo = identify_servos(project, folder) if isinstance(project.config.simulation, ServoSettings) else None
-        if servo is not None:
-            print_servos(servo, config, out)
+            has_servos = isinstance(project.config.simulation, ServoSettings)
+            if has_servos and write_config:
+                raise ConfigError("--write-config: nothing is chosen for position servos; leave it out.")
+            servos = identify_servos(project, folder) if has_servos else None
+        if servos is not None:
+            print_servos(servos, config, out)
             return
         with status():
             if write_config:

@@ -24,6 +24,7 @@ GUIDES = {
     "Your robot": (
         "experiment",
         "gains",
+        "servo",
         "recipes",
         "robots",
         "symptoms",

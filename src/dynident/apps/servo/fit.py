@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynident.apps.servo.plant import ServoPlant
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
-from dynident.runtime import Noun, report_progress
+from dynident.runtime import ModelError, Noun, report_progress
 
 Array = NDArray[np.float64]
 SETTLING = 0.5  # s at the start of a rollout that are not compared: the speed there is not measured
@@ -84,6 +84,10 @@ def fit_values(
     """
     entries = tuple(entries)
     base = residuals(plant, motions, values)
+    if not np.isfinite(base).all():
+        raise ModelError(
+            "the simulation of the servos diverges: look at `kp` and `limit`, and at the robot file's time step and masses."
+        )
     damping, converged, iteration = 1e-5, False, 0
     slopes = sensitivity(plant, motions, values, entries, base)
     while iteration < MAX_ITERATIONS and not converged:

@@ -45,7 +45,7 @@ def test_windows_begin_at_the_measured_state() -> None:
 
 def test_what_cannot_be_a_servo_is_named() -> None:
     spec = mujoco.MjSpec.from_string(servo_mjcf(FILE_VALUES))
-    with pytest.raises(ModelError, match="'wing' is no joint of one axis|cannot compile"):
+    with pytest.raises(ModelError, match="cannot compile it"):
         compile_plant(spec, ("base", "wing"), "servos.xml")
     spec = mujoco.MjSpec.from_string(servo_mjcf(FILE_VALUES).replace('joint="elbow" kp', 'joint="base" kp'))
     with pytest.raises(ModelError, match="'base' has two actuators"):

@@ -86,7 +86,7 @@ def fit_values(
     base = residuals(plant, motions, values)
     if not np.isfinite(base).all():
         raise ModelError(
-            "the simulation of the servos diverges: look at `kp` and `limit`, and at the robot file's time step and masses."
+            "the simulation of the servos diverges: look at `kp` and `limit`, and at the file's time step and masses."
         )
     damping, converged, iteration = 1e-5, False, 0
     slopes = sensitivity(plant, motions, values, entries, base)

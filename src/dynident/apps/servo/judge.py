@@ -75,8 +75,9 @@ def roll_out(
     simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
     before = plant.rollout(nominal, log, speeds=motion.speeds)[0]
     later = log.t > log.t[0] + SETTLING
-    starts = np.searchsorted(log.t, np.arange(log.t[0] + SETTLING, log.t[-1] - WINDOW, WINDOW))
-    stops = [int(np.searchsorted(log.t, log.t[k] + WINDOW)) + 1 for k in starts]
+    first = min(SETTLING, log.t[-1] - log.t[0] - WINDOW)  # of a short recording, the end
+    starts = np.searchsorted(log.t, np.arange(log.t[0] + first, log.t[-1] - WINDOW + 1e-6, WINDOW))
+    stops = [min(int(np.searchsorted(log.t, log.t[k] + WINDOW)) + 1, len(log.t)) for k in starts]
     # measured speeds are unsure where positions are counts: those of the simulation are taken
     windows = plant.rollout(values, log, list(starts), stops, np.gradient(simulated, log.t, axis=0))
     misses = np.vstack([path - log.q[a:b] for path, a, b in zip(windows, starts, stops, strict=True)])

@@ -20,7 +20,8 @@ DELAY_STEP = 0.004  # s, of the scan
 CUTOFF = 6.0  # Hz, of the low-pass that positions and torques pass alike
 MIN_SPEED = 0.05  # rad/s or m/s, below which the sign of dry friction is unsure
 MIN_KP, MAX_KP = 1e-2, 1e5  # N m/rad, N/m
-MIN_SAMPLES = 20  # of the motion of a joint
+MIN_SAMPLES = 20  # of a recording, and of the motion of a joint
+MIN_DURATION = 0.8  # s of a recording: its first 0.5 s are not compared
 FLOORS = (1e-6, 1e-6, 1e-6)  # kg m^2, N m s, N m: the least that a search starts from
 
 
@@ -53,8 +54,11 @@ def smooth_servo_log(log: ServoLog) -> SmoothLog:
     """Return a recording behind a low-pass, with its derivatives; InputError for one that is too short."""
     step = float(np.median(np.diff(log.t)))
     t = np.arange(log.t[0], log.t[-1] + step / 2, step)
-    if len(t) < 50:
-        raise InputError(f"{log.name}: has {len(t)} samples; a servo fit needs at least 50.")
+    if len(t) < MIN_SAMPLES or t[-1] - t[0] < MIN_DURATION:
+        raise InputError(
+            f"{log.name}: has {len(t)} samples in {log.t[-1] - log.t[0]:.3g} s; a servo fit needs "
+            f"at least {MIN_SAMPLES} in {MIN_DURATION:g} s."
+        )
     raw = np.column_stack([np.interp(t, log.t, column) for column in log.q.T])
     sections = butterworth(4, min(CUTOFF, 0.2 / step), 1 / step)
     q = zero_phase(sections, np.ascontiguousarray(raw.T), _pad(len(t))).T

@@ -15,6 +15,7 @@ from dynident.project.fields import (
     Amount,
     Angle,
     Channel,
+    DelayValue,
     Gain,
     Name,
     NonNegative,
@@ -154,7 +155,7 @@ class ServoSettings(Section):
 
     kind: Literal["servo"]
     commands: Literal["held", "interpolated"] = "held"
-    delay: NonNegative | Literal["estimate"] = "estimate"
+    delay: DelayValue | Literal["estimate"] = "estimate"
     joints: Mapping[Name, ServoJoint] = Field(min_length=1)
 
 

@@ -148,7 +148,8 @@ def summarise(
     inverse = (vectors / np.maximum(spectrum, MIN_SHARE * spectrum[-1])) @ vectors.T / np.outer(size, size)
     covariance = inverse @ meat @ inverse
     # with few independent residuals the sandwich is too small: it is not let below the plain inverse
-    floor = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    plain = np.diag(inverse)
+    floor = np.sqrt(np.maximum(plain / np.maximum(np.diag(covariance), 1e-12 * plain), 1.0))
     covariance = covariance * np.outer(floor, floor)
     undetermined = tuple(
         tuple(entries[i] for i in np.flatnonzero(np.abs(vectors[:, k]) > 0.3)) for k in np.flatnonzero(weak)

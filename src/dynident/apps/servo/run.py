@@ -140,6 +140,8 @@ def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
         yield "the search has not converged: the values may be off by more than their errors."
     if fit.values.delay > 0.9 * MAX_DELAY:
         yield f"the delay {fit.values.delay:.3g} s is the longest that is searched; are commands and positions in step?"
+    if fit.values.delay == 0 and Entry(Quantity.DELAY, 0) in fit.entries:
+        yield "no delay is seen, or a negative one: are commands stamped later than positions?"
     for group in fit.undetermined:
         names = [entry_name(entry, plant.joints) for entry in group]
         yield f"the logs do not tell apart: {', '.join(names)}; record faster and slower motions, or give one of them."

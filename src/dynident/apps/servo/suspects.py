@@ -42,7 +42,7 @@ def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoF
             entry = candidates[k - len(fit.entries)]
             own = columns[:, k] - base @ np.linalg.lstsq(base, columns[:, k], rcond=None)[0]
             size = float(own @ own)
-            if k in fitted or size < MIN_OWN_SHARE * float(columns[:, k] @ columns[:, k]):
+            if k in fitted or size <= MIN_OWN_SHARE * float(columns[:, k] @ columns[:, k]):
                 continue
             change = -float(own @ rest) / size
             score = (own * rest).reshape(weighted.shape).sum(axis=1)

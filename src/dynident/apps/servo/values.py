@@ -64,11 +64,11 @@ class ServoValues(Noun):
         return float(np.atleast_1d(getattr(self, entry.quantity))[entry.k])
 
     def changed(self, entries: Sequence[Entry], numbers: Sequence[float]) -> ServoValues:
-        """Return the values with other numbers."""
+        """Return the values with other numbers; a delay is not negative."""
         fields: dict[str, Array | float] = {}
         for (quantity, k), number in zip(entries, numbers, strict=True):
             if quantity is Quantity.DELAY:
-                fields["delay"] = float(number)
+                fields["delay"] = max(float(number), 0.0)
                 continue
             array = np.array(fields.get(quantity, getattr(self, quantity)))
             array[k] = number

@@ -21,9 +21,7 @@ from servo_arm import NAMES, ServoArm, arms, held_means, simulate
 
 Array = NDArray[np.float64]
 KINDS = ("armature", "damping", "frictionloss")
-SCAN = np.arange(0.0, 0.07, 0.004)  # s, delays that a peer is given
-ROUGH_STEPS, STEPS = 4, 15  # of a peer, in the scan and after it
-MARKS = {"parameters": 1.0, "delay": 0.5, "rollout": 0.3, "cpu": 15.0}  # %, ms, mrad, s: of the bench arm
+SCAN = np.arange(0.0, 0.07, 0.005)  # s, delays that a peer is given
 
 
 @dataclass
@@ -34,6 +32,7 @@ class Outcome:
     delay: float
     cpu: float
     held: tuple[int, int] = (0, 0)
+    text: str = ""  # the file that it wrote, else that of the arm with its values
 
     def line(self, arm: ServoArm, text: str, seed: int) -> str:
         """Return the figures in words."""
@@ -49,6 +48,8 @@ class Outcome:
 def with_values(text: str, values: Array) -> Any:
     """Return the model of a file with other values (3, 6)."""
     spec = mujoco.MjSpec.from_string(text)
+    for actuator in spec.actuators:  # commands come late already
+        actuator.delay, actuator.nsample = 0.0, 0
     for k, name in enumerate(NAMES):
         joint = spec.joint(name)
         joint.armature, joint.damping[0], joint.frictionloss = values[:, k]
@@ -58,7 +59,7 @@ def with_values(text: str, values: Array) -> Any:
 def rollout_error(arm: ServoArm, text: str, outcome: Outcome, seed: int) -> float:
     """Return the root mean square (rad) of the rollout of a held-out recording from its true positions."""
     t, command, _, truth = arm.record(1000 + seed)
-    model = with_values(text, outcome.values)
+    model = with_values(outcome.text or text, outcome.values)
     step = model.opt.timestep
     grid = np.arange(0.0, t[-1] + step, step)
     edges = np.concatenate([grid, [grid[-1] + step]]) - outcome.delay
@@ -94,7 +95,7 @@ def dynident(arm: ServoArm, seed: int) -> Outcome:
     if result.suspects:
         print("   suspects:", [(str(e.quantity), NAMES[e.k]) for e in result.suspects])
     values = np.array([getattr(fit.values, kind) for kind in KINDS])
-    return Outcome(values, fit.values.delay, cpu, (held, len(rows)))
+    return Outcome(values, fit.values.delay, cpu, (held, len(rows)), result.mjcf)
 
 
 def main() -> None:

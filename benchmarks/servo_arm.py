@@ -135,7 +135,8 @@ def bench_arm() -> ServoArm:
 
 
 def arms() -> dict[str, ServoArm]:
-    """Return arms of unlike kinds: the bench arm, one of heavy links, a geared stiff one, a noisy one, one at 30 Hz."""
+    """Return arms of unlike kinds: the bench arm, one of heavy links, a geared stiff one, a noisy one, one
+    with wrong masses in its file, one at 30 Hz."""
     bench = bench_arm()
     return {
         "bench": bench,
@@ -145,5 +146,6 @@ def arms() -> dict[str, ServoArm]:
             kp=150.0, limit=20.0, delay=0.012, count=COUNT / 16, noise=1e-4,
         ),
         "noisy": replace(bench, noise=3e-3, count=0.0, delay=0.028),
+        "masses": replace(bench, masses=np.array([1.1, 1.25, 0.8, 1.3, 0.9, 1.2])),
         "30 Hz": replace(bench, rate=30.0, delay=0.05),
     }  # fmt: skip

@@ -88,14 +88,14 @@ def dynident(arm: ServoArm, seed: int) -> Outcome:
         draft, _ = draft_from_files(str(folder / "arm.xml"), logs, folder)
         result = identify_servo(parse_project(draft.text, folder / "robot.yaml"))
         cpu = time.process_time() - start
-    fit, held = result.fit, 0
+    fit = result.fit
     truth = {"delay": [arm.delay], **{kind: getattr(arm, kind) for kind in KINDS}}
-    rows = [(e, s) for e, s in zip(fit.entries, fit.std, strict=True) if e.quantity in truth]
-    held = sum(abs(fit.values.entry(e) - truth[e.quantity][e.k]) <= 1.96 * s for e, s in rows)
+    stds = [(e, float(s)) for e, s in zip(fit.entries, fit.std, strict=True) if e.quantity in truth]
+    held = sum(abs(fit.values.entry(e) - truth[e.quantity][e.k]) <= 1.96 * s for e, s in stds)
     if result.suspects:
         print("   suspects:", [(str(e.quantity), NAMES[e.k]) for e in result.suspects])
     values = np.array([getattr(fit.values, kind) for kind in KINDS])
-    return Outcome(values, fit.values.delay, cpu, (held, len(rows)), result.mjcf)
+    return Outcome(values, fit.values.delay, cpu, (held, len(stds)), result.mjcf)
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ STEP, LOG_EVERY = 0.002, 5  # s, steps of the simulation between commands, which
 COUNT = 2 * np.pi / 4096  # rad: an encoder of 12 bits
 
 
-def servo_mjcf(values: dict[str, tuple[float, ...]]) -> str:
+def servo_mjcf(values: Mapping[str, tuple[float, ...]]) -> str:
     """Return the arm's MJCF with values of its joints."""
     opening, actuators = "", ""
     for k, name in enumerate(SERVO_JOINTS):

@@ -49,7 +49,7 @@ class ServoFit(Noun):
     def std(self) -> Array:
         """The standard errors (p) of the entries, in their units."""
         factors = [self.values.entry(entry) if entry.quantity.positive else 1.0 for entry in self.entries]
-        return np.sqrt(np.diag(self.covariance)) * np.array(factors)
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.array(factors))
 
 
 def residuals(plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues) -> Array:
@@ -123,7 +123,7 @@ def fit_values(
 def joint_scale(base: Array) -> Array:
     """Return the standard deviations (n) that weight the joints."""
     scale = np.sqrt((base**2).mean(axis=0))
-    return np.maximum(scale, max(MIN_WEIGHT_SHARE * scale.max(), 1e-9))
+    return np.asarray(np.maximum(scale, max(MIN_WEIGHT_SHARE * scale.max(), 1e-9)))
 
 
 def _normal_equations(slopes: Array, base: Array, scale: Array) -> tuple[Array, Array]:

@@ -117,8 +117,9 @@ def write_mjcf(text: str, plant: ServoPlant, values: ServoValues) -> str:
         numbers = {"armature": values.armature, "damping": values.damping, "frictionloss": values.frictionloss}
         xml.set(joints[name], {key: _text(array[k]) for key, array in numbers.items()})
     parents = {child.start: node for node in body_nodes for child in node.children}
-    for k in np.flatnonzero(values.mass != 1):
-        _set_inertial(xml, parents[joints[plant.joints[k]].start], plant, values, int(k))
+    for k, name in enumerate(plant.joints):
+        if values.mass[k] != 1:
+            _set_inertial(xml, parents[joints[name].start], plant, values, k)
     sections = [node for node in xml.root.children if node.tag == "actuator"]
     nodes = {node.attributes.get("joint"): node for section in sections for node in section.children}
     new = []

@@ -180,7 +180,7 @@ def _servo_logs(
             "time": config.time.model_copy(update={"spacing": "stamps"}),
         }
     )
-    logs, warnings = [], []
+    logs, warnings = list[ServoLog](), list[str]()
     for spec in specs:
         report_progress(f"reading {spec.label}")
         reading = read_unchecked(spec, config, joints, read_recording, torque=False)
@@ -193,7 +193,7 @@ def _servo_logs(
             findings = check_log(log, kinds, turning_joints(config), torque=False)
             require(findings, log.source)
             # counts of an encoder are seen by the fit, whose residuals they are
-            findings = [f for f in findings if f.severity is Severity.WARNING and f.message.topic != "quantised"]
-            warnings += [str(replace(finding, source=log.source)) for finding in findings]
+            shown = (f for f in findings if f.severity is Severity.WARNING and f.message.topic != "quantised")
+            warnings += [str(replace(finding, source=log.source)) for finding in shown]
             logs.append(ServoLog(log.source, log.t, log.q, t, command, settings.commands == "held"))
     return logs, warnings

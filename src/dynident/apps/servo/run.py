@@ -195,5 +195,15 @@ def _servo_logs(
             # counts of an encoder are seen by the fit, whose residuals they are
             shown = (f for f in findings if f.severity is Severity.WARNING and f.message.topic != "quantised")
             warnings += [str(replace(finding, source=log.source)) for finding in shown]
-            logs.append(ServoLog(log.source, log.t, log.q, t, command, settings.commands == "held"))
+            logs.append(ServoLog(log.source, log.t, log.q, _spaced(t, log.t), command, settings.commands == "held"))
     return logs, warnings
+
+
+def _spaced(sent: Array, t: Array) -> Array:
+    """Return the stamps of commands (M); those of rows whose positions were spaced evenly, at ``t`` (N), as these."""
+    first = int(np.argmin(np.abs(sent - t[0])))
+    rows = slice(first, first + len(t))
+    spaced = sent.copy()
+    if len(sent[rows]) == len(t) and np.abs(sent[rows] - t).max() < np.median(np.diff(t)) / 2:
+        spaced[rows] = t
+    return np.sort(spaced)

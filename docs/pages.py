@@ -21,6 +21,7 @@ GUIDES = {
     "Your robot": (
         "experiment",
         "gains",
+        "servo",
         "recipes",
         "robots",
         "symptoms",

@@ -14,9 +14,9 @@ import yaml
 
 from dynident.apps.excitation.config import ExcitationSettings
 from dynident.apps.ranking.config import CompareSettings
+from dynident.project import drive_settings as loops
 from dynident.project import fields as channels
 from dynident.project import settings
-from dynident.project import settings as loops
 from dynident.project.fields import Section
 from dynident.project.parts import section
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
@@ -99,6 +99,8 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
     pd, pid = ({"kind": kind, "joints": {"slider": {"reference": channel, "kp": 9, "kd": 1}}} for kind in ("pd", "pid"))
     pid["joints"]["slider"]["ki"] = 2
     law = {"kind": "law.py:spring", "joints": {"slider": {"reference": channel}}}
+    servo = {"kind": "servo", "joints": {"slider": {"command": {"column": "more", "unit": "rad"}, "kp": 9}}}
+    driven = {key: value for key, value in robot.items() if key != "torque"} | {"simulation": servo}
     couplings = {"motor": {"joints": {"slider": 2.0}}}
     found: dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]]] = {
         "": (settings.Config, (), plain),
@@ -123,6 +125,8 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
         "pid drive": (loops.PIDJoint, ("simulation", "joints", "slider"), plain | {"simulation": pid}),
         "law": (loops.FunctionSettings, ("simulation",), plain | {"simulation": law}),
         "law drive": (loops.FunctionJoint, ("simulation", "joints", "slider"), plain | {"simulation": law}),
+        "servo": (loops.ServoSettings, ("simulation",), driven),
+        "servo drive": (loops.ServoJoint, ("simulation", "joints", "slider"), driven),
         "excitation": (ExcitationSettings, ("excitation",), plain | {"excitation": {"duration": 12}}),
         "compare": (CompareSettings, ("compare",), plain | {"compare": {"smoothers": ["spline"]}}),
         "reference": (

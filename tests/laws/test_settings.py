@@ -16,9 +16,9 @@ import warnings
 import pytest
 from pydantic import BaseModel
 
+from dynident.project import drive_settings as loops
 from dynident.project import fields as channels
 from dynident.project import settings
-from dynident.project import settings as loops
 from dynident.project.fields import Section
 from tests.cli.commands import run
 from tests.laws.extremes import as_yaml, base, changed, sections, trials, write_inputs

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from dynident.apps.excitation.config import BoxSettings, CylinderSettings, ExcitationSettings, JointLimitSettings
 from dynident.apps.fleets.config import FleetSettings, RobotChanges
 from dynident.apps.ranking.config import CompareSettings
-from dynident.project import fields, settings
+from dynident.project import drive_settings, fields, settings
 from dynident.project.config import parse_config
 from dynident.project.fields import UNITS, Section
 from dynident.project.parts import build_part, section
@@ -45,15 +45,17 @@ SECTIONS: dict[str, type[Section]] = {
     "robot": settings.RobotSettings,
     "coupling": settings.CouplingSettings,
     "filter": settings.FilterSettings,
-    "simulation cascade": settings.CascadeSettings,
-    "drive": settings.CascadeJoint,
-    "simulation pd": settings.PDSettings,
-    "drive pd": settings.PDJoint,
-    "simulation pid": settings.PIDSettings,
-    "drive pid": settings.PIDJoint,
-    "simulation by a function": settings.FunctionSettings,
-    "drive by a function": settings.FunctionJoint,
-    "simulation from torque": settings.TorqueInputSettings,
+    "simulation cascade": drive_settings.CascadeSettings,
+    "drive": drive_settings.CascadeJoint,
+    "simulation pd": drive_settings.PDSettings,
+    "drive pd": drive_settings.PDJoint,
+    "simulation pid": drive_settings.PIDSettings,
+    "drive pid": drive_settings.PIDJoint,
+    "simulation by a function": drive_settings.FunctionSettings,
+    "drive by a function": drive_settings.FunctionJoint,
+    "simulation from torque": drive_settings.TorqueInputSettings,
+    "simulation of servos": drive_settings.ServoSettings,
+    "servo of a joint": drive_settings.ServoJoint,
 }
 MAPPINGS = {PARTS["estimator consistent"]: ("bounds", "centre_of_mass")}  # kept as pairs
 
@@ -97,11 +99,11 @@ def test_configuration_lists_every_term_with_its_settings() -> None:
 def test_configuration_has_every_section_and_unit() -> None:
     sections = {
         value
-        for module in (settings, fields)
+        for module in (settings, fields, drive_settings)
         for value in vars(module).values()
         if isinstance(value, type) and issubclass(value, Section)
     }
-    bases = {Section, fields.Angle, settings.LoopSettings, settings.LoopJoint}
+    bases = {Section, fields.Angle, drive_settings.LoopSettings, drive_settings.LoopJoint}
     assert set(SECTIONS.values()) == sections - bases
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])

@@ -29,7 +29,8 @@ PRELOADED_MODULES = ("dynident.apps.article.article",)  # by all workers at once
 @click.command(short_help="Identify the simulated arm that comes with dynident.")
 @click.option("--out", type=DIRECTORY, default="arm-out", show_default=True, help="Folder for the arm's files.")
 @click.option("--files", is_flag=True, help="Only write the arm's files, for the tutorial.")
-def demo(out: Path, files: bool) -> None:
+@click.option("--servo", is_flag=True, help="An arm of position servos: commands in, a MuJoCo model out.")
+def demo(out: Path, files: bool, servo: bool) -> None:
     """Identify a simulated arm whose truth is known, from its robot file and two recordings, which come with dynident.
 
     The commands are printed as they run. The folder stays, so that you can try others.
@@ -38,6 +39,9 @@ def demo(out: Path, files: bool) -> None:
     from dynident.files.opener import remember_inputs
 
     screen = console()
+    if servo:
+        _run_servos(screen, out, only_files=files)
+        return
     demo_files(out)
     for name in ("arm.urdf", *LOGS):
         remember_inputs(out / name)
@@ -51,6 +55,35 @@ def demo(out: Path, files: bool) -> None:
     for title, hint in _next_steps(out):
         screen.remark(f"{title}:")
         screen.remark(f"  {hint}", no_wrap=True)
+
+
+def _run_servos(screen: Screen, out: Path, *, only_files: bool) -> None:
+    """Write the files of the arm of servos, identify it, and compare it with the truth."""
+    from dynident.apps.demo import TRUE_DELAY, TRUE_VALUES, servo_files
+    from dynident.cli.servo import identify_servos, print_servos
+    from dynident.files.folder import result_folder
+    from dynident.files.results import write_text
+    from dynident.project.project import read_project
+
+    with status():
+        files = servo_files(out)
+    screen.say(f"In {out.resolve()}: a robot file, servos.xml, and two recordings: commands, positions, no torque.")
+    if only_files:
+        return
+    config = out / "servos.yaml"
+    _print_heading(screen, f"$ {command('init', *files, '-o', config)}")
+    write_text(config, draft_from_files(str(files[0]), [str(file) for file in files[1:]], out)[0].text)
+    _print_heading(screen, f"$ {command('identify', config, '--out', out / 'servos')}")
+    with result_folder(out / "servos") as folder, status():
+        written = identify_servos(read_project(config), folder)
+    print_servos(written, config, out / "servos")
+    values = written[0].fit.values
+    errors = [abs(getattr(values, key) / true - 1).max() for key, true in TRUE_VALUES.items()]
+    _print_heading(screen, "How far that is from the truth, which only a simulation knows")
+    screen.say(
+        f"Armature, damping and dry friction are at most {100 * max(errors):.2g} % off, where servos.xml was off by "
+        f"factors of 2 to 3; the delay, {1e3 * TRUE_DELAY:g} ms, by {1e3 * abs(values.delay - TRUE_DELAY):.2g} ms."
+    )
 
 
 def _next_steps(out: Path) -> tuple[tuple[str, str], ...]:

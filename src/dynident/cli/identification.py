@@ -105,16 +105,21 @@ def _print_remarks(written: ConfigDraft, out: Path, tables: Sequence[DataTable])
         for line in lines:
             screen.say(f"  {line}")
     lead = "Then" if written.blanks or written.questions else "Next"
-    screen.remark(f"{lead}: {command('check', out)}", no_wrap=True)
+    last = command("identify", out, "--out", f"{out.stem}-out") if written.servos else command("check", out)
+    screen.remark(f"{lead}: {last}", no_wrap=True)
 
 
 def _trial_warnings(text: str, out: Path, known_notes: Sequence[str]) -> list[str]:
     """Read the logs as the configuration says, and return the warnings or the error, without the ``known_notes``."""
+    from dynident.apps.servo import read_servo_logs
+    from dynident.project.drive_settings import ServoSettings
     from dynident.project.project import parse_project
     from dynident.runtime import DynidentError
 
     try:
         project = parse_project(text, out)
+        if isinstance(project.config.simulation, ServoSettings):
+            return [*project.warnings, *read_servo_logs(project)[1]]
         specs = (*project.config.train, *project.config.validation)
         known_warnings = {f"{spec.label}: {note}" for spec in specs for note in known_notes}
         return [warning for warning in (*project.warnings, *project.logs()[1]) if warning not in known_warnings]
@@ -134,20 +139,31 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     the workers; with --out an interrupted run continues where it stopped.
     """
     announce()
+    from dynident.cli.servo import identify_servos, print_servos
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
     from dynident.files.results import write_text
     from dynident.identification import judge
+    from dynident.project.drive_settings import ServoSettings
     from dynident.project.explicit_config import explicit_config
     from dynident.project.export import export_files, exports
     from dynident.project.export.proof import relocate_exports
     from dynident.project.project import read_project
     from dynident.report.identification.report import HEAD_SENTENCES, STYLES, verdict_text
     from dynident.report.identification.terms import choice_comments
+    from dynident.runtime import ConfigError
 
     with result_folder(out) if out else nullcontext() as folder:
         with status():
             project = read_project(config)
+            has_servos = isinstance(project.config.simulation, ServoSettings)
+            if has_servos and write_config:
+                raise ConfigError("--write-config: nothing is chosen for position servos; leave it out.")
+            servos = identify_servos(project, folder) if has_servos else None
+        if servos is not None:
+            print_servos(servos, config, out)
+            return
+        with status():
             if write_config:
                 refuse_inputs(_require_yaml_name(write_config))
             if out:

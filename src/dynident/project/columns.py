@@ -53,7 +53,7 @@ _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its rol
 }
 _COMMANDED_WORDS = _word_set(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
-    "con control soll sollwert consigne"
+    "con control soll sollwert consigne action actions"
 )
 _MEASURED_WORDS = _word_set("meas measured actual act fb feedback msr real sensed raw state read ist istwert")
 _FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")

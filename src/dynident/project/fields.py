@@ -263,6 +263,7 @@ Number = Annotated[float, BeforeValidator(bounded_reader(-MAX_MAGNITUDE, MAX_MAG
 Gravity = Annotated[float, BeforeValidator(bounded_reader(-1e3, 1e3, " m/s^2"))]
 Tilt = Annotated[float, BeforeValidator(bounded_reader(-3.2, 3.2, " rad"))]
 TimeOffsetValue = Annotated[float, BeforeValidator(bounded_reader(-MAX_TIME_OFFSET, MAX_TIME_OFFSET, " s"))]
+DelayValue = Annotated[float, BeforeValidator(bounded_reader(0.0, 1.0, " s"))]
 Positive = Annotated[float, BeforeValidator(_read_positive), _json_schema(type="number", exclusiveMinimum=0)]
 NonNegative = Annotated[float, BeforeValidator(_read_non_negative), _json_schema(type="number", minimum=0)]
 Count = Annotated[

@@ -24,8 +24,9 @@ from dynident.models import Joint
 from dynident.models.simulation import HasTimes
 from dynident.motion.log import Log
 from dynident.project.columns import is_reference
+from dynident.project.drive_settings import LoopSettings, ServoSettings
 from dynident.project.fields import Interval, interval_ends, interval_words
-from dynident.project.settings import Config, LogSpec, LoopSettings, check_joints
+from dynident.project.settings import Config, LogSpec, check_joints
 from dynident.project.signals import RecordedSignals, bad_values, column_names, controller, has_torques, signals
 from dynident.runtime import (
     ConfigError,
@@ -98,7 +99,7 @@ def read_logs(
     where the channels do not fit the joints, and
     InputError, with file, line and column, where the data cannot be used.
     """
-    reading = _read_unchecked(spec, config, joints, read or read_recording, torque=torque)
+    reading = read_unchecked(spec, config, joints, read or read_recording, torque=torque)
     warnings = list(reading.warnings)
     for piece in reading.logs:
         findings = _findings_of_log(piece, config, joints, ", ".join(map(str, spec.file.values())), reading.measured)
@@ -148,7 +149,7 @@ def read_with_findings(
     read = _RecordingCache([*config.train, *config.validation])
     for role, spec in _specs_by_role(config):
         try:
-            reading = _read_unchecked(spec, config, joints, read)
+            reading = read_unchecked(spec, config, joints, read)
         except InputError as error:
             findings.append(Finding(Remark(str(error)), source=spec.label, severity=Severity.ERROR))
             continue
@@ -161,7 +162,7 @@ def read_with_findings(
     return logs, tuple(findings)
 
 
-def _read_unchecked(
+def read_unchecked(
     spec: LogSpec,
     config: Config,
     joints: Sequence[Joint],
@@ -171,6 +172,8 @@ def _read_unchecked(
 ) -> Reading:
     """Read one recording as ``read_logs`` does, without checking its logs."""
     check_joints(config, joints)
+    if torque and isinstance(config.simulation, ServoSettings):
+        raise ConfigError("simulation: logs of servos have no torque, which this needs; use `dynident identify`.")
     table = read(spec, column_names(config, spec))
     recording = signals(table, config, joints, measured=torque or has_torques(table, config, joints))
     drive = controller(recording, config.simulation, spec, joints) if torque else None

@@ -38,10 +38,11 @@ from dynident.project.config import (
     parse_config,
     robot_text,
 )
+from dynident.project.drive_settings import TorqueInputSettings
 from dynident.project.logs import read_roles, read_with_findings, turning_joints
 from dynident.project.long_recordings import is_long, long_logs, pieces_name, reduce_pieces
 from dynident.project.parts import build_part
-from dynident.project.settings import Config, RobotSettings, TorqueInputSettings
+from dynident.project.settings import Config, RobotSettings
 from dynident.regression import ParallelFilter
 from dynident.runtime import Finding, Noun, Remark, report_progress
 from dynident.runtime.jobs import Limits

@@ -6,24 +6,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, TypeAdapter, ValidationInfo, WrapValidator, model_validator
+from pydantic import Field, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 from pydantic_core import PydanticCustomError
 
 from dynident.files.tables import recording_name
 from dynident.models import Joint
+from dynident.project.drive_settings import LoopSettings, ServoSettings, Simulation, check_loop
 from dynident.project.fields import (
     POSITIONS,
     SHORT_LIST,
     TORQUES,
     UNITS,
-    VELOCITIES,
-    Amount,
-    Angle,
     Channel,
     Count,
     CountOrEach,
     Files,
-    Gain,
     Gravity,
     Name,
     NonNegative,
@@ -42,7 +39,6 @@ from dynident.project.fields import (
     unit_factor,
 )
 from dynident.project.parts import AppSection, PartReader, by_joint
-from dynident.project.python_file import CODE, FileFunction, load_from_file, resolve_file
 from dynident.runtime import ConfigError, choices
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
 
@@ -51,156 +47,6 @@ PLAIN_TERMS = ("rotor", "viscous", "coulomb", "offset")
 
 
 TermPart = Annotated[Any, PartReader(TERMS, plain=True, words=(AUTO,))]
-
-
-class LoopJoint(Section):
-    """What drives of one joint have in common: torque = gain * input, the input within +-saturation.
-
-    ``feedforward`` is a column, in units of the input, or by the name of a recording the column of those that have one.
-    """
-
-    reference: Angle
-    gain: Gain = 1.0
-    saturation: Amount | None = None
-    feedforward: Name | Mapping[Name, Name] | None = None
-
-    def column(self, label: str) -> str | None:
-        """Return the column of the feedforward in a recording."""
-        return self.feedforward.get(label) if isinstance(self.feedforward, Mapping) else self.feedforward
-
-
-class CascadeJoint(LoopJoint):
-    """The drive of one joint: input = kv (kp (reference - q) - dq) + feedforward."""
-
-    kp: Amount
-    kv: Amount
-
-
-class PDJoint(LoopJoint):
-    """The drive of one joint: input = kp (reference - q) + kd (velocity_reference - dq) + feedforward."""
-
-    kp: Amount
-    kd: Amount
-    velocity_reference: Channel | None = None
-
-
-class PIDJoint(PDJoint):
-    """The drive of one joint: that of a PD controller with ki times the integral of (reference - q)."""
-
-    ki: Amount
-
-
-class FunctionJoint(LoopJoint):
-    """The drive of one joint, whose input is what the function returns, plus feedforward."""
-
-
-class LoopSettings(Section):
-    """Free simulation in closed loop with the controllers of the drives, by joint, which work every ``period`` s, by
-    default once a sample, and see the difference of positions ``velocity_steps`` of these apart as velocity."""
-
-    period: Positive | None = None
-    velocity_steps: Annotated[int, Field(ge=1, le=100)] = 1
-    joints: Mapping[Name, LoopJoint] = Field(min_length=1)
-
-
-class CascadeSettings(LoopSettings):
-    """With a position loop around a velocity loop."""
-
-    kind: Literal["cascade"]
-    joints: Mapping[Name, CascadeJoint] = Field(min_length=1)
-
-
-class PDSettings(LoopSettings):
-    """With a spring and a damper."""
-
-    kind: Literal["pd"]
-    joints: Mapping[Name, PDJoint] = Field(min_length=1)
-
-
-class PIDSettings(LoopSettings):
-    """With an integral beside them."""
-
-    kind: Literal["pid"]
-    joints: Mapping[Name, PIDJoint] = Field(min_length=1)
-
-
-class FunctionSettings(LoopSettings):
-    """With a function of a Python file, ``law(t, q, dq, reference, **settings)``, which returns the inputs (n)."""
-
-    kind: Annotated[str, Field(pattern=r"\.py:\w+$")]
-    joints: Mapping[Name, FunctionJoint] = Field(min_length=1)
-    settings: Mapping[Name, Number] = {}
-    _law: FileFunction = PrivateAttr()
-
-    @model_validator(mode="after")
-    def _load_law(self, info: ValidationInfo) -> Self:
-        place, _, name = self.kind.rpartition(":")
-        if (folder := (info.context or {}).get("code")) is None:
-            raise ValueError(f"{self.kind!r} {CODE}")
-        try:
-            path = resolve_file(folder, place, "kind", ConfigError)
-            load_from_file(path, name, "function", "kind", ConfigError)
-        except ConfigError as error:
-            raise ValueError(str(error)) from error
-        self._law = FileFunction(path, name, self.settings)
-        return self
-
-    @property
-    def law(self) -> FileFunction:
-        """The function, with its settings."""
-        return self._law
-
-
-class TorqueInputSettings(Section):
-    """Free simulation driven by the measured torque, restarted every ``restart`` s from the measured state."""
-
-    kind: Literal["measured_torque"]
-    restart: Positive = 0.5
-
-
-SIMULATION_KINDS: Mapping[str, type[Section]] = {
-    "cascade": CascadeSettings,
-    "pd": PDSettings,
-    "pid": PIDSettings,
-    "measured_torque": TorqueInputSettings,
-}
-
-
-def _read_simulation(value: Any, _: Any, info: ValidationInfo) -> Any:
-    """Read the section of its `kind`, so that errors have its place and are of no other kind."""
-    if value is None or isinstance(value, Section):
-        return value
-    if not isinstance(value, Mapping):
-        raise PydanticCustomError("mapping_type", "a mapping")
-    kind = str(value.get("kind"))
-    section = FunctionSettings if kind.rpartition(":")[0].endswith(".py") else SIMULATION_KINDS.get(kind)
-    if section is None:
-        words = f"{value['kind']!r} is not a choice; {choices(kind, SIMULATION_KINDS)}" if "kind" in value else ""
-        words = words or f"needs a `kind`: {', '.join(SIMULATION_KINDS)}"
-        raise PydanticCustomError("words", "{words}", {"words": words})
-    return section.model_validate(value, context=info.context)
-
-
-Simulation = Annotated[
-    CascadeSettings | PDSettings | PIDSettings | FunctionSettings | TorqueInputSettings, WrapValidator(_read_simulation)
-]
-
-
-def check_loop(loop: LoopSettings, joints: Sequence[Joint], labels: Sequence[str], *, geared: bool) -> None:
-    """Check a controller against the model's joints and the names of the recordings; raises ConfigError."""
-    check_same_names("simulation.joints", loop.joints, joints)
-    if geared:
-        raise ConfigError(
-            "simulation: a controller of motors behind a transmission cannot be simulated; use `kind: measured_torque`."
-        )
-    for joint in joints:
-        drive, where = loop.joints[joint.name], f"simulation.joints.{joint.name}"
-        unit_factor(drive.reference.unit, POSITIONS[joint.kind], f"{where}.reference.unit")
-        if isinstance(drive, PDJoint) and drive.velocity_reference is not None:
-            unit_factor(drive.velocity_reference.unit, VELOCITIES[joint.kind], f"{where}.velocity_reference.unit")
-        for name in drive.feedforward if isinstance(drive.feedforward, Mapping) else ():
-            if name not in labels:
-                raise ConfigError(f"{where}.feedforward: there is no recording {name!r}; {choices(name, labels)}")
 
 
 class Time(Section):
@@ -337,12 +183,13 @@ class Config(Section):
 
     With ``transmission`` the channels are those of the motors: it gives for each motor, named like its joint, the
     coefficients of the joints in its position (gear ratios and couplings). ``zero`` (rad, m) is added to positions.
+    Logs of position servos (``simulation`` of that kind) have commands in place of torques.
     """
 
     model: Annotated[str | RobotSettings, WrapValidator(_read_model)]
     time: Time
     position: Mapping[Name, PositionChannel]
-    torque: Mapping[Name, Channel]
+    torque: Mapping[Name, Channel] = {}
     transmission: Mapping[Name, Mapping[Name, Number]] = {}
     zero: Mapping[Name, Number] = {}
     train: tuple[LogSpec, ...] = Field(min_length=1)
@@ -360,6 +207,18 @@ class Config(Section):
     simulation: Simulation | None = None
     excitation: Annotated[Any, AppSection("excitation")] = None
     compare: Annotated[Any, AppSection("compare")] = None
+
+    @model_validator(mode="after")
+    def _check_torque(self) -> Self:
+        is_given = "torque" in self.model_fields_set
+        if isinstance(self.simulation, ServoSettings) is is_given:
+            raise PydanticCustomError(
+                "words",
+                "with position servos (`simulation: { kind: servo }`) `torque` is left out: the commands stand for it"
+                if is_given
+                else "`torque` is missing; a log of commands and positions alone has `simulation: { kind: servo }`",
+            )
+        return self
 
 
 def check_joints(config: Config, joints: Sequence[Joint]) -> None:
@@ -388,7 +247,11 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
 
 
 def _check_channels(config: Config, joints: Sequence[Joint]) -> None:
-    for section, channels, units in (("position", config.position, POSITIONS), ("torque", config.torque, TORQUES)):
+    sections = [("position", config.position, POSITIONS), ("torque", config.torque, TORQUES)]
+    if isinstance(config.simulation, ServoSettings):
+        servos = config.simulation.joints
+        sections[1] = ("simulation.joints", {name: servo.command for name, servo in servos.items()}, POSITIONS)
+    for section, channels, units in sections:
         check_same_names(section, channels, joints)
         for joint in joints:
             unit_factor(channels[joint.name].unit, units[joint.kind], f"{section}.{joint.name}.unit")

@@ -13,17 +13,16 @@ from dynident.files.tables import DataTable
 from dynident.models import Joint
 from dynident.models.simulation import PD, PID, CascadePD, DifferencingLoop, Function, HasTimes
 from dynident.motion.log import Controller
-from dynident.project.fields import POSITIONS, TORQUES, VELOCITIES, Angle, Channel, unit_factor
-from dynident.project.settings import (
+from dynident.project.drive_settings import (
     CascadeSettings,
-    Config,
     FunctionSettings,
-    LogSpec,
     LoopJoint,
     LoopSettings,
     PDJoint,
     PIDSettings,
 )
+from dynident.project.fields import POSITIONS, TORQUES, VELOCITIES, Angle, Channel, unit_factor
+from dynident.project.settings import Config, LogSpec
 from dynident.runtime import ConfigError, InputError
 
 Array = NDArray[np.float64]
@@ -61,7 +60,8 @@ def column_names(config: Config, spec: LogSpec) -> set[str]:
 def has_torques(table: DataTable, config: Config, joints: Sequence[Joint]) -> bool:
     """Whether the table has any column of a torque."""
     available_names = {*table.columns, *table.constants, *table.faults}
-    return any(name in available_names for joint in joints for name in config.torque[joint.name].terms)
+    channels = [config.torque[joint.name] for joint in joints if joint.name in config.torque]
+    return any(name in available_names for channel in channels for name in channel.terms)
 
 
 def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> RecordedSignals:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -22,6 +22,7 @@ from dynident.apps.init.match import (
     time_column,
     turn_size,
 )
+from dynident.apps.init.servo_draft import command_columns
 from dynident.apps.init.shape_match import match_by_shape
 from dynident.files.tables import DataTable
 from dynident.identification import held_joints
@@ -66,7 +67,7 @@ class ColumnMapping:
     ``still_joints`` are the locked joints that are recorded with position and torque but do not move. ``reasons``
     say how the columns of "position" and "torque" were matched. ``unused`` are columns of the same length without
     a use, and ``unknown_joints`` those of them that are positions of joints that the robot does not have.
-    ``gaps`` says whether the stamps have any.
+    ``gaps`` says whether the stamps have any. ``command`` has the commanded positions where there is no torque.
     """
 
     time: TimeColumn
@@ -78,6 +79,7 @@ class ColumnMapping:
     unknown_joints: tuple[str, ...]
     gaps: bool
     still_joints: tuple[str, ...] = ()
+    command: Mapping[str, ChannelProposal] = field(default_factory=dict)
 
 
 def widths(tables: Mapping[str, DataTable]) -> dict[str, int]:
@@ -127,7 +129,8 @@ def map_columns(
     rows = match_length(table, position or torque)
     time = time_column(table, column_families, rows, ros, nameless=nameless)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
-    left = _unused_columns(table, rows, time, matches.values())
+    commands = command_columns(table, usable, position) if torque is None else {}
+    left = [name for name in _unused_columns(table, rows, time, matches.values()) if name not in commands.values()]
     locked = _lock_positions(table, joints, names, signals)
     return ColumnMapping(
         time=time,
@@ -137,10 +140,11 @@ def map_columns(
         torque=_torque_channels(table, identified_joints, torque, ros),
         lock={name: (q, "" if name in still else why) for name, (q, why) in locked.items()},
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
-        unused=left,
+        unused=tuple(left),
         unknown_joints=_unknown_joint_columns(left, position, joints),
         gaps=has_gaps(table, time),
         still_joints=tuple(name for name in still if name not in names),
+        command={name: replace(signals[name], column=column) for name, column in commands.items() if name in names},
     )
 
 

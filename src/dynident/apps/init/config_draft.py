@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
 from dynident.apps.init.match import MovableJoint
+from dynident.apps.init.servo_draft import GAIN_QUESTION, servo_section, servos_of_file
 from dynident.checks import relative_gains
 from dynident.files.opener import relative
 from dynident.files.ros import BAGS
@@ -99,20 +100,26 @@ def _drop_common_start(words: list[list[str]]) -> list[list[str]]:
 class ConfigDraft:
     """The text of a configuration draft.
 
-    ``notes`` say what it leaves out; ``questions`` are to be confirmed and ``blanks`` to be filled in.
+    ``notes`` say what it leaves out; ``questions`` are to be confirmed and ``blanks`` to be filled in. ``servos``:
+    commands stand for the torques.
     """
 
     text: str
     notes: tuple[str, ...]
     questions: tuple[str, ...]
     blanks: tuple[str, ...]
+    servos: bool = False
 
 
 def check_same_columns(mapping: ColumnMapping, sources: Sequence[LogSource]) -> None:
     """Raise InputError where a later recording lacks a column that was mapped in the first."""
     mapped_columns = [
         mapping.time.column,
-        *(channel.column for channel in (*mapping.position.values(), *mapping.torque.values())),
+        *(
+            channel.column
+            for channels in (mapping.position, mapping.torque, mapping.command)
+            for channel in channels.values()
+        ),
     ]
     for source in sources[1:]:
         for name in filter(None, mapped_columns):
@@ -139,14 +146,23 @@ def draft_config(
     for guess in dict.fromkeys(guess for source in sources for guess in source.table.guesses):
         page.ask("file", f"{guess} Is this right?")
     _write_time(page, mapping)
-    for section, signals in (("position", mapping.position), ("torque", mapping.torque)):
-        _write_channels(page, section, signals, mapping)
+    _write_channels(page, "position", mapping.position, mapping)
+    if mapping.command:
+        lines, asked = servo_section(servos_of_file(robot, joints), mapping.command, _yaml_name)
+        page.lines.extend(lines)
+        if asked:
+            page.ask("simulation.joints", f"{join_names(asked)}: {GAIN_QUESTION}")
+    else:
+        _write_channels(page, "torque", mapping.torque, mapping)
     _write_unused(page, mapping, sources[0].table)
     _write_logs(page, mapping, sources, folder)
     if mapping.gaps:
         page.line("gaps: split  # the stamps have gaps; each piece is smoothed separately")
-    page.line("")
-    page.line("estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares")
+    if not mapping.command:
+        page.line("")
+        page.line(
+            "estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares"
+        )
     notes = []
     if mapping.still_joints:
         notes.append(
@@ -162,7 +178,7 @@ def draft_config(
         notes += [f"{name!r} {fault}" for name, fault in table.faults.items() if name not in table.texts]
     # names and reasons come from files: a control character must not start a new line or hide text
     text = "\n".join(UNPRINTABLE.sub("?", line) for line in page.lines) + "\n"
-    return ConfigDraft(text, tuple(notes), tuple(page.questions), tuple(page.blanks))
+    return ConfigDraft(text, tuple(notes), tuple(page.questions), tuple(page.blanks), bool(mapping.command))
 
 
 @dataclass(frozen=True)
@@ -206,6 +222,8 @@ def _write_model(page: _Page, robot: str, joints: Sequence[MovableJoint], mappin
     for name, (value, question) in mapping.lock.items():
         why = "  # does not move in the logs" if name in mapping.still_joints else ""
         page.line(f"    {_yaml_name(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
+    if mapping.command:
+        return
     page.line("  terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs")
     page.line(
         "  # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG "

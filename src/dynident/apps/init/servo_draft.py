@@ -1,0 +1,112 @@
+"""Draft of the position servos of a robot whose logs have commands and positions, and no torque."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.apps.init.match import Match, MovableJoint
+from dynident.files.tables import DataTable
+from dynident.files.xml_text import SUFFIXES
+from dynident.project.columns import is_commanded, read_name
+from dynident.project.config import robot_text
+from dynident.runtime import DynidentError
+
+if TYPE_CHECKING:
+    from dynident.apps.init.column_mapping import ChannelProposal
+
+GAIN_QUESTION = (
+    "kp (N m/rad) is not in the robot file: give that of the servo, by its data sheet or firmware; `estimate` finds it "
+    "by masses and inertias of the file, which must be right"
+)
+
+
+@dataclass(frozen=True)
+class ServoProposal:
+    """What a robot file says of a joint's servo: kp (None: nothing), kd and limit (None: none), and the actuator."""
+
+    kp: float | None = None
+    kd: float = 0.0
+    limit: float | None = None
+    actuator: str = ""
+
+
+def command_columns(table: DataTable, joints: Sequence[MovableJoint], position: Match | None) -> dict[str, str]:
+    """Return the columns of commanded positions by joint, for all joints of the ``position``; empty where one lacks."""
+    if position is None:
+        return {}
+    names = [joint.name for joint in joints]
+    # a joint is named in a command as in its position, or has the same number there
+    keys = {}
+    for joint, column in position.columns.items():
+        name = read_name(column, names)
+        keys[name.joint or name.number] = joint
+    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    rows = len(table.columns[next(iter(position.columns.values()))])
+    for column, values in table.columns.items():
+        name = read_name(column, names)
+        key = name.joint or name.number
+        is_used = column in position.columns.values() or len(values) != rows or not np.isfinite(values).any()
+        if key in keys and not is_used and is_commanded(column) and name.role in ("", "position"):
+            groups.setdefault(name.family, {}).setdefault(keys[key], column)
+    complete = [group for group in groups.values() if group.keys() == position.columns.keys()]
+    return complete[0] if complete else {}
+
+
+def servos_of_file(robot: str, joints: Iterable[MovableJoint]) -> Mapping[str, ServoProposal]:
+    """Return the servos that the actuators of an MJCF describe, by joint; of others the limits of the joints."""
+    servos = {joint.name: ServoProposal(limit=joint.limits.effort) for joint in joints}
+    if Path(robot).suffix.lower() not in SUFFIXES:
+        return servos
+    try:
+        import mujoco
+
+        text = robot_text(Path(robot))
+        actuators = mujoco.MjSpec.from_string(text).actuators if "<actuator" in text else ()
+    except (ImportError, ValueError, DynidentError):  # said where the robot is simulated
+        return servos
+    for actuator in actuators:
+        if actuator.target in servos and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            servos[actuator.target] = _servo(actuator, servos[actuator.target].limit)
+    return servos
+
+
+def _servo(actuator: object, effort: float | None) -> ServoProposal:
+    """Return what an actuator says, at the joint behind its gear; a motor has limits alone."""
+    gear, name = abs(float(actuator.gear[0])) or 1.0, str(actuator.name)  # type: ignore[attr-defined]
+    gain, bias = float(actuator.gainprm[0]), actuator.biasprm  # type: ignore[attr-defined]
+    # a range is a limit where the file does not say otherwise
+    low, high = map(float, actuator.forcerange)  # type: ignore[attr-defined]
+    limit = gear * min(abs(low), abs(high)) if low < high and int(actuator.forcelimited) else effort  # type: ignore[attr-defined]
+    if not math.isclose(gain, -float(bias[1])) or not gain:  # no position servo
+        return ServoProposal(limit=limit, actuator=name)
+    # a negative kv stands for a damping ratio, which is resolved by the masses
+    return ServoProposal(gain * gear**2, max(-float(bias[2]), 0.0) * gear**2, limit, name)
+
+
+def servo_section(
+    servos: Mapping[str, ServoProposal], commands: Mapping[str, ChannelProposal], quote: Callable[[str], str]
+) -> tuple[list[str], list[str]]:
+    """Return the lines of `simulation` in a draft, and the joints whose kp has to be asked for; ``quote`` for YAML."""
+    lines = [
+        "",
+        "simulation:  # no torque was recorded: position servos are simulated in MuJoCo, driven by the commands",
+        "  kind: servo",
+        "  commands: held  # until the next one; or interpolated",
+        "  delay: estimate  # or s, from a command to the position that answers it",
+        "  joints:",
+    ]
+    for name, channel in commands.items():
+        servo, wraps = servos[name], f" wraps: {channel.wraps!r}," if channel.wraps else ""
+        text = f"command: {{ column: {quote(str(channel.column))},{wraps} unit: {channel.unit} }}, "
+        text += f"kp: {'estimate' if servo.kp is None else f'{servo.kp:.6g}'}"
+        text += f", kd: {servo.kd:.6g}" if servo.kd else ""
+        text += f", limit: {servo.limit:.6g}" if servo.limit else ""
+        reason = f"  # of the actuator {servo.actuator!r}" if servo.kp is not None and servo.actuator else ""
+        lines.append(f"    {quote(name)}: {{ {text} }}{reason}")
+    return lines, [name for name in commands if servos[name].kp is None]

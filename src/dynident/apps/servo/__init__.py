@@ -1,0 +1,14 @@
+"""Arms of position servos, identified from commands and positions by simulating them in MuJoCo."""
+
+from dynident.apps.servo.report import (
+    MODEL,
+    NUMBERS,
+    PAGE,
+    parameter_table,
+    rollout_table,
+    servo_dict,
+    servo_page,
+    suspect_lines,
+    verdict_words,
+)
+from dynident.apps.servo.run import ServoIdentification, identify_servo, read_servo_logs

@@ -1,0 +1,171 @@
+"""The values of a servo arm whose simulated positions are nearest to the measured ones, and their standard errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.servo.plant import ServoPlant
+from dynident.apps.servo.start import SmoothLog
+from dynident.apps.servo.values import Entry, Quantity, ServoValues
+from dynident.runtime import ModelError, Noun, report_progress
+
+Array = NDArray[np.float64]
+SETTLING = 0.5  # s at the start of a rollout that are not compared: the speed there is not measured
+MAX_ITERATIONS = 12
+TOLERANCE = 0.1  # standard errors, below which a step ends the search
+MIN_DECREASE = 0.05  # of the squared error in a step, below which the sensitivities are not computed again
+MAX_LOG_STEP = 1.0  # of a logarithm, in one step
+MAX_CHORD_STEP = 0.02  # of a coordinate, beyond which they are in any case
+STEPS = {Quantity.DELAY: 5e-4, Quantity.OFFSET: 1e-3}  # s and rad, of differences
+LOG_STEP = 1e-3  # of logarithms: small, as a factor that all values of a joint share hardly acts
+CORRELATION_TIME = 0.3  # s, over which residuals may be correlated
+MIN_SHARE = 1e-6  # of the largest eigenvalue of the scaled information, below which a direction is not determined
+MIN_WEIGHT_SHARE = 0.02  # of this log's largest residual: a joint that fits much better counts no more than this
+
+
+class ServoFit(Noun):
+    """A fit: ``values`` with the ``entries`` that were sought and their covariance (p, p), that of the search's
+    coordinates.
+
+    ``residuals`` (N', n) are simulated less measured positions of all recordings, ``sensitivity`` (N', n, p) their
+    derivatives, and ``scale`` (n) their standard deviations. ``undetermined`` are combinations of entries that the
+    recordings do not tell apart.
+    """
+
+    values: ServoValues
+    entries: tuple[Entry, ...]
+    covariance: Array
+    residuals: Array
+    sensitivity: Array
+    scale: Array
+    iterations: int
+    converged: bool
+    undetermined: tuple[tuple[Entry, ...], ...]
+
+    @property
+    def std(self) -> Array:
+        """The standard errors (p) of the entries, in their units."""
+        factors = [self.values.entry(entry) if entry.quantity.positive else 1.0 for entry in self.entries]
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.array(factors))
+
+
+def residuals(plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues) -> Array:
+    """Return simulated less measured positions (N', n) of all recordings, without the settling at their starts."""
+    parts = []
+    for motion in motions:
+        log = motion.log
+        simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
+        parts.append((simulated - log.q)[log.t > log.t[0] + SETTLING])
+    return np.vstack(parts)
+
+
+def sensitivity(
+    plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, entries: Sequence[Entry], base: Array
+) -> Array:
+    """Return the derivatives (N', n, p) of the residuals ``base`` at the values, by differences."""
+    coordinates, columns = values.coordinates(entries), []
+    for k, entry in enumerate(entries):
+        size = STEPS.get(entry.quantity, LOG_STEP)
+        moved = coordinates.copy()
+        moved[k] += size
+        columns.append((residuals(plant, motions, values.at(entries, moved)) - base) / size)
+    return np.stack(columns, axis=-1)
+
+
+def fit_values(
+    plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, entries: Sequence[Entry]
+) -> ServoFit:
+    """Return the fit by Gauss-Newton steps with Levenberg's damping, from ``values``.
+
+    Residuals are weighted by their standard deviation at each joint, found anew in each step.
+    """
+    entries = tuple(entries)
+    base = residuals(plant, motions, values)
+    if not np.isfinite(base).all():
+        raise ModelError(
+            "the simulation of the servos diverges: look at `kp` and `limit`, and at the file's time step and masses."
+        )
+    damping, converged, iteration = 1e-5, False, 0
+    slopes = sensitivity(plant, motions, values, entries, base)
+    while iteration < MAX_ITERATIONS and not converged:
+        iteration += 1
+        scale = joint_scale(base)
+        report_progress(f"simulating the servos, step {iteration}: {1e3 * np.sqrt((base**2).mean()):.3g} mrad")
+        information, gradient = _normal_equations(slopes, base, scale)
+        size = np.sqrt(np.diag(information)) + 1e-12
+        accepted = False
+        for _ in range(8):
+            step = -np.linalg.solve(information / np.outer(size, size) + damping * np.eye(len(size)), gradient / size)
+            step = step / size
+            step *= min(1.0, MAX_LOG_STEP / np.abs(step).max(initial=1e-300))
+            candidate = values.at(entries, values.coordinates(entries) + step)
+            moved = residuals(plant, motions, candidate)
+            decrease = 1 - ((moved / scale) ** 2).sum() / ((base / scale) ** 2).sum()
+            if decrease > 0:
+                accepted = True
+                break
+            damping = max(10 * damping, 1e-3)
+        if not accepted:
+            break
+        damping /= 10
+        # Newton's decrement: how far the minimum is, in standard errors
+        decrement = np.sqrt(max(-float(gradient @ step), 0.0))
+        values, base = candidate, moved
+        converged = decrement < TOLERANCE
+        if not converged and (decrease > MIN_DECREASE or np.abs(step).max() > MAX_CHORD_STEP):
+            slopes = sensitivity(plant, motions, values, entries, base)
+    return summarise(values, entries, base, slopes, motions, iteration, converged or not accepted)
+
+
+def joint_scale(base: Array) -> Array:
+    """Return the standard deviations (n) that weight the joints."""
+    scale = np.sqrt((base**2).mean(axis=0))
+    return np.asarray(np.maximum(scale, max(MIN_WEIGHT_SHARE * scale.max(), 1e-9)))
+
+
+def _normal_equations(slopes: Array, base: Array, scale: Array) -> tuple[Array, Array]:
+    """Return information (p, p) and gradient (p) of weighted residuals."""
+    rows = (slopes / scale[None, :, None]).reshape(-1, slopes.shape[-1])
+    return rows.T @ rows, rows.T @ (base / scale).ravel()
+
+
+def summarise(
+    values: ServoValues, entries: tuple[Entry, ...], base: Array, slopes: Array, motions: Sequence[SmoothLog],
+    iterations: int, converged: bool,
+) -> ServoFit:  # fmt: skip
+    """Return the fit at values, with its covariance: a sandwich, of scores that are correlated over time."""
+    scale = joint_scale(base)
+    information, _ = _normal_equations(slopes, base, scale)
+    step = float(np.median(np.diff(motions[0].log.t)))
+    scores = np.einsum("ijk,ij->ik", slopes / scale[None, :, None], base / scale)
+    meat = correlated_sum(scores, step)
+    size = np.sqrt(np.diag(information)) + 1e-12
+    spectrum, vectors = np.linalg.eigh(information / np.outer(size, size))
+    weak = spectrum < MIN_SHARE * spectrum[-1]
+    inverse = (vectors / np.maximum(spectrum, MIN_SHARE * spectrum[-1])) @ vectors.T / np.outer(size, size)
+    covariance = inverse @ meat @ inverse
+    # with few independent residuals the sandwich is too small: it is not let below the plain inverse
+    plain = np.diag(inverse)
+    floor = np.sqrt(np.maximum(plain / np.maximum(np.diag(covariance), 1e-12 * plain), 1.0))
+    covariance = covariance * np.outer(floor, floor)
+    undetermined = tuple(
+        tuple(entries[i] for i in np.flatnonzero(np.abs(vectors[:, k]) > 0.3)) for k in np.flatnonzero(weak)
+    )
+    return ServoFit(values, entries, covariance, base, slopes, scale, iterations, converged, undetermined)
+
+
+def correlated_sum(scores: Array, step: float) -> Array:
+    """Return the covariance (p, p) of the sum of scores (N, p) that are correlated over ``CORRELATION_TIME``.
+
+    Newey and West, "A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
+    matrix", Econometrica 55 (1987).
+    """
+    total = scores.T @ scores
+    lags = min(round(CORRELATION_TIME / step), len(scores) - 1)
+    for lag in range(1, lags + 1):
+        product = (1 - lag / (lags + 1)) * scores[lag:].T @ scores[:-lag]
+        total += product + product.T
+    return np.asarray(total)

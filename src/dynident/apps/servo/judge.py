@@ -1,0 +1,97 @@
+"""Rollouts of a servo arm beside recordings, and whether its model is good for simulation: judged by held-out ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.servo.fit import SETTLING
+from dynident.apps.servo.plant import ServoLog, ServoPlant
+from dynident.apps.servo.start import SmoothLog
+from dynident.apps.servo.values import ServoValues
+from dynident.runtime import Noun
+
+Array = NDArray[np.float64]
+WINDOW = 0.5  # s, of short rollouts
+MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.03, 0.15  # of the spread of a joint's motion
+NOISE_FACTOR = 2.0  # times the noise of the positions: a smaller error is not seen
+
+
+class ServoUse(StrEnum):
+    """What the model of a servo arm is good for, the best first."""
+
+    GOOD = "good for simulation"
+    CARE = "simulate with care"
+    NO = "do not use"
+
+
+class ServoRollout(Noun):
+    """A recording beside its simulation: ``simulated`` and ``nominal`` (N, n) positions from its first sample on.
+
+    Errors (n) are root mean squares, rad or m: of the whole rollout, of the file's values, and of ``window_error``
+    rollouts of 0.5 s from measured positions. ``noise`` (n) is that of the positions, ``spread`` (n) of the motion.
+    """
+
+    log: ServoLog
+    role: str
+    simulated: Array
+    nominal: Array
+    error: Array
+    nominal_error: Array
+    window_error: Array
+    noise: Array
+    spread: Array
+
+    @property
+    def use(self) -> ServoUse:
+        """What the rollout speaks for."""
+        floor, worst = NOISE_FACTOR * self.noise, np.maximum(self.error, self.window_error)
+        if (worst <= np.maximum(floor, MAX_GOOD_ERROR * self.spread)).all():
+            return ServoUse.GOOD
+        return ServoUse.CARE if (worst <= np.maximum(floor, MAX_FAIR_ERROR * self.spread)).all() else ServoUse.NO
+
+
+def position_noise(q: Array) -> Array:
+    """Return the noise (n) of positions (N, n): of third differences, and of the counts of an encoder."""
+    third = np.diff(q, 3, axis=0)
+    noise = 1.4826 * np.median(np.abs(third), axis=0) / np.sqrt(20.0)
+    steps = np.abs(np.diff(q, axis=0))
+    counts = [float(column[column > 1e-9].min(initial=np.inf)) for column in steps.T]
+    # a count is a smallest step of which all steps are multiples
+    pairs = zip(counts, steps.T, strict=True)
+    on_grid = [np.isfinite(c) and bool((np.abs(s / c - np.round(s / c)) < 0.02).all()) for c, s in pairs]
+    quantised = np.where(on_grid, np.array(counts), 0.0) / np.sqrt(12)
+    return np.asarray(np.maximum(noise, quantised))
+
+
+def roll_out(
+    plant: ServoPlant, motion: SmoothLog, role: str, values: ServoValues, nominal: ServoValues
+) -> ServoRollout:
+    """Return a recording beside its simulation with the fitted and with the file's values, delay and all."""
+    log = motion.log
+    simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
+    before = plant.rollout(nominal, log, speeds=motion.speeds)[0]
+    later = log.t > log.t[0] + SETTLING
+    first = min(SETTLING, log.t[-1] - log.t[0] - WINDOW)  # of a short recording, the end
+    starts = np.searchsorted(log.t, np.arange(log.t[0] + first, log.t[-1] - WINDOW + 1e-6, WINDOW))
+    stops = [min(int(np.searchsorted(log.t, log.t[k] + WINDOW)) + 1, len(log.t)) for k in starts]
+    # measured speeds are unsure where positions are counts: those of the simulation are taken
+    windows = plant.rollout(values, log, list(starts), stops, np.gradient(simulated, log.t, axis=0))
+    misses = np.vstack([path - log.q[a:b] for path, a, b in zip(windows, starts, stops, strict=True)])
+    return ServoRollout(
+        log, role, simulated, before, _rms((simulated - log.q)[later]), _rms((before - log.q)[later]), _rms(misses),
+        position_noise(log.q), log.q.std(axis=0),
+    )  # fmt: skip
+
+
+def _rms(x: Array) -> Array:
+    return np.asarray(np.sqrt((x**2).mean(axis=0)))
+
+
+def verdict_of(rollouts: Sequence[ServoRollout]) -> ServoUse | None:
+    """Return what a model is good for by its held-out rollouts, the worst of them; None where there is none."""
+    uses = [rollout.use for rollout in rollouts if rollout.role == "validation"]
+    return max(uses, key=list(ServoUse).index, default=None)

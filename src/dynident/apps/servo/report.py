@@ -1,0 +1,168 @@
+"""Tables, words and page of an identified servo arm, its numbers for programs, and the files of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.servo.judge import ServoRollout, ServoUse
+from dynident.apps.servo.run import ServoIdentification, entry_name
+from dynident.apps.servo.values import FRICTION, Entry, Quantity
+from dynident.report import Drawing
+from dynident.report.figures import AMBER, BLUE, INK, curve, panels
+from dynident.report.page import UNIT, Badge, Column, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
+from dynident.report.page import pair_table as pairs
+from dynident.runtime import number
+
+Array = NDArray[np.float64]
+NUMBERS, PAGE, MODEL = "servo.json", "report.html", "robot.xml"
+INTERVAL = 1.96  # standard errors on each side, which hold 95 %
+TONES = {ServoUse.GOOD: "good", ServoUse.CARE: "fair", ServoUse.NO: "bad"}
+UNITS = {  # of joints that turn, and of those that slide
+    Quantity.ARMATURE: ("kg m^2", "kg"), Quantity.DAMPING: ("N m s/rad", "N s/m"), Quantity.FRICTIONLOSS: ("N m", "N"),
+    Quantity.KP: ("N m/rad", "N/m"), Quantity.OFFSET: ("rad", "m"), Quantity.MASS: ("", ""), Quantity.DELAY: ("s", "s"),
+}  # fmt: skip
+NOT_JUDGED = "not judged: no recording is held out"
+
+
+def verdict_words(result: ServoIdentification) -> str:
+    """Return what the model is good for, with the rollouts that tell it."""
+    held_out = [rollout for rollout in result.rollouts if rollout.role == "validation"]
+    if result.use is None:
+        return f"{NOT_JUDGED[0].upper()}{NOT_JUDGED[1:]}."
+    largest = {name: max(_largest(getattr(r, name)) for r in held_out) for name in ("error", "nominal_error", "noise")}
+    words = {name: number(1e3 * value, 2) for name, value in largest.items()}
+    return (
+        f"{result.name}: {result.use}. Held-out rollouts are {words['error']} mrad or mm from the positions at the "
+        f"worst joint, those of the robot file {words['nominal_error']}; positions are known to {words['noise']}."
+    )
+
+
+def _largest(x: Array) -> float:
+    return float(np.max(x))
+
+
+def rows_of(result: ServoIdentification) -> Iterator[tuple[Entry, float, float, float]]:
+    """Yield each fitted entry, joint by joint, with its value, standard error, and the file's value."""
+    fit = result.fit
+    stds = dict(zip(fit.entries, fit.std, strict=True))
+    order = list(Quantity)
+    for entry in sorted(fit.entries, key=lambda e: (e.quantity is Quantity.DELAY, e.k, order.index(e.quantity))):
+        yield entry, fit.values.entry(entry), float(stds[entry]), result.nominal.entry(entry)
+
+
+def parameter_table(result: ServoIdentification) -> PageTable:
+    """Return the fitted values with their standard errors, beside those of the file."""
+    names, rows = [joint.name for joint in result.joints], []
+    for entry, value, std, nominal in rows_of(result):
+        unit = UNITS[entry.quantity][result.joints[entry.k].kind == "prismatic"]
+        before = "" if entry.quantity is Quantity.DELAY else number(nominal, 4)
+        rows.append((entry_name(entry, names), number(value, 4), number(std, 2), before, unit))
+    columns = (Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("file"), UNIT)
+    return PageTable(columns, tuple(rows), "Values by which the simulated positions are nearest to the measured ones")
+
+
+def rollout_table(result: ServoIdentification) -> PageTable:
+    """Return the errors of rollouts by recording and joint, in mrad or mm."""
+    rows = [
+        (rollout.log.name, rollout.role, joint.name, *(number(1e3 * float(x[k]), 3) for x in _errors(rollout)))
+        for rollout in result.rollouts
+        for k, joint in enumerate(result.joints)
+    ]
+    texts = (Column("recording", numeric=False), Column("role", numeric=False), Column("joint", numeric=False))
+    heads = tuple(map(Column, ("whole", "0.5 s", "file, whole", "noise")))
+    return PageTable((*texts, *heads), tuple(rows), "Errors of rollouts (root mean squares), mrad or mm")
+
+
+def _errors(rollout: ServoRollout) -> tuple[Array, ...]:
+    return rollout.error, rollout.window_error, rollout.nominal_error, rollout.noise
+
+
+def suspect_lines(result: ServoIdentification) -> tuple[str, ...]:
+    """Return what of the given values the logs contradict."""
+    names, fit = [joint.name for joint in result.joints], result.fit
+    stds = dict(zip(fit.entries, fit.std, strict=True))
+    return tuple(
+        f"{entry_name(entry, names)}: {number(result.nominal.entry(entry), 4)} was given, but the logs say "
+        f"{number(fit.values.entry(entry), 4)} +- {number(float(stds[entry]), 2)}, which is used; look why."
+        for entry in result.suspects
+    )
+
+
+def servo_page(result: ServoIdentification) -> str:
+    """Return the result as one HTML page."""
+    use, fit = result.use, result.fit
+    badge = Badge(str(use or NOT_JUDGED), TONES[use] if use else "fair")  # type: ignore[arg-type]
+    facts = Facts(
+        (
+            (f"{number(1e3 * fit.values.delay)} ms", "from command to position"),
+            (f"{number(1e3 * float(fit.scale.max()), 2)} mrad", "largest error of a joint in training"),
+            (f"{len(fit.entries)}", "values fitted"),
+        )
+    )
+    views = tuple(
+        (
+            (f"{r.log.name} ({r.role})", joint.name),
+            (Figure(_drawing(r, k), "The command acts late."),),
+        )
+        for r in sorted(result.rollouts, key=lambda r: r.role != "validation")
+        for k, joint in enumerate(result.joints)
+    )
+    notes = (*suspect_lines(result), *result.warnings)
+    method = (
+        "The arm is simulated in MuJoCo from the first sample of each recording, driven by the commands; "
+        "standard errors count that residuals are correlated over time. A delay of the command and one of the position "
+        "act alike: it is their sum. An error of kp that no gravity or inertia shows is in all values of the joint."
+    )
+    sections = [
+        PageSection("Verdict", (verdict_words(result), facts), badge),
+        PageSection("Warnings", (notes or "None.",)),
+        PageSection("Values", (parameter_table(result), method)),
+        PageSection("Rollouts beside the measurement", (Gallery(("recording", "joint"), views), rollout_table(result))),
+        PageSection("Files", (Fold("SHA-256 of the files read", (pairs("file", list(result.hashes.items())),)),)),
+    ]
+    lead = f"{len(result.joints)} position servos, identified from commands and positions; {MODEL} is the model."
+    return render(f"Servos of {result.name}", lead, sections)
+
+
+def _drawing(rollout: ServoRollout, k: int) -> Drawing:
+    """Draw a joint's rollout beside its positions and commands, and the errors below."""
+    log = rollout.log
+    t = log.t - log.t[0]
+    figure = panels(["position, rad or m", "error, mrad or mm"], 420, heights=[2.0, 1.0])
+    command = np.interp(log.t, log.sent, log.command[:, k])
+    for series, name, colour in (
+        (command, "command", AMBER), (log.q[:, k], "measured", INK), (rollout.simulated[:, k], "simulated", BLUE),
+    ):  # fmt: skip
+        figure.add(curve(t, series, name, {"color": colour, "width": 1.5}, 600))
+    difference = 1e3 * (rollout.simulated[:, k] - log.q[:, k])
+    figure.add(curve(t, difference, "simulated less measured", {"color": BLUE, "width": 1}, 600), 2)
+    return figure
+
+
+def servo_dict(result: ServoIdentification) -> dict[str, Any]:
+    """Return the numbers of a result for programs; ``low`` and ``high`` hold 95 %, as for domain randomisation."""
+    rows = [
+        {
+            "joint": None if entry.quantity is Quantity.DELAY else result.joints[entry.k].name,
+            "quantity": str(entry.quantity), "value": value, "std": std, "file": nominal,
+            "unit": UNITS[entry.quantity][result.joints[entry.k].kind == "prismatic"],
+            "low": max(value - INTERVAL * std, 0.0) if entry.quantity in FRICTION else value - INTERVAL * std,
+            "high": value + INTERVAL * std, "given": entry in result.suspects,
+        }
+        for entry, value, std, nominal in rows_of(result)
+    ]  # fmt: skip
+    rollouts = [
+        {"name": r.log.name, "role": r.role, "whole": r.error, "half_second": r.window_error, "file": r.nominal_error,
+         "noise": r.noise}
+        for r in result.rollouts
+    ]  # fmt: skip
+    return {
+        "robot": result.name, "use": None if result.use is None else str(result.use),
+        "joints": [joint.name for joint in result.joints], "parameters": rows, "rollouts": rollouts,
+        "converged": result.fit.converged, "written_model_difference": result.difference,
+        "warnings": [*suspect_lines(result), *result.warnings], "files": result.hashes,
+    }  # fmt: skip

@@ -1,0 +1,209 @@
+"""From a configuration of a servo arm to its identified model: logs, fit, suspects, rollouts and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.servo.fit import ServoFit, fit_values
+from dynident.apps.servo.judge import ServoRollout, ServoUse, roll_out, verdict_of
+from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
+from dynident.apps.servo.robot import MAX_ROLLOUT_DIFFERENCE, load_plant, mjcf_text, rollout_difference, write_mjcf
+from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, start_values
+from dynident.apps.servo.suspects import suspect_entries
+from dynident.apps.servo.values import FRICTION, Entry, Quantity, ServoValues
+from dynident.checks import check_log
+from dynident.models import Joint
+from dynident.project.config import model_file
+from dynident.project.drive_settings import ServoSettings
+from dynident.project.logs import read_recording, read_unchecked, turning_joints
+from dynident.project.project import Project, log_files
+from dynident.project.settings import Config, LogSpec, RobotSettings
+from dynident.runtime import ConfigError, ModelError, Noun, Severity, report_progress, require
+
+Array = NDArray[np.float64]
+MAX_ROUNDS = 2  # of testing what is given and fitting it too
+
+
+class ServoIdentification(Noun):
+    """The identified model of a servo arm: the ``fit``, the values of the ``nominal`` file, and what they are worth.
+
+    ``suspects`` were given, but contradict the log, and are fitted too. ``mjcf`` is the robot file with the fitted
+    values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    fit: ServoFit
+    nominal: ServoValues
+    suspects: tuple[Entry, ...]
+    rollouts: tuple[ServoRollout, ...]
+    mjcf: str
+    difference: float
+    warnings: tuple[str, ...]
+    hashes: dict[str, str]
+
+    @property
+    def use(self) -> ServoUse | None:
+        """What the model is good for, by held-out rollouts; None where there is none."""
+        return verdict_of(self.rollouts)
+
+
+def identify_servo(project: Project) -> ServoIdentification:
+    """Identify the arm of position servos that a configuration describes, by simulating it in MuJoCo.
+
+    Raises ConfigError where the configuration is not of that kind, ModelError where MuJoCo is not installed or cannot
+    simulate the file, InputError where a log cannot be used.
+    """
+    import_mujoco()
+    config, joints = project.config, project.model.joints
+    settings, robot = config.simulation, config.model
+    path = model_file(robot, project.path.parent)
+    if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
+        raise ConfigError("a servo arm has a robot file as its `model` and `simulation: { kind: servo }`.")
+    text = mjcf_text(path)
+    names = [joint.name for joint in joints]
+    plant = load_plant(robot, text, names, path.name)
+    logs, remarks = read_servo_logs(project)
+    motions = {role: [smooth_servo_log(log) for log in logs[role]] for role in logs}
+    warnings = [*project.warnings, *remarks]
+    nominal = nominal_values(plant, settings)
+    report_progress("looking for the delay")
+    fit, suspects = _fit(plant, motions["train"], nominal, settings)
+    report_progress("simulating all recordings")
+    kp = np.where(np.isnan(nominal.kp), fit.values.kp, nominal.kp)  # of a file that says nothing of it
+    before = replace(nominal, delay=fit.values.delay, kp=kp)
+    rollouts = tuple(roll_out(plant, motion, role, fit.values, before) for role in motions for motion in motions[role])
+    mjcf = write_mjcf(text, plant, fit.values)
+    difference = rollout_difference(robot, mjcf, plant, fit.values, motions["train"][0].log, path.name)
+    if difference > MAX_ROLLOUT_DIFFERENCE:
+        raise ModelError(f"{path.name}: as written with the fitted values it moves differently, by {difference:.2g}.")
+    warnings += _fit_warnings(fit, plant)
+    files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
+    hashes = {file.path: file.sha256 for file in files}
+    return ServoIdentification(
+        project.model.name, joints, fit, before, suspects, rollouts, mjcf, difference, tuple(warnings), hashes
+    )
+
+
+def nominal_values(plant: ServoPlant, settings: ServoSettings) -> ServoValues:
+    """Return the values of the robot file, with the gains and limits of the configuration."""
+    servos, model = [settings.joints[name] for name in plant.joints], plant.model
+    ones = np.ones(len(servos))
+    # an actuator that pulls to its command has the same gain on both, others say nothing of kp
+    gain, pull = model.actuator_gainprm[plant.actuators, 0], -model.actuator_biasprm[plant.actuators, 1]
+    file_kp = np.where(np.isclose(gain, pull) & (gain > 0), gain * plant.gear**2, np.nan)
+    kp = [kp if servo.kp == "estimate" else servo.kp for servo, kp in zip(servos, file_kp, strict=True)]
+    return ServoValues(
+        armature=model.dof_armature[plant.dofs].copy(),
+        damping=model.dof_damping[plant.dofs].reshape(len(servos), -1)[:, 0].copy(),
+        frictionloss=model.dof_frictionloss[plant.dofs].copy(),
+        kp=np.array(kp, dtype=float),
+        kd=np.array([servo.kd for servo in servos], dtype=float),
+        limit=np.array([servo.limit or np.inf for servo in servos], dtype=float),
+        offset=0 * ones,
+        mass=ones,
+        delay=0.0 if settings.delay == "estimate" else settings.delay,
+    )
+
+
+def _fit(
+    plant: ServoPlant, motions: Sequence[SmoothLog], nominal: ServoValues, settings: ServoSettings
+) -> tuple[ServoFit, tuple[Entry, ...]]:
+    """Return the fit, and what of the given values was fitted too as the logs contradict it."""
+    free_delay = settings.delay == "estimate"
+    free_kp = [settings.joints[name].kp == "estimate" for name in plant.joints]
+    start = start_values(plant, motions, nominal, free_delay=free_delay)
+    joints = range(len(plant.joints))
+    entries = [Entry(quantity, k) for quantity in FRICTION for k in joints]
+    entries += [Entry(Quantity.KP, k) for k in joints if free_kp[k]]
+    entries += [Entry(Quantity.DELAY, 0)] if free_delay else []
+    fit = fit_values(plant, motions, start, entries)
+    suspects: list[Entry] = []
+    for _ in range(MAX_ROUNDS):
+        report_progress("testing what is given")
+        proposed = suspect_entries(plant, motions, fit)
+        if not proposed:
+            break
+        suspects += proposed
+        values = fit.values.changed(list(proposed), list(proposed.values()))
+        fit = fit_values(plant, motions, values, (*fit.entries, *proposed))
+    return fit, tuple(suspects)
+
+
+def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
+    """Yield what is to be said of a fit."""
+    if not fit.converged:
+        yield "the search has not converged: the values may be off by more than their errors."
+    if fit.values.delay > 0.9 * MAX_DELAY:
+        yield f"the delay {fit.values.delay:.3g} s is the longest that is searched; are commands and positions in step?"
+    if fit.values.delay == 0 and Entry(Quantity.DELAY, 0) in fit.entries:
+        yield "no delay is seen, or a negative one: are commands stamped later than positions?"
+    for group in fit.undetermined:
+        names = [entry_name(entry, plant.joints) for entry in group]
+        yield f"the logs do not tell apart: {', '.join(names)}; record faster and slower motions, or give one of them."
+
+
+def entry_name(entry: Entry, joints: Sequence[str]) -> str:
+    """Return the name of a parameter, such as ``armature of elbow``."""
+    return str(entry.quantity) if entry.quantity is Quantity.DELAY else f"{entry.quantity} of {joints[entry.k]}"
+
+
+def read_servo_logs(project: Project) -> tuple[dict[str, list[ServoLog]], tuple[str, ...]]:
+    """Read all recordings with their commands by role ("train", "validation"), and warnings on their positions.
+
+    Raises ConfigError where there are no servos, and InputError where a recording cannot be used.
+    """
+    config, joints, warnings = project.config, project.model.joints, list[str]()
+    if not isinstance(config.simulation, ServoSettings):
+        raise ConfigError("simulation: the recordings of position servos need `kind: servo`.")
+    logs: dict[str, list[ServoLog]] = {}
+    for role in ("train", "validation"):
+        logs[role], remarks = _servo_logs(getattr(config, role), config, config.simulation, joints)
+        warnings += remarks
+    return logs, tuple(warnings)
+
+
+def _servo_logs(
+    specs: Sequence[LogSpec], config: Config, settings: ServoSettings, joints: Sequence[Joint]
+) -> tuple[list[ServoLog], list[str]]:
+    """Return recordings with their commands, and warnings on their positions."""
+    channels = {name: servo.command for name, servo in settings.joints.items()}
+    # commands are read as positions of their own, in full: those before a window act in it
+    command_config = config.model_copy(
+        update={
+            "position": channels,
+            "gaps": "split",
+            "time": config.time.model_copy(update={"spacing": "stamps"}),
+        }
+    )
+    logs, warnings = list[ServoLog](), list[str]()
+    for spec in specs:
+        report_progress(f"reading {spec.label}")
+        reading = read_unchecked(spec, config, joints, read_recording, torque=False)
+        full = spec.model_copy(update={"window": (), "exclude": ()})
+        pieces = read_unchecked(full, command_config, joints, read_recording, torque=False).logs
+        t, command = np.concatenate([piece.t for piece in pieces]), np.vstack([piece.q for piece in pieces])
+        warnings += reading.warnings
+        for log in reading.logs:
+            kinds = {joint.name: joint.kind for joint in joints}
+            findings = check_log(log, kinds, turning_joints(config), torque=False)
+            require(findings, log.source)
+            # counts of an encoder are seen by the fit, whose residuals they are
+            shown = (f for f in findings if f.severity is Severity.WARNING and f.message.topic != "quantised")
+            warnings += [str(replace(finding, source=log.source)) for finding in shown]
+            logs.append(ServoLog(log.source, log.t, log.q, _spaced(t, log.t), command, settings.commands == "held"))
+    return logs, warnings
+
+
+def _spaced(sent: Array, t: Array) -> Array:
+    """Return the stamps of commands (M); those of rows whose positions were spaced evenly, at ``t`` (N), as these."""
+    first = int(np.argmin(np.abs(sent - t[0])))
+    rows = slice(first, first + len(t))
+    spaced = sent.copy()
+    if len(sent[rows]) == len(t) and np.abs(sent[rows] - t).max() < np.median(np.diff(t)) / 2:
+        spaced[rows] = t
+    return np.sort(spaced)

@@ -1,0 +1,86 @@
+"""What is sought of an arm of position servos: values by joint, and the entries of them that a fit moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.runtime import Noun
+
+Array = NDArray[np.float64]
+
+
+class Quantity(StrEnum):
+    """What a parameter is, by the name of its field in ``ServoValues``; units of joints that turn."""
+
+    ARMATURE = "armature"
+    DAMPING = "damping"
+    FRICTIONLOSS = "frictionloss"
+    KP = "kp"
+    OFFSET = "offset"
+    MASS = "mass"
+    DELAY = "delay"
+
+    @property
+    def positive(self) -> bool:
+        """Whether it is above zero, so that its logarithm is sought."""
+        return self not in (Quantity.OFFSET, Quantity.DELAY)
+
+
+FRICTION = (Quantity.ARMATURE, Quantity.DAMPING, Quantity.FRICTIONLOSS)
+
+
+class Entry(NamedTuple):
+    """One number of ``ServoValues``: a quantity, and the index of its joint (0 for the delay, which all share)."""
+
+    quantity: Quantity
+    k: int
+
+
+class ServoValues(Noun):
+    """The values of an arm of n position servos, by joint (n) in SI, and the delay (s) from command to position.
+
+    The torque of a joint is kp (command - offset - q) - kd dq within +-limit. ``offset`` is what the encoder shows too
+    much, ``mass`` a factor on mass and inertia of the body that the joint moves.
+    """
+
+    armature: Array
+    damping: Array
+    frictionloss: Array
+    kp: Array
+    kd: Array
+    limit: Array
+    offset: Array
+    mass: Array
+    delay: float
+
+    def entry(self, entry: Entry) -> float:
+        """Return a number of the values."""
+        return float(np.atleast_1d(getattr(self, entry.quantity))[entry.k])
+
+    def changed(self, entries: Sequence[Entry], numbers: Sequence[float]) -> ServoValues:
+        """Return the values with other numbers; a delay is not negative."""
+        fields: dict[str, Array | float] = {}
+        for (quantity, k), number in zip(entries, numbers, strict=True):
+            if quantity is Quantity.DELAY:
+                fields["delay"] = max(float(number), 0.0)
+                continue
+            array = np.array(fields.get(quantity, getattr(self, quantity)))
+            array[k] = number
+            fields[quantity] = array
+        return replace(self, **fields)  # type: ignore[arg-type]
+
+    def coordinates(self, entries: Sequence[Entry]) -> Array:
+        """Return what a search moves: the logarithm of what is positive."""
+        pairs = [(entry, self.entry(entry)) for entry in entries]
+        return np.array([np.log(x) if entry.quantity.positive else x for entry, x in pairs])
+
+    def at(self, entries: Sequence[Entry], coordinates: Array) -> ServoValues:
+        """Return the values at coordinates of a search."""
+        pairs = zip(entries, coordinates, strict=True)
+        return self.changed(entries, [np.exp(x) if entry.quantity.positive else x for entry, x in pairs])

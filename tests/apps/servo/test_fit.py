@@ -1,0 +1,78 @@
+"""The fit: known answers on a small arm, with their errors, a wrong kp, an unknown one, and a servo that diverges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.apps.demo.servo_arm import FILE_VALUES, KP, TRUE_DELAY
+from dynident.apps.servo.fit import fit_values
+from dynident.apps.servo.judge import ServoUse, position_noise, roll_out, verdict_of
+from dynident.apps.servo.start import smooth_servo_log, start_values
+from dynident.apps.servo.suspects import suspect_entries
+from dynident.apps.servo.values import Entry, Quantity
+from dynident.runtime import InputError, ModelError
+from tests.apps.servo.arms import ENTRIES, plant, recording, values
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return smooth_servo_log(recording())
+
+
+def test_values_and_delay_are_found_within_their_errors(motion) -> None:
+    start = start_values(plant(), [motion], values(FILE_VALUES, delay=0.0), free_delay=True)
+    assert abs(start.delay - TRUE_DELAY) < 0.004
+    fit = fit_values(plant(), [motion], start, ENTRIES)
+    truth = values()
+    scores = [(fit.values.entry(e) - truth.entry(e)) / s for e, s in zip(fit.entries, fit.std, strict=True)]
+    assert fit.converged
+    assert fit.undetermined == ()
+    assert np.abs(scores).max() < 4
+    assert abs(fit.values.delay - TRUE_DELAY) < 1e-4
+    for entry in ENTRIES[:6]:
+        assert fit.values.entry(entry) == pytest.approx(truth.entry(entry), rel=0.01)
+    assert suspect_entries(plant(), [motion], fit) == {}
+    held_out = smooth_servo_log(recording(2))
+    rollout = roll_out(plant(), held_out, "validation", fit.values, values(FILE_VALUES))
+    assert rollout.use is ServoUse.GOOD
+    assert (rollout.error < 1.3 * 2 * np.pi / 4096 / np.sqrt(12)).all()
+    assert (rollout.nominal_error > 10 * rollout.error).all()
+
+
+def test_a_wrong_kp_is_found_and_fitted(motion) -> None:
+    wrong = replace(values(), kp=np.array([1.0, 1.2, 1.0]) * KP)
+    fit = fit_values(plant(), [motion], wrong, ENTRIES)
+    suspects = suspect_entries(plant(), [motion], fit)
+    assert list(suspects) == [Entry(Quantity.KP, 1)]
+    again = fit_values(plant(), [motion], fit.values.changed(list(suspects), list(suspects.values())),
+                       (*fit.entries, *suspects))  # fmt: skip
+    assert again.values.kp[1] == pytest.approx(KP, rel=0.005)
+
+
+def test_an_unknown_kp_starts_from_gravity(motion) -> None:
+    unknown = replace(values(FILE_VALUES, delay=0.0), kp=np.full(3, np.nan))
+    start = start_values(plant(), [motion], unknown, free_delay=True)
+    assert start.kp == pytest.approx(KP, rel=0.3)
+
+
+def test_a_rest_and_a_simulation_that_diverges_are_said(motion) -> None:
+    log = recording()
+    still = smooth_servo_log(replace(log, q=0 * log.q))
+    with pytest.raises(InputError, match="joint 'base' moves faster than"):
+        start_values(plant(), [still], values(), free_delay=False)
+    short = replace(log, t=log.t[:30], q=log.q[:30])
+    with pytest.raises(InputError, match=r"has 30 samples in 0.29 s"):
+        smooth_servo_log(short)
+    with pytest.raises(ModelError, match="diverges"):
+        fit_values(plant(), [motion], replace(values(), kp=np.full(3, np.nan)), ENTRIES)
+
+
+def test_noise_of_counts_and_verdicts() -> None:
+    rng = np.random.default_rng(1)
+    smooth = np.sin(np.linspace(0, 30, 3000))[:, None]
+    assert position_noise(np.round(smooth / 0.002) * 0.002)[0] == pytest.approx(0.002 / np.sqrt(12), rel=0.3)
+    assert position_noise(smooth + 1e-3 * rng.standard_normal(smooth.shape))[0] == pytest.approx(1e-3, rel=0.1)
+    assert verdict_of([]) is None

@@ -1,0 +1,72 @@
+"""Files of servo arms: gears, locked joints, URDF, and that what is written moves as what was fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from dynident.apps.demo.servo_arm import FILE_VALUES, SERVO_JOINTS, TRUE_VALUES, servo_mjcf
+from dynident.apps.servo.robot import load_plant, mjcf_text, rollout_difference, write_mjcf
+from dynident.project.settings import RobotSettings
+from dynident.runtime import ModelError
+from tests.apps.servo.arms import SETTINGS, plant, recording, values
+
+URDF = """<robot name="two"><link name="a"/><link name="b"><inertial><origin xyz="0 0 0.1"/><mass value="0.3"/>
+<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial>
+<visual><geometry><mesh filename="missing.stl"/></geometry></visual></link>
+<joint name="hinge" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="2" velocity="5"/></joint></robot>
+"""
+
+
+@pytest.mark.parametrize("gear", [1.0, -4.0])
+def test_a_written_file_moves_as_the_fit(gear: float) -> None:
+    text = servo_mjcf(FILE_VALUES).replace('joint="elbow" kp', f'joint="elbow" gear="{gear}" kp')
+    arm = plant(text)
+    truth = replace(values(), offset=np.array([0.0, 0.02, 0.0]), mass=np.array([1.0, 1.0, 1.2]))
+    written = write_mjcf(text, arm, truth)
+    assert rollout_difference(SETTINGS, written, arm, truth, recording(duration=3.0), "x") < 1e-9
+    model = mujoco.MjModel.from_xml_string(written)
+    assert model.body("elbow_link").mass == pytest.approx(1.2 * arm.model.body("elbow_link").mass)
+    assert model.actuator_gainprm[2, 0] * gear**2 == pytest.approx(truth.kp[2])
+    assert model.actuator_delay == pytest.approx(truth.delay)
+    assert model.numeric("encoder_offset_shoulder").data == pytest.approx(0.02)
+
+
+def test_another_file_is_told_apart() -> None:
+    arm, truth = plant(), values()
+    written = write_mjcf(servo_mjcf(FILE_VALUES), arm, replace(truth, delay=0.0))
+    assert rollout_difference(SETTINGS, written, arm, truth, recording(duration=3.0), "x") > 1e-4
+
+
+def test_a_locked_joint_stands_where_it_is_held() -> None:
+    settings = RobotSettings.model_validate({"file": "servos.xml", "lock": {"elbow": 0.4}})
+    arm = load_plant(settings, servo_mjcf(TRUE_VALUES), SERVO_JOINTS[:2], "servos.xml")
+    whole = mujoco.MjModel.from_xml_string(servo_mjcf(TRUE_VALUES))
+    data, held = mujoco.MjData(whole), mujoco.MjData(arm.model)
+    data.qpos[:] = [0.3, -0.5, 0.4]
+    held.qpos[:] = [0.3, -0.5]
+    for model, state in ((whole, data), (arm.model, held)):
+        mujoco.mj_kinematics(model, state)
+    np.testing.assert_allclose(held.xipos, data.xipos, atol=1e-12)
+    assert arm.model.nu == 2
+
+
+def test_a_urdf_becomes_an_mjcf_with_servos(tmp_path) -> None:
+    (tmp_path / "two.urdf").write_text(URDF)
+    text = mjcf_text(tmp_path / "two.urdf")
+    arm = load_plant(SETTINGS, text, ["hinge"], "two.urdf")
+    truth = values()
+    one = replace(truth, **{key: getattr(truth, key)[:1] for key in ("armature", "damping", "frictionloss", "kp", "kd",
+                                                                    "limit", "offset", "mass")})  # fmt: skip
+    model = mujoco.MjModel.from_xml_string(write_mjcf(text, arm, one))
+    assert model.actuator_gainprm[0, 0] == pytest.approx(17.8)
+    assert model.dof_armature[0] == pytest.approx(0.028)
+
+
+def test_what_mujoco_refuses_is_said() -> None:
+    with pytest.raises(ModelError, match=r"x\.xml: MuJoCo cannot read it"):
+        load_plant(SETTINGS, "<mujoco><worldbody><nonsense/></worldbody></mujoco>", ["a"], "x.xml")

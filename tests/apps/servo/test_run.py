@@ -1,0 +1,72 @@
+"""From `init` to a model of MuJoCo with nothing edited, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import mujoco
+import pytest
+
+from dynident.apps.demo import TRUE_DELAY, TRUE_VALUES, servo_files
+from tests.cli.commands import run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("servos")
+    servo_files(made, 8.0)
+    return made
+
+
+def test_init_and_identify_with_nothing_edited(folder, monkeypatch) -> None:
+    monkeypatch.chdir(folder)
+    drafted = run("init", "servos.xml", "monday.csv", "tuesday.csv", "-o", "servos.yaml", "--force")
+    assert drafted.exit_code == 0, drafted.output
+    assert "identify servos.yaml --out" in drafted.output.replace("\n", " ")
+    assert "kp: 17.8, limit: 3.35" in (folder / "servos.yaml").read_text()
+    done = run("identify", "servos.yaml", "--out", "out")
+    assert done.exit_code == 0, done.output
+    assert "good for simulation" in done.output
+    numbers = json.loads((folder / "out" / "servo.json").read_text())
+    assert numbers["warnings"] == []
+    rows = {(row["joint"], row["quantity"]): row for row in numbers["parameters"]}
+    assert rows[None, "delay"]["value"] == pytest.approx(TRUE_DELAY, abs=5e-4)
+    for k, joint in enumerate(numbers["joints"]):
+        assert rows[joint, "armature"]["value"] == pytest.approx(TRUE_VALUES["armature"][k], rel=0.02)
+        assert rows[joint, "damping"]["low"] < rows[joint, "damping"]["high"]
+    model = mujoco.MjModel.from_xml_path(str(folder / "out" / "robot.xml"))
+    assert model.dof_damping == pytest.approx(TRUE_VALUES["damping"], rel=0.02)
+    page = (folder / "out" / "report.html").read_text()
+    assert "armature of elbow" in page
+    assert "good for simulation" in page
+    # what needs torques, and what has nothing to write out
+    assert "have no torque, which this needs" in " ".join(run("check", "servos.yaml").output.split())
+    refused = run("identify", "servos.yaml", "--write-config", "x.yaml")
+    assert refused.exit_code == 1
+    assert "leave it out" in refused.output
+
+
+def test_torque_beside_servos_and_neither_are_refused(folder, monkeypatch) -> None:
+    monkeypatch.chdir(folder)
+    run("init", "servos.xml", "monday.csv", "-o", "one.yaml", "--force")
+    text = (folder / "one.yaml").read_text()
+    (folder / "both.yaml").write_text(text + "torque: { base: { column: cmd_base, unit: N m } }\n")
+    assert "`torque` is left out" in " ".join(run("identify", "both.yaml").output.split())
+    (folder / "none.yaml").write_text(text.partition("simulation:")[0] + "train: [{ file: monday.csv }]\n")
+    assert "`torque` is missing" in " ".join(run("identify", "none.yaml").output.split())
+
+
+def test_without_mujoco_the_extra_is_named(folder, monkeypatch) -> None:
+    from dynident.apps.servo.plant import import_mujoco
+    from dynident.runtime import ModelError
+
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ModelError, match=r"dynident\[mujoco\]"):
+        import_mujoco()
+
+
+def test_the_demo_shows_how_far_it_is_from_the_truth(tmp_path) -> None:
+    done = run("demo", "--servo", "--files", "--out", str(tmp_path / "arm"))
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in (tmp_path / "arm").iterdir()) == ["monday.csv", "servos.xml", "tuesday.csv"]

@@ -66,7 +66,7 @@ def compare(
     spread: WorkerOptions, out: Path | None, rerun: bool, json_file: Path | None,
 ) -> None:  # fmt: skip
     """Fit the logs of CONFIG (YAML) with each smoother and each estimator, and rank them by the torque error on
-    held-out logs, with a test whether differences are due to chance. Smoother and estimator of CONFIG are always included."""
+    held-out logs; a test tells whether differences are due to chance. Smoother and estimator of CONFIG are included."""
     from dynident.apps import ranking as methods
     from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
     from dynident.files.results import claim_json, write_json

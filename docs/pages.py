@@ -101,7 +101,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for title, names in API.items():
         text = "\n\n".join(f"::: {places[name]}" for name in names)
         files.append(File.generated(config, api_page(title), content=f"# {title}\n\n{text}\n"))
-    files.append(File.generated(config, "docs/code.css", content=HtmlFormatter().get_style_defs(".highlight")))
+    light, dark = (HtmlFormatter(style=style).get_style_defs(".highlight") for style in ("default", "monokai"))
+    colours = f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}\n"
+    files.append(File.generated(config, "docs/code.css", content=colours))
     config.nav = navigation()
     return files
 

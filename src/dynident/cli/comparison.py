@@ -65,8 +65,8 @@ def compare(
     config: Path, smoothers: list[str] | None, estimators: list[str] | None, truth: Path | None, folds: int,
     spread: WorkerOptions, out: Path | None, rerun: bool, json_file: Path | None,
 ) -> None:  # fmt: skip
-    """Fit the logs of CONFIG (YAML) by each smoother with each estimator, rank them by the torque error on held-out
-    logs, and say which differences are more than chance. Smoother and estimator of CONFIG are always among them."""
+    """Fit the logs of CONFIG (YAML) with each smoother and each estimator, and rank them by the torque error on
+    held-out logs; a test tells whether differences are due to chance. Smoother and estimator of CONFIG are included."""
     from dynident.apps import ranking as methods
     from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
     from dynident.files.results import claim_json, write_json
@@ -110,12 +110,12 @@ def compare_results(
     reference: Path, results: tuple[Path, ...], level: float, tolerance: float, only_worse: bool,
     json_file: Path | None, out: Path | None,
 ) -> None:  # fmt: skip
-    """Compare each RESULT with REFERENCE, all of them a result.json of identify: base parameters with significance,
-    torque errors on logs of the same name, verdicts, and the files of the model. No model file is needed.
+    """Compare each RESULT with REFERENCE (result.json of identify): base parameters with significance, torque errors on
+    logs of the same name, verdicts, and the files of the model. No model file is needed.
 
-    The exit code is 3 where parameters differ significantly, or a RESULT is worse: its torque error on the same
-    recording is larger than REFERENCE's by more than the tolerance, its verdict is lower, or a file of the model could
-    be proven before and cannot now. It is 3 as well where a RESULT has nothing that can be compared.
+    The exit code is 3 if parameters differ significantly, if nothing can be compared, or if a RESULT is worse: its
+    torque error on the same recording exceeds the tolerance, its verdict is lower, or a file of the model can no longer
+    be verified.
     """
     from dynident.apps import compare_results as app
     from dynident.apps.compare_results.config import compared_names, read_compared
@@ -176,8 +176,8 @@ def _show_comparisons(comparisons: list[ResultComparison]) -> None:
 @click.option("--rerun", is_flag=True, help="Identify all logs anew.")
 @add_worker_options
 def fleet(config: Path, out: Path, rerun: bool, spread: WorkerOptions) -> None:
-    """Identify the logs that CONFIG (YAML) lists of many robots, each with the same recipe, and report how parameters
-    change over time, which changes are beyond their uncertainty, and what robots of one type share."""
+    """Identify the logs of many robots, listed in CONFIG (YAML), with one recipe. Report how parameters change over
+    time, which changes are significant, and what robots of one type share."""
     from dynident.apps import fleets
     from dynident.apps.fleets.config import REPORT, TABLE
     from dynident.apps.fleets.report import fleet_findings, fleet_heading, fleet_tables

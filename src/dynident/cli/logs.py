@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @JSON_FILE
 def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
-    print what is wrong and what to do about it. The exit code is 1 where an error is found.
+    print what is wrong and how to mend it. The exit code is 1 if an error is found.
     """
     announce()
     from dynident.files.results import claim_json, write_json
@@ -113,8 +113,8 @@ def bound(
     config: Path, sigma_q: tuple[str, ...], sigma_tau: tuple[str, ...], torque: str, out: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    """Show how accurately any unbiased method can determine each parameter from the training logs of CONFIG (YAML),
-    what limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would gain.
+    """Show how accurately any unbiased method could determine each parameter from the training logs of CONFIG (YAML),
+    what limits the accuracy, and how much a better encoder, a better torque sensor or a longer recording would help.
     """
     from dynident.apps.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
     from dynident.files.folder import result_folder
@@ -162,7 +162,7 @@ def smooth(
 ) -> None:  # fmt: skip
     """Smooth columns of LOG; write values and derivatives (smoothed.csv) and a plot (report.html).
 
-    Derivatives and bandwidths are per s and in s, whatever the unit of the time stamps.
+    Derivatives are per second and bandwidths in seconds, whatever the unit of the time stamps.
     """
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs, remember_inputs
@@ -210,7 +210,7 @@ def schema(kind: str, out: Path | None) -> None:
     """Print the JSON schema (draft 2020-12) of the configuration (config), of result.json (result), or of the
     configuration of a fleet (fleet).
 
-    That of the configuration has the settings of all kinds of parts, those of installed packages too.
+    The schema of the configuration includes the parts of installed packages.
     """
     import json
 

@@ -74,11 +74,11 @@ def excite(
     robot: Path, out: Path, settings: Path | None, parameter: tuple[str, ...], package: tuple[Path, ...],
     noise: tuple[str, ...], allow_code: bool, spread: WorkerOptions, **options: Any,
 ) -> None:  # fmt: skip
-    """Design the motion that shows the parameters of ROBOT as accurately as its limits allow, another one for
-    validation, and say how accurate a result will be.
+    """Design the motion that determines the parameters of ROBOT best within its limits, and another one for validation.
+    The report predicts how accurate a result will be.
 
-    ROBOT is a robot file (URDF, MJCF), a configuration (YAML), or the result.json of identify, to whose information the
-    motion then adds. Options stand in place of the settings. Ctrl-C ends the search with the best motion so far.
+    ROBOT is a robot file (URDF, MJCF), a configuration (YAML), or the result.json of identify, whose recordings the
+    motion then complements. Options replace the settings. Ctrl-C ends the search with the best motion so far.
     """
     from functools import partial
 
@@ -158,10 +158,10 @@ def payload(
     known_centre: tuple[float, float, float] | None, gains: Path | None, gain_error: float, gain_change: float,
     friction_change: float, load_friction: float, removed: bool, out: Path | None, allow_code: bool,
 ) -> None:  # fmt: skip
-    """Identify mass, centre of mass and inertia of what the arm in RESULT (the result.json of identify) carries.
+    """Identify mass, centre of mass and inertia of the payload of an arm; RESULT is the result.json of identify.
 
-    LOADED are recordings with the payload, with the channels of the configuration that was identified, or the
-    result.json of such recordings.
+    LOADED are recordings with the payload, or the result.json of such recordings. They have the channels of the
+    configuration that was identified.
     """
     from dataclasses import replace
 
@@ -269,13 +269,12 @@ def watch(
     result: Path, stream: str, out: Path | None, once: bool, false_alarms: float, baseline: float, block: float,
     tolerance: float, as_json: bool, allow_code: bool,
 ) -> None:  # fmt: skip
-    """Watch a robot by the model in RESULT (the result.json of identify): friction, payload, offsets, what the model
-    leaves, and sensors that fail.
+    """Watch a robot with the model in RESULT (the result.json of identify), and report changes of friction, payload,
+    offsets and unexplained torque, and sensors that fail.
 
-    FILE is a text file that another program adds lines to, with the columns of the configuration that was identified;
-    "-" is standard input, with such lines or JSON objects by column. A file may be rotated. A recording of another type
-    (Parquet, a bag, ...) is watched to its end. With --out the same command
-    goes on where it stopped, however it was stopped.
+    FILE is a text file to which another program appends lines, with the columns of the configuration that was
+    identified. "-" is standard input, with such lines or JSON objects. Other recordings (Parquet, a bag, ...) are
+    read to their end. With --out the same command continues where it stopped.
     """
     from dynident.apps.online import WatchSettings
     from dynident.apps.online.recorded import is_recorded
@@ -336,10 +335,10 @@ def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
 )
 @click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
 def tune(config: Path, port: int, no_browser: bool) -> None:
-    """Show the logs of CONFIG (YAML) smoothed and fitted, on a page that follows its controls: degree of smoothing,
-    samples, terms, joints, estimator; and save the settings as a new configuration beside CONFIG.
+    """Show the logs of CONFIG (YAML) as they are smoothed and fitted, on a page with controls for smoothing, samples,
+    terms, joints and estimator. The settings can be saved as a new configuration beside CONFIG.
 
-    The page is for this machine alone. Ctrl-C ends it.
+    Only this machine can open the page. Ctrl-C ends it.
     """
     from dynident.apps.tuning import serve_configuration
     from dynident.apps.tuning.server import answer, open_browser

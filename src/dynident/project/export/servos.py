@@ -16,9 +16,10 @@ from dynident.identification import Identification
 from dynident.models import RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, PerJoint, Viscous
 from dynident.project.config import parse_config
+from dynident.project.drive_settings import CascadeJoint, LoopJoint, LoopSettings, PDJoint, PIDJoint
 from dynident.project.export.identified import Drives, IdentifiedModel, Servo
 from dynident.project.export.tree_text import element
-from dynident.project.settings import CascadeJoint, Config, LoopJoint, LoopSettings, PDJoint, PIDJoint
+from dynident.project.settings import Config
 from dynident.runtime import DynidentError
 
 Array = NDArray[np.float64]

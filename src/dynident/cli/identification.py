@@ -69,8 +69,9 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
 def draft_from_files(robot: str, logs: Sequence[str], folder: Path) -> tuple[ConfigDraft, list[DataTable]]:
     """Return the configuration drafted for a folder, and the tables that were read."""
     from dynident.apps.init.column_mapping import map_columns
-    from dynident.apps.init.config_draft import check_same_columns, draft_config, read_source, with_gains
+    from dynident.apps.init.config_draft import check_same_columns, draft_config, read_source
     from dynident.apps.init.match import read_joints
+    from dynident.apps.init.trial_fits import DraftFits
     from dynident.files.lerobot import recordings
     from dynident.files.xml_text import SUFFIXES
 
@@ -84,9 +85,9 @@ def draft_from_files(robot: str, logs: Sequence[str], folder: Path) -> tuple[Con
         first_table, joints, sources[0].ros, other_tables, lockable=Path(robot).suffix.lower() in SUFFIXES
     )
     check_same_columns(mapping, sources)
-    if any(signal.gain for signal in mapping.torque.values()):
-        report_progress("estimating the gains")
-        mapping = with_gains(robot, joints, mapping, sources, folder)
+    report_progress("looking at gains and gravity")
+    fits = DraftFits(robot, joints, sources, folder)
+    mapping = fits.with_gravity(fits.with_gains(mapping))
     return draft_config(robot, joints, mapping, sources, folder), [source.table for source in sources]
 
 

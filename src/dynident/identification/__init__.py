@@ -12,7 +12,7 @@ from dynident.identification.accuracy_bound import (
 )
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt
 from dynident.identification.bootstrap import Bootstrap, bootstrap
-from dynident.identification.calibration import Calibration
+from dynident.identification.calibration import Calibration, with_plain_terms
 from dynident.identification.cramer_rao import cramer_rao_bound, information, normal_matrices, variance
 from dynident.identification.cross_validation import (
     Gain,
@@ -24,7 +24,7 @@ from dynident.identification.cross_validation import (
 from dynident.identification.dataset import NotFitted, NotJudged, NotLogged, SubstituteUsed, substitute_notes
 from dynident.identification.identify import estimate_parameters, identify
 from dynident.identification.long import InPieces, PiecePlan, identify_from_pieces, plan_pieces
-from dynident.identification.mounting import has_gravity, tilt_base
+from dynident.identification.mounting import find_mounting, has_gravity, tilt_base
 from dynident.identification.pieces import DivisionSettings, LongRecording, PieceFactors, Span, Stretch
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength
 from dynident.identification.recipe import Recipe, Rests, arm_rests, held_joints, moving_span, rest_blocks

@@ -68,6 +68,7 @@ class ColumnMapping:
     say how the columns of "position" and "torque" were matched. ``unused`` are columns of the same length without
     a use, and ``unknown_joints`` those of them that are positions of joints that the robot does not have.
     ``gaps`` says whether the stamps have any. ``command`` has the commanded positions where there is no torque.
+    ``gravity`` (m/s^2) is that of a base that is mounted otherwise than the robot file has it, else None.
     """
 
     time: TimeColumn
@@ -80,6 +81,7 @@ class ColumnMapping:
     gaps: bool
     still_joints: tuple[str, ...] = ()
     command: Mapping[str, ChannelProposal] = field(default_factory=dict)
+    gravity: tuple[float, float, float] | None = None
 
 
 def widths(tables: Mapping[str, DataTable]) -> dict[str, int]:

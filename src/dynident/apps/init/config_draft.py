@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
 from dynident.apps.init.match import MovableJoint
 from dynident.apps.init.servo_draft import GAIN_QUESTION, servo_section, servos_of_file
-from dynident.checks import relative_gains
 from dynident.files.opener import relative
 from dynident.files.ros import BAGS
 from dynident.files.tables import DataTable, read_columns
@@ -24,13 +23,11 @@ from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import UNPRINTABLE
 from dynident.identification import moving_span
 from dynident.motion.log import Log
-from dynident.motion.smoothers import Spline, smooth_log
 from dynident.project.columns import is_commanded
 from dynident.project.fields import UNITS
 from dynident.project.logs import read_recording
-from dynident.project.project import parse_project
 from dynident.project.settings import LogSpec
-from dynident.runtime import DynidentError, InputError, choices, join_names
+from dynident.runtime import InputError, choices, join_names
 
 Array = NDArray[np.float64]
 # names that YAML takes as they are, but for words such as yes
@@ -42,8 +39,6 @@ _GAIN_QUESTION = (
     "Errors in % do not depend on a factor that all gains share, but masses, inertias and friction do; data sheets or "
     "a known payload tell it"
 )
-
-SMOOTHER = Spline(factor=8.0)  # position noise may not be white, and the slow torque of gravity tells most
 
 
 @dataclass(frozen=True)
@@ -224,6 +219,9 @@ def _write_model(page: _Page, robot: str, joints: Sequence[MovableJoint], mappin
         page.line(f"    {_yaml_name(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
     if mapping.command:
         return
+    if mapping.gravity is not None:
+        question = "it fits the torques, that of the robot file does not. Is the robot on a wall or ceiling?"
+        page.line(f"  gravity: [{', '.join(f'{g:.4g}' for g in mapping.gravity)}]", "model.gravity", question)
     page.line("  terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs")
     page.line(
         "  # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG "
@@ -370,31 +368,3 @@ def _yaml_name(name: str) -> str:
     if _PLAIN_NAME.fullmatch(name) and isinstance(yaml.safe_load(name), str):
         return name
     return yaml.safe_dump(name, default_style='"', allow_unicode=True, width=math.inf).strip()
-
-
-def with_gains(
-    robot: str, joints: Sequence[MovableJoint], mapping: ColumnMapping, sources: Sequence[LogSource], folder: Path
-) -> ColumnMapping:
-    """Return the mapping with a proposed ``factor`` for each current whose gain the motion shows.
-
-    The arguments are those of ``draft_config``. The mapping is unchanged where no gain is needed, or where the
-    logs cannot be read yet, for example because the time is not known.
-    """
-    if not any(channel.gain for channel in mapping.torque.values()):
-        return mapping
-    # a draft without gains is complete, so that the logs can be read in the units of the currents
-    without_gains = replace(
-        mapping, torque={name: replace(channel, gain="") for name, channel in mapping.torque.items()}
-    )
-    try:
-        project = parse_project(draft_config(robot, joints, without_gains, sources, folder).text, folder / "draft.yaml")
-        logs = project.logs()[0]["train"].values()
-        names = tuple(joint.name for joint in project.model.joints)
-        gains = relative_gains(project.model, [smooth_log(SMOOTHER, log.select(names)) for log in logs])
-    except DynidentError:  # whatever it is, it is said where the configuration is read
-        return mapping
-    torque = {
-        name: replace(channel, factor=(gains[name].value, gains[name].std)) if name in gains else channel
-        for name, channel in mapping.torque.items()
-    }
-    return replace(mapping, torque=torque)

@@ -206,7 +206,7 @@ class _TermSelection:
             load = self.samples.model.with_load(self.theta).load if self.samples.model.load_mask.any() else None
             loads = self.samples.loads(load)
             # the matrices of the last pass are freed before those of the next one are made
-            searches, columns = [], []
+            searches, columns = list[JointSearch](), list[Array]()
             searches, columns = self._make_searches(loads)
             for j, search in enumerate(searches):
                 previous = [TermEntry(search.groups[g], size) for g, size in entered[j]]

@@ -76,7 +76,7 @@ class CandidateGrams(Noun):
             M, right = G[:, :k, :k].copy(), G[:, :k, k:].copy()
             M += self.other_normals[0][folds.other_joints] / self.weight
             right[:, :, -1] += self.other_normals[1][folds.other_joints] / self.weight
-            shares = np.linalg.solve(add_ridge(M), right)
+            shares = np.asarray(np.linalg.solve(add_ridge(M), right), dtype=float)
             schur = G[:, k:, k:] - np.swapaxes(right, 1, 2) @ shares
             self._reduced[folds] = shares, schur, np.einsum("tii->ti", G[:, k:, k:])
         return self._reduced[folds][1:]

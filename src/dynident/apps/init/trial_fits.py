@@ -1,0 +1,76 @@
+"""What a draft takes from a fit to its logs: gains of currents, and the direction of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from dynident.apps.init.column_mapping import ColumnMapping
+from dynident.apps.init.config_draft import LogSource, draft_config
+from dynident.apps.init.match import MovableJoint
+from dynident.checks import relative_gains
+from dynident.estimators import PhysicallyConsistent
+from dynident.files.xml_text import SUFFIXES
+from dynident.identification import cut_excerpts, find_mounting, has_gravity, tilt_base, with_plain_terms
+from dynident.models import Model
+from dynident.motion.log import Motion, thin_motions
+from dynident.motion.smoothers import Spline, smooth_log
+from dynident.project.project import parse_project
+from dynident.runtime import DynidentError
+
+SMOOTHER = Spline(factor=8.0)  # position noise may not be white, and the slow torque of gravity tells most
+MOUNTING_SAMPLES = 2000  # of all logs together, for the fits that compare directions of gravity
+
+
+class DraftFits:
+    """The fits to the logs of a draft; the arguments are those of ``draft_config``."""
+
+    def __init__(self, robot: str, joints: Sequence[MovableJoint], sources: Sequence[LogSource], folder: Path) -> None:
+        self.robot, self.joints, self.sources, self.folder = robot, joints, sources, folder
+
+    def read(self, mapping: ColumnMapping) -> tuple[Model, list[Motion]]:
+        """Return the model and the smoothed training logs of a mapping; DynidentError where they cannot be read."""
+        text = draft_config(self.robot, self.joints, mapping, self.sources, self.folder).text
+        project = parse_project(text, self.folder / "draft.yaml")
+        names = tuple(joint.name for joint in project.model.joints)
+        logs = [log.select(names) for log in project.logs()[0]["train"].values()]
+        return project.model, [smooth_log(SMOOTHER, log) for log in cut_excerpts(logs)]
+
+    def with_gains(self, mapping: ColumnMapping) -> ColumnMapping:
+        """Return the mapping with a proposed ``factor`` for each current whose gain the motion shows.
+
+        It is unchanged where no gain is needed, or where the logs cannot be read yet, for example because the time is
+        not known.
+        """
+        if not any(channel.gain for channel in mapping.torque.values()):
+            return mapping
+        # a draft without gains is complete, so that the logs can be read in the units of the currents
+        torque = {name: replace(channel, gain="") for name, channel in mapping.torque.items()}
+        try:
+            gains = relative_gains(*self.read(replace(mapping, torque=torque)))
+        except DynidentError:  # whatever it is, it is said where the configuration is read
+            return mapping
+        torque = {
+            name: replace(channel, factor=(gains[name].value, gains[name].std)) if name in gains else channel
+            for name, channel in mapping.torque.items()
+        }
+        return replace(mapping, torque=torque)
+
+    def with_gravity(self, mapping: ColumnMapping) -> ColumnMapping:
+        """Return the mapping with the ``gravity`` of a robot on a wall or ceiling, where torques in N m decide it."""
+        channels = mapping.torque.values()
+        if Path(self.robot).suffix.lower() not in SUFFIXES or not channels or any(x.gain for x in channels):
+            return mapping
+        try:
+            model, motions = self.read(mapping)
+            if not has_gravity(model):
+                return mapping
+            plain, thin = with_plain_terms(model), thin_motions(motions, MOUNTING_SAMPLES)
+            mounting = find_mounting(plain, [plain.remembering(motion) for motion in thin], PhysicallyConsistent())
+        except DynidentError:  # as above
+            return mapping
+        if mounting is None:
+            return mapping
+        (gravity,) = {term.gravity for term in tilt_base(model, *mounting).terms if any(term.gravity or ())}
+        return replace(mapping, gravity=gravity)

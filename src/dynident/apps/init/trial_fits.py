@@ -72,5 +72,5 @@ class DraftFits:
             return mapping
         if mounting is None:
             return mapping
-        (gravity,) = {term.gravity for term in tilt_base(model, *mounting).terms if any(term.gravity or ())}
-        return replace(mapping, gravity=gravity)
+        x, y, z = next(term.gravity for term in tilt_base(model, *mounting).terms if term.gravity and any(term.gravity))
+        return replace(mapping, gravity=(x, y, z))

@@ -2,7 +2,7 @@
 by 1 ms, then longer at the best of them.
 
 Needs the extra mujoco[sysid]. Parameters are armature, damping and frictionloss of each joint, from the file's values,
-within a tenth and ten times of them; the residual is that of positions, as the tool has it.
+within a thirtieth and thirty times of them; the residual is that of positions, as the tool has it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _fit(spec: Any, t: Any, command: Any, q: Any, delay: float, steps: int, star
     for kind in KINDS:
         for name in NAMES:
             value = float(np.atleast_1d(getattr(spec.joint(name), kind))[0])
-            parameters.add(Parameter(f"{kind}_{name}", value, value / 10, 10 * value, modifier=_writer(name, kind)))
+            parameters.add(Parameter(f"{kind}_{name}", value, value / 30, 30 * value, modifier=_writer(name, kind)))
     if start is not None:
         parameters.update_from_vector(start.as_vector())
     residual = tool.build_residual_fn(models_sequences=[recording], n_threads=1)

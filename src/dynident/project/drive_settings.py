@@ -149,12 +149,12 @@ class ServoJoint(Section):
 class ServoSettings(Section):
     """Position servos, whose commands stand for the torques: these are not in the logs.
 
-    Commands are ``held`` until the next one, or interpolated; ``delay`` (s) lies between a command and the position
-    that answers it.
+    Commands are ``held`` until the next one, or interpolated, or as the logs say; ``delay`` (s) lies between a command
+    and the position that answers it.
     """
 
     kind: Literal["servo"]
-    commands: Literal["held", "interpolated"] = "held"
+    commands: Literal["held", "interpolated", "estimate"] = "estimate"
     delay: DelayValue | Literal["estimate"] = "estimate"
     joints: Mapping[Name, ServoJoint] = Field(min_length=1)
 

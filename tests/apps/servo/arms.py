@@ -32,10 +32,11 @@ def plant(text: str | None = None) -> ServoPlant:
 def values(table: dict[str, tuple[float, ...]] = TRUE_VALUES, kp: float = KP, delay: float = TRUE_DELAY) -> ServoValues:
     """The arm's values, by default the true ones."""
     arrays = {key: np.array(entries) for key, entries in table.items()}
-    return ServoValues(**arrays, kp=kp * ONES, kd=0 * ONES, limit=LIMIT * ONES, offset=0 * ONES, mass=ONES, delay=delay)
+    return ServoValues(**arrays, kp=kp * ONES, kd=0 * ONES, limit=LIMIT * ONES, offset=0 * ONES,
+                       command_offset=0 * ONES, mass=ONES, delay=delay)  # fmt: skip
 
 
-def recording(seed: int = 1, duration: float = 8.0) -> ServoLog:
+def recording(seed: int = 1, duration: float = 6.0) -> ServoLog:
     """What the arm's log has."""
     t, command, q = servo_recording(seed, duration)
     return ServoLog(f"seed {seed}", t, q, t, command)

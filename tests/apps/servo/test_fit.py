@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.apps.demo.servo_arm import FILE_VALUES, KP, TRUE_DELAY
+from dynident.apps.demo.servo_arm import COUNT, FILE_VALUES, KP, LIMIT, SERVO_JOINTS, TRUE_DELAY
 from dynident.apps.servo.fit import fit_values
 from dynident.apps.servo.judge import ServoUse, position_noise, roll_out, verdict_of
+from dynident.apps.servo.run import choose_fit
 from dynident.apps.servo.start import smooth_servo_log, start_values
 from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import Entry, Quantity
+from dynident.project.drive_settings import ServoSettings
 from dynident.runtime import InputError, ModelError
 from tests.apps.servo.arms import ENTRIES, plant, recording, values
 
@@ -76,3 +78,23 @@ def test_noise_of_counts_and_verdicts() -> None:
     assert position_noise(np.round(smooth / 0.002) * 0.002)[0] == pytest.approx(0.002 / np.sqrt(12), rel=0.3)
     assert position_noise(smooth + 1e-3 * rng.standard_normal(smooth.shape))[0] == pytest.approx(1e-3, rel=0.1)
     assert verdict_of([]) is None
+
+
+def test_a_command_whose_zero_is_another_is_named(motion) -> None:
+    log = motion.log
+    shifted = smooth_servo_log(replace(log, q=log.q + np.array([0.0, 0.0, 0.02])))
+    fit = fit_values(plant(), [shifted], values(), ENTRIES)
+    suspects = suspect_entries(plant(), [shifted], fit)
+    assert next(iter(suspects)) == Entry(Quantity.COMMAND_OFFSET, 2)
+    assert suspects[Entry(Quantity.COMMAND_OFFSET, 2)] == pytest.approx(0.02, abs=2e-3)
+
+
+def test_commands_are_held_or_interpolated_as_the_log_says() -> None:
+    log = recording()
+    (q,) = plant().rollout(values(), replace(log, held=False))
+    motion = smooth_servo_log(replace(log, q=np.round(q / COUNT) * COUNT))
+    servo = {"command": {"column": "x", "unit": "rad"}, "kp": KP, "limit": LIMIT}
+    settings = ServoSettings.model_validate({"kind": "servo", "joints": dict.fromkeys(SERVO_JOINTS, servo)})
+    motions, fit, _ = choose_fit(plant(), [motion], values(FILE_VALUES, delay=0.0), settings)
+    assert not motions[0].log.held
+    assert abs(fit.values.delay - TRUE_DELAY) < 3e-4

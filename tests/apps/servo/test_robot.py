@@ -26,7 +26,12 @@ URDF = """<robot name="two"><link name="a"/><link name="b"><inertial><origin xyz
 def test_a_written_file_moves_as_the_fit(gear: float) -> None:
     text = servo_mjcf(FILE_VALUES).replace('joint="elbow" kp', f'joint="elbow" gear="{gear}" kp')
     arm = plant(text)
-    truth = replace(values(), offset=np.array([0.0, 0.02, 0.0]), mass=np.array([1.0, 1.0, 1.2]))
+    truth = replace(
+        values(),
+        offset=np.array([0.0, 0.02, 0.0]),
+        command_offset=np.array([0.01, 0.0, 0.0]),
+        mass=np.array([1.0, 1.0, 1.2]),
+    )
     written = write_mjcf(text, arm, truth)
     assert rollout_difference(SETTINGS, written, arm, truth, recording(duration=3.0), "x") < 1e-9
     model = mujoco.MjModel.from_xml_string(written)
@@ -60,8 +65,8 @@ def test_a_urdf_becomes_an_mjcf_with_servos(tmp_path) -> None:
     text = mjcf_text(tmp_path / "two.urdf")
     arm = load_plant(SETTINGS, text, ["hinge"], "two.urdf")
     truth = values()
-    one = replace(truth, **{key: getattr(truth, key)[:1] for key in ("armature", "damping", "frictionloss", "kp", "kd",
-                                                                    "limit", "offset", "mass")})  # fmt: skip
+    arrays = {key: entries[:1] for key, entries in vars(truth).items() if key != "delay"}
+    one = replace(truth, **arrays)
     model = mujoco.MjModel.from_xml_string(write_mjcf(text, arm, one))
     assert model.actuator_gainprm[0, 0] == pytest.approx(17.8)
     assert model.dof_armature[0] == pytest.approx(0.028)

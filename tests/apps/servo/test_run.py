@@ -15,7 +15,7 @@ from tests.cli.commands import run
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("servos")
-    servo_files(made, 8.0)
+    servo_files(made, 6.0)
     return made
 
 

@@ -97,7 +97,7 @@ def servo_section(
         "",
         "simulation:  # no torque was recorded: position servos are simulated in MuJoCo, driven by the commands",
         "  kind: servo",
-        "  commands: held  # until the next one; or interpolated",
+        "  commands: estimate  # held until the next one, or interpolated",
         "  delay: estimate  # or s, from a command to the position that answers it",
         "  joints:",
     ]

@@ -16,7 +16,7 @@ from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 WINDOW = 0.5  # s, of short rollouts
-MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.03, 0.15  # of the spread of a joint's motion
+MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.02, 0.1  # of the spread of a joint's motion
 NOISE_FACTOR = 2.0  # times the noise of the positions: a smaller error is not seen
 
 

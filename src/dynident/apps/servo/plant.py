@@ -125,7 +125,7 @@ class ServoPlant(Noun):
             states.append(state)
             control = np.zeros((count, model.nu))
             command = log.commands_at(log.t[a], self.step, count, values.delay)
-            control[:, self.actuators] = self.gear * (command - values.offset)
+            control[:, self.actuators] = self.gear * (command + values.shift)
             controls.append(control)
         history, _ = mujoco.rollout.rollout(model, data, np.array(states), np.array(controls))
         places = 1 + self.positions  # the state begins with the time

@@ -23,7 +23,8 @@ INTERVAL = 1.96  # standard errors on each side, which hold 95 %
 TONES = {ServoUse.GOOD: "good", ServoUse.CARE: "fair", ServoUse.NO: "bad"}
 UNITS = {  # of joints that turn, and of those that slide
     Quantity.ARMATURE: ("kg m^2", "kg"), Quantity.DAMPING: ("N m s/rad", "N s/m"), Quantity.FRICTIONLOSS: ("N m", "N"),
-    Quantity.KP: ("N m/rad", "N/m"), Quantity.OFFSET: ("rad", "m"), Quantity.MASS: ("", ""), Quantity.DELAY: ("s", "s"),
+    Quantity.KP: ("N m/rad", "N/m"), Quantity.OFFSET: ("rad", "m"), Quantity.COMMAND_OFFSET: ("rad", "m"),
+    Quantity.MASS: ("", ""), Quantity.DELAY: ("s", "s"),
 }  # fmt: skip
 NOT_JUDGED = "not judged: no recording is held out"
 

@@ -108,7 +108,7 @@ def _lock_joints(spec: Any, lock: Any, source: str) -> None:
 def write_mjcf(text: str, plant: ServoPlant, values: ServoValues) -> str:
     """Return an MJCF with the values at its joints, position servos as its actuators, and the delay of the command.
 
-    Offsets of the encoders are written as `<custom>` numbers: no simulator subtracts them. All else stays as it is.
+    Offsets of encoders and commands are `<custom>` numbers: no simulator subtracts them. All else stays as it is.
     """
     xml = XmlText(text)
     body_nodes = [node for root in xml.root.children if root.tag == "worldbody" for node in root.walk()]
@@ -132,10 +132,15 @@ def write_mjcf(text: str, plant: ServoPlant, values: ServoValues) -> str:
         xml.insert(sections[-1], *new)
     elif new:
         xml.insert(xml.root, "<actuator>", *(f"  {line}" for line in new), "</actuator>")
-    if values.offset.any():
-        pairs = zip(plant.joints, values.offset, strict=True)
-        numbers_lines = (f'  <numeric name="encoder_offset_{name}" data="{_text(x)}"/>' for name, x in pairs)
-        xml.insert(xml.root, "<custom>", *numbers_lines, "</custom>")
+    offsets = {"encoder_offset": values.offset, "command_offset": values.command_offset}
+    lines = [
+        f'  <numeric name="{kind}_{name}" data="{_text(x)}"/>'
+        for kind, array in offsets.items()
+        for name, x in zip(plant.joints, array, strict=True)
+        if array.any()
+    ]
+    if lines:
+        xml.insert(xml.root, "<custom>", *lines, "</custom>")
     return str(xml)
 
 
@@ -190,7 +195,7 @@ def rollout_difference(
         _lock_joints(written, settings.lock, source)
     lead = math.ceil(values.delay / plant.step) + 2
     count = min(math.ceil((log.t[-1] - log.t[0]) / plant.step), MAX_PROOF_STEPS)
-    sent = log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0) - values.offset
+    sent = log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0) + values.shift
     steps = values.delay / plant.step
     whole = math.floor(steps + 1e-9)
     late = np.vstack([sent[:1]] * (whole + 1) + [sent])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.fit import ServoFit, fit_values
-from dynident.apps.servo.judge import ServoRollout, ServoUse, roll_out, verdict_of
+from dynident.apps.servo.judge import ServoRollout, ServoUse, position_noise, roll_out, verdict_of
 from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
 from dynident.apps.servo.robot import MAX_ROLLOUT_DIFFERENCE, load_plant, mjcf_text, rollout_difference, write_mjcf
 from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, start_values
@@ -25,6 +25,7 @@ from dynident.project.settings import Config, LogSpec, RobotSettings
 from dynident.runtime import ConfigError, ModelError, Noun, Severity, report_progress, require
 
 Array = NDArray[np.float64]
+MAX_NOISE_RATIO = 1.3  # of residuals to noise, beyond which another kind of commands is tried
 MAX_ROUNDS = 2  # of testing what is given and fitting it too
 
 
@@ -72,7 +73,11 @@ def identify_servo(project: Project) -> ServoIdentification:
     warnings = [*project.warnings, *remarks]
     nominal = nominal_values(plant, settings)
     report_progress("looking for the delay")
-    fit, suspects = _fit(plant, motions["train"], nominal, settings)
+    fitted, fit, suspects = choose_fit(plant, motions["train"], nominal, settings)
+    held = fitted[0].log.held
+    motions = {role: [motion if held else interpolate_commands(motion) for motion in motions[role]] for role in motions}
+    if not held and settings.commands == "estimate":
+        warnings.append("commands are interpolated: so the positions are explained better than if each is held.")
     report_progress("simulating all recordings")
     kp = np.where(np.isnan(nominal.kp), fit.values.kp, nominal.kp)  # of a file that says nothing of it
     before = replace(nominal, delay=fit.values.delay, kp=kp)
@@ -105,15 +110,16 @@ def nominal_values(plant: ServoPlant, settings: ServoSettings) -> ServoValues:
         kd=np.array([servo.kd for servo in servos], dtype=float),
         limit=np.array([servo.limit or np.inf for servo in servos], dtype=float),
         offset=0 * ones,
+        command_offset=0 * ones,
         mass=ones,
         delay=0.0 if settings.delay == "estimate" else settings.delay,
     )
 
 
-def _fit(
+def choose_fit(
     plant: ServoPlant, motions: Sequence[SmoothLog], nominal: ServoValues, settings: ServoSettings
-) -> tuple[ServoFit, tuple[Entry, ...]]:
-    """Return the fit, and what of the given values was fitted too as the logs contradict it."""
+) -> tuple[Sequence[SmoothLog], ServoFit, tuple[Entry, ...]]:
+    """Return the recordings as they were fitted, the fit, and what was given but fitted too, as they contradict it."""
     free_delay = settings.delay == "estimate"
     free_kp = [settings.joints[name].kp == "estimate" for name in plant.joints]
     start = start_values(plant, motions, nominal, free_delay=free_delay)
@@ -122,6 +128,8 @@ def _fit(
     entries += [Entry(Quantity.KP, k) for k in joints if free_kp[k]]
     entries += [Entry(Quantity.DELAY, 0)] if free_delay else []
     fit = fit_values(plant, motions, start, entries)
+    if settings.commands == "estimate" and _is_unexplained(fit, motions):
+        motions, fit = _try_interpolated(plant, motions, fit)
     suspects: list[Entry] = []
     for _ in range(MAX_ROUNDS):
         report_progress("testing what is given")
@@ -131,7 +139,30 @@ def _fit(
         suspects += proposed
         values = fit.values.changed(list(proposed), list(proposed.values()))
         fit = fit_values(plant, motions, values, (*fit.entries, *proposed))
-    return fit, tuple(suspects)
+    return motions, fit, tuple(suspects)
+
+
+def _is_unexplained(fit: ServoFit, motions: Sequence[SmoothLog]) -> bool:
+    """Whether the simulation misses positions by clearly more than their noise."""
+    return bool((fit.scale > MAX_NOISE_RATIO * position_noise(motions[0].log.q)).any())
+
+
+def _try_interpolated(
+    plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoFit
+) -> tuple[Sequence[SmoothLog], ServoFit]:
+    """Return recordings and fit with commands that are interpolated, where these explain the positions better."""
+    report_progress("trying interpolated commands")
+    lines = [interpolate_commands(motion) for motion in motions]
+    # what is held lies half a period behind
+    later = fit.values.delay + float(np.median(np.diff(motions[0].log.sent))) / 2
+    values = fit.values.changed([Entry(Quantity.DELAY, 0)], [later])
+    other = fit_values(plant, lines, values, fit.entries)
+    return (lines, other) if np.log(other.scale).sum() < np.log(fit.scale).sum() else (motions, fit)
+
+
+def interpolate_commands(motion: SmoothLog) -> SmoothLog:
+    """Return a recording whose commands are interpolated."""
+    return replace(motion, log=replace(motion.log, held=False))
 
 
 def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
@@ -149,7 +180,8 @@ def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
 
 def entry_name(entry: Entry, joints: Sequence[str]) -> str:
     """Return the name of a parameter, such as ``armature of elbow``."""
-    return str(entry.quantity) if entry.quantity is Quantity.DELAY else f"{entry.quantity} of {joints[entry.k]}"
+    words = str(entry.quantity).replace("_", " ")
+    return words if entry.quantity is Quantity.DELAY else f"{words} of {joints[entry.k]}"
 
 
 def read_servo_logs(project: Project) -> tuple[dict[str, list[ServoLog]], tuple[str, ...]]:
@@ -195,7 +227,9 @@ def _servo_logs(
             # counts of an encoder are seen by the fit, whose residuals they are
             shown = (f for f in findings if f.severity is Severity.WARNING and f.message.topic != "quantised")
             warnings += [str(replace(finding, source=log.source)) for finding in shown]
-            logs.append(ServoLog(log.source, log.t, log.q, _spaced(t, log.t), command, settings.commands == "held"))
+            logs.append(
+                ServoLog(log.source, log.t, log.q, _spaced(t, log.t), command, settings.commands != "interpolated")
+            )
     return logs, warnings
 
 

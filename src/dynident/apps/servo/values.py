@@ -23,13 +23,14 @@ class Quantity(StrEnum):
     FRICTIONLOSS = "frictionloss"
     KP = "kp"
     OFFSET = "offset"
+    COMMAND_OFFSET = "command_offset"
     MASS = "mass"
     DELAY = "delay"
 
     @property
     def positive(self) -> bool:
         """Whether it is above zero, so that its logarithm is sought."""
-        return self not in (Quantity.OFFSET, Quantity.DELAY)
+        return self not in (Quantity.OFFSET, Quantity.COMMAND_OFFSET, Quantity.DELAY)
 
 
 FRICTION = (Quantity.ARMATURE, Quantity.DAMPING, Quantity.FRICTIONLOSS)
@@ -45,8 +46,8 @@ class Entry(NamedTuple):
 class ServoValues(Noun):
     """The values of an arm of n position servos, by joint (n) in SI, and the delay (s) from command to position.
 
-    The torque of a joint is kp (command - offset - q) - kd dq within +-limit. ``offset`` is what the encoder shows too
-    much, ``mass`` a factor on mass and inertia of the body that the joint moves.
+    The torque of a joint is kp (command + command_offset - offset - q) - kd dq within +-limit. ``offset`` is what the
+    encoder shows too much, ``mass`` a factor on mass and inertia of the body that the joint moves.
     """
 
     armature: Array
@@ -56,8 +57,14 @@ class ServoValues(Noun):
     kd: Array
     limit: Array
     offset: Array
+    command_offset: Array
     mass: Array
     delay: float
+
+    @property
+    def shift(self) -> Array:
+        """What is added (n) to commands, which are in the frame of the encoders."""
+        return self.command_offset - self.offset
 
     def entry(self, entry: Entry) -> float:
         """Return a number of the values."""

@@ -97,6 +97,8 @@ def test_what_the_data_do_not_determine_is_at_the_prior():
         assert found.determined.rank < len(model.names)
         assert np.isinf(found.std[[one == Provenance.PRIOR for one in found.provenance]]).all()
         assert any(isinstance(note, DecidedByPrior) for note in found.notes)
+    without = Ridge({model.names[0]: 0.7})(problem)
+    assert set(without.provenance) - {Provenance.PRIOR} == {Provenance.DATA, Provenance.UNIDENTIFIABLE}
 
 
 def test_a_prior_is_a_number():

@@ -196,6 +196,7 @@ def test_motion_figure_shows_the_three_derivatives():
     for trace, values in zip(figure.data, (held.q, held.dq, held.ddq), strict=True):
         np.testing.assert_allclose(trace.y, values[:, 0], rtol=1e-6)
     assert figure.layout.yaxis2.title.text == "velocity, m/s"
+    assert [trace.yaxis for trace in figure.data] == ["y", "y2", "y3"]
 
 
 def intervals(std, units=("kg", "kg", "N m"), true=(), names=("a", "b", "c")):

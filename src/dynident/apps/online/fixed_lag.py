@@ -267,7 +267,7 @@ class FixedLag:
                 k = int(np.flatnonzero(~np.isfinite(x).reshape(len(t), -1).all(axis=1))[0])
                 raise InputError(f"{SOURCE}: {name} of sample {k} is {x[k]}; leave out what is not finite.")
         steps = t.copy()  # less the stamp before each; np.diff would take a sixth of the time of a single sample
-        steps[0] -= self._last
+        steps[:1] -= self._last
         steps[1:] -= t[:-1]
         if (too_close := steps <= MIN_STEP_SHARE * self.step).any():
             k = int(np.flatnonzero(too_close)[0])

@@ -181,6 +181,7 @@ def test_the_same_seed_gives_the_same_numbers() -> None:
         ({"methods": ()}, ConfigError, "no method is given"),
         ({"runs": 0}, InputError, "runs is 0"),
         ({"seed": -1}, ConfigError, "seed is -1"),
+        ({"seed": 2**63}, ConfigError, "seed is 9223372036854775808"),
     ],
 )
 def test_bad_settings(options: dict, error: type[Exception], words: str) -> None:

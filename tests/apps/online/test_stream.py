@@ -222,6 +222,15 @@ def test_a_standard_input_that_is_closed_is_refused(monkeypatch: pytest.MonkeyPa
         StandardInput()
 
 
+def test_a_pipe_is_read_while_its_writer_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    reader, writer = os.pipe()
+    with closing(os.fdopen(writer, "wb", buffering=0)) as pipe, os.fdopen(reader, "r") as standard_input:
+        monkeypatch.setattr(sys, "stdin", standard_input)
+        pipe.write(b"0.0,1.0\n")
+        standard_input.buffer.read = None  # type: ignore[method-assign, assignment]  # it would wait for the end
+        assert StandardInput().read() == (b"0.0,1.0\n", False, False)
+
+
 def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no such file"):
         FollowedFile(tmp_path / "none.csv")

@@ -1,5 +1,5 @@
-"""What mujoco.sysid finds of a servo arm of unknown delay: it is run at each delay of a scan by 5 ms, then of one
-by 1 ms, then longer at the best of them.
+"""What mujoco.sysid finds of a servo arm of unknown delay: it is run at each delay of a scan by 10 ms, then
+around the best of it, then longer at the best of them.
 
 Needs the extra mujoco[sysid]. Parameters are armature, damping and frictionloss of each joint, from the file's values,
 within a thirtieth and thirty times of them; the residual is that of positions, as the tool has it.
@@ -19,7 +19,7 @@ from mujoco.sysid import ModelSequences, Parameter, ParameterDict, SignalType, T
 from servo import KINDS, SCAN, Outcome
 from servo_arm import NAMES, ServoArm, held_means
 
-ROUGH_STEPS, STEPS = 3, 10
+ROUGH_STEPS, STEPS = 6, 10
 DIFFERENCE = 1e-5
 
 
@@ -33,7 +33,8 @@ def sysid(arm: ServoArm, seed: int) -> Outcome:
     middle = min(rough, key=lambda delay: rough[delay][1])
     near = rough[middle][0]
     rough |= {
-        middle + 1e-3 * k: _fit(text, t, command, q, middle + 1e-3 * k, ROUGH_STEPS, near) for k in (-2, -1, 1, 2)
+        middle + 1e-3 * k: _fit(text, t, command, q, middle + 1e-3 * k, ROUGH_STEPS, near)
+        for k in (-5, -3, -2, -1, 1, 2, 3, 5)
     }
     delay = min(rough, key=lambda delay: rough[delay][1])
     found, _ = _fit(text, t, command, q, delay, STEPS, rough[delay][0])

@@ -21,7 +21,7 @@ from servo_arm import NAMES, ServoArm, arms, held_means, simulate
 
 Array = NDArray[np.float64]
 KINDS = ("armature", "damping", "frictionloss")
-SCAN = np.arange(0.0, 0.07, 0.005)  # s, delays that a peer is given
+SCAN = np.arange(0.0, 0.06, 0.01)  # s, delays that a peer is given
 
 
 @dataclass

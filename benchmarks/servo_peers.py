@@ -1,5 +1,5 @@
-"""What mujoco.sysid finds of a servo arm of unknown delay: it is run at each delay of a scan by 5 ms, then of one
-by 1 ms, then longer at the best of them.
+"""What mujoco.sysid finds of a servo arm of unknown delay: it is run at each delay of a scan by 10 ms, then
+around the best of it, then longer at the best of them.
 
 Needs the extra mujoco[sysid]. Parameters are armature, damping and frictionloss of each joint, from the file's values,
 within a thirtieth and thirty times of them; the residual is that of positions, as the tool has it.
@@ -19,30 +19,32 @@ from mujoco.sysid import ModelSequences, Parameter, ParameterDict, SignalType, T
 from servo import KINDS, SCAN, Outcome
 from servo_arm import NAMES, ServoArm, held_means
 
-ROUGH_STEPS, STEPS = 3, 10
+ROUGH_STEPS, STEPS = 6, 10
 DIFFERENCE = 1e-5
 
 
 def sysid(arm: ServoArm, seed: int) -> Outcome:
     """Return what the tool finds with the best delay of a scan, and the CPU of all its runs."""
     t, command, q, _ = arm.record(seed)
-    spec = mujoco.MjSpec.from_string(arm.text(nominal=True))
+    text = arm.text(nominal=True)
     start = time.process_time()
-    rough = {float(delay): _fit(spec, t, command, q, float(delay), ROUGH_STEPS) for delay in SCAN}
+    rough = {float(delay): _fit(text, t, command, q, float(delay), ROUGH_STEPS) for delay in SCAN}
     # around the best of the scan again by 1 ms, from what was found there
     middle = min(rough, key=lambda delay: rough[delay][1])
     near = rough[middle][0]
     rough |= {
-        middle + 1e-3 * k: _fit(spec, t, command, q, middle + 1e-3 * k, ROUGH_STEPS, near) for k in (-2, -1, 1, 2)
+        middle + 1e-3 * k: _fit(text, t, command, q, middle + 1e-3 * k, ROUGH_STEPS, near)
+        for k in (-5, -3, -2, -1, 1, 2, 3, 5)
     }
     delay = min(rough, key=lambda delay: rough[delay][1])
-    found, _ = _fit(spec, t, command, q, delay, STEPS, rough[delay][0])
+    found, _ = _fit(text, t, command, q, delay, STEPS, rough[delay][0])
     values = np.array([[found[f"{kind}_{name}"].value[0] for name in NAMES] for kind in KINDS])
     return Outcome(values, delay, time.process_time() - start)
 
 
-def _fit(spec: Any, t: Any, command: Any, q: Any, delay: float, steps: int, start: Any = None) -> tuple[Any, float]:
+def _fit(text: str, t: Any, command: Any, q: Any, delay: float, steps: int, start: Any = None) -> tuple[Any, float]:
     """Return the tool's parameters at a delay, from those of ``start`` or of the file, and their squared error."""
+    spec = mujoco.MjSpec.from_string(text)  # the tool changes it
     model = spec.compile()
     step = model.opt.timestep
     times = np.arange(0.0, t[-1] + step / 2, step)

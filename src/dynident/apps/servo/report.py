@@ -60,7 +60,8 @@ def parameter_table(result: ServoIdentification) -> PageTable:
     names, rows = [joint.name for joint in result.joints], []
     for entry, value, std, nominal in rows_of(result):
         unit = UNITS[entry.quantity][result.joints[entry.k].kind == "prismatic"]
-        before = "" if entry.quantity is Quantity.DELAY else number(nominal, 4)
+        # of a delay, and of a kp that equals what was found, the file says nothing
+        before = "" if entry.quantity is Quantity.DELAY or nominal == value else number(nominal, 4)
         rows.append((entry_name(entry, names), number(value, 4), number(std, 2), before, unit))
     columns = (Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("file"), UNIT)
     return PageTable(columns, tuple(rows), "Values by which the simulated positions are nearest to the measured ones")

@@ -211,8 +211,11 @@ class Coverage:
         return set[str]().union(*(self.by_line[path].get(line, set[str]()) for line in lines))
 
     def _tests_with(self, names: Collection[str]) -> set[str]:
-        """Return the tests that run a line of any file with one of some names."""
+        """Return the tests that run a line of any file with one of some names, or that lie in a file with one."""
         word, tests = re.compile(r"\b(" + "|".join(map(re.escape, names)) + r")\b"), set[str]()
+        for file in {test.split("::")[0] for test in self.size}:
+            if word.search((self.root / file).read_text(encoding="utf-8")):
+                tests |= {test for test in self.size if test.startswith(f"{file}::")}
         for path in self.by_line:
             text = (self.root / path).read_text(encoding="utf-8").splitlines()
             tests |= self._union(path, [k + 1 for k, content in enumerate(text) if word.search(content)])

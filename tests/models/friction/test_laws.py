@@ -16,7 +16,7 @@ from dynident.models.friction import (
     Stribeck,
     Viscous,
 )
-from dynident.runtime import ModelError
+from dynident.runtime import ConfigError, ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 PAIR = Joint("a"), Joint("b")
@@ -231,3 +231,9 @@ def test_a_subclass_with_another_law_has_another_one():
 
     assert Cubic(PAIR).equations[0].torque == "F_v * dq**3"
     assert Twice(PAIR).equations == ()
+
+
+@pytest.mark.parametrize("exponent", [0.0, 3.1])
+def test_an_exponent_is_above_zero_and_at_most_three(exponent: float) -> None:
+    with pytest.raises(ConfigError, match="exponent"):
+        Power(JOINTS, exponent=exponent)

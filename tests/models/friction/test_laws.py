@@ -16,7 +16,7 @@ from dynident.models.friction import (
     Stribeck,
     Viscous,
 )
-from dynident.runtime import ConfigError, ModelError
+from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 PAIR = Joint("a"), Joint("b")
@@ -235,5 +235,5 @@ def test_a_subclass_with_another_law_has_another_one():
 
 @pytest.mark.parametrize("exponent", [0.0, 3.1])
 def test_an_exponent_is_above_zero_and_at_most_three(exponent: float) -> None:
-    with pytest.raises(ConfigError, match="exponent"):
+    with pytest.raises(ModelError, match="exponent above 0, at most 3"):
         Power(JOINTS, exponent=exponent)

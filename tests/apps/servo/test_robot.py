@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
@@ -39,6 +40,19 @@ def test_a_written_file_moves_as_the_fit(gear: float) -> None:
     assert model.actuator_gainprm[2, 0] * gear**2 == pytest.approx(truth.kp[2])
     assert model.actuator_delay == pytest.approx(truth.delay)
     assert model.numeric("encoder_offset_shoulder").data == pytest.approx(0.02)
+
+
+def test_names_of_the_file_are_text() -> None:
+    """A name that would be an element of its own stays a name, and the file is read again."""
+    hostile = 'el"/><key name="x'
+    text = servo_mjcf(FILE_VALUES).replace('"elbow"', quoteattr(hostile))
+    joints = [hostile if name == "elbow" else name for name in SERVO_JOINTS]
+    arm = load_plant(SETTINGS, text, joints, "servos.xml")
+    written = write_mjcf(text, arm, replace(values(), offset=np.array([0.0, 0.0, 0.02])))
+    model = mujoco.MjModel.from_xml_string(written)
+    assert model.joint(hostile).id == model.actuator(hostile).trnid[0]
+    assert model.numeric(f"encoder_offset_{hostile}").data == pytest.approx(0.02)
+    assert model.nkey == 0
 
 
 def test_another_file_is_told_apart() -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,7 +135,7 @@ def write_mjcf(text: str, plant: ServoPlant, values: ServoValues) -> str:
         xml.insert(xml.root, "<actuator>", *(f"  {line}" for line in new), "</actuator>")
     offsets = {"encoder_offset": values.offset, "command_offset": values.command_offset}
     lines = [
-        f'  <numeric name="{kind}_{name}" data="{_text(x)}"/>'
+        f'  <numeric name={quoteattr(f"{kind}_{name}")} data="{_text(x)}"/>'
         for kind, array in offsets.items()
         for name, x in zip(plant.joints, array, strict=True)
         if array.any()
@@ -167,7 +168,7 @@ def _servo(plant: ServoPlant, values: ServoValues, k: int) -> str:
     """Return the actuator of a joint, with the gear and the range of commands of the file."""
     actuator, gear = plant.model.actuator(int(plant.actuators[k])), float(plant.gear[k])
     numbers = {"kp": values.kp[k] / gear**2, "kv": values.kd[k] / gear**2, "gear": gear}
-    text = f'<position name="{actuator.name}" joint="{plant.joints[k]}" '
+    text = f"<position name={quoteattr(actuator.name)} joint={quoteattr(plant.joints[k])} "
     text += " ".join(f'{key}="{_text(x)}"' for key, x in numbers.items())
     if math.isfinite(values.limit[k]):
         bound = _text(values.limit[k] / abs(gear))

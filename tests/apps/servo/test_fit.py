@@ -98,3 +98,8 @@ def test_commands_are_held_or_interpolated_as_the_log_says() -> None:
     motions, fit, _ = choose_fit(plant(), [motion], values(FILE_VALUES, delay=0.0), settings)
     assert not motions[0].log.held
     assert abs(fit.values.delay - TRUE_DELAY) < 3e-4
+    # a delay that is given is not moved, whatever the commands are
+    given = settings.model_copy(update={"delay": TRUE_DELAY})
+    motions, fit, _ = choose_fit(plant(), [motion], values(FILE_VALUES), given)
+    assert not motions[0].log.held
+    assert fit.values.delay == TRUE_DELAY

@@ -129,7 +129,7 @@ def choose_fit(
     entries += [Entry(Quantity.DELAY, 0)] if free_delay else []
     fit = fit_values(plant, motions, start, entries)
     if settings.commands == "estimate" and _is_unexplained(fit, motions):
-        motions, fit = _try_interpolated(plant, motions, fit)
+        motions, fit = _try_interpolated(plant, motions, nominal, fit)
     suspects: list[Entry] = []
     for _ in range(MAX_ROUNDS):
         report_progress("testing what is given")
@@ -148,15 +148,14 @@ def _is_unexplained(fit: ServoFit, motions: Sequence[SmoothLog]) -> bool:
 
 
 def _try_interpolated(
-    plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoFit
+    plant: ServoPlant, motions: Sequence[SmoothLog], nominal: ServoValues, fit: ServoFit
 ) -> tuple[Sequence[SmoothLog], ServoFit]:
     """Return recordings and fit with commands that are interpolated, where these explain the positions better."""
     report_progress("trying interpolated commands")
     lines = [interpolate_commands(motion) for motion in motions]
-    # what is held lies half a period behind
-    later = fit.values.delay + float(np.median(np.diff(motions[0].log.sent))) / 2
-    values = fit.values.changed([Entry(Quantity.DELAY, 0)], [later])
-    other = fit_values(plant, lines, values, fit.entries)
+    # from the beginning: values that were fitted to other commands may be at their limits
+    start = start_values(plant, lines, nominal, free_delay=Entry(Quantity.DELAY, 0) in fit.entries)
+    other = fit_values(plant, lines, start, fit.entries)
     return (lines, other) if np.log(other.scale).sum() < np.log(fit.scale).sum() else (motions, fit)
 
 

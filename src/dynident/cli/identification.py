@@ -189,15 +189,20 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     _show_result(screen, identification, model_exports)
     if spread.cluster is not None and not is_spread:
         screen.remark("Note: --cluster was not used: the logs fit the memory, and there is one smoother to try.")
-    if files := [path for label, path in written if label != "Configuration"]:
-        screen.say(f"Files in {files[0].parent.resolve()}: {', '.join(path.name for path in files)}", no_wrap=True)
-    for label, path in written[len(files) :]:
-        print_path(screen, label, path)
+    _show_files(screen, written)
     is_chosen = identification.calibration.terms is not None and not write_config
     for k, line in enumerate(_next_commands(config, out, project, chose=is_chosen)):
         screen.remark(line, no_wrap=True, detail=k > 0)
     verdict = verdict_text(identification, None if command_log().verbose else HEAD_SENTENCES)
     screen.say(verdict, f"bold {STYLES[judge(identification).use]}")
+
+
+def _show_files(screen: Screen, written: Sequence[tuple[str, Path]]) -> None:
+    """Print the files of the result in one line, and where the configuration is."""
+    if files := [path for label, path in written if label != "Configuration"]:
+        screen.say(f"Files in {files[0].parent.resolve()}: {', '.join(path.name for path in files)}", no_wrap=True)
+    for label, path in written[len(files) :]:
+        print_path(screen, label, path)
 
 
 def _show_result(screen: Screen, identification: Identification, model_exports: Sequence[Export]) -> None:

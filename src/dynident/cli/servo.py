@@ -43,7 +43,6 @@ def print_servos(written: tuple[ServoIdentification, tuple[Path, ...]], config: 
 
     result, paths = written
     screen = console()
-    screen.say(verdict_words(result), f"bold {STYLES.get(str(result.use), 'yellow')}")
     screen.show(parameter_table(result))
     screen.show(rollout_table(result))
     for line in (*suspect_lines(result), *result.warnings):
@@ -53,3 +52,4 @@ def print_servos(written: tuple[ServoIdentification, tuple[Path, ...]], config: 
     if out is None:
         hint = command("identify", config, "--out", f"{config.stem}-out")
         screen.remark(f"To keep this, as a model of MuJoCo with a report: {hint}", no_wrap=True)
+    screen.say(verdict_words(result), f"bold {STYLES.get(str(result.use), 'yellow')}")

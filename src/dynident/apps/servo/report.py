@@ -37,8 +37,9 @@ def verdict_words(result: ServoIdentification) -> str:
     largest = {name: max(_largest(getattr(r, name)) for r in held_out) for name in ("error", "nominal_error", "noise")}
     words = {name: number(1e3 * value, 2) for name, value in largest.items()}
     return (
-        f"{result.name}: {result.use}. Held-out rollouts are {words['error']} mrad or mm from the positions at the "
-        f"worst joint, those of the robot file {words['nominal_error']}; positions are known to {words['noise']}."
+        f"{result.name}: {result.use}. At the worst joint, held-out rollouts are {words['error']} mrad (mm) from the "
+        f"measured positions, {words['nominal_error']} with the values of the robot file; the noise of the positions "
+        f"is {words['noise']}."
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynident.apps.servo.fit import ServoFit, correlated_sum, joint_scale, sensitivity
 from dynident.apps.servo.plant import ServoPlant
 from dynident.apps.servo.start import SmoothLog
-from dynident.apps.servo.values import Entry, Quantity, ServoValues
+from dynident.apps.servo.values import Entry, Quantity
 
 Array = NDArray[np.float64]
 MIN_GAIN = 0.05  # share of the squared error that an entry must explain
@@ -69,8 +69,3 @@ def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoF
 
 def _matters(plant: ServoPlant, entry: Entry) -> bool:
     return entry.quantity is not Quantity.MASS or bool(plant.model.body_mass[plant.bodies[entry.k]] > 0)
-
-
-def with_suspects(values: ServoValues, suspects: dict[Entry, float]) -> ServoValues:
-    """Return the values with those proposed for suspects."""
-    return values.changed(list(suspects), list(suspects.values()))
